@@ -46,7 +46,7 @@ HOMES = {
     "compile": "compiler.compiled_function",
     "export_c": "export.export_c",
 }
-"""Module of each public name; ``module:name`` where the name in the module differs."""
+"""Public name -> its module; ``module:name`` if the object has another name in the module."""
 
 
 __all__ = [*HOMES]  # pyright: ignore[reportUnsupportedDunderAll]

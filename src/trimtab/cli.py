@@ -26,7 +26,7 @@ trimtab fly hovercraft/forward --link udp://127.0.0.1:14550        its autopilot
 trimtab console hovercraft/pilot                 fly a simulated craft from a page in a browser
 trimtab replay here/flight.mcap                  replay a log's frames; the result is bit-identical
 trimtab plot here/flight.mcap truth.yaw_rate     signals of a log, by their paths
-trimtab compare a/run.mcap b/run.mcap            first difference of two logs; of one log, to its rerun
+trimtab compare a/run.mcap b/run.mcap            first difference of two logs, or of a log and its rerun
 trimtab convert there/vehicle.mcap --as ros2 --out bag   a flight for RViz; also for Rerun
 """
 

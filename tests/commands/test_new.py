@@ -131,7 +131,7 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     done = call("new", "law", "pid", "--out", tmp_path / "file")
     assert done.exit_code == 2
-    assert "--out with a folder of yours" in done.output
+    assert "--out with a folder that you can write to" in done.output
     (tmp_path / "pid.py").mkdir()
     assert "is a folder" in call("new", "law", "pid", "--out", tmp_path, "--overwrite").output
 

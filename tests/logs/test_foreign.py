@@ -75,7 +75,7 @@ def test_a_foreign_log_without_a_mapping_is_listed(ulog):
         (("--scenario", "navigation/platform-encoder"), "no samples of 'heading'"),
         (("--scenario", "hovercraft/forward", "--with", "law=x"), "recorded autopilots"),
         (("--estimator", "a:b", "--set", "navigation=ins"), "needs a scenario"),
-        (("--estimator", "a:b", "--scenario", "hovercraft/forward"), "both are given"),
+        (("--estimator", "a:b", "--scenario", "hovercraft/forward"), "exclude each other"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(bins, tmp_path, words, said):

@@ -153,11 +153,11 @@ def test_states_that_do_not_settle_are_not_fast():
 def test_the_certificate_says_how_the_loop_fares_with_what_is_fast_in_it(folder):
     """A gain of a model without its fast states is proved for the loop that has them, or not proved."""
     file = design(folder, "vessel/path")
-    assert set(read_certificate(file)[0].recorded) == {"loop with what is fast"}
+    assert set(read_certificate(file)[0].recorded) == {"loop with fast states"}
     hasty = DESIGNS["vessel/path"].replace("heading=0.2", "heading=0.001").replace("yaw_rate=0.2", "yaw_rate=0.1")
     done = call("design", "vessel/path", "--lqr", *hasty.split())
     assert done.exit_code == 1
-    assert "NOT: loop with what is fast" in done.output
+    assert "NOT: loop with fast states" in done.output
 
 
 @pytest.mark.thorough

@@ -30,9 +30,9 @@ from trimtab.scenarios.build import build
     metavar="FAULT",
     help="Only the cost of this imperfection. May be repeated.  [default: all]",
 )
-@RUNS(20, "Number of flights in each set.")
+@RUNS(20, "Number of flights for each combination of imperfections.")
 @SEED
-@PLOT("Picture of the costs.")
+@PLOT("Draw the cost of each imperfection to this picture.")
 @JSON
 def command(
     scenario: str,
@@ -100,7 +100,7 @@ def _budget_json(budget: ErrorBudget) -> dict[str, Any]:
 
 
 def _print_budget(title: str, budget: ErrorBudget) -> None:
-    """Print the share of each imperfection in each mean square, and the rms with it alone."""
+    """Print each imperfection's share of the mean square errors, and the rms errors with this imperfection alone."""
     measures = list(budget.units)
     first, names = "imperfection", {m: m.replace("_", " ") for m in measures}
     headings = [f">{name} ({budget.units[m]})" for m, name in names.items()]

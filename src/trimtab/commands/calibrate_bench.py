@@ -34,7 +34,7 @@ ASSUMED = (Hovercraft(), RudderGeometry(), Thruster())
 
 DATA = click.argument("data", type=FILE)
 ADD = OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
-DRAW = PLOT("Picture of the fit with its residuals.")
+DRAW = PLOT("Draw the fit and its residuals to this picture.")
 
 
 def parse_amount(context: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
@@ -123,7 +123,9 @@ def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: b
     report = _report(rows, fit.fit, "force", *panels)
     if len(fit.angles) < 3:
         angles = ", ".join(f"{a / DEG:.0f}°" for a in fit.angles)
-        text = f"the rudder was only at {angles}: the loss of thrust with it is taken from the formula, not tested"
+        text = (
+            f"the rudder was only at {angles}: the loss of thrust at other angles follows the formula and is not tested"
+        )
         report = report._replace(notes=(*report.notes, text))
     if not fit.follows_formula():
         text = f"thrust does not fall with the rudder as cos(theta - offset) (chance {fit.chance:.1e}):"
@@ -285,7 +287,7 @@ PROCEDURES = (
 
 
 def _find_number(out: Path | None, name: str) -> float:
-    """Return a number of the calibration in --out, or the thesis's."""
+    """Return a parameter from the calibration in --out; if it is missing there, the thesis's value."""
     if out is not None and out.exists():
         entries = read_calibration(out).entries
         if name in entries:
@@ -295,7 +297,7 @@ def _find_number(out: Path | None, name: str) -> float:
 
 
 def _find_error(out: Path | None, name: str) -> float:
-    """Return the standard error of a number; 0 if the calibration does not have it."""
+    """Return the standard error of a parameter in the calibration; 0 if the calibration does not have the parameter."""
     flat = flat_entries(read_calibration(out)) if out is not None and out.exists() else {}
     return flat[name][1] if name in flat else 0.0
 
@@ -326,7 +328,7 @@ def _curve(x: Any, y: Any, fit: LinearFit, line: tuple[Any, Any], scale: float) 
 
 
 def _band(A: Any, fit: LinearFit) -> Any:
-    """Return half the 95 % interval of a fitted line at each row of A."""
+    """Return half the 95 % confidence interval of a fit's value at each row of A."""
     P = fit.covariance[: A.shape[1], : A.shape[1]]
     return student_reach(fit.freedom) * np.sqrt(np.einsum("ij,jk,ik->i", A, P, A))
 

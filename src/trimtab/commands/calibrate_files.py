@@ -38,7 +38,7 @@ SHOWN = 12
 
 
 class CalibrationReport(NamedTuple):
-    """Output of a procedure besides its numbers. left_out: descriptions of rejected readings.  notes: remarks."""
+    """Report of a procedure. readings: number.  left_out: descriptions of rejected readings.  notes: remarks."""
 
     file: str
     readings: int
@@ -202,12 +202,12 @@ def _same(x: float | None, y: float | None) -> bool:
 
 
 def _fly_both(name: str, a: Path, b: Path, seed: int) -> dict[str, dict[str, list[float | None]]]:
-    """Return signal -> metric -> its values with a and with b."""
+    """Return signal -> metric -> its values with calibration a and with calibration b."""
     from trimtab.run.simulate import simulate
     from trimtab.scenarios.build import build
 
     scenarios = [build(name, {"calibration": str(file)}) for file in (a, b)]
-    with show_spinner(f"flying {name} with both"):
+    with show_spinner(f"flying {name} with both calibrations"):
         metrics = [summarise_run(simulate(s, seed=seed), s.targets)["metrics"] for s in scenarios]
     return {signal: {metric: [m[signal][metric] for m in metrics] for metric in METRICS} for signal in metrics[0]}
 

@@ -129,7 +129,7 @@ def _read_lines(file: Path, heading: str, columns: Sequence[MeasuredColumn]) -> 
     lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
     if lines[:1] != [heading]:
         problem = f"{str(file)!r} exists, but its first line is not {heading}"
-        raise InputError("FILE", problem, fix="name a new file, or one that this procedure wrote")
+        raise InputError("FILE", problem, fix="name a new file, or a file that this procedure wrote")
     if len(lines) > 1:
         read_measurements(file, [c._replace(most=0.0) for c in columns])
     return lines[1:]
@@ -153,7 +153,7 @@ def _ask_row(guide: GuidedProcedure, setting: tuple[float, ...], number: int, li
         cells.append(cell)
     row = ",".join([*cells, f"{trial:g}"])
     if _stands_out(guide, [*lines, row]) and not click.confirm(
-        "  far from its neighbours; is it correct?", default=False
+        "  far from the entries at neighbouring settings; is this entry correct?", default=False
     ):
         return _ask_row(guide, setting, number, lines)
     return row
@@ -183,7 +183,7 @@ def _ask_number(column: MeasuredColumn) -> str:
 
 
 def _stands_out(guide: GuidedProcedure, lines: Sequence[str]) -> bool:
-    """Return True if the last line falls strongly where it should rise, within its round and setting."""
+    """Return True if the last entry is far below an entry that it should exceed, in the same round and setting."""
     if guide.rises is None:
         return False
     names = [c.name for c in guide.columns]

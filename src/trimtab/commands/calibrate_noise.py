@@ -35,7 +35,7 @@ from trimtab.plots.allan import plot_allan
 AT_REST = 1e-6
 """Speed (m/s) or rate (rad/s) in a simulated log's truth above which the vehicle counts as moving."""
 SAMPLES_MIN = 1024
-"""Minimum number of samples."""
+"""Minimum number of samples of an axis for its Allan deviation."""
 
 
 class SensorAxis(NamedTuple):
@@ -54,11 +54,13 @@ class SensorAxis(NamedTuple):
 
 @click.command(name="noise")
 @click.argument("log", metavar="DATA", type=FILE)
-@click.option("--signal", "signals", multiple=True, metavar="PATH", help="Only this signal. May be repeated.")
+@click.option(
+    "--signal", "signals", multiple=True, metavar="PATH", help="Use only this signal of the log. May be repeated."
+)
 @click.option(
     "--shortest", metavar="TIME", help="Shortest averaging time to use, e.g. if the sensor filters its output."
 )
-@click.option("--tick", metavar="TIME", help="Step of the filter.  [default: period of the sensor]")
+@click.option("--tick", metavar="TIME", help="Time step of the filter.  [default: period of the sensor]")
 @click.option("--time", metavar="NAME", help="Time column of a CSV file, e.g. 'stamp [us]'.  [default: t, time, …]")
 @PLOT("Picture of the Allan deviations.")
 @OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
@@ -201,7 +203,7 @@ def _iterate_axes(measured: Mapping[str, Samples]) -> Iterator[tuple[str, str, A
 
 
 def _left_out(log: Log) -> dict[str, str]:
-    """Return the reason for each column of a CSV file that is left out."""
+    """Return name -> reason for each column of a CSV file that the log leaves out."""
     left = log.metadata.get("left_out", {})
     return dict(left) if isinstance(left, dict) else {}
 
@@ -245,7 +247,7 @@ def _fit_axis(name: str, unit: str, y: Any, dt: float, shortest: float, tick: fl
     averages = tuple(m for m in octave_averages(len(y)) if m * dt >= shortest)
     if len(averages) < 4:
         problem = f"{shortest:g} s leaves only {len(averages)} averaging times of a log of {len(y) * dt:.3g} s"
-        raise InputError("--shortest", problem, fix="take a shorter time, or a longer log")
+        raise InputError("--shortest", problem, fix="use a shorter averaging time, or a longer log")
     unit, scale = _si_unit(unit)
     y = y * scale
     fit = fit_allan(y, dt, averages)
@@ -286,7 +288,7 @@ def _print_noise(name: str, axes: Mapping[str, SensorAxis]) -> None:
         table.add_row(axis.replace("[", r"\["), a.unit, *cells, f"{a.fit.misfit:.2f}")
     print_table(table)
     headings = ("axis", ">R of a sample (U²)", ">Q of the integral (U² s²)", ">Q of the bias (U²)")
-    table = new_table(*headings, title="For a filter with the sensor's period, or with --tick")
+    table = new_table(*headings, title="Noise for a filter that steps with the sensor's period, or with --tick")
     for axis, a in axes.items():
         n = a.noise
         cells = (f"{v:.4g}" for v in (n.sample_variance, n.integral_variance, n.bias_variance))

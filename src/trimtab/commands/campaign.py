@@ -180,7 +180,7 @@ def command(
 
 
 def _expand_calibrations(scenario: str, plan: dict[str, Any]) -> list[str]:
-    """Replace a calibration file by the spreads of its errors; return what is not sampled of it, and why."""
+    """Replace a calibration file by distributions of its parameters; return notes on parameters that stay constant."""
     notes: list[str] = []
     for file in [text for text in plan["spread"] if is_calibration(text)]:
         calibration = read_calibration(file)
@@ -249,7 +249,7 @@ def _fly_campaign(campaign: Campaign, store: Path | None, **flight: Any) -> Camp
 
 
 def _announcing(store: Path, runs: int, tell: Callable[[int], None]) -> Callable[[int], None]:
-    """Return `tell` that also prints the expected size of a large store once, after its first block."""
+    """Return a progress function that calls `tell`, and once prints the expected size of a large store."""
     is_known = False
 
     def tell_size(done: int) -> None:

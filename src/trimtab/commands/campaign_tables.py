@@ -36,7 +36,7 @@ def metric_names(result: CampaignResult) -> list[str]:
 
 
 def summarise_metrics(result: CampaignResult) -> dict[str, dict[str, float]]:
-    """Return for each metric SHOWN_QUANTILES with their bands, the largest value, and the number of non-finite ones."""
+    """Return for each metric: quantiles with their bands, largest value, number of runs without a finite value."""
     summary: dict[str, dict[str, float]] = {}
     for name in metric_names(result):
         x = result.columns[name]

@@ -33,7 +33,7 @@ AGAIN = "flown again"
 @click.command()
 @click.argument("one", type=FILE, metavar="LOG")
 @click.argument("other", type=FILE, metavar="[LOG]", required=False)
-@PLOT("Picture of the signals that differ first.")
+@PLOT("Draw the signals that differ first to this picture.")
 @JSON
 def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> None:
     """Find where two logs first differ, and print their values; with one log, compare it with its rerun.
@@ -104,7 +104,8 @@ def _print_difference(names: tuple[str, str], difference: LogDifference, summari
     else:
         first = difference.signals[0]
         path = show_controls(first.path)
-        click.echo(f"DIFFERENT from {first.first_s:.4f} s on: {path} is {first.one!r} and {first.other!r}")
+        values = f"{first.one!r} in {names[0]}, {first.other!r} in {names[1]}"
+        click.echo(f"DIFFERENT from {first.first_s:.4f} s on: {path} is {values}")
         click.echo(f"{len(difference.signals)} numbers differ, out of {of}")
         table = new_table("signal", ">first (s)", ">largest difference", unwrapped=("signal",))
         for signal in difference.signals[:SHOWN]:

@@ -13,7 +13,7 @@ from trimtab.commands import options
 
 
 class _Names(dict[str, Any]):
-    """Names of a verb's file; those that only an import would define are empty texts."""
+    """Names that a verb's file uses. A name that only an import would define is an empty text."""
 
     def __missing__(self, name: str) -> Any:
         return getattr(builtins, name, "")

@@ -43,8 +43,10 @@ FUNCTION = "certified_system"
     type=click.Choice(("lqr", "lmi")),
     help="Method: Riccati equation (lqr), or a solver (lmi).  [default: lqr]",
 )
-@click.option("--filter", "filter_", metavar="KIND", help="Filter of the unmeasured states.  [default: tuned]")
-@click.option("--integral", is_flag=True, help="Add integral action.")
+@click.option(
+    "--filter", "filter_", metavar="KIND", help="Filter that estimates the unmeasured states.  [default: tuned]"
+)
+@click.option("--integral", is_flag=True, help="Add integral action to the feedback.")
 @click.option(
     "--set",
     "settings",
@@ -54,7 +56,7 @@ FUNCTION = "certified_system"
     help="Change a setting of the system, e.g. h_ft=90000. May be repeated.",
 )
 @OUT("FILE", "Write the certificate (JSON).")
-@click.option("--check", type=FILE, metavar="FILE", help="Prove a certificate again.")
+@click.option("--check", type=FILE, metavar="FILE", help="Prove the certificate in this file again.")
 @click.option(
     "--stabilisability",
     is_flag=True,
@@ -104,9 +106,9 @@ def command(
     trimtab design my_law.py:theorem                         for your own law
     trimtab design hovercraft --stabilisability              can smooth feedback stabilise it; where can it be steered
     trimtab design my_boat.py:system --stabilisability       for your own model
-    trimtab design my_cart.py:scenario --lqr --limit force=20 --limit angle='5 deg' --out gain.json     any vehicle
+    trimtab design my_cart.py:scenario --lqr --limit force=20 --limit angle='5 deg' --out gain.json     a gain
     trimtab design vessel/path --lqr --fast rudder …         then:  trimtab run vessel/path --set gain=gain.json
-    trimtab design my_cart.py --inversion --output position --to 0.5 --in 2 --plot course.png     followed exactly
+    trimtab design my_cart.py --inversion --output position --to 0.5 --in 2 --plot course.png     exact inputs
     """
     given = {"--method": method, "--filter": filter_, "--integral": integral or None, "--export-coq": coq}
     if gain["inversion"]:

@@ -29,11 +29,11 @@ from trimtab.run.plant import load_plant
 
 OPTIONS = ("outputs", "inputs", "to", "seconds_long", "picture")
 FADES = math.log(1e4)
-"""Time constants of the motion before and after the course: until it has decayed to 1/10000."""
+"""Duration of the motion before and after the course, in time constants: a decay to 1/10000."""
 LONGEST = 10.0
 """Maximum time before and after the course, relative to its duration."""
 SLOW = 0.1
-"""Relative change over the course below which a mode is slow; its decay is not waited for."""
+"""Relative change of a mode during the course below which the mode is slow. The course does not wait for its decay."""
 NODES = 1200
 
 
@@ -50,14 +50,14 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
             "outputs",
             multiple=True,
             metavar="NAME",
-            help="Keep only these outputs, with --inversion. They follow the wanted motion.",
+            help="With --inversion: output that follows the course. May be repeated.",
         ),
         click.option(
             "--input",
             "inputs",
             multiple=True,
             metavar="NAME",
-            help="Keep only these inputs, with --inversion. The others stay at their trim values.  [default: all]",
+            help="With --inversion: input to use; others stay at their trim values. May be repeated.  [default: all]",
         ),
         click.option(
             "--to",
@@ -68,7 +68,7 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--in", "seconds_long", type=float, metavar="SECONDS", help="With --inversion: duration of the course."
         ),
-        PLOT("Picture of the inversion; with --inversion.", "picture"),
+        PLOT("With --inversion: draw states, inputs and outputs to this picture.", "picture"),
     )
     for option in reversed(options):
         function = option(function)
@@ -76,7 +76,7 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def refuse_inversion_options(words: Mapping[str, Any]) -> None:
-    """Raise InputError for options of ``--inversion`` without it."""
+    """Raise InputError for options that need ``--inversion``, if ``--inversion`` is missing."""
     shown = {"seconds_long": "in", "picture": "plot", "outputs": "output", "inputs": "input"}
     for name in OPTIONS:
         if words[name]:

@@ -28,7 +28,7 @@ from trimtab.scenarios import catalogue
 from trimtab.scenarios.gain_file import vehicle_settings
 
 LISTS = ("at", "limit", "integrate", "believed", "fast")
-"""Settings of a certificate that are lists."""
+"""Options that may be repeated; a certificate stores them as lists."""
 
 
 def GAIN(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -71,7 +71,7 @@ def GAIN(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def refuse_gain_options(gain: Mapping[str, Any]) -> None:
-    """Raise InputError for options of ``--lqr`` without it."""
+    """Raise InputError for options that need ``--lqr``, if ``--lqr`` is missing."""
     for name in LISTS:
         if gain[name]:
             raise InputError(f"--{name}", "needs --lqr", fix=f"add --lqr, or leave --{name} out")
@@ -87,7 +87,7 @@ def design_gain(
 ) -> bool:
     """Design a gain and prove it, or check an existing one; return True if every condition holds.
 
-    words: values of LISTS, as typed.  settings: of the scenario.
+    words: values of the options in LISTS, as typed.  settings: of the scenario.
     """
     if vehicle is None:
         raise InputError("design --lqr", "no vehicle is named", fix="trimtab design hovercraft/forward --lqr …")
@@ -172,8 +172,8 @@ def fast_numbers(
     A, B = augment_integrals(linear.A, linear.B, [linear.states.index(n) for n in integrals])
     gain = np.hstack([K[:, : len(slow)], np.zeros((len(K), len(fast))), K[:, len(slow) :]])
     largest = float(np.linalg.eigvals(A + B @ gain).real.max())
-    how = f"largest real part (1/s) of A + B K with {', '.join(fast)} in it"
-    return {"loop with what is fast": LimitedNumber(largest, -np.inf, 0.0, how, 1e-6)}
+    how = f"largest real part (1/s) of A + B K, including the fast states {', '.join(fast)}"
+    return {"loop with fast states": LimitedNumber(largest, -np.inf, 0.0, how, 1e-6)}
 
 
 def _amounts(
@@ -204,7 +204,10 @@ def _refuse_lacking_limits(names: Iterable[str], limits: Mapping[str, float]) ->
 
 
 def _expand(known: Iterable[str], option: str, words: Iterable[str]) -> list[str]:
-    """Return the names meant by words: each itself, or all numbers of a field, e.g. ``rate`` for ``rate[0]``, …"""
+    """Return the states and inputs that the words name; the name of an array, e.g.
+
+    ``rate``, stands for all its numbers.
+    """
     names: list[str] = []
     for word in words:
         meant = [n for n in known if n == word] or [n for n in known if n.startswith((f"{word}[", f"{word}."))]

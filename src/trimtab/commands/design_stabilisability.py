@@ -47,7 +47,7 @@ def print_stabilisability(system: str | None, as_json: bool) -> None:
     _print_smooth(model, smooth)
     fast = sum(pole.real > UNSTABLE for pole in np.linalg.eigvals(linearise(model).A))
     rank, poles = smooth.brockett.controllability_rank, f"{fast} unstable pole{'' if fast == 1 else 's'}"
-    click.echo(f"linear model here: {rank} of {len(model.states)} directions controllable; {poles}")
+    click.echo(f"linear model at this point: {rank} of {len(model.states)} directions controllable; {poles}")
     _print_reach(model, reach)
 
 
@@ -95,7 +95,7 @@ def _print_smooth(model: StateSpaceModel, smooth: SmoothFeedback) -> None:
 def _print_reach(model: StateSpaceModel, reach: Accessibility) -> None:
     if reach.curved:
         click.echo(f"not affine in {', '.join(reach.curved)}: the brackets use the first-order part in the inputs")
-    click.echo("Lie brackets here, of the drift f and the input fields, each with a new direction")
+    click.echo("Lie brackets at this point, of the drift f and the input fields, each with a new direction")
     for bracket in reach.basis:
         click.echo(f"  {bracket.degree}  {_format_bracket(model, bracket)}")
     verdict = "accessible" if reach.is_accessible else "not shown to be accessible"

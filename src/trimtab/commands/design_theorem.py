@@ -74,7 +74,7 @@ def run_theorem(
 
 
 def refuse_options(options: Mapping[str, Any], beside: str) -> None:
-    """Raise InputError for options that do not apply here."""
+    """Raise InputError for options that do not apply to a theorem."""
     for name, value in options.items():
         if value is not None:
             raise InputError(name, f"cannot be combined with {beside}", fix=f"leave {name} out")
@@ -114,7 +114,7 @@ def _build_theorem(name: str, settings: Mapping[str, Any]) -> LawTheorem:
 
 
 def _make_certificate(theorem: LawTheorem) -> TheoremCertificate:
-    """Make a certificate with the law's own V, or with one for the largest region found."""
+    """Make a certificate with the law's Lyapunov function, or with one that a search for the largest region finds."""
     if not theorem.field or theorem.lyapunov is not None:
         return design_theorem(theorem)
     region = find_region(theorem)

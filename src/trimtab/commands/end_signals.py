@@ -16,13 +16,13 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 RETRY_PERIOD_S = 0.02
-"""Period (s) of repeating a signal whose exception was dropped."""
+"""Time (s) after which a signal is repeated if Python dropped its exception."""
 PATIENCE_S = 0.7
-"""Longest time (s) for which native code may delay the handler; the program is ended then."""
+"""Longest time (s) for which native code may delay the handler. After this time the program is ended."""
 
 
 class TerminatedError(KeyboardInterrupt):
-    """A signal asked the program to end."""
+    """Exception that a signal other than Ctrl-C raises to end the program."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -32,7 +32,7 @@ class TerminatedError(KeyboardInterrupt):
 class EndSignals:
     """Handler of the signals that end a command, and the thread that watches them.
 
-    asked: number of the last signal, or 0.  raised: True if its exception is on its way through the main thread.
+    asked: number of the last signal, or 0.  raised: True while the signal's exception passes through the main thread.
     """
 
     def __init__(self, end_program: Callable[[int], None]) -> None:
@@ -52,7 +52,7 @@ class EndSignals:
         raise TerminatedError(number)
 
     def note_dropped(self, unraisable: Any) -> None:
-        """Have the signal repeated if Python dropped its exception; report any other dropped exception as usual."""
+        """Let the thread repeat a signal whose exception Python dropped; report other dropped exceptions as usual."""
         if self.asked and issubclass(unraisable.exc_type, KeyboardInterrupt):
             self.raised = False
             os.write(self._writer, bytes((self.asked,)))
@@ -113,7 +113,7 @@ def end_on_signals(is_program: bool = False) -> Iterator[None]:
 
 
 def name_signal(number: int) -> str:
-    """Return how a signal is called in messages."""
+    """Return the name of a signal for messages."""
     return "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
 
 

@@ -47,8 +47,20 @@ BOARDS = ("cortex-m4", "cortex-m7")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the test vectors.")
 @click.option("--fly", is_flag=True, help="Run the code on the emulated board of --target.")
 @click.option("--wasm", "web", is_flag=True, help="Write a self-contained page that simulates the loop in a browser.")
-@click.option("--slider", "sliders", multiple=True, metavar="NAME=LOW:HIGH", help="Slider on the page of --wasm.")
-@click.option("--verify", "check", type=FILE, metavar="DIR", help="Check an exported folder.")
+@click.option(
+    "--slider",
+    "sliders",
+    multiple=True,
+    metavar="NAME=LOW:HIGH",
+    help="Slider for a parameter on the page of --wasm. May be repeated.",
+)
+@click.option(
+    "--verify",
+    "check",
+    type=FILE,
+    metavar="DIR",
+    help="Compile this exported folder, and check that its results are equal.",
+)
 @SET
 @NAVIGATION
 @WITHOUT

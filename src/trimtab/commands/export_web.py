@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "--slider delay=0:0.3"
 OTHERS = ("target", "real", "part", "steps", "fly")
-"""Options of an export that do not apply to a page."""
+"""Options of `trimtab export` that do not apply to a page."""
 
 
 def write_web_flight(
@@ -32,7 +32,7 @@ def write_web_flight(
     without: tuple[str, ...],
     **_: Any,
 ) -> None:
-    """Write the page, its program and its description, and print the sizes."""
+    """Write the page, its WebAssembly program and its description, and print their sizes."""
     from trimtab.export.web_assembly import export_web, write_web_page  # these import JAX
     from trimtab.scenarios.build import build
 

@@ -29,9 +29,10 @@ from trimtab.run.command_pulses import describe_outputs
 
 
 class FlightStack(NamedTuple):
-    """Flight stack whose autopilot flies the vehicle. place: default address at which it looks for the simulator.
+    """Flight stack whose autopilot flies the vehicle. place: default address at which it expects the simulator.
 
-    open_line: opens the listening socket.  physics: class that serves it.  begin: command to type at the other end.
+    open_line: opens the listening socket.  physics: class that simulates the vehicle for it. begin: command that starts
+    it.
     """
 
     maker: str
@@ -55,7 +56,7 @@ STACKS: Mapping[str, FlightStack] = {
     ),
     "px4": FlightStack("PX4", "tcp", "127.0.0.1:4560", "make px4_sitl none_iris", PX4_CHANNELS, open_tcp, Px4Simulator),
 }
-"""Flight stacks by their option, without its dashes."""
+"""Option without its dashes -> flight stack."""
 PLACE, PX4_PLACE = (stack.place for stack in STACKS.values())
 SIGNED = (
     "listen",
@@ -203,7 +204,7 @@ def _end(scenario: Scenario, seed: int, summary: PhysicsSummary, maker: str, out
 
 
 def _describe_vehicle(vehicle: PulsedVehicle) -> list[str]:
-    """Return a line for each channel, and one for the IMU."""
+    """Return a line of text for each channel, and a line for the IMU."""
     lines = [text.partition(": ")[2] for text in describe_outputs(vehicle.outputs)]
     told = [f"channel {c}: {text}" for c, text in zip(vehicle.channels, lines, strict=True)]
     return [*told, f"gyro and accelerometer: {f'its sensor {vehicle.imu}' if vehicle.imu else 'true motion'}"]

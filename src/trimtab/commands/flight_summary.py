@@ -22,9 +22,9 @@ ERROR = "world.integration_error"
 MOTIONS = ("velocity", "rate", "speed", "velocity[0]", "velocity[1]", "velocity[2]")
 """Endings of the paths of signals that are zero at rest."""
 FEW = 6
-"""Maximum size of a signal that is shown number by number; larger ones, as of a large swarm, are left out."""
+"""Maximum number of elements of a signal in the summary; larger signals, as of a large swarm, are left out."""
 MOST_SUMMARISED = 200_000_000
-"""Maximum size (bytes) of a log that is read whole for its metrics: a quarter of an hour."""
+"""Maximum size (bytes) of a log whose metrics are computed; a flight of a quarter of an hour."""
 METRICS = {
     "first_reach_s": ("first in band", "s"),
     "settling_s": ("settled", "s"),
@@ -32,7 +32,7 @@ METRICS = {
     "tail_mean": ("tail mean", ""),
     "tail_rms": ("tail rms", ""),
 }
-"""Heading and unit of each metric's column; an empty unit stands for the signal's."""
+"""Metric -> heading and unit of its column; an empty unit stands for the unit of the signal."""
 
 
 def summarise_truth(
@@ -98,7 +98,7 @@ def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
 def assess_targets(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
     """Return whether a flight ended on its targets (on_target), and the verdict in words (says).
 
-    None for a scenario without targets. A diverged flight is on no target.
+    None for a scenario without targets. A diverged flight is never on target.
     """
     targets, lost = tuple(targets), divergence_time(log)
     if lost is not None:

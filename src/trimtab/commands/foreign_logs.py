@@ -79,10 +79,14 @@ def check_choice(mapping: Path | None, scenario: str | None, estimator: str | No
             raise InputError("--set", "applies to the scenario of a foreign log, with --map", fix=fix)
         return
     if (scenario is None) == (estimator is None):
-        problem = "both are given" if scenario else "a foreign log contains no estimator, and none is given"
-        fix = "add one of them: --scenario SCENARIO, whose estimator is taken, or --estimator module:factory"
+        problem = "exclude each other" if scenario else "a foreign log contains no estimator, and none is given"
+        fix = (
+            "give one of the two options: --scenario SCENARIO, whose estimator is taken, or --estimator module:factory"
+        )
         raise InputError("--scenario, --estimator", problem, fix=fix)
     if parts:
-        raise InputError("--with", "applies to recorded autopilots", fix="change the scenario: --set PATH=VALUE")
+        raise InputError(
+            "--with", "applies to a replay of a trimtab log, without --map", fix="change the scenario: --set PATH=VALUE"
+        )
     if settings and scenario is None:
         raise InputError("--set", "needs a scenario", fix="name one with --scenario, or set it in the factory")

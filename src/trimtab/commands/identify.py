@@ -167,7 +167,9 @@ def _print_unexplained(found: Identified) -> None:
     """Print what the fitted model does not explain, and likely reasons."""
     for field, (rms, change) in found.unexplained.items():
         text = f"not explained: {field}, error {rms:.3g} over {HORIZON:g} s, in which it changes by {change:.3g};"
-        click.echo(f"{text} check unit, sign and axis of it and the commands, and that the log is of this vehicle")
+        click.echo(
+            f"{text} check unit, sign and axis of this field and of the commands, and that the log is of this vehicle"
+        )
     if found.correlated:
         fields = ", ".join(f"{field} (correlation {value:.2f})" for field, value in found.correlated.items())
         click.echo(f"not white: errors of {fields} are correlated in time, as in a navigation system")

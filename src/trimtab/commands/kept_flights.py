@@ -21,7 +21,10 @@ LIMIT = 20
 
 @contextmanager
 def keep_flights(scenario: str, store: Path | None) -> Iterator[Path | None]:
-    """Yield the folder, or None if runs are not stored; report after Ctrl-C whether they are."""
+    """Yield the folder of the runs, or None if runs are not stored.
+
+    After Ctrl-C, report whether the runs are stored.
+    """
     folder = store or _cached_folder(scenario)
     try:
         yield folder

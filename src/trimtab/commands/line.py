@@ -20,9 +20,9 @@ from trimtab.flight.transports.open_link import parse_uri
 from trimtab.scenarios import catalogue
 
 VEHICLE, AUTOPILOT, INJECTOR = (1, 1), (1, 191), (1, 192)
-"""MAVLink system and component IDs of the ends."""
+"""MAVLink system and component IDs of vehicle, autopilot and injector."""
 LIVE_CHOICES = {"supervisor": "automatic", "stick": "console"}
-"""Default settings of a scenario in real time."""
+"""Settings that a scenario in real time has unless the user gives others."""
 DATAGRAMS = ("udp",)
 QUICK_LINES = ("udp", "tcp", "loopback")
 QUICK_TRANSFER, SLOW_TRANSFER = 200e3, 4e3

@@ -20,16 +20,28 @@ from trimtab.run.design_point import find_point, smooth_model
 from trimtab.run.plant import Plant, load_plant
 
 STATE = click.option(
-    "--state", "states", multiple=True, metavar="NAME", help="Keep only these states. May be repeated."
+    "--state",
+    "states",
+    multiple=True,
+    metavar="NAME",
+    help="State to keep; all others are held constant. May be repeated.",
 )
 INPUT = click.option(
-    "--input", "inputs", multiple=True, metavar="NAME", help="Keep only these inputs. May be repeated."
+    "--input",
+    "inputs",
+    multiple=True,
+    metavar="NAME",
+    help="Input to keep; all others are held constant. May be repeated.",
 )
 OUTPUT = click.option(
-    "--output", "outputs", multiple=True, metavar="NAME", help="Keep only these outputs. May be repeated."
+    "--output",
+    "outputs",
+    multiple=True,
+    metavar="NAME",
+    help="Output to keep; all others are left out. May be repeated.",
 )
 ON_AXIS = 1e-7
-"""Real part, relative to the largest, below which a zero or pole counts as on the imaginary axis."""
+"""Real part of a zero or pole, relative to the largest, below which it counts as on the imaginary axis."""
 
 
 @click.command()
@@ -40,7 +52,13 @@ ON_AXIS = 1e-7
 @OUTPUT
 @SET
 @NAVIGATION
-@click.option("--horizon", default=1.0, show_default=True, metavar="SECONDS", help="Horizon of the Gramians.")
+@click.option(
+    "--horizon",
+    default=1.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Time horizon of the controllability and observability Gramians.",
+)
 @click.option("--closed-loop", is_flag=True, help="Linearise the whole sampled loop of a scenario.")
 @click.option("--direct", is_flag=True, help="With --closed-loop: apply the law's demand directly, without actuators.")
 @click.option(
@@ -55,11 +73,11 @@ ON_AXIS = 1e-7
     "round_time",
     type=float,
     metavar="SECONDS",
-    help="With --closed-loop: time of one round, for a reference on a closed path.",
+    help="With --closed-loop: duration of one round, for a reference on a closed path.",
 )
-@PLOT("Picture of the open-loop response (Bode); with --closed-loop.", "picture")
+@PLOT("With --closed-loop: draw the open-loop frequency response (Bode) to this picture.", "picture")
 @WITHOUT
-@OUT("FILE", "Write A, B, C, D with all names (JSON).")
+@OUT("FILE", "Write the matrices A, B, C, D and the names of states, inputs and outputs (JSON).")
 @JSON
 def command(
     vehicle: str,
@@ -157,7 +175,7 @@ def zeros_json(zeros: Zeros) -> list[dict[str, Any]]:
 
 
 def zero_limit(zeros: Zeros) -> float:
-    """Return the real part (1/s) up to which a zero counts as on the axis."""
+    """Return the real part (1/s) up to which a zero counts as on the imaginary axis."""
     return ON_AXIS * max(zeros.size, np.finfo(float).tiny)
 
 

@@ -18,7 +18,7 @@ from trimtab.run.plant import Plant
 SHOWN = 0.05
 """Smallest participation in a mode for which a state is shown."""
 CUT = 1e-5
-"""Distance below which poles, over a period, are treated as one group."""
+"""Distance between two poles of the sampled loop below which both belong to one group."""
 
 
 def print_loop(

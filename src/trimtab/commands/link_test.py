@@ -50,13 +50,21 @@ REQUESTS_MIN = 10
 @click.command()
 @click.argument("uri", metavar="URI")
 @click.option(
-    "--echo", is_flag=True, help="Echo as the other end, until Ctrl-C. Port 0 chooses a free port and prints it."
+    "--echo",
+    is_flag=True,
+    help="Return every packet as the far end of the link, until Ctrl-C. Port 0 chooses a free port and prints it.",
 )
-@click.option("--load", "loads", multiple=True, metavar="UP/DOWN", help="Load in kb/s. May be repeated.")
+@click.option(
+    "--load",
+    "loads",
+    multiple=True,
+    metavar="UP/DOWN",
+    help="Data rate up and down during the measurement, in kb/s. May be repeated.",
+)
 @click.option("--requests", type=int, default=300, show_default=True, help="Number of requests for each load.")
 @click.option("--rate", type=float, default=10.0, show_default=True, help="Requests per second.")
 @SEED
-@PLOT("Picture of the histograms.")
+@PLOT("Draw histograms of the delays to this picture.")
 @OUT("DIR", "Write table, picture, recordings and settings to this folder.")
 @JSON
 def command(
@@ -128,7 +136,10 @@ def _choose_port(uri: str) -> str:
 
 
 def _address_from_elsewhere(uri: str) -> str:
-    """Return the address that reaches a listener at uri: without a host only this machine; 0.0.0.0 is every address."""
+    """Return the address at which another program reaches a listener at `uri`.
+
+    Without a host, this machine is meant.
+    """
     scheme, separator, rest = uri.partition("://")
     host, colon, port = rest.rpartition(":")
     if host == "" and colon:

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--only", multiple=True, metavar="CASE", help="Only this case. May be repeated.  [default: all cases]")
+@click.option(
+    "--only", multiple=True, metavar="CASE", help="Fly only this case. May be repeated.  [default: all cases]"
+)
 @click.option("--draw", type=click.IntRange(1), metavar="N", help="Fly N flights drawn at random instead of the cases.")
 @click.option(
     "--seed",
@@ -28,8 +30,16 @@ if TYPE_CHECKING:
     show_default=True,
     help="Seed of the random flights and of virtual time.",
 )
-@click.option("--real-time", "is_real", is_flag=True, help="Ask for flights of real processes, in real time.")
-@click.option("--jobs", type=click.IntRange(1, 16), default=2, show_default=True, help="Number of flights at a time.")
+@click.option(
+    "--real-time", "is_real", is_flag=True, help="Fly with real processes in real time instead of virtual time."
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 16),
+    default=2,
+    show_default=True,
+    help="Number of flights that run at the same time.",
+)
 @OUT("DIR", "Write logs and printed text to this folder, one folder per case.")
 @click.option("--page", type=FILE, metavar="FILE", help="Write the docs page with the results; with --only, add to it.")
 @JSON
@@ -129,7 +139,7 @@ def _count_kinds(outcomes: "Sequence[CaseOutcome]") -> dict[str, dict[str, int]]
 
 
 def _longest_times(outcomes: "Sequence[CaseOutcome]") -> dict[str, float]:
-    """Return why outputs should be safe -> longest time (s) for which they acted nevertheless, in virtual time."""
+    """Return reason for safe outputs -> longest virtual time (s) for which outputs acted despite that reason."""
     return {
         what: max(one.acted_s.get(what, 0.0) for one in outcomes)
         for what in dict.fromkeys(what for one in outcomes for what in one.acted_s)

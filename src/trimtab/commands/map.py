@@ -24,7 +24,7 @@ from trimtab.scenarios.build import build
 COARSE = 5
 """Default number of values on an axis of the coarse grid."""
 EXAMPLE = "delay=0:0.6"
-KNOWS_NO = "it holds for the linear loop without packet loss"
+KNOWS_NO = "the theory holds for the linear loop without packet loss"
 """Limitation of the theory shown beside a map."""
 
 Criteria = tuple[StabilityCriterion, ...]
@@ -43,7 +43,11 @@ Criteria = tuple[StabilityCriterion, ...]
 @STORE
 @RUNS(8, "Number of runs at each point.")
 @click.option(
-    "--depth", type=click.IntRange(0, 8), default=4, show_default=True, help="Number of times that cells are halved."
+    "--depth",
+    type=click.IntRange(0, 8),
+    default=4,
+    show_default=True,
+    help="Number of times that a cell on the boundary is halved.",
 )
 @click.option(
     "--threshold", type=click.FloatRange(0, 1), default=0.5, show_default=True, help="Success rate at the boundary."
@@ -53,11 +57,16 @@ Criteria = tuple[StabilityCriterion, ...]
     type=click.FloatRange(0),
     default=SWING,
     show_default=True,
-    help="Largest remaining oscillation, as a fraction of the target band; without --success.",
+    help="Without --success: largest accepted oscillation at the end, as a fraction of the target band.",
 )
 @SEED
-@click.option("--theory/--no-theory", default=True, show_default=True, help="Draw the linear theory if it applies.")
-@PLOT("Picture of the map.")
+@click.option(
+    "--theory/--no-theory",
+    default=True,
+    show_default=True,
+    help="Draw the stability boundary of linear theory, if the theory applies.",
+)
+@PLOT("Draw the map to this picture.")
 @JSON
 def command(
     scenario: str,
@@ -123,7 +132,7 @@ def command(
 
 @contextlib.contextmanager
 def _name_axis(axes: Mapping[str, Axis]) -> Iterator[None]:
-    """Have an error about a value of an axis name the option, which maps to the axis."""
+    """Let an error about a value of an axis name the option that gives the axis."""
     try:
         yield
     except InputError as error:
@@ -135,7 +144,7 @@ def _name_axis(axes: Mapping[str, Axis]) -> Iterator[None]:
 
 
 def _estimate_points(x: Axis, y: Axis, depth: int) -> int:
-    """Estimate the number of points: the coarse grid, and a boundary from one side to the other."""
+    """Estimate the number of points to fly: the coarse grid, and cells along a boundary across the map."""
     return len(x.values) * len(y.values) + 4 * max(len(x.values), len(y.values)) * (2**depth - 1)
 
 

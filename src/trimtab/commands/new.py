@@ -38,7 +38,7 @@ OTHERS = {
     "radio": "link",
     "servo": "actuator",
 }
-"""Other common names of a kind."""
+"""Other common name of a kind of part -> the kind."""
 UNCERTAIN = {
     "vehicle": "world.vehicle.speed",
     "law": "world.vehicle.current.north",

@@ -15,11 +15,11 @@ from trimtab.scenarios import catalogue
 
 FILE = click.Path(path_type=Path)
 CALIBRATION = "trimtab.calibration"
-"""Key of the context's entry for the file of ``--calibration``."""
+"""Key of the click context's entry that stores the file of ``--calibration``."""
 REFERENCE = "trimtab.reference"
-"""Key of the context's entry for the settings of ``--reference``."""
+"""Key of the click context's entry that stores the settings of ``--reference``."""
 CHOICES = "trimtab.choices"
-"""Key of the context's entry for options that set one setting each, such as ``--navigation`` and ``--duration``."""
+"""Key of the click context's entry that stores options with one setting each, e.g. ``--duration``."""
 
 
 def parse_settings(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
@@ -29,7 +29,7 @@ def parse_settings(context: click.Context, parameter: click.Parameter, values: t
     for path, value in _split_pairs("--set", "path=value", fix, values):
         if path in settings:
             problem = f"set twice, to {settings[path]} and to {value.strip()}"
-            raise InputError(f"--set {path}", problem, fix=f"keep one of them, e.g. --set {path}={value.strip()}")
+            raise InputError(f"--set {path}", problem, fix=f"keep one of the two, e.g. --set {path}={value.strip()}")
         settings[path] = value.strip()
     file = context.meta.get(CALIBRATION)
     settings = {**context.meta.get(REFERENCE, {}), **settings, **context.meta.get(CHOICES, {})}
@@ -49,7 +49,7 @@ def keep_references(context: click.Context, parameter: click.Parameter, values: 
         path, equals, schedule = (word.strip() for word in text.partition("="))
         own = path if equals and "(" not in path else "reference"
         if own in references:
-            raise InputError("--reference", f"{own} is given twice", fix="keep one of them")
+            raise InputError("--reference", f"{own} is given twice", fix=f"give only one reference for {own}")
         references[own] = schedule if own == path else text.strip()
     context.meta[REFERENCE] = references
 
@@ -61,7 +61,7 @@ def parse_spreads(context: click.Context, parameter: click.Parameter, values: tu
     paths = tuple(text for text in values if not is_calibration(text))
     for path, distribution in _split_pairs("--spread", "PATH=DISTRIBUTION", fix, paths):
         if path in spread:
-            raise InputError(f"--spread {path}", "is named twice", fix="keep one of them")
+            raise InputError(f"--spread {path}", "is named twice", fix="give only one distribution for each path")
         spread[path] = distribution
     return spread
 
@@ -72,7 +72,7 @@ def is_calibration(text: str) -> bool:
 
 
 def _split_pairs(option: str, form: str, fix: str, values: tuple[str, ...]) -> Iterator[tuple[str, str]]:
-    """Yield the path and the text of each PATH=TEXT."""
+    """Yield path and text of each value PATH=TEXT of an option."""
     for text in values:
         path, equals, value = text.partition("=")
         if not equals or not path.strip():
@@ -116,7 +116,7 @@ MAP = click.option(
     "mapping",
     type=FILE,
     metavar="MAP.toml",
-    help="File that tells which column of another system's log is which signal.",
+    help="Mapping of another system's log: TOML file that names the column of each signal.",
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object to standard output.")
 
@@ -308,7 +308,10 @@ UNSIGNED = click.option(
     "--unsigned", is_flag=True, help="Disable signatures; allowed only on links within this computer."
 )
 REAL_TIME = click.option(
-    "--real-time/--no-real-time", default=True, show_default=True, help="Ask for real-time scheduling."
+    "--real-time/--no-real-time",
+    default=True,
+    show_default=True,
+    help="Ask the operating system for real-time scheduling.",
 )
 PARAMETERS = click.option(
     "--parameters",
@@ -339,7 +342,7 @@ def PLACE(function: Callable[..., Any]) -> Callable[..., Any]:
             help="Address of the console. Addresses beyond this computer need TLS.",
         ),
         click.option("--certificate", type=FILE, metavar="FILE", help="TLS certificate of the console."),
-        click.option("--private-key", type=FILE, metavar="FILE", help="Private key of the certificate."),
+        click.option("--private-key", type=FILE, metavar="FILE", help="Private key of the console's TLS certificate."),
         click.option("--open", "opens", is_flag=True, help="Open the console in a browser on this computer."),
     ]
     for option in reversed(options):

@@ -21,13 +21,13 @@ if TYPE_CHECKING:  # rich is imported when a table is printed, not for --json
     from rich.table import Column, Table
 
 NARROWEST = 20
-"""Smallest value of COLUMNS that is accepted as a terminal width."""
+"""Smallest value of the environment variable COLUMNS that is accepted as a terminal width."""
 
 
 ANSWERS = Path(__file__).with_name("answers.json")
 """JSON Schema of the output of ``--json``."""
 ANSWER_VERSION = 1
-"""Version of all answers; raised when one loses or changes a field, not when it gains one."""
+"""Version of the JSON output; increased when an answer loses or changes a field, not when it gains a field."""
 
 
 def print_json(result: Mapping[str, Any], files: Iterable[str | Path] = (), verb: str = "") -> None:
@@ -197,7 +197,7 @@ def check_folder(part: str, folder: Path) -> None:
             pass
     except OSError as error:
         problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
-        raise InputError(part, problem, fix=f"{part} with a folder of yours, e.g. {part} flight") from None
+        raise InputError(part, problem, fix=f"{part} with a folder that you can write to, e.g. {part} flight") from None
     finally:
         for new in missing:
             with contextlib.suppress(OSError):

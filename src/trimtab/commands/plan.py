@@ -13,7 +13,7 @@ from trimtab.core.cache_folder import enable_cache
 @click.command()
 @click.argument("floor", type=FILE, metavar="FLOOR.toml")
 @OUT("FILE.csv", "Write the path as a table: time, north, east, heading.")
-@PLOT("Picture of floor, path and flight.")
+@PLOT("Draw floor, path and flight to this picture.")
 @click.option("--speed", type=click.FloatRange(0.05, 1.0), default=0.5, show_default=True, help="Maximum speed, m/s.")
 @JSON
 def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_json: bool) -> None:

@@ -136,7 +136,7 @@ class _Rate:
         self.since, self.first, self.most = 0.0, -1, 0
 
     def add(self, done: int) -> tuple[int, str]:
-        """Return the number newly done and the rate; both the flights and the store report."""
+        """Return the number of newly finished runs, and the rate as text. A run that is reported twice counts once."""
         now, more = time.monotonic(), max(done - self.most, 0)
         self.most = max(self.most, done)
         if self.first < 0:

@@ -39,12 +39,15 @@ FEW = 20
 @FAULT_RANGE
 @VARY
 @SUCCESS
-@RUNS(100_000, "Number of runs, approximately.")
+@RUNS(100_000, "Approximate number of runs.")
 @FLIGHT
 @WITHOUT
 @SEED
 @THREADS
-@OUT("DIR", "Write the runs and two failures to this folder. The same command started again continues there.")
+@OUT(
+    "DIR",
+    "Write finished runs and scenario files of two failures to this folder. The same command continues from there.",
+)
 @JSON
 def command(scenario: str, runs: int, out: Path | None, as_json: bool, **options: Any) -> None:
     """Estimate the probability of a failure that is too rare for a plain campaign.

@@ -46,7 +46,7 @@ PARTS = ("estimator", "law", "allocation")
     multiple=True,
     metavar="PATH=VALUE",
     callback=parse_settings,
-    help="Change a setting of that scenario; with --map. May be repeated.",
+    help="With --map: change a setting of the scenario of --scenario. May be repeated.",
 )
 @click.option(
     "--with",
@@ -61,9 +61,9 @@ PARTS = ("estimator", "law", "allocation")
     metavar="MODULE:FACTORY",
     help="Estimator to run alone on the samples of any log, without a scenario.",
 )
-@OUT("FILE", "Write the log with its estimates (MCAP); with --estimator.")
+@OUT("FILE", "With --estimator: write the log with the estimates added (MCAP).")
 @BACKEND
-@PLOT("Picture of the recorded and the replayed signals.")
+@PLOT("Draw the recorded and the replayed signals to this picture.")
 @JSON
 def command(
     file: Path,

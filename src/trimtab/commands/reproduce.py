@@ -33,7 +33,7 @@ GroupRows = list[tuple[StudyGroup, list[Row]]]
 
 @click.command()
 @click.argument("study", metavar="[STUDY]", required=False)
-@click.option("--only", multiple=True, metavar="GROUP", help="Only this group of figures. May be repeated.")
+@click.option("--only", multiple=True, metavar="GROUP", help="Recompute only this group of figures. May be repeated.")
 @OUT("DIR", "Write the study's pictures to this folder.")
 @click.option(
     "--report", type=FILE, metavar="DIR", help="Folder for a one-page report: rows, pictures, errata, environment."
@@ -131,7 +131,7 @@ def verdict_counts(rows: Iterable[Row]) -> dict[str, int]:
 
 
 def basis_counts(rows: Iterable[Row]) -> dict[str, tuple[int, int]]:
-    """Return basis -> number of rows that hold, and of all rows; unused bases are left out."""
+    """Return basis -> number of rows that hold, and number of all rows. Bases without rows are left out."""
     holds, all_rows = Counter[str](), Counter[str]()
     for row in rows:
         all_rows[row.basis] += 1
@@ -146,7 +146,7 @@ def confirmation_sentence(rows: Iterable[Row]) -> str:
     own = sum(row.basis not in PUBLISHED for row in every)
     return (
         f"{confirms} of {len(every)} rows confirm a value or statement of the publication; "
-        f"{own} compare with other values, and confirm nothing in it."
+        f"{own} compare with other values, and confirm nothing in the publication."
     )
 
 

@@ -51,7 +51,7 @@ def build_page(
         results: groups with their rows.
         summary: "sentence", and "verdicts" and "bases" as in the command's JSON.
         pictures: group's name -> its files.
-        errata: Markdown; empty where there are none.
+        errata: errata in Markdown; empty if there are none.
         environment: facts about the run, by name.
     """
     groups = list(results)

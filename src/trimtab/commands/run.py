@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 
 PICTURES = ("tracking", "swarm", "navigation")
-"""Additional pictures, drawn beside that of --plot where the run has data for them."""
+"""Additional pictures, drawn beside the picture of --plot if the run has data for them."""
 
 
 class RunReport(NamedTuple):
-    """Logs of the runs, with the data shown about them."""
+    """Logs of the real and the ideal run, with targets and computing time."""
 
     name: str
     real: Log
@@ -61,9 +61,11 @@ class RunReport(NamedTuple):
     help="Also simulate the ideal case: true state, no delay, no limits.",
 )
 @BACKEND
-@PLOT("Picture of all signals.")
+@PLOT("Draw all signals to this picture.")
 @OUT("DIR", "Write log (MCAP) and picture to this folder.")
-@click.option("--log-period", metavar="TIME", default="1 ms", show_default=True, help="Period of the log.")
+@click.option(
+    "--log-period", metavar="TIME", default="1 ms", show_default=True, help="Time between two rows of the log."
+)
 @click.option(
     "--require",
     multiple=True,

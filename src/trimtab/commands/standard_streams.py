@@ -19,7 +19,7 @@ def replace_unprintable() -> None:
 
 
 def flush_output() -> bool:
-    """Write what is left of the output. Return False, after a line on standard error, if that is impossible."""
+    """Write the buffered output. If this fails, report it on standard error and return False."""
     try:
         sys.stdout.flush()
     except OSError as error:
@@ -29,7 +29,7 @@ def flush_output() -> bool:
 
 
 def report_failure(error: OSError) -> None:
-    """Report output that cannot be written, and stop writing to it. A reader that is gone needs no words."""
+    """Report output that cannot be written, and stop writing to it. A closed pipe is not reported."""
     if error.errno != errno.EPIPE:
         where = f" ({error.filename})" if error.filename else ""
         with contextlib.suppress(OSError):

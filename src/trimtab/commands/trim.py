@@ -16,7 +16,7 @@ from trimtab.run.design_point import find_point, format_value
 from trimtab.run.plant import Plant, load_plant
 
 RESTS = 1e-9
-"""Rate (unit of the state per second) below which a state counts as constant."""
+"""Rate of a state (unit of the state per second) below which the state counts as constant."""
 
 
 @click.command()

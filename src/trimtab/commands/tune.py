@@ -44,7 +44,7 @@ def parse_gains(context: click.Context, parameter: click.Parameter, values: tupl
     help="Gain to tune, with its range. May be repeated.",
 )
 @click.option(
-    "--cost", metavar="TEXT", help="Metric to minimise, by its mean.  [default: errors relative to the target bands]"
+    "--cost", metavar="TEXT", help="Metric whose mean is minimised.  [default: rms errors relative to the target bands]"
 )
 @click.option(
     "--method",
@@ -66,10 +66,14 @@ def parse_gains(context: click.Context, parameter: click.Parameter, values: tupl
     type=click.IntRange(1),
     default=30,
     show_default=True,
-    help="Number of generations, or of gradient steps.",
+    help="Number of generations of the search, or of gradient steps.",
 )
 @click.option(
-    "--width", type=float, default=0.05, show_default=True, help="Width of the smoothing, as a fraction of a range."
+    "--width",
+    type=float,
+    default=0.05,
+    show_default=True,
+    help="With --method gradient: width of the smoothing, as a fraction of a gain's range.",
 )
 @SPREAD
 @FLIGHT
@@ -78,7 +82,7 @@ def parse_gains(context: click.Context, parameter: click.Parameter, values: tupl
 @THREADS
 @STORE
 @OUT("FILE", "Write a scenario file with the gains, e.g. tuned.py.")
-@PLOT("Picture of the tuning's progress.")
+@PLOT("Draw the progress of the tuning to this picture.")
 @JSON
 def command(
     scenario: str, cost: str | None, method: str, out: Path | None, plot: Path | None, as_json: bool, **options: Any

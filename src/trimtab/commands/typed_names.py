@@ -24,7 +24,7 @@ TAKES_SCENARIO = frozenset(
 )
 """Verbs whose first argument is a scenario."""
 TAKES_VEHICLE = frozenset(("trim", "linearise", "zeros", "export", "console"))
-"""Those of them whose first argument may also be a vehicle, a file of a function, or a log."""
+"""Verbs whose first argument is a scenario, or a vehicle, a function in a file, or a log."""
 PATHS = {"--set": "settings", "--spread": "spread", "--gain": "gains"}
 """Options whose value begins with a setting's path -> the argument in Python."""
 ROOTS = (
@@ -87,7 +87,7 @@ def _near_roots(path: str) -> list[str]:
 
 
 def _iter_paths(words: Sequence[str]) -> Iterator[tuple[str, str, str]]:
-    """Yield option, path and value of each typed setting."""
+    """Yield option, path and value of each setting on the command line."""
     for i, word in enumerate(words):
         option, equals, text = word.partition("=")
         if word in PATHS and i + 1 < len(words):

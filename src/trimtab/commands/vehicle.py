@@ -60,7 +60,7 @@ from trimtab.run.blocks import refuse_swarm
 from trimtab.scenarios.build import build
 
 SHORTEST_WATCHDOG = ms(20)
-"""Shortest watchdog time: four heartbeats of the process of the outputs."""
+"""Shortest watchdog time: four heartbeats of the process that drives the outputs."""
 
 
 @click.command()
@@ -90,14 +90,14 @@ SHORTEST_WATCHDOG = ms(20)
     metavar="TIME",
     default="50 ms",
     show_default=True,
-    help="Time without data from this process after which the outputs go safe.",
+    help="Time without data from the simulation after which the outputs switch to their safe values.",
 )
 @click.option(
     "--confirm",
     multiple=True,
     metavar="SETTING",
     callback=lambda _context, _option, names: check_confirmations(names),
-    help="Confirm a setting that weakens a safety, e.g. failsafe.timeout. May be repeated.",
+    help="Confirm a setting that weakens a safety function, e.g. failsafe.timeout. May be repeated.",
 )
 @REAL_TIME
 @OUT("DIR", "Write the vehicle's log, with the truth, to this folder.  [default: no log]")
@@ -191,7 +191,7 @@ def _build_vehicle(
 
 
 def _serve(live: LiveVehicle, tell: Callable[[str], None], **options: Any) -> VehicleSummary:
-    """Run the vehicle until Ctrl-C. A thread writes its lines for the user."""
+    """Run the vehicle until Ctrl-C. A separate thread prints its messages."""
     machine = current_machine()
     lines, stamps = machine.write_lines(tell), machine.store_stamps_ahead(live.endpoint)
     with lines as sink, machine.catch_interrupts() as stop, stamps:

@@ -26,7 +26,7 @@ from trimtab.core.errors import InputError, Spelling, spell_with
 from trimtab.core.suggestions import closest
 
 WORDS = "trimtab.words"
-"""Key of the context's entry for the words typed after `trimtab`."""
+"""Key of the click context's entry that stores the words typed after `trimtab`."""
 BEGIN = "new vehicle my_bike"
 SYNONYMS = {
     "bode": "linearise",
@@ -110,7 +110,7 @@ class Verbs(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the verb, after checking its name, the scenario, the settings and the platform of JAX.
 
-        Raises: InputError with the nearest names, or about the platform.
+        Raises: InputError with the nearest names, or for a platform that JAX cannot use.
         """
         if args[0] not in self.commands and not args[0].startswith("-"):
             raise _unknown_verb(args[0], tuple(self.commands))
@@ -126,7 +126,7 @@ class Verbs(click.Group):
         return parse_words(find_file(verb), verb, read_help(verb), words, ctx)
 
     def _find_context(self, ctx: click.Context) -> click.Context:
-        """Return the context of the verb that was typed, which click does not say where an option lacks its value."""
+        """Return the context of the typed verb, which a click error about an option without its value lacks."""
         name = ctx.invoked_subcommand or ""
         verb = self.get_command(ctx, name)
         return ctx if verb is None else click.Context(verb, parent=ctx, info_name=name)

@@ -21,7 +21,7 @@ FOLDER = "written"
 PICTURES = (".png", ".pdf", ".svg")
 """Formats of pictures."""
 OVERWRITE = "trimtab.overwrite"
-"""Key of the context's entry that is True after ``--overwrite``."""
+"""Key of the click context's entry that is True after ``--overwrite``."""
 LIMIT = 5000
 """Maximum number of recorded files; beyond it, the oldest are forgotten."""
 
@@ -44,7 +44,7 @@ def with_overwrite(function: Callable[..., Any]) -> Callable[..., Any]:
 def check_new(option: str, *files: Path | None) -> None:
     """Raise InputError if a file exists that trimtab did not write, or that was edited since.
 
-    option: that names the files, e.g. --out.
+    option: option that names the files, e.g. --out.
     """
     context = click.get_current_context(silent=True)
     if context is not None and context.meta.get(OVERWRITE):
@@ -90,7 +90,7 @@ def place_files(option: str, scratch: Path, files: Iterable[Path], folder: Path)
             shutil.move(file, place)
     except OSError as error:
         problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
-        raise InputError(option, problem, fix=f"{option} with a folder of yours") from None
+        raise InputError(option, problem, fix=f"{option} with a folder that you can write to") from None
     note_written(place for _, place in moves)
     return [folder / file.relative_to(scratch) for file in files]
 

@@ -43,8 +43,9 @@ from trimtab.run.simulate import simulate
 class CampaignResult(NamedTuple):
     """Result of a campaign. columns: name -> values (n,); the column `run` holds the number of each row's run.
 
-    success: share of successful runs, with its interval.  flown_runs, wall_s: runs flown in this session, and the time
-    that they took (s).  block: number of runs simulated together.  identity: what determines the rows, see `identity`.
+    success: share of successful runs, with its interval.  flown_runs, wall_s: number of runs flown in this session, and
+    duration of these flights (s).  block: number of runs simulated together.  identity: data that determine the rows,
+    see `identity`.
     """
 
     plan: CampaignPlan
@@ -177,15 +178,15 @@ class Campaign:
         progress: Callable[[int], None] | None = None,
         about: Mapping[str, Any] | None = None,
     ) -> CampaignResult:
-        """Fly the runs that are missing.
+        """Fly the runs that are not yet finished.
 
         Args:
             store: folder of a Zarr store. Finished rows are saved there, and reused.
             backend: "auto", "c" or "jax", as in `simulate`.
             threads: number of threads; None: one for each core.
             workers: function that flies the blocks; None: this process flies them.
-            stop: function called after each block with the columns of all rows from run 0 up to the first gap; the
-                campaign ends when it returns True.
+            stop: function called after each block with the columns of all runs before the first unfinished run; the
+                campaign ends when the function returns True.
             progress: function called with the number of finished rows.
             about: further attributes for the store.
 
@@ -194,7 +195,7 @@ class Campaign:
         began = time.perf_counter()
         if workers is not None and not self.by_name:
             problem = "an object or a function of this program can't be sent to other machines"
-            fix = "write it as file.py:function, and put the file where the workers were started"
+            fix = "write it as file.py:function, and put the file in the folder in which the workers were started"
             raise InputError("workers", problem, fix=fix)
         used = "c" if backend == "c" or uses_c(self.ready, backend) else "jax"
         count = RowCount(progress)
@@ -240,7 +241,7 @@ class Campaign:
         return flown
 
     def _example_row(self) -> dict[str, Any]:
-        """Return an empty array of each column's type."""
+        """Return one empty array for each column, with the column's type."""
         _, values = draw_runs(self.ready, 0, 1)
         metrics = {m.name: np.empty(1) for m in self.ready.metrics}
         return {**values, **metrics, "success": np.empty(1, bool), "lost": np.empty(1, bool)}
@@ -262,7 +263,10 @@ class Campaign:
         return scenario_of(self.ready, run)
 
     def rerun(self, run: int, *, log_period: int | None = None, signals: tuple[str, ...] = ()) -> Log:
-        """Repeat one run and return its whole log; its metrics equal those of the stored row."""
+        """Repeat one run and return its whole log.
+
+        The metrics of the repetition equal the stored metrics of the run.
+        """
         drawn, _ = draw_runs(self.ready, run, run + 1)
         period = self.plan.log_period if log_period is None else log_period
         word = int(drawn.words[0])
@@ -276,7 +280,7 @@ class Campaign:
 
 
 def _gapless_rows(rows: "MemoryStore | CampaignStore", done: Any) -> dict[str, Any]:
-    """Return the columns of the runs from 0 up to the first gap."""
+    """Return the columns of all runs before the first unfinished run."""
     n = len(done) if done.all() else int(np.argmin(done))
     return {name: column[:n] for name, column in rows.read().items()}
 

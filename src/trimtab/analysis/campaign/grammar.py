@@ -30,7 +30,7 @@ from trimtab.core.units import NUMBER, find_sizes
 ROBUSTNESS = "robustness"
 """Kind of the metric that measures how far a run is from violating a formula."""
 LEVEL = 0.95
-"""Default confidence."""
+"""Confidence of a requirement or a stopping rule whose text gives none, as a probability."""
 EXTREMES = ("max", "min")
 COMPARE: Mapping[str, Callable[[Any, Any], Any]] = {
     "<=": operator.le,
@@ -50,7 +50,10 @@ _INSIDE = re.compile(r"\(.*\)")
 
 
 class MetricName(NamedTuple):
-    """Name of a metric. kind: text before the colon, a kind or file.  subject: text after it, a signal or function."""
+    """Name of a metric, KIND:SUBJECT.
+
+    kind: a kind of metric, or a file.  subject: a signal, a formula or a function.
+    """
 
     kind: str
     subject: str
@@ -77,9 +80,9 @@ class Condition(NamedTuple):
 class Requirement(NamedTuple):
     """Requirement that a campaign must meet.
 
-    text: as written.  statistic: success, quantile, mean, max or min.  metric: its metric; "success" for a success.  p:
-    level of the quantile; NaN for other statistics.  relation: "<=" or ">=".  bound: in SI units.  level: confidence;
-    NaN for max and min.
+    text: as written.  statistic: success, quantile, mean, max or min. metric: metric of the statistic, or "success".
+    p: level of the quantile; NaN for other statistics.  relation: "<=" or ">=".  bound: number that the statistic is
+    compared with, in SI units. level: confidence; NaN for max and min.
     """
 
     text: str
@@ -95,17 +98,17 @@ class Requirement(NamedTuple):
 
         Args:
             metrics: names of the campaign's metrics.
-            anytime: True if the campaign stops early, depending on this result.
+            anytime: True if the campaign may stop early because of its results.
         """
         part = f"requirement '{self.text}'"
         _check_metric(part, self.metric, metrics, "ask for")
         if anytime and self.statistic == "mean":
-            problem = "the bound of a mean does not hold if the campaign stops early, depending on it"
-            raise InputError(part, problem, fix="fly a fixed number of runs, or require p50")
+            problem = "the bound of a mean is not valid in a campaign that stops early because of its results"
+            raise InputError(part, problem, fix="leave the stopping rule out, or require p50 in place of the mean")
 
 
 class StoppingRule(NamedTuple):
-    """Rule for stopping. text: as written.  statistic: success or quantile.  metric, p: its metric and level.
+    """Rule for stopping a campaign. text: as typed. statistic: success or quantile. metric, p: of the quantile.
 
     width: width of the whole interval, upper minus lower bound, in the metric's unit.  level: two-sided confidence.
     """
@@ -130,13 +133,13 @@ class CostTerm(NamedTuple):
 
 
 def parse_metric(text: str) -> MetricName:
-    """Split a metric at its colon; `statistics.metrics.find_metric` checks it against a scenario."""
+    """Split a metric's text at the colon, without a check. `statistics.metrics.find_metric` checks the metric."""
     kind, _, subject = text.partition(":")
     return MetricName(kind, subject)
 
 
 def parse_condition(text: str) -> Condition:
-    """Read `METRIC <= NUMBER`, or a formula; `statistics.metrics.find_metric` checks it against the signals."""
+    """Read a condition, `METRIC <= NUMBER` or a formula. `statistics.metrics.find_metric` checks its signals."""
     if is_temporal(text) and not text.lstrip().startswith(f"{ROBUSTNESS}:"):
         return Condition(f"{ROBUSTNESS}:{text.strip()}", ">", 0.0)
     match = _COMPARISON.fullmatch(text)
@@ -155,7 +158,7 @@ def parse_condition(text: str) -> Condition:
 
 
 def parse_requirement(text: str) -> Requirement:
-    """Read `STATISTIC <= NUMBER @ CONFIDENCE%`."""
+    """Read a requirement, `STATISTIC <= NUMBER @ CONFIDENCE%`."""
     part, match = f"requirement '{text}'", _COMPARISON.fullmatch(text.strip())
     if match is None or re.search("[<>=]", _INSIDE.sub("", match["subject"])):
         _refuse_requirement(part, "must compare a statistic with a number")
@@ -184,15 +187,15 @@ def parse_requirement(text: str) -> Requirement:
 
 
 def parse_stopping(text: str) -> StoppingRule:
-    """Read `width(STATISTIC) <= NUMBER @ CONFIDENCE%`, of the success or of a quantile."""
+    """Read a stopping rule, `width(STATISTIC) <= NUMBER @ CONFIDENCE%`, for the success or a quantile."""
     part, match = f"stopping '{text}'", _COMPARISON.fullmatch(text.strip())
     inside = _WIDTH.fullmatch(match["subject"]) if match and match["relation"] == "<=" else None
     if match is None or inside is None:
         raise InputError(part, "must limit the width of an interval", choices=STOPS, fix=f"write e.g. `{STOPS[0]}`")
     kind, metric, p = _parse_statistic(inside["statistic"].strip(), part, STOPS)
     if kind not in ("success", "quantile"):
-        problem = f"the interval of the {kind} does not hold if the campaign stops early, depending on it"
-        raise InputError(part, problem, choices=STOPS, fix="stop on the success or on a quantile, e.g. p50")
+        problem = f"the interval of the {kind} is not valid in a campaign that stops because of this interval"
+        raise InputError(part, problem, choices=STOPS, fix="limit the width of the success or of a quantile, e.g. p50")
     width = _parse_number(match["bound"])
     if width is None or not 0 < width < (1 if kind == "success" else math.inf):
         fix = "write a number above 0, in the metric's unit; for the success also below 1"
@@ -201,7 +204,7 @@ def parse_stopping(text: str) -> StoppingRule:
 
 
 def parse_cost(text: str) -> tuple[CostTerm, ...]:
-    """Read `WEIGHT*METRIC + METRIC + …`."""
+    """Read the terms of a cost, `WEIGHT*METRIC + METRIC + …`."""
     terms = []
     for piece in (piece.strip() for piece in _split_outside(text, " + ")):
         match = _TERM.fullmatch(piece)
@@ -233,7 +236,7 @@ def _split_outside(text: str, separator: str) -> list[str]:
 
 
 def _parse_statistic(text: str, part: str, forms: Iterable[str]) -> tuple[str, str, float]:
-    """Read statistic, metric and p, as a `Requirement` holds them."""
+    """Read the text of a statistic; return the statistic, its metric and its p, as in `Requirement`."""
     if text == "success":
         return "success", "success", math.nan
     call = _CALL.fullmatch(text)
@@ -274,7 +277,7 @@ def _check_metric(part: str, metric: str, metrics: Iterable[str], verb: str) -> 
     names = list(metrics)
     if metric not in names:
         near = closest(metric, names) or names
-        fix = f"add the metric {metric!r} to the campaign, or {verb} one that it has"
+        fix = f"add the metric {metric!r} to the campaign, or {verb} a metric of the campaign"
         raise InputError(part, f"unknown metric {metric!r}", choices=near, fix=fix)
 
 

@@ -27,23 +27,23 @@ FLICKER = 2 * math.log(2) / math.pi
 NORMAL95 = 1.959963984540054
 ROUNDS = 8
 FINEST = 32
-"""Minimum number of lags of a covariance in the shorter averaging time."""
+"""Minimum number of lags, within the shorter averaging time, at which a covariance is computed."""
 KNOCK = 10.0
-"""Largest plausible change between two samples, in usual sigmas: probability 1e-23 for a Gaussian."""
+"""Largest accepted change between two samples, in standard deviations; Gaussian noise exceeds it with 1e-23."""
 MISFIT = 10.0
 """Largest accepted misfit: weighted squares over the degrees of freedom; 1 for a good log."""
 MEDIAN = 0.6744897501960817
-"""Median size of a standard normal number."""
+"""Median of the absolute value of a standard normal number."""
 
 
 @record
 class Coefficient:
     """Noise coefficient with its uncertainty. Source: this module."""
 
-    value: Scalar = quantity("1", "Estimate; 0 if the log shows none.")
-    standard_error: Scalar = quantity("1", "Standard error; for an estimate near 0, that of its upper limit.")
-    low: Scalar = quantity("1", "Lower end of the 95 % interval.")
-    high: Scalar = quantity("1", "Upper end of the 95 % interval.")
+    value: Scalar = quantity("1", "Estimated coefficient; 0 if the log shows no such noise.")
+    standard_error: Scalar = quantity("1", "Standard error of the estimate; near 0, standard error of the upper limit.")
+    low: Scalar = quantity("1", "Lower end of the 95 % interval of the coefficient.")
+    high: Scalar = quantity("1", "Upper end of the 95 % interval of the coefficient.")
 
 
 @record
@@ -57,20 +57,22 @@ class AllanFit:
     flicker: Coefficient = part("B (U): bias instability.")
     walk: Coefficient = part("K (U/s^0.5): random walk of rate or acceleration.")
     tau: Any = quantity("s", "Averaging times (n,).")
-    deviation: Any = quantity("U", "Overlapping Allan deviation at each (n,).")
-    model: Any = quantity("U", "Deviation of the fitted model (n,).")
-    freedom: Any = quantity("1", "Equivalent degrees of freedom of each, under the model (n,).")
-    misfit: Scalar = quantity("1", "Weighted squares of the misfit over the degrees of freedom: 1 for a good model.")
-    sampling_period: Scalar = quantity("s", "Time between samples.")
+    deviation: Any = quantity("U", "Overlapping Allan deviation at each averaging time (n,).")
+    model: Any = quantity("U", "Allan deviation of the fitted model at each averaging time (n,).")
+    freedom: Any = quantity("1", "Equivalent degrees of freedom of each Allan deviation (n,), from the fitted model.")
+    misfit: Scalar = quantity(
+        "1", "Weighted squared misfit of the model, divided by the degrees of freedom: 1 for a good model."
+    )
+    sampling_period: Scalar = quantity("s", "Time between two samples of the log.")
 
 
 @record
 class FilterNoise:
     """Noise of one axis for a filter that steps with the sensor; U is the sensor's unit. Source: this module."""
 
-    sample_variance: Scalar = quantity("U^2", "R, if the sample is a measurement: N²/dt.")
-    integral_variance: Scalar = quantity("(U s)^2", "Q of the integrated state in one step: N² dt.")
-    bias_variance: Scalar = quantity("U^2", "Q of the bias in one step: K² dt, plus the flicker's share.")
+    sample_variance: Scalar = quantity("U^2", "Measurement noise R, for a sample used as a measurement: N²/dt.")
+    integral_variance: Scalar = quantity("(U s)^2", "Process noise Q of the integrated state in one step: N² dt.")
+    bias_variance: Scalar = quantity("U^2", "Process noise Q of the bias in one step: K² dt, plus the flicker's share.")
 
 
 def overlapping_variance(y: Any, averages: Any) -> Any:
@@ -179,7 +181,7 @@ def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
             f" {fit.deviation[np.argmax(off)]:.3g}, but that of the fitted noise is {fit.model[np.argmax(off)]:.3g}"
         )
         problem += f" (misfit {fit.misfit:.0f}, 1 is good)"
-        fix = "keep the sensor still and its temperature steady; if it only filters its output, say "
+        fix = "keep the sensor still and its temperature steady; for a sensor that filters its output, add "
         fix += argument("shortest", "TIME")
         raise InputError(f"signal {name!r}", problem, fix=fix)
 
@@ -211,7 +213,7 @@ def _variance_basis(m: Any) -> Any:
 
 @functools.lru_cache(maxsize=8)
 def _moments(samples: int, averages: tuple[int, ...]) -> Any:
-    """Return T (n, n, 3, 3): the covariance of the variances at two averages is theta' T theta."""
+    """Return T (n, n, 3, 3): the covariance of the Allan variances at two averages is theta' T theta."""
     n = len(averages)
     T = np.zeros((n, n, 3, 3))
     for i in range(n):

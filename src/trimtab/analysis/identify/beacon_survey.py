@@ -12,17 +12,17 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, quantity, record
 
 ANGLES = np.radians([15.0, 60.0, 90.0, 120.0, 165.0])
-"""Angles of the starts about the path's main line (rad), at which a beacon has the same distance from the line."""
+"""Angles of a beacon about the path's main line (rad) at which searches start. All fit its distance from the line."""
 DAMPING, DAMPING_MAX = 1e-3, 1e12
-"""First and largest damping of a step, relative to the diagonal of J'J."""
+"""First and largest damping of a search step, relative to the diagonal of J'J."""
 CONVERGED = 1e-8
-"""Largest step, in standard errors of its unknowns, at which the search ends."""
+"""Size of a search step, in standard errors of the unknowns, below which the search ends."""
 EQUAL = 12.0
-"""Difference of two sums of squares, in units of their mean residual, below which both solutions are possible."""
+"""Difference of two sums of squares, relative to the mean squared residual, below which both solutions are possible."""
 APART = 5.0
-"""Distance of two solutions, in standard errors, above which they differ."""
+"""Distance between two solutions for a beacon, in standard errors, above which the solutions count as different."""
 DETERMINED = 0.1
-"""Largest standard error of a coordinate, relative to the beacon's distance, of an accepted survey."""
+"""Largest accepted standard error of a beacon's coordinate, as a fraction of the beacon's distance."""
 
 
 @record
@@ -37,7 +37,7 @@ class BeaconSurvey:
     covariance: Any = quantity("m^2", "Covariance of each beacon's position (n, 3, 3).")
     path: Any = quantity("m", "North, east of the unit at each ping (k, 2).", frame="W")
     residual: Scalar = quantity("1", "Root of the sum of squared weighted residuals over their degrees of freedom.")
-    iterations: Scalar = quantity("1", "Steps of Levenberg and Marquardt.", kind="count")
+    iterations: Scalar = quantity("1", "Number of steps of the Levenberg-Marquardt search.", kind="count")
 
     def standard_errors(self) -> Any:
         """Return standard errors of the beacons' coordinates (m), (n, 3), from the given noise of ranges, odometry."""
@@ -88,7 +88,7 @@ def survey_beacons(
 
 
 class _SearchEnd(NamedTuple):
-    """End of a search. x: unknowns.  cost: sum of squares.  covariance: of x.  steps: number of steps."""
+    """Result of a search. x: unknowns.  cost: sum of squared residuals.  covariance: of x.  steps: number of steps."""
 
     x: Any
     cost: float
@@ -97,14 +97,14 @@ class _SearchEnd(NamedTuple):
 
 
 def _put_above(end: _SearchEnd, n: int) -> _SearchEnd:
-    """Return the end with all beacons above the unit; a beacon below it has the same ranges."""
+    """Return the result with all beacons above the ranging unit; mirrored below it, a beacon has the same ranges."""
     sign = np.ones(len(end.x))
     sign[2 : 3 * n : 3] = np.where(end.x[2 : 3 * n : 3] > 0, -1.0, 1.0)
     return end._replace(x=end.x * sign, covariance=end.covariance * np.outer(sign, sign))
 
 
 def _search(residuals: Callable[[Any], tuple[Any, Any]], x: Any, iterations: int) -> _SearchEnd | None:
-    """Return the end of a damped search, or None if it does not converge or its unknowns are not determined.
+    """Return the result of a damped search; None if the search does not converge or its unknowns are not determined.
 
     Source: D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", SIAM J. 11 (1963).
     """
@@ -139,11 +139,11 @@ def _search(residuals: Callable[[Any], tuple[Any, Any]], x: Any, iterations: int
 
 
 def _refuse_doubt(best: _SearchEnd, found: list[_SearchEnd], n: int, path: Any, near: float) -> None:
-    """Raise InputError if other places fit as well, or if the best one is not determined.
+    """Raise InputError if another place of a beacon fits as well, or if the ranges do not determine its place.
 
-    near: difference of the sums of squares below which both fit equally well.
+    near: difference of the sums of squares below which two places fit equally well.
     """
-    fix = "drive a loop under it, as wide as the beacon is high, and measure more ranges"
+    fix = "drive a loop under the beacon, as wide as the beacon is high, and measure more ranges"
     errors = np.sqrt(np.diag(best.covariance)[: 3 * n]).reshape(n, 3)
     places = best.x[: 3 * n].reshape(n, 3)
     middle = np.append(path.mean(axis=0), 0.0)
@@ -168,7 +168,7 @@ def _check_ranges(ranges: Any, odometry: Any, range_noise: float, odometry_noise
         problem = f"got ranges of shape {ranges.shape}, odometry of shape {odometry.shape}"
         raise InputError("survey", problem, fix="give (k, n) ranges and (k - 1, 2) steps between them")
     if not (range_noise > 0 and odometry_noise > 0):
-        problem = f"noise of {range_noise} m and {odometry_noise} m does not give weights"
+        problem = f"the noise must be above 0 m, got {range_noise} m for ranges and {odometry_noise} m for odometry"
         raise InputError("survey", problem, fix="give standard deviations above 0")
     return ranges, odometry
 
@@ -182,13 +182,15 @@ def _guess_beacon(path: Any, ranges: Any, number: int, angle: float) -> Any:
     there = np.isfinite(ranges)
     if there.sum() < 4:
         problem = f"beacon {number} answered {there.sum()} pings; at least 4 are needed"
-        raise InputError("survey", problem, fix="drive a loop under it")
+        raise InputError("survey", problem, fix="drive a loop under the beacon")
     points, rho = path[there], ranges[there]
     centre = points.mean(axis=0)
     _, extent, axes = np.linalg.svd(points - centre)
     s = (points - centre) @ axes[0]
     if extent[0] == 0:
-        raise InputError("survey", f"the pings that beacon {number} answered are at one place", fix="drive a loop")
+        raise InputError(
+            "survey", f"the pings that beacon {number} answered are at one place", fix="drive a loop under the beacon"
+        )
     a, c = np.linalg.lstsq(np.stack([-2 * s, np.ones(len(s))], axis=1), rho**2 - s**2, rcond=None)[0]
     away = np.sqrt(max(c - a * a, 0.01))
     place = centre + a * axes[0] + away * np.cos(angle) * axes[1]

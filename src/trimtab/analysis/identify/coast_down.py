@@ -31,11 +31,10 @@ UNITS = {"torque": ("N m", "N m s", "N m s^2"), "force": ("N", "N s/m", "N s^2/m
 
 
 class FrictionFit(NamedTuple):
-    """Fitted friction. coefficients: Coulomb, viscous, quadratic (3,), in `UNITS`.  covariance: (3, 3), if above 0.
+    """Fitted friction. coefficients: Coulomb, viscous, quadratic (3,), in `UNITS`.  covariance: of these (3, 3).
 
-    trials: time, speed, fitted speed of each.  deviation: standard deviation of a reading.  freedom: its degrees of
-    freedom.
-    kind: "torque" or "force".  inertia: factor of the speeds' changes.
+    trials: time, speed, fitted speed of each.  deviation: standard deviation of a reading. freedom: degrees of freedom
+    of the fit. kind: "torque" or "force".  inertia: J (kg m²) or m (kg).
     """
 
     coefficients: Any
@@ -47,7 +46,7 @@ class FrictionFit(NamedTuple):
     inertia: float
 
     def standard_errors(self) -> Any:
-        """Return the standard errors of the coefficients (3,)."""
+        """Return the standard errors of the friction coefficients (3,)."""
         return np.sqrt(np.diagonal(self.covariance))
 
 
@@ -78,7 +77,7 @@ def split_trials(data: Measurements, speed: str) -> list[tuple[Any, Any]]:
 def fit_coast_down(
     trials: Sequence[tuple[Any, Any]], inertia: float, kind: str, slip: float, inertia_error: float = 0.0
 ) -> FrictionFit:
-    """Fit Coulomb, viscous and quadratic friction to trials of times (s) and speeds.
+    """Fit Coulomb, viscous and quadratic friction to trials of a coast-down.
 
     Args:
         trials: times (n,) from 0 and speeds (n,) of each, in rad/s or m/s.
@@ -118,7 +117,7 @@ def fit_coast_down(
 
 
 def friction_calibration(file: str, fit: FrictionFit) -> Calibration:
-    """Return the entries of `Friction`, and their covariance."""
+    """Return the calibration's entries for `Friction`, and their covariance."""
     names = tuple(f"Friction.{fit.kind}_{name}" for name in NAMES)
     source = f"{file}: {len(fit.trials)} coast-down{'s' if len(fit.trials) > 1 else ''}, inertia {fit.inertia:.5g}"
     about: dict[str, Any] = {"freedom": fit.freedom, "source": source, "procedure": f"{fit.kind} friction"}
@@ -131,7 +130,7 @@ def friction_calibration(file: str, fit: FrictionFit) -> Calibration:
 
 
 def _scales(trials: Sequence[tuple[Any, Any]], size: float) -> Any:
-    """Return, for each coefficient over the inertia, its size if it alone slowed the craft, as scale of the search."""
+    """Return a scale for each coefficient: its size, over the inertia, if only this friction slowed the craft."""
     times = [max(float(t[-1]), 1e-3) for t, _ in trials]
     rate = 1.0 / min(times)
     return np.array([rate * size, rate, rate / size])

@@ -23,9 +23,9 @@ from trimtab.loop.scenario import Scenario
 LONGEST_STEP = 0.02
 """Longest integration step of the vehicle between two measurements, s."""
 FASTEST_TURN, MOST_TURNS = 1.0, 1000
-"""Limits for a heading in radians: rad from one measurement to the next, and turns in all."""
+"""Limits of a plausible heading: median change between two measurements (rad), and number of turns in total."""
 GAP = 2.0
-"""Time without a measurement (s) after which the state counts as unknown again."""
+"""Time without a measurement (s) after which the vehicle's state counts as unknown."""
 
 
 class FlightData(NamedTuple):
@@ -49,7 +49,7 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
     Args:
         log: log of a run, a flight, or of another system by a mapping.
         scenario: scenario with the same vehicle and actuators.
-        sensor: block of the measurements, e.g. "sensors.mocap"; the only one that fits when None.
+        sensor: block of the measurements, e.g. "sensors.mocap"; None: the only block that measures the vehicle's state.
         name: name of the log, for errors.
 
     Raises: InputError if the log has no commands of these actuators, or no field of the vehicle's state.
@@ -62,7 +62,7 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
     if base is None or any(f"{base}.{f}" not in log for f in fields):
         has = sorted({p.rpartition(".")[2] for p in log.paths if ".value." in p})
         problem = f"has no commands {', '.join(fields)} of {type(scenario.world.actuators).__name__}"
-        fix = "is it a log of another vehicle? A log of another system needs them in its mapping, as [sensor.command]"
+        fix = "check that the log is of this vehicle; for a log of another system, map the commands as [sensor.command]"
         raise InputError(where, problem, choices=has[:12], fix=fix)
     flag = f"{base.removesuffix('.value')}.valid"
     valid = log[flag].astype(bool) if flag in log else np.ones(len(log.ticks), bool)
@@ -90,7 +90,7 @@ def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: 
             if np.median(change) > FASTEST_TURN or np.max(np.abs(values)) > MOST_TURNS * 2 * np.pi:
                 problem = f"{state!r} reaches {np.max(np.abs(values)):.3g} rad and changes by {np.median(change):.2g}"
                 problem += " rad from one measurement to the next"
-                fix = f'is it in degrees? In the mapping: {state} = {{ from = …, unit = "deg" }}'
+                fix = f'if the log is in degrees, write in its mapping: {state} = {{ from = …, unit = "deg" }}'
                 raise InputError(where, problem, fix=fix)
             values = np.unwrap(values)
         around = np.lib.stride_tricks.sliding_window_view(np.pad(values, NEIGHBOURS, mode="edge"), 2 * NEIGHBOURS + 1)
@@ -127,7 +127,9 @@ def _measuring_block(log: Log, states: Sequence[str], sensor: str | None, where:
                 argument_name("sensor", sensor),
                 f"{where} has no such measurements",
                 choices=unique,
-                fix="name one of these",
+                fix=argument("sensor", next(iter(unique)))
+                if unique
+                else "map a sensor to fields of the vehicle's state",
             )
         return unique[short]
     if len(unique) != 1:
@@ -153,7 +155,7 @@ def _read_measured(log: Log, block: str, states: Sequence[str]) -> tuple[Any, An
 
 
 def find_grid(actuators: Any) -> int:
-    """Return the ticks between changes of these actuators: the common divisor of all periods but their own."""
+    """Return the time step of the actuators' output (ticks): the common divisor of the periods of their parts."""
     own = actuators.period
     periods = [
         getattr(r, name)
@@ -165,7 +167,7 @@ def find_grid(actuators: Any) -> int:
 
 
 class GridCommands(NamedTuple):
-    """Commands at multiples of a grid. t: ticks (n,).  value: record of arrays (n, …).  valid: (n,) bool."""
+    """Commands at multiples of a time step. t: ticks (n,).  value: record of arrays (n, …).  valid: (n,) bool."""
 
     t: Any
     value: Any
@@ -173,7 +175,7 @@ class GridCommands(NamedTuple):
 
 
 def lay_on_grid(grid: int, flight: FlightData) -> GridCommands:
-    """Return the command in force at each multiple of a grid (ticks), from a flight's first row to its last."""
+    """Return the command that acts at each multiple of a time step (ticks), from a flight's first row to its last."""
     first = int(flight.command_ticks[0] // grid * grid)
     n = int((flight.command_ticks[-1] - first) // grid) + 1
     t = first + grid * np.arange(n, dtype=np.int64)
@@ -222,7 +224,7 @@ def mean_input(integral: Any, grid: int, edges: Any, delay: Any) -> Any:
 
 
 def fill_gaps(ticks: Any) -> tuple[Any, Any]:
-    """Return ticks, with more in between where they are far apart, and the indices of the original ones."""
+    """Return ticks with additional ticks in large gaps, and the indices of the original ticks."""
     longest = LONGEST_STEP * UNITS_PER_SECOND
     parts = np.maximum(np.ceil(np.diff(ticks) / longest).astype(int), 1)
     parts = np.where(np.diff(ticks) > GAP * UNITS_PER_SECOND, 1, parts)

@@ -33,15 +33,15 @@ SETTLE = 4
 INSIDE = 0.999
 """Largest reflection coefficient; keeps the poles inside the unit circle."""
 WILD = 12.0
-"""Deviation from the model, in usual deviations, beyond which a sample is an error."""
+"""Deviation of a sample from the model, in standard deviations, beyond which the sample is an error."""
 NAMES = ("IdentifiedGyro.b0", "IdentifiedGyro.a1", "IdentifiedGyro.a2")
 
 
 class GyroFit(NamedTuple):
     """Fitted gyro. b0, a1, a2: coefficients.  covariance: of these (3, 3).  delay: samples.  offset: rad/s.  period: s.
 
-    deviation: of the output error (rad/s).  fitted: the model's output (n,).  highest: largest frequency in the
-    reference (Hz).
+    deviation: standard deviation of the output error (rad/s).  fitted: the model's output (n,).  highest: largest
+    frequency in the reference (Hz).
     """
 
     b0: float
@@ -57,7 +57,7 @@ class GyroFit(NamedTuple):
     highest: float
 
     def gain(self) -> float:
-        """Gain at a constant rate."""
+        """Gain of the gyro at a constant rate."""
         return self.b0 / (1 + self.a1 + self.a2)
 
     def response(self, frequency: Any) -> Any:

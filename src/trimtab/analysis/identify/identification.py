@@ -46,11 +46,11 @@ UNMEASURED = 2.0
 value, and increased by the size of that value."""
 NOISE_START = {"m": 5e-3, "rad": 5e-3, "m/s": 2e-2, "rad/s": 2e-2}
 PROCESS_START = {"m/s": 1e-3, "rad/s": 1e-2}
-"""Start value of the process noise, (unit)² per second."""
+"""Start value of the process noise intensity, by unit of the state: (unit)² per second."""
 LEAST_PROCESS = math.log(1e-8)
 """Logarithm of the least process noise intensity: no model is better than 0.1 mm/s or mrad/s in a second."""
 HORIZON = 1.0
-"""Prediction time of a held-out flight, s."""
+"""Time that a prediction looks ahead, s."""
 
 
 EXPLAINED = 0.5
@@ -62,7 +62,7 @@ CORRELATED = 0.5
 
 
 class Identified(NamedTuple):
-    """Result. values, intervals: of each parameter (m,), (m, 2).  groups: parameters that can't be distinguished.
+    """Identified parameters. values, intervals: (m,), (m, 2).  groups: parameters that can't be distinguished.
 
     noise: standard deviation of each measured field.  process: intensity of each field of the state (unit²/s).
     unexplained: field -> rms of predictions `HORIZON` ahead of the fitted flights, and of its change in that time, if
@@ -208,13 +208,13 @@ class _IdentifiedWorld:
         self.likelihood = compile_likelihood(self._model())
 
     def start(self) -> Any:
-        """Return the start of the search."""
+        """Return the unknowns at which the search starts."""
         r = [math.log(NOISE_START.get(self.units[i], 1e-2) ** 2) for i in self.measured]
         q = [math.log(PROCESS_START.get(self.units[i], 1e-3)) for i in self.driven]
         return np.array([*(0.0 for _ in self.parameters), *r, *q])
 
     def bounds(self) -> tuple[Any, Any]:
-        """Return the bounds of the unknowns."""
+        """Return lower and upper bounds of the unknowns."""
         ends = [
             ((p.low - p.start) / s, (p.high - p.start) / s) for p, s in zip(self.parameters, self.scale, strict=True)
         ]
@@ -251,7 +251,7 @@ class _IdentifiedWorld:
     def predict_held_out(
         self, flights: Sequence[FlightData], nominal: Any, fitted: Any
     ) -> dict[str, tuple[float, float]]:
-        """Return field -> rms of predictions `HORIZON` ahead with nominal and fitted numbers."""
+        """Return field -> rms errors of predictions `HORIZON` ahead, with nominal and with fitted parameters."""
         timeline = self.timeline(flights)
         when = np.concatenate([np.cumsum(np.where(b, 0.0, h)) for h, b in _stretches(timeline)])
         rows: dict[str, list[float]] = {self.fields[i]: [] for i in self.measured}

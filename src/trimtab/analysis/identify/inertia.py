@@ -30,7 +30,7 @@ class SlopeFit:
 
     slope: Scalar = quantity("rad/s^2", "Slope of the yaw rate.")
     standard_error: Scalar = quantity("rad/s^2", "Standard error of the slope, from the residuals.")
-    offset: Scalar = quantity("rad/s", "Yaw rate of the line at the start of the window.")
+    offset: Scalar = quantity("rad/s", "Yaw rate of the fitted line at the start of the window.")
     residual: Scalar = quantity("rad/s", "Standard deviation of the residuals.")
     samples: Scalar = quantity("1", "Samples used.", kind="count")
 
@@ -78,7 +78,11 @@ def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
             "fit_slope", f"t has shape {t.shape}, yaw_rate has shape {r.shape}", fix="give two lists of one length"
         )
     if not (np.isfinite(t).all() and np.isfinite(r).all()):
-        raise InputError("fit_slope", "t or yaw_rate holds values that are not finite", fix="leave those samples out")
+        raise InputError(
+            "fit_slope",
+            "t or yaw_rate holds values that are not finite",
+            fix="leave out the samples that are not finite",
+        )
     inside = t - t[:1] <= window
     t, r = t[inside], r[inside]
     if len(t) < 3 or np.ptp(t) == 0:
@@ -125,7 +129,7 @@ def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
     n = len(low)
 
     def fit_rise(k: int) -> tuple[float, float]:
-        """Return the squared misfit and the bend of r = s t + q t² from sample k on, level before it."""
+        """Return squared misfit and bend q of a yaw rate that is 0 until sample k and s t + q t² from there on."""
         since = np.maximum(t[:n] - t[k], 0)
         A = np.stack([since, since**2], 1)
         b = np.linalg.lstsq(A, low, None)[0]

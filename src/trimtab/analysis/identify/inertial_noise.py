@@ -20,9 +20,9 @@ AXES = "xyz"
 
 
 class Triad(NamedTuple):
-    """Destination of the numbers of three axes. unit: of a sample.  record: of the sensor.
+    """Entries of a calibration for a sensor with three axes. unit: of a sample. record: sensor model.
 
-    white: axis -> the filter's variance of a sample.  walk: axes, and the filter's walk of their biases.
+    white: axis -> filter's entry for the variance of a sample. walk: axes, and filter's entry for their bias walk.
     """
 
     unit: str
@@ -45,7 +45,7 @@ SQUARES = {"rad/s": ("rad^2/s^2", "rad^2/s^3"), "m/s^2": ("m^2/s^4", "m^2/s^5")}
 
 
 Number = tuple[float, str, float]
-"""Value, unit, standard error."""
+"""Number of a calibration: value, unit, standard error."""
 
 
 class NoiseCalibration(NamedTuple):
@@ -58,7 +58,7 @@ class NoiseCalibration(NamedTuple):
 def noise_calibration(
     triad: str, axes: Mapping[int, AllanFit], source: str, step: float | None = None
 ) -> NoiseCalibration:
-    """Return the entries of one triad, from the fits of its still axes.
+    """Return a calibration's entries for one triad, from the fits of its axes at rest.
 
     Args:
         triad: "gyro" or "accelerometer".
@@ -78,7 +78,7 @@ def noise_calibration(
 
 
 def _sensor_numbers(to: Triad, axes: Mapping[int, AllanFit]) -> tuple[dict[str, Number], list[str]]:
-    """Return the numbers of the sensor's model, and notes."""
+    """Return the noise parameters of the sensor model, and notes."""
     name, notes = f"{to.record}.bias_walk", list[str]()
     N2, of_N2 = _mean([_square(fit.white) for fit in axes.values()])
     K2, of_K2 = _mean([_square(fit.walk) for fit in axes.values()])
@@ -87,7 +87,9 @@ def _sensor_numbers(to: Triad, axes: Mapping[int, AllanFit]) -> tuple[dict[str, 
         found[name] = math.sqrt(K2), f"{to.unit}/s^0.5", of_K2 / (2 * math.sqrt(K2))
     else:
         most = math.sqrt(K2 + NORMAL95 * of_K2)
-        notes.append(f"{name} is not written: this log shows no walk, at most {most:.3g} {to.unit}/s^0.5; log longer")
+        notes.append(
+            f"{name} is not written: this log shows no random walk, at most {most:.3g} {to.unit}/s^0.5; log for longer"
+        )
     flickers = [AXES[i] for i, fit in axes.items() if fit.flicker.low > 0]
     if flickers:
         most = max(float(fit.flicker.value) for fit in axes.values())
@@ -99,7 +101,7 @@ def _sensor_numbers(to: Triad, axes: Mapping[int, AllanFit]) -> tuple[dict[str, 
 
 
 def _filter_numbers(triad: str, axes: Mapping[int, AllanFit], dt: float) -> tuple[dict[str, Number], list[str]]:
-    """Return the numbers of a filter that steps every dt (s), and notes."""
+    """Return the noise parameters of a filter that steps every dt (s), and notes."""
     to, found, notes = TRIADS[triad], dict[str, Number](), list[str]()
     variance, rate = SQUARES[to.unit]
     for axis, name in to.white.items():
@@ -115,12 +117,14 @@ def _filter_numbers(triad: str, axes: Mapping[int, AllanFit], dt: float) -> tupl
             found[to.walk[1]] = value, rate, error
         else:
             most = value + NORMAL95 * error
-            notes.append(f"{to.walk[1]} is not written: this log shows no walk, at most {most:.3g} {rate}; log longer")
+            notes.append(
+                f"{to.walk[1]} is not written: this log shows no random walk, at most {most:.3g} {rate}; log for longer"
+            )
     return found, notes
 
 
 def _is_shown(value: float, error: float) -> bool:
-    """Return True if 0 is outside the 95 % interval."""
+    """Return True if 0 is outside the 95 % interval of a squared coefficient."""
     return value > NORMAL95 * error
 
 

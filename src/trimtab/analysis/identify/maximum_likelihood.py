@@ -33,13 +33,13 @@ TOLERANCE = 0.02
 HALF_CHI = 1.9207294103470585
 """Half of chi² of 1 degree of freedom at 95 %: the fall of the log likelihood at the ends of an interval."""
 COLLINEAR = 1e-4
-"""Eigenvalue of the information's correlations below which the parameters in its vector are not identifiable."""
+"""Eigenvalue of the normalised information matrix below which its eigenvector is not identifiable."""
 SHARE = 0.3
-"""Share in such a vector from which a parameter is named."""
+"""Smallest component of a parameter in an eigenvector that is not identifiable, for which the parameter is reported."""
 REACHES = np.array([-1.4, -0.8, 0.8, 1.4])
-"""Places of the profile, in half 95 % intervals from the information."""
+"""Points of the profile likelihood, in units of half the 95 % interval that the information matrix gives."""
 CORRECTIONS = 1
-"""Number of scoring steps of the other parameters at each such place."""
+"""Number of scoring steps of the remaining parameters at each point of the profile likelihood."""
 
 
 class Timeline(NamedTuple):
@@ -76,7 +76,7 @@ class Model(NamedTuple):
 
 
 class Innovations(NamedTuple):
-    """Innovations. e, s: of each measured number (n, k); e = 0, s = 1 if missing.  x: states after updates (n, d)."""
+    """Innovations. e, s: innovation, its variance (n, k); 0, 1 without measurement.  x: states after updates (n, d)."""
 
     e: Any
     s: Any
@@ -84,7 +84,7 @@ class Innovations(NamedTuple):
 
 
 class CompiledLikelihood(NamedTuple):
-    """Functions for the search, compiled once for timelines of one shape.
+    """Likelihood and its derivatives, compiled once for timelines of one shape.
 
     score(timeline, p): log likelihood, gradient (m,), information (m, m).  value(timeline, p): log likelihood.
     slopes(timeline, p (n, m), along (j, m)): log likelihoods (n,), and their slopes along each direction (n, j).
@@ -98,7 +98,7 @@ class CompiledLikelihood(NamedTuple):
 
 
 class LikelihoodEstimate(NamedTuple):
-    """Estimate. p: (m,).  information: (m, m).  log_likelihood.  converged.  iterations."""
+    """Maximum-likelihood estimate. p: parameters (m,).  information: matrix (m, m).  iterations: number of steps."""
 
     p: Any
     information: Any
@@ -295,7 +295,7 @@ def _damped_solve(A: Any, b: Any, damping: float) -> Any:
 
 
 def _end_of_interval(reach: Any, fall: Any, sign: int) -> float:
-    """Return the place where the fall passes HALF_CHI on one side, by its square root, which is nearly linear there."""
+    """Return the end of an interval on one side, where the log likelihood has fallen by HALF_CHI, by interpolation."""
     side = np.sign(reach) == sign
     x, y = np.abs(reach[side]), np.sqrt(np.maximum(fall[side], 0.0))
     order = np.argsort(x)

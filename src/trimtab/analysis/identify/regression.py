@@ -25,7 +25,7 @@ class LinearFit(NamedTuple):
     """Linear fit y = A b, of n readings and k numbers.
 
     value: b (k,).  covariance: of b (k, k).  residuals: y - A b (n,), also of outliers.  kept: (n,) bool. deviation:
-    standard deviation of a reading.  freedom: its degrees of freedom.
+    standard deviation of a reading. freedom: degrees of freedom, readings kept minus k.
     """
 
     value: Any
@@ -100,7 +100,7 @@ def _select_consistent(A: Any, y: Any, floor: float) -> Any:
 
 
 def _least_deviations(A: Any, y: Any) -> Any:
-    """Return the numbers (k,) of least absolute deviations, by re-weighted least squares."""
+    """Return the fit (k,) with the least sum of absolute deviations, by re-weighted least squares."""
     value = np.linalg.lstsq(A, y, rcond=None)[0]
     small = 1e-6 * (np.ptp(y) or 1.0)
     for _ in range(ROUNDS):

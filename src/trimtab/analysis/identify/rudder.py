@@ -32,7 +32,7 @@ PULSE_START, PULSE_STEP, PULSES = 1.0e-3, 50e-6, 21
 
 
 class ServoFit(NamedTuple):
-    """Fitted servo. pulses: s (21,).  angles, errors: rad (21,).  play: half of it (rad); None if unknown.  fit."""
+    """Fitted servo. pulses: s (21,).  angles, errors: rad (21,).  play: half the play of the linkage (rad), or None."""
 
     pulses: Any
     angles: Any
@@ -122,27 +122,30 @@ def fit_hull_angle(data: Measurements) -> HullFit:
 
 
 def refuse_few(data: Measurements, numbers: int, what: str) -> None:
-    """Raise InputError for fewer readings than numbers to find plus one."""
+    """Raise InputError unless there are more readings than numbers to fit."""
     if len(data) <= numbers:
         problem = f"{len(data)} readings for {what} of {numbers} numbers do not give an uncertainty"
         raise InputError(f"file {data.file!r}", problem, fix=f"measure at least {numbers + 1}, better {3 * numbers}")
 
 
 def source_of(data: Measurements, fit: LinearFit) -> str:
-    """Return a description of a fit's data, and of the readings left out."""
+    """Return a description of a fit's data: file, number of readings, lines left out."""
     out = ~fit.kept
     left = f", {data.name_lines(out)} left out" if out.any() else ""
     return f"{data.file}: {len(data)} readings{left}"
 
 
 def servo_calibration(data: Measurements, servo: ServoFit) -> Calibration:
-    """Return the entry of the servo's table."""
+    """Return the calibration's entry for the servo's table."""
     about = {"freedom": servo.fit.freedom, "source": source_of(data, servo.fit), "procedure": "servo"}
     return Calibration({"RudderServo.angles": Entry(servo.angles.tolist(), "rad", servo.errors.tolist(), **about)})
 
 
 def hull_calibration(data: Measurements, hull: HullFit) -> Calibration:
-    """Return the entries of the rudder's ratio and offset; full thrust is where the force points straight."""
+    """Return the calibration's entries for the rudder's ratio and offset.
+
+    Full thrust is where the force is straight.
+    """
     error = np.sqrt(np.diagonal(hull.covariance))
     about = {"freedom": hull.fit.freedom, "source": source_of(data, hull.fit), "procedure": "hull"}
     names = ("RudderGeometry.ratio", "RudderGeometry.offset")

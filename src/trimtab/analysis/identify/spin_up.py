@@ -28,7 +28,7 @@ SPIN_UP_COLUMNS = (
 
 
 class InertiaOfTrials(NamedTuple):
-    """Inertia from trials. each: J of each trial (n,), kg m².  J, standard_error: their mean.  fit: of the mean."""
+    """Inertia from trials. each: J of each trial (n,), kg m².  J, standard_error: mean of J and its error, kg m²."""
 
     each: Any
     J: float
@@ -36,14 +36,14 @@ class InertiaOfTrials(NamedTuple):
     fit: LinearFit
 
     def reach(self) -> float:
-        """Return half the 95 % interval of the mean."""
+        """Return half the width of the 95 % interval of the mean inertia (kg m²)."""
         return student_reach(self.fit.freedom) * self.standard_error
 
 
 class ForceGeometry(NamedTuple):
     """Geometry of the force: psi = (offset - theta)/ratio. arm: m.  covariance: of ratio and offset (2, 2).
 
-    Its errors are the same in every trial, so repeated trials do not reduce them.
+    The errors of the geometry are the same in every trial, so repeated trials do not reduce them.
     """
 
     arm: float
@@ -77,7 +77,7 @@ def inertia_of_trials(rows: Measurements, geometry: ForceGeometry) -> InertiaOfT
     flat = np.abs(rows["slope"]) < 1e-6
     if flat.any():
         problem = f"{rows.name_lines(flat)}: a slope of 0 gives no moment of inertia"
-        raise InputError(f"file {rows.file!r}", problem, fix="leave it out")
+        raise InputError(f"file {rows.file!r}", problem, fix="leave this line out")
     sides = [np.unique(np.sign(rows[name])) for name in ("rudder", "force", "slope")]
     if [len(side) for side in sides] == [2, 2, 1]:
         problem = "the force changes its sign with the rudder, but the slope never does"
@@ -90,7 +90,7 @@ def inertia_of_trials(rows: Measurements, geometry: ForceGeometry) -> InertiaOfT
     wrong = J <= 0
     if wrong.any():
         problem = f"{rows.name_lines(wrong)}: the craft turned against the force"
-        fix = "angles and slopes are positive clockwise seen from above; correct the sign of one"
+        fix = "angles and slopes are positive clockwise seen from above; correct the sign of the angle or of the slope"
         raise InputError(f"file {rows.file!r}", problem, fix=fix)
     fit = fit_linear(np.ones((len(J), 1)), J)
     shared = geometry.variance(lambda g: float(np.mean(_each_inertia(rows, g)[fit.kept])))
@@ -130,6 +130,6 @@ def inertia_of_spin_up(
 
 
 def inertia_calibration(rows: Measurements, found: InertiaOfTrials) -> Calibration:
-    """Return the entry of the trials' mean."""
+    """Return the calibration's entry for the mean inertia of the trials."""
     about: dict[str, Any] = {"source": source_of(rows, found.fit), "procedure": "inertia", "freedom": found.fit.freedom}
     return Calibration({"Hovercraft.inertia": Entry(found.J, "kg m^2", found.standard_error, **about)})

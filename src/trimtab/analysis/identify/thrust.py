@@ -27,22 +27,22 @@ REVERSE_COLUMNS = (
     MeasuredColumn("reverse", "N", "thrust in reverse, positive", 0, 100, most=0.005),
 )
 SATURATED = 3
-"""Number of strongest readings, all equal to the greatest, from which the gauge may be saturated."""
+"""Number of strongest readings, all equal to the greatest reading, from which the gauge may be saturated."""
 AT_END = 0.9
-"""Minimum share of these readings that are the greatest, so that a single wild reading hides nothing."""
+"""Minimum share of the strongest readings that equal the greatest reading. One outlier does not hide saturation."""
 DIVISIONS = 1.5
-"""Difference of forces, in divisions of the gauge, below which readings may be equal."""
+"""Difference of two forces, in divisions of the gauge, below which the readings may be equal."""
 UNLIKELY = 0.001
-"""Probability below which a loss with the rudder does not follow the formula."""
+"""Probability of the misfit below which the loss of thrust with the rudder does not follow the formula."""
 CUBIC = 4
 
 
 class ThrustFit(NamedTuple):
     """Fitted thrust F = c n² eta(theta), n in krpm.
 
-    angles: rudder angles (m,), rad.  by_angle: c eta at each (m,), N/krpm².  errors: of these (m,). coefficient,
-    standard_error: c, N/krpm².  chance: probability of a misfit of the formula's eta at least as large as this. fit: of
-    c to all readings by the formula.
+    angles: rudder angles (m,), rad.  by_angle: c eta at each (m,), N/krpm².  errors: standard errors of by_angle (m,).
+    coefficient, standard_error: c, N/krpm².  chance: probability of a misfit of the formula's eta at least as large as
+    this. fit: of c to all readings by the formula.
     """
 
     angles: Any
@@ -93,7 +93,10 @@ def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
 
 
 class ReverseFit(NamedTuple):
-    """Fitted ratio y3 n³ + y2 n² + y1 n + y0, n in krpm: coefficients (4,), covariance, smallest speed (rpm)."""
+    """Fitted ratio of reverse to forward thrust: y3 n³ + y2 n² + y1 n + y0, n in krpm.
+
+    coefficients, covariance: (4,), (4, 4).  slowest: smallest speed (rpm) at which the cubic holds.
+    """
 
     coefficients: Any
     covariance: Any

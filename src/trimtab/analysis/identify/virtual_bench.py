@@ -30,18 +30,18 @@ from trimtab.vehicles.hovercraft import Friction, Hovercraft, HovercraftState
 
 PAIR = "free2move/linksys 2.9/22.0"
 GYRO_DELAY = 2
-"""Delay of the gyro in samples, behind [1] table 6.5."""
+"""Delay of the gyro in samples, in addition to the model of [1] table 6.5."""
 DIVISION, TETHER = 0.1, 0.02
-"""Divisions of the gauge, and largest friction of the tether (N)."""
+"""Scale division of the force gauge, and largest friction of the tether (N)."""
 PROTRACTOR, PLAY = 0.5 * DEG, 0.4 * DEG
 """Standard deviation of a protractor reading, and half the play of the linkage (rad)."""
 SPIN_UP_FORCE, SPIN_UP_RUDDER = 1.1, -20 * DEG
 Rows = tuple[Sequence[str], Sequence[Sequence[float]]]
-"""Headings with their units, and the rows under them."""
+"""Table: headings with their units, and rows."""
 
 
 class BenchCraft(NamedTuple):
-    """The craft on the bench. delay: mean, deviation and least of its uplink's latencies (s)."""
+    """The craft on the bench. delay: mean, standard deviation and minimum of the uplink's latency (s)."""
 
     servo: RudderServo
     geometry: RudderGeometry
@@ -74,7 +74,7 @@ class BenchCraft(NamedTuple):
 
 
 def draw_craft(seed: int) -> BenchCraft:
-    """Return a craft that differs from the thesis's as crafts of the same design do."""
+    """Return a craft with random parameters near the thesis's, as scattered as crafts of one design."""
     g = np.random.default_rng([seed, 1])
 
     def near(value: float, share: float) -> float:
@@ -154,7 +154,7 @@ def _measure_hull(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _read_gauge(force: Any, g: np.random.Generator) -> Any:
-    """Return a reading to half a division, with friction of the tether in either direction."""
+    """Return a gauge reading, rounded to half a division; friction of the tether adds to the force or reduces it."""
     held = force + TETHER * g.uniform(-1, 1, np.shape(force)) + 0.02 * g.standard_normal(np.shape(force))
     return np.maximum(np.round(held / (DIVISION / 2)) * (DIVISION / 2), 0)
 

@@ -128,9 +128,9 @@ def test_an_array_is_moved_along_directions(scenario):
     ("path", "text", "said"),
     [
         (LATENCY, "along(1, 2)", "moves an array along a direction"),
-        (f"{MASS}:1", "normal(1, 2)", "does not name a direction"),
-        (f"{LATENCY}:1", "along(1, 2)", "it has 2, the parameter has shape"),
-        (f"{MASS}:1", "along(1)", "it has 1, the parameter has shape"),
+        (f"{MASS}:1", "normal(1, 2)", "but only along"),
+        (f"{LATENCY}:1", "along(1, 2)", "got 2; the parameter has shape"),
+        (f"{MASS}:1", "along(1)", "got 1; the parameter has shape"),
     ],
 )
 def test_directions_that_are_none_are_refused(scenario, path, text, said):

@@ -252,7 +252,7 @@ def test_a_lost_run_costs_infinitely_much():
         ({"cost": "error_rms:yaw_rate + -2*rms:yaw_rate"}, "weight"),
         ({"cost": "settling:yaw_rate", "method": "gradient"}, "method=.search"),
         ({"method": "newton"}, "search, gradient"),
-        ({"held_out": 2}, "held_out: 2 is too few"),
+        ({"held_out": 2}, "held_out: must be at least 16, got 2"),
         ({"width": 0.0}, "width"),
     ],
 )

@@ -29,18 +29,21 @@ FAR = 1e3
 
 
 class Amount(NamedTuple):
-    """A number as written; `share` is True for a share of the scenario's own value."""
+    """A number in the text of a distribution.
+
+    share: True for a number with %, a fraction of the scenario's own value.
+    """
 
     number: float
     share: bool
 
     def of(self, nominal: float) -> float:
-        """Return the number itself, or the number times the nominal value for a share."""
+        """Return the number; a percentage is multiplied by the nominal value."""
         return self.number * nominal if self.share else self.number
 
 
 class Distribution(NamedTuple):
-    """A distribution as written, e.g. ``normal(2.6, 0.1)``; `choices` are the texts of a choice."""
+    """A distribution as typed, e.g. ``normal(2.6, 0.1)``; `choices` are the texts of a choice."""
 
     text: str
     kind: str
@@ -50,22 +53,22 @@ class Distribution(NamedTuple):
 
     @property
     def is_relative(self) -> bool:
-        """True if all numbers are shares, so that the distribution can scale a whole array."""
+        """True if all numbers are percentages. The distribution can then scale a whole array."""
         return bool(self.amounts) and all(a.share for a in self._sizes)
 
     @property
     def _sizes(self) -> tuple[Amount, ...]:
-        """Numbers in the parameter's own unit; the others are pure numbers, for which 5% is 0.05."""
+        """Numbers of the distribution that have the parameter's unit. In a number without unit, 5% is 0.05."""
         pure = KINDS[self.kind].pure if self.kind in KINDS else ()
         return tuple(a for i, a in enumerate(self.amounts) if i not in pure)
 
     @property
     def has_shares(self) -> bool:
-        """True if a number is a share of the scenario's own value."""
+        """True if at least one number is a percentage of the scenario's own value."""
         return any(a.share for a in self._sizes)
 
     def numbers(self, nominal: float) -> list[float]:
-        """Return the numbers, with shares of the nominal value filled in."""
+        """Return the numbers of the distribution; a percentage becomes a part of the nominal value."""
         pure = KINDS[self.kind].pure
         return [a.number if i in pure else a.of(nominal) for i, a in enumerate(self.amounts)]
 
@@ -103,7 +106,7 @@ def _index(u: Any, n: int) -> Any:
 
 
 def _truncated_normal(u: Any, mean: Any, std: Any, low: Any, high: Any) -> Any:
-    """Return quantiles of a normal distribution between bounds.
+    """Return quantiles of a truncated normal distribution.
 
     Probabilities near 1 have no digits left, so bounds above the mean are reflected to the lower tail. Bounds below the
     mean are treated in logarithms.
@@ -200,11 +203,11 @@ def parse_distribution(text: str, part: str = "") -> Distribution:
 
 
 def check_nominal(part: str, distribution: Distribution, nominal: float) -> None:
-    """Raise InputError if the numbers, with shares of the nominal value filled in, are not valid."""
+    """Raise InputError if the distribution's numbers are not valid for this nominal value."""
     if distribution.kind not in KINDS:
         return
     if distribution.has_shares and nominal == 0:
-        problem = f"{distribution.text}: the scenario's own value is 0, so a share of it is always 0"
+        problem = f"{distribution.text}: the scenario's own value is 0, and a percentage of 0 is always 0"
         raise InputError(part, problem, fix="give numbers without %")
     if not distribution.is_relative:
         _check_numbers(part, distribution, distribution.numbers(nominal))

@@ -49,11 +49,13 @@ SALTELLI_STREAM = zlib.crc32(b"campaign.saltelli")
 MORRIS_STREAM = zlib.crc32(b"campaign.morris")
 MORRIS_LEVELS = np.array([0.05, 0.35, 0.65, 0.95])
 MORRIS_STEP = 0.6
-"""Two levels: from each level exactly one step stays inside the grid, so that all levels are visited equally often."""
+"""Step of a Morris trajectory: two levels of its grid. Each level is then visited equally often."""
 
 
 class Points(NamedTuple):
-    """Points of runs. u: (n, d) in (0, 1).  words: (n,), second word of each run's key; selects its random numbers.
+    """Points of runs. u: (n, d) in (0, 1).
+
+    words: (n,), second word of each run's key; selects the run's random numbers.
 
     All words are 0 in a design without the noise as a factor.
     """
@@ -140,7 +142,7 @@ def check_factors(factors: Sequence[str], correlated: Iterable[Sequence[str]] = 
 
 
 def rows_per_base(parameters: int, *, noise: bool = True) -> int:
-    """Return the number of rows of one base sample: one for each factor, and A and B."""
+    """Return the number of rows of one base sample: A, B, and one row for each factor."""
     return parameters + int(noise) + 2
 
 
@@ -151,7 +153,7 @@ def saltelli_rows(seed: int, first: int, last: int, parameters: int, *, noise: b
         seed: seed of the campaign.
         first, last: numbers of the first row, from 0, and of the row after the last.
         parameters: number of dispersed parameters, at least 1, without the noise.
-        noise: True if the random numbers of the runs are one more factor; False: all rows share the same.
+        noise: True if the random numbers of the runs are one more factor; False: all rows have the same random numbers.
     """
     if not 0 <= first < last or not 1 <= parameters <= qmc.Sobol.MAXDIM // 2:
         problem = f"rows {first} to {last} of {parameters} parameters are not a valid range of rows"
@@ -167,7 +169,7 @@ def saltelli_rows(seed: int, first: int, last: int, parameters: int, *, noise: b
 
 
 def _shifted_points(seed: int, first: int, last: int, dimensions: int) -> Any:
-    """Return points first to last - 1 of the shifted sequence, in (0, 1)."""
+    """Return points first to last - 1 of the randomly shifted Sobol sequence, in (0, 1)."""
     engine = qmc.Sobol(dimensions, scramble=False, bits=BITS)
     engine.fast_forward(max(first, 1))  # without the first point, any number of points is allowed
     cube = engine.random(last - max(first, 1)) if last > 1 else np.empty((0, dimensions))
@@ -198,7 +200,7 @@ def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: boo
 
 
 def morris_trajectories(seed: int, trajectory: Any, factors: int) -> tuple[Any, Any, Any]:
-    """Return the lower level (0 or 1), the order of the step (0 first) and its sign, for each trajectory and factor."""
+    """Return for each trajectory and factor: lower level of the step (0 or 1), place of the step (from 0), sign."""
     word = np.uint32(seed % 2**32)
     drawn = threefry2x32(word, np.uint32(MORRIS_STREAM), trajectory[:, None], np.arange(factors)[None])
     bits, order = (np.asarray(w, np.uint32) for w in drawn)

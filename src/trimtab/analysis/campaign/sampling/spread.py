@@ -30,7 +30,10 @@ SCALED = "normal(100%, 5%)"
 
 
 class Factor(NamedTuple):
-    """One parameter that varies, as written; at: index of one number of an array."""
+    """One parameter that varies.
+
+    text: path and index as typed.  at: index of the varied number of an array, or None.
+    """
 
     text: str
     path: str
@@ -39,7 +42,7 @@ class Factor(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """All parameters that vary. mixing: (d, d), z -> z' with the wanted correlations, or None."""
+    """All parameters that vary. mixing: (d, d), matrix that correlates independent normal numbers, or None."""
 
     factors: tuple[Factor, ...]
     mixing: Any = None
@@ -60,7 +63,9 @@ def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, .
         along = distribution.kind == ALONG
         if match and along != (":" in text):
             problem = (
-                f"{distribution.text!r} moves an array along a direction" if along else "does not name a direction"
+                f"{distribution.text!r} moves an array along a direction; the path must end in its number, e.g. :1"
+                if along
+                else "ends in the number of a direction, but only along(…) has a direction"
             )
             fix = (
                 argument("spread", "along(V1, V2, …)", f"{match[1]}:1")
@@ -77,14 +82,14 @@ def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, .
         both = one.distribution.kind == other.distribution.kind == ALONG
         whole = one.at is None or other.at is None
         if one.text == other.text or (one.path == other.path and whole and not both):
-            raise InputError(argument_name("spread", other.text), "is named twice", fix="keep one of them")
+            raise InputError(argument_name("spread", other.text), "is named twice", fix="give each parameter once")
     return tuple(factors)
 
 
 def resolve_spread(
     scenario: Scenario, factors: tuple[Factor, ...], correlate: Iterable[tuple[str, str, float]] = ()
 ) -> Spread:
-    """Match the spread with a scenario; raise InputError for paths, indices and distributions that don't fit it."""
+    """Match the spread with a scenario; raise InputError for a path, index or distribution that doesn't fit."""
     known = {path: (value, declared) for path, value, declared in leaves(scenario) if path.startswith(SPREAD_ROOTS)}
     for factor in factors:
         part = argument_name("spread", factor.text)
@@ -112,7 +117,7 @@ def _check_number(part: str, factor: Factor, value: Any, declared: Quantity) -> 
     if factor.distribution.kind == ALONG:
         if value.ndim == 0 or len(factor.distribution.amounts) != value.size:
             problem = (
-                f"must have one number for each element; it has {len(factor.distribution.amounts)}, "
+                f"must have one number for each element of the parameter, got {len(factor.distribution.amounts)}; "
                 f"the parameter has shape {value.shape}"
             )
             raise InputError(part, problem, fix=f"give {value.size} numbers" if value.ndim else SCALED)
@@ -160,7 +165,7 @@ def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]
 
 
 def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
-    """Return text -> values of the runs (n,); the factor for an array scaled whole, the choice's number for an option.
+    """Return text of the parameter -> values of the runs (n,). An array scaled whole has a factor, an option an index.
 
     Args:
         spread: spread that was matched with the scenario.

@@ -40,9 +40,8 @@ FIELDS = ("forward", "turn")
 
 
 class FaultRange(NamedTuple):
-    """A fault with ranges. text: the fault at the upper ends, which determines the size of the program.
-
-    where: the part.  ranges: field -> least and greatest value, in the field's own unit (times in 100 ns).
+    """A fault with ranges. text: the fault with each range at its upper end, which determines the size of the program.
+    where: part that fails. ranges: field -> minimum and maximum, in the field's own unit (times in 100 ns).
     """
 
     text: str
@@ -51,7 +50,7 @@ class FaultRange(NamedTuple):
 
 
 def parse_fault_range(scenario: Scenario, text: str) -> FaultRange:
-    """Read a fault with ranges; raise InputError if either end is not a valid fault of this scenario."""
+    """Read a fault with ranges; raise InputError if an end of a range is not valid in this scenario."""
     part, example = argument_name("fault_ranges", text), argument("fault_ranges", [FAULT_EXAMPLE])
     if not _RANGE.search(text):
         raise InputError(
@@ -69,7 +68,7 @@ def parse_fault_range(scenario: Scenario, text: str) -> FaultRange:
                 )
             ranges[field] = (float(a), float(b))
     if not ranges:
-        raise InputError(part, "each range has only one value", fix=example)
+        raise InputError(part, "the lower and the upper end of each range are equal", fix=example)
     return FaultRange(high, where, ranges)
 
 
@@ -98,7 +97,10 @@ def fault_spread(standing: Iterable[str], scenario: Scenario, texts: Iterable[st
 
 
 class HeldInput(NamedTuple):
-    """An input held constant in equal pieces of a run. number: of pieces.  low, high: bounds of each piece's value."""
+    """An input held constant in equal pieces of a run.
+
+    number: number of pieces.  low, high: bounds of each piece's value.
+    """
 
     sensor: str
     field: str
@@ -124,7 +126,7 @@ def parse_pieces(text: str) -> HeldInput:
 
 
 def with_pieces(scenario: Scenario, texts: Iterable[str]) -> Scenario:
-    """Give the stick's script one entry for each piece, with the old values; raise InputError without a script."""
+    """Give the stick's script one entry for each piece, with the values that it has at these times."""
     counts: dict[str, int] = {}
     for text in texts:
         pieces, part = parse_pieces(text), argument_name("vary", text)
@@ -146,7 +148,7 @@ def with_pieces(scenario: Scenario, texts: Iterable[str]) -> Scenario:
 
 
 def pieces_spread(scenario: Scenario, texts: Iterable[str]) -> dict[str, str]:
-    """Return the spread of the pieces: path of each entry -> its distribution."""
+    """Return the spread of the pieces: path of each entry of the script -> distribution of the entry."""
     spread: dict[str, str] = {}
     for text in texts:
         pieces = parse_pieces(text)

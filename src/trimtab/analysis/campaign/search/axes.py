@@ -28,8 +28,9 @@ class Axis(NamedTuple):
     """Axis of a stability map.
 
     name: name to show.  values: values of the coarse grid (k,), rising.  unit: unit of the values.  change: (scenario,
-    value) -> {path of a quantity: new value}; the scenario includes the changes of other axes.  prepare: applied once
-    to the scenario.  link, kind: link and "delay", "jitter" or "loss" for an axis of a link, otherwise empty.
+    value) -> {path of a quantity: new value}; the given scenario includes the changes of the other axis.  prepare:
+    applied once to the scenario.  link, kind: link and "delay", "jitter" or "loss" for an axis of a link, otherwise
+    empty.
     """
 
     name: str
@@ -80,7 +81,7 @@ def axis_of_scale(path: str, factors: Any, *, name: str = "") -> Axis:
     def change(scenario: Scenario, factor: float) -> Mapping[str, Any]:
         def scale(own: Any) -> Any:
             if not np.any(own):
-                problem = "the scenario's own value is 0, so a share of it is always 0"
+                problem = "the scenario's own value is 0, and a percentage of 0 is always 0"
                 raise InputError(f"axis {path!r}", problem, fix="give numbers without %")
             return own * factor
 
@@ -96,11 +97,11 @@ def axis_of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
 
     delay: replaces the link's own latency by a constant.  jitter: a uniform spread from 0 to the value, added to the
     delay axis, or to the link's mean latency without a delay axis.  loss: each packet is lost independently. A
-    predictor uses the uplink's mean latency, and its horizon grows by the axis.
+    predictor uses the uplink's mean latency, so its prediction horizon grows with the axis.
     """
     for what, name, choices in (("axis", kind, KINDS), ("link", link, LINKS)):
         if name not in choices:
-            raise InputError(what, f"{name!r} is not one of the choices", choices=choices, fix=f"write {choices[0]!r}")
+            raise InputError(what, f"unknown {what} {name!r}", choices=choices, fix=f"write {choices[0]!r}")
     path = f"world.{link}." + ("loss" if kind == "loss" else "latency")
     added = np.ones(NODES) if kind == "delay" else even_latencies()
     longest = 0 if kind == "loss" else seconds(round(float(np.max(np.asarray(values, float), initial=0.0)), 3))
@@ -138,7 +139,7 @@ def find_quantity(scenario: Scenario, path: str) -> tuple[Any, Quantity]:
 
 
 def _find_leaf(value: Any, path: list[str]) -> tuple[Any, Any]:
-    """Return value and declaration of the leaf at a path, or None and None."""
+    """Return value and declaration of the quantity at a path; None and None for an unknown path."""
     for name, child, declared in children(value):
         if name == path[0] and isinstance(declared, Quantity | Option):
             return (child, declared) if len(path) == 1 else (None, None)
@@ -158,7 +159,7 @@ def with_values(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
 
 
 def enlarge_rings(scenario: Scenario, last: Scenario) -> Scenario:
-    """Return the scenario with buffers long enough for the latencies of the links in `last`."""
+    """Return the scenario with link buffers large enough for the latencies of the links in the scenario `last`."""
     for link in LINKS:
         channel, longest = getattr(scenario.world, link), getattr(last.world, link)
         if isinstance(channel, MeasuredLatency):

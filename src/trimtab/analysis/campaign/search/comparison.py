@@ -9,10 +9,10 @@ from trimtab.analysis.campaign.statistics.intervals import proportion
 
 
 class Comparison(NamedTuple):
-    """Comparison of two laws. runs: pairs.  before, after: mean costs.  difference: after - before.  low, high: bounds.
+    """Comparison of two laws. runs: number of pairs of runs.  before, after: mean costs.  difference: after - before.
 
-    The interval is NaN if a cost is infinite.  better, worse: runs in which the second costs less, and more.  improves:
-    True if the interval shows an improvement.
+    low, high: confidence bounds of the difference; NaN if a cost is infinite.  better, worse: number of runs in which
+    the second law costs less, or more.  level: confidence.  improves: True if the interval shows an improvement.
     """
 
     runs: int

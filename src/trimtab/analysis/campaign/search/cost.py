@@ -38,7 +38,7 @@ def evaluate_cost(terms: tuple[CostTerm, ...], columns: Mapping[str, Any]) -> An
 
 
 class IntegralCost(NamedTuple):
-    """Cost as an integral. cost: integrand for `run.gradient.gradients`.  since: start of each integral.
+    """Cost as an integral. cost: integrand, as `run.gradient.gradients` needs it.  since: start of each integral.
 
     finish: integrals (n, k), slopes (n, k, d) -> costs (n,), slopes of the costs (n, d).
     """

@@ -23,11 +23,14 @@ SETTINGS = {
     "tolx": 1e-4,
 }
 FLAT_GENERATIONS_MAX = 8
-"""Generations with equal values after which the search restarts."""
+"""Number of successive generations with equal values after which the search restarts."""
 
 
 class Generation(NamedTuple):
-    """One generation. x: (n, d), candidates.  f: (n,), values to minimise.  mean: (d,), centre.  restart: from 0."""
+    """One generation.
+
+    x: (n, d), candidates.  f: (n,), values to minimise.  mean: (d,), centre.  restart: number, from 0.
+    """
 
     x: Any
     f: Any

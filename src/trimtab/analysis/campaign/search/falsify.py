@@ -66,21 +66,21 @@ TAIL = float(special.ndtr(-3.0))
 BATCH_RUNS_MIN = 64
 """Minimum number of runs in a batch; fewer would not fill the processor's lanes."""
 FIRST, LAST = 0.15, 0.1
-"""Shares of the runs for the points over the whole box, and for new random numbers at the worst point."""
+"""Fractions of all runs: points over the whole box, and repetitions of the worst point with new random numbers."""
 STEP = 0.2
 """Initial standard deviation of the search, as a fraction of the box."""
 START_DISTANCE_MIN = 0.3
-"""Minimum distance between two starts, in the largest coordinate."""
+"""Minimum distance between two starting points of the search: the largest difference of a coordinate."""
 
 
 def prepare_search(part: str, scenario: str | Scenario, spread: Mapping[str, str], **plan: Any) -> PreparedCampaign:
-    """Prepare a search by margins. The arguments are those of `plan_search`."""
+    """Prepare a search that computes the margin of each run. The arguments are those of `plan_search`."""
     planned = plan_search(part, scenario, spread, **plan)
     return with_margin(prepare_campaign(planned, None if isinstance(scenario, str) else scenario))
 
 
 def with_margin(ready: PreparedCampaign) -> PreparedCampaign:
-    """Return the same campaign with one more column, `margin`."""
+    """Return the campaign with an additional metric, `margin`."""
     of = {m.name: m for m in ready.metrics}
     signals = tuple(sorted({s for c in ready.success for s in of[c.metric].signals}))
     more = Metric(NAME, signals, lambda rows: margin(rows, ready.success, of))
@@ -136,7 +136,7 @@ def spread_levels(ready: PreparedCampaign, x: Any) -> Any:
 
 
 class BoxSearch:
-    """Search of the box, with all runs so far. Calling it flies points (n, d) and returns values to minimise (n,)."""
+    """Search of the box, with all runs so far. A call flies points (n, d) and returns the values to minimise (n,)."""
 
     def __init__(
         self, ready: PreparedCampaign, words: int, over: Callable[[Any], Any], options: Mapping[str, Any]
@@ -151,7 +151,7 @@ class BoxSearch:
         return self.over(self.fly_candidates(x, np.zeros(len(x), np.uint32)))
 
     def fly_candidates(self, x: Any, first: Any) -> Any:
-        """Return margins (n, words) at points x (n, d), each flown with consecutive words from its first (n,)."""
+        """Return margins (n, words) at points x (n, d), each flown with consecutive words from `first` (n,) on."""
         u = np.repeat(spread_levels(self.ready, x), self.words, axis=0)
         words = first[:, None] + np.arange(self.words, dtype=np.uint32)
         m = margins(fly_points(self.ready, u, words.ravel(), **self.options)).reshape(words.shape)
@@ -187,7 +187,7 @@ class BoxSearch:
                 return
 
     def start(self, restart: int) -> Any:
-        """Return the next start: the worst candidate that is not near an earlier start."""
+        """Return the point where the next search starts: the worst candidate that is not near an earlier start."""
         self.restart = restart
         x, m, *_ = self.candidates()
         for i in np.argsort(self.over(m), kind="stable"):
@@ -203,10 +203,10 @@ class FalsificationResult(NamedTuple):
     """Worst run that was found, and the course of the search.
 
     margin: margin of the worst run, repeated by itself; negative if the run failed.  values: path -> exact value of the
-    parameter.  point: (d,), the run's place in the box.  word: its run word.  columns: its metrics.  flown_runs: total
-    number of runs.  first: number of runs until the first failure, or None.  candidate_margins: (n, words), in the
-    order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the number of the restart; the largest
-    number marks the worst point with new words.
+    parameter.  point: (d,), the run's place in the box.  word: number that selects its random numbers. columns: its
+    metrics.  flown_runs: total number of runs.  first: number of runs until the first failure, or None.
+    candidate_margins: (n, words), in the order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the
+    number of the restart; the largest number marks the worst point with new words.
     """
 
     plan: CampaignPlan
@@ -310,11 +310,13 @@ def falsify(
 
 def _check_search(ready: PreparedCampaign, runs: int, words: int, over: str) -> None:
     if over not in OVER:
-        raise InputError(argument_name("over"), f"must be one of the choices, got {over!r}", choices=OVER, fix="worst")
+        raise InputError(
+            argument_name("over"), f"must be worst or mean, got {over!r}", choices=OVER, fix=argument("over", "worst")
+        )
     if not 1 <= words <= BATCH_RUNS_MIN:
         raise InputError(
             argument_name("words"),
-            f"got {words} words, but the number must be from 1 to {BATCH_RUNS_MIN}",
+            f"the number of words must be from 1 to {BATCH_RUNS_MIN}, got {words}",
             fix=argument("words", 4),
         )
     if runs < 4 * BATCH_RUNS_MIN:

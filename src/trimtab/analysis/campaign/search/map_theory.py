@@ -26,9 +26,9 @@ from trimtab.loop.scenario import Scenario
 DRAWS = 4096
 """Number of quantiles for the average of rounded latencies."""
 FINE = 30
-"""Approximate number of points of the theory's own grid along an axis."""
+"""Approximate number of points along an axis at which the theory is evaluated."""
 FEW = 8
-"""Approximate number of points along an axis on which the linear loop changes."""
+"""Approximate number of points along an axis that changes the linear loop; each costs a linearisation."""
 FAR = 10.0
 """Margin (s) that stands for "no limit"."""
 
@@ -161,13 +161,13 @@ def stability_criteria(
             for name, spare in _remaining_margins(known[key], scenario, kinds).items():
                 margins.setdefault(name, np.full((len(x), len(y)), np.nan))[i, j] = spare
     if not margins:
-        problem = "the packet-loss criterion needs a scalar loop, but this loop has more states"
+        problem = "the packet-loss criterion needs a loop with one state, but this loop has more states"
         raise InputError("theory", problem, fix="leave theory out, or map a delay: axis_of_link('delay', …)")
     return tuple(StabilityCriterion(name, x, y, spare) for name, spare in margins.items())
 
 
 class _Margins(NamedTuple):
-    """A loop, its delay margin (0 if unstable without delay), and its jitter margins by constant delay."""
+    """A linear loop, its delay margin (0 if unstable without delay), and its jitter margin for each constant delay."""
 
     loop: FeedbackLoop
     delay: float

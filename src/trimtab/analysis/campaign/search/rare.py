@@ -40,18 +40,18 @@ from trimtab.logs.mcap import replace_file
 from trimtab.loop.scenario import Scenario
 
 GROUPS = 32
-"""Number of words of the noise."""
+"""Number of words that select the noise of a run."""
 ROUNDS, BATCHES = 4, 10
 """Number of rounds, and number of batches in a round; the interval is computed from the batches' means."""
 LEAST_RUNS = 5000
 SPREAD_MAX = 6.0
-"""Largest distance, in standard deviations, at which parts must be valid."""
+"""Distance of a parameter from its median, in standard deviations, up to which the scenario must be valid."""
 STATE = "rare.json"
 PILOT_STREAM, ROUND_STREAM = 0, 1
 
 
 class Failure(NamedTuple):
-    """Run that fails. z: standard normal numbers of its parameters.  words: its noise.  margin: when it was found.
+    """Run that fails. z: standard normal numbers of its parameters.  words: of its noise.  margin: in the search.
 
     values: path -> exact value of the parameter.  columns: metrics; both from a repetition of the run by itself.
     """
@@ -64,9 +64,9 @@ class Failure(NamedTuple):
 
 
 class PilotReport(NamedTuple):
-    """Estimates before the roots fly. runs: number of further runs.  wall_s: time for them.  All are approximate.
+    """Approximate estimates by the pilot. runs: number of runs still to fly.  wall_s: duration of these flights (s).
+
     width: half width of the interval, as a fraction of the probability.
-    width: about half the interval's width, in parts of the probability.
     """
 
     ladder: Ladder
@@ -79,7 +79,8 @@ class Round(NamedTuple):
     """Result of the roots of one round, as stored.
 
     sums: (BATCHES,), failing descendants of each batch.  failing_roots: number of roots with a failing descendant.
-    survivors, taken: for each level.  flown: runs.  worst, likeliest: z, words and margin of two failures, if any.
+    survivors, taken: as in `RareResult`. flown: number of runs.  worst, likeliest: z, words and margin of two failures,
+    if any.
     """
 
     sums: list[int]
@@ -95,9 +96,9 @@ class RareResult(NamedTuple):
     """Probability of a failure, its interval, and two failures.
 
     ladder: the levels.  roots: total number of roots; failing_roots: number of roots with a failing descendant.
-    survivors: (K,), points below each level.  taken: (K - 1,), share of accepted steps below each level.  flown_runs:
-    total, with the pilot; new_runs: runs of this session.  worst: failure with the smallest margin; likeliest: failure
-    with the most probable parameters.
+    survivors: (K,), number of points below each level.  taken: (K - 1,), share of accepted steps below each level.
+    flown_runs: total, with the pilot; new_runs: runs of this session.  worst: failure with the smallest margin;
+    likeliest: failure with the most probable parameters.
     """
 
     plan: CampaignPlan
@@ -186,7 +187,7 @@ def estimate_rare(
 
 
 def _check_differences(ready: PreparedCampaign) -> None:
-    """Raise InputError for a spread that a search can't move, or that leaves the valid range."""
+    """Raise InputError for a spread with an option of the program, or with values that a part does not accept."""
     refuse_options(ready)
     if ready.spread.factors:
         ends = np.array([[-SPREAD_MAX], [SPREAD_MAX]]) * np.ones(len(ready.spread.factors))
@@ -243,7 +244,7 @@ class _Study:
         self._write()
 
     def _find_noise(self, rng: np.random.Generator) -> bool:
-        """Return True if other words change the runs."""
+        """Return True if a run depends on its words, i.e. if it draws random numbers."""
         n = 64
         z, words = rng.standard_normal((n, self.d)), rng.integers(0, 2**32, (2, n, GROUPS), dtype=np.uint32)
         first, second = self.margins(z, words[0]), self.margins(z, words[1])

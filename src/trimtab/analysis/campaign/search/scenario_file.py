@@ -87,7 +87,7 @@ def write_scenario(
 
 
 def check_file(part: str, file: Path) -> None:
-    """Raise InputError if the name is not that of a Python file."""
+    """Raise InputError unless the file's name is a Python name with the ending .py; also for a folder."""
     if file.suffix != ".py" or not file.stem.isidentifier():
         fix = f"{part} {file.with_name('found.py')}"
         raise InputError(part, f"{file.name!r} is not the name of a Python file", fix=fix)

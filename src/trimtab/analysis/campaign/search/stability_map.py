@@ -23,7 +23,7 @@ from trimtab.run.runner import LEAST_LANE_RUNS
 from trimtab.run.simulate import Batch, simulate_batch
 
 Cell = tuple[int, int, int]
-"""Lower corner and size, in steps of the finest lattice."""
+"""Cell of the lattice: lower corner and size, in steps of the finest lattice."""
 DEEPEST = 12
 Success = Callable[[Batch], Any]
 """Function from a batch with its log to the success (n,) of each run."""
@@ -131,7 +131,7 @@ def trace_boundary(
 
 
 def check_grid(coarse: tuple[int, int], depth: int) -> None:
-    """Raise InputError for a coarse grid without a cell, or for a depth out of range."""
+    """Raise InputError for a coarse grid with fewer than 2 points along an axis, or for a depth out of range."""
     if min(coarse) < 2 or not 0 <= depth <= DEEPEST:
         problem = f"got a coarse grid of {coarse[0]} x {coarse[1]} points and depth {depth}"
         fix = f"give 2 points or more along each axis, and a depth of 0 to {DEEPEST}"
@@ -153,7 +153,7 @@ def _split_cell(cell: Cell) -> list[Cell]:
 
 
 def _cell_nodes(cell: Cell) -> list[tuple[int, int]]:
-    """Return the middle of a cell and the middles of its edges."""
+    """Return the lattice points in the middle of a cell and in the middle of each of its edges."""
     i, j, size = cell
     h = size // 2
     return [(i + h, j), (i, j + h), (i + h, j + h), (i + size, j + h), (i + h, j + size)]
@@ -245,7 +245,7 @@ def stability_map(
         runs: number of runs at each point.
         depth: number of times that a cell is halved.
         threshold: share of successes at the boundary.
-        seed: seed of the first run at a point; the others follow.
+        seed: seed of the first run at a point; further runs use the next numbers.
         swing: largest residual oscillation accepted, as a fraction of each target's band; unused with `success`.
         success: function that judges the runs of a batch from its log. Default: `target_success`.
         signals: signals logged for `success`. Default without `success`: the targets' signals.
@@ -286,7 +286,10 @@ def stability_map(
 
 
 class _PointFlights(NamedTuple):
-    """Flights at points. seeds: seeds of a point's runs.  numbers: values in one run's log.  used: backends so far."""
+    """Flights at points.
+
+    seeds: of the runs at a point.  numbers: number of values in a run's log.  used: backends so far.
+    """
 
     scenario: Scenario
     seeds: range
@@ -297,7 +300,7 @@ class _PointFlights(NamedTuple):
     used: list[str]
 
     def share(self, own: dict[str, Any]) -> Any:
-        """Return the share of successes (k,) of k points. own: path -> values (k, …)."""
+        """Return the share of successes (k,) of k points. own: path -> values at the points (k, …)."""
         points, runs = len(next(iter(own.values()))), len(self.seeds)
         each = max(NUMBERS // max(self.numbers * runs, 1), 1)
         slices = [slice(i, min(i + each, points)) for i in range(0, points, each)]
@@ -305,7 +308,7 @@ class _PointFlights(NamedTuple):
         return np.concatenate(ok).reshape(points, runs).mean(axis=1)
 
     def _fly_runs(self, spread: dict[str, Any]) -> Any:
-        """Return the success (n,) of each run; the runs of a point are neighbours."""
+        """Return the success (n,) of each run; the runs of one point follow each other."""
         count = len(next(iter(spread.values())))
         seeds = np.tile(self.seeds, count // len(self.seeds))
         if (

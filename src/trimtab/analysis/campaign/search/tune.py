@@ -84,7 +84,7 @@ def parse_gain(path: str, text: str) -> Distribution:
             return parse_distribution(f"uniform({low}, {high})", part)
         except InputError:
             fix = argument("gains", f"{high}:{low}", path) if _falls(low, high) else fix
-            problem = f"{text!r} falls" if _falls(low, high) else f"{text!r} does not rise"
+            problem = f"LOW must be below HIGH, got {text!r}"
             raise InputError(part, problem, fix=fix) from None
     span = parse_distribution(text, part) if "(" in text else None
     if span is None or span.kind not in RANGES:
@@ -93,7 +93,10 @@ def parse_gain(path: str, text: str) -> Distribution:
 
 
 class Gains(NamedTuple):
-    """Gains among a campaign's factors. at: their columns.  own: the scenario's values.  start: (d,), their places."""
+    """Gains of a campaign.
+
+    at: their columns.  own: values in the scenario.  start: (d,), places of `own` in the ranges.
+    """
 
     ready: PreparedCampaign
     at: Any
@@ -106,13 +109,13 @@ class Gains(NamedTuple):
         return tuple(self.ready.spread.factors[i] for i in self.at)
 
     def spread_points(self, x: Any, first: int) -> Any:
-        """Return u (n, all): gains at x (n, d), and dispersed parameters as in runs first … first + n - 1."""
+        """Return points u (n, all): gains at x (n, d), and dispersed parameters as in runs first … first + n - 1."""
         u = draw_runs(self.ready, first, first + len(x))[0].u.copy()
         u[:, self.at] = inside_cube(x)
         return u
 
     def slope(self, x: Any) -> Any:
-        """Return the derivative of each gain by its place x (n, d), of the same shape."""
+        """Return the derivative (n, d) of each gain with respect to its place x (n, d) in the range."""
         columns = []
         for factor, place, own in zip(self.factors, np.asarray(x).T, self.own, strict=True):
             low, high = (a.of(own) for a in factor.distribution.amounts)
@@ -156,7 +159,7 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
             raise InputError(
                 part,
                 problem,
-                fix=f"a range around it, or another start: {argument('settings', f'{low:g}', factor.text)}",
+                fix=f"a wider range, or another start: {argument('settings', f'{low:g}', factor.text)}",
             )
         log = factor.distribution.kind == "loguniform"
         values.append(own)
@@ -169,9 +172,9 @@ class TuningResult(NamedTuple):
 
     values: path -> exact parameter with the tuned gains.  before, after: text of the gain -> value.  steps: course of
     the search.  slopes: slopes at the gradient's steps.  seen_comparison: comparison with the scenario's own gains, in
-    the runs used for tuning.  held_out_comparison: comparison in other runs; this decides.  flown_runs: total number of
-    runs; a run with its derivative along d gains counts d times.  at_bounds: gains within BOUND of an end of their
-    range; a wider range may be better.
+    the runs used for tuning.  held_out_comparison: comparison in other runs, which decides if the tuned gains are
+    better.  flown_runs: total number of runs; a run with its derivative along d gains counts d times.  at_bounds: gains
+    within BOUND of an end of their range; a wider range may be better.
     """
 
     plan: CampaignPlan
@@ -227,7 +230,7 @@ def tune(
         cost: metrics with weights, e.g. "error_rms:yaw_rate + 2*error_rms:sway_velocity".
         method: "search" (CMA-ES, any metric) or "gradient" (costs that are integrals; needs a C compiler).
         runs: runs of each candidate, or of each gradient step.  held_out: number of validation runs.
-        iterations: generations, or gradient steps.  width: of the gradient's smoothing, as a fraction of each range.
+        iterations: generations, or gradient steps.  width: width of the gradient's smoothing, as a part of each range.
         spread: other parameters that vary from run to run, as in a campaign.
         seed: seed of the runs' random numbers and of the method.
         settings, without, faults: as in `trimtab run`; only for a scenario given by name.
@@ -286,7 +289,9 @@ def _check_tuning(
         )
     for name, number, least in (("runs", runs, 4), ("held_out", held_out, 16), ("iterations", iterations, 1)):
         if number < least:
-            raise InputError(argument_name(name), f"{number} is too few", fix=argument(name, max(least, 64)))
+            raise InputError(
+                argument_name(name), f"must be at least {least}, got {number}", fix=argument(name, max(least, 64))
+            )
     if not 0 < width <= 0.5:
         problem = f"must be above 0 and at most 0.5, got {width}"
         raise InputError(argument_name("width"), problem, fix=argument("width", 0.05))
@@ -321,14 +326,17 @@ def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[st
 
 
 class _GainFlights:
-    """Flights with gains at given places."""
+    """Flights with gains at given places in their ranges."""
 
     def __init__(self, gains: Gains, terms: tuple[CostTerm, ...], runs: int, options: Mapping[str, Any]) -> None:
         self.gains, self.terms, self.runs, self.options = gains, terms, runs, options
         self.flown_runs = 0
 
     def costs(self, x: Any, first: int = 0, runs: int | None = None) -> Any:
-        """Return costs (n, runs) at places x (n, d), each in the same runs from the first on."""
+        """Return costs (n, runs) at places x (n, d).
+
+        Each place is flown in the same runs; `first` is their first number.
+        """
         n = runs or self.runs
         u = np.concatenate([self.gains.spread_points(np.repeat(place[None], n, axis=0), first) for place in x])
         words = np.tile(np.arange(first, first + n, dtype=np.uint32), len(x))
@@ -336,12 +344,12 @@ class _GainFlights:
         return evaluate_cost(self.terms, fly_points(self.gains.ready, u, words, **self.options)).reshape(len(x), n)
 
     def compare_gains(self, x: Any, first: int, runs: int) -> Comparison:
-        """Compare the gains at x with the scenario's own, in runs from the first on."""
+        """Compare the gains at x with the scenario's own gains, in `runs` runs from number `first` on."""
         before, after = self.costs(np.stack([self.gains.start, x]), first, runs)
         return compare(before, after)
 
     def slope_function(self) -> Callable[[Any, int], tuple[Any, Any]]:
-        """Return the function that flies pairs of runs with their derivatives."""
+        """Return a function that flies pairs of runs and returns their costs and the derivatives by the gains."""
         ready, gains = self.gains.ready, self.gains
         of = integral_cost(self.terms, ready)
         along = [(f.path, f.at or ()) for f in gains.factors]

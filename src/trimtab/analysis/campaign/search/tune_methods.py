@@ -44,7 +44,10 @@ PairFlights = Callable[[Any, int], tuple[Any, Any]]
 
 
 class TuningStep(NamedTuple):
-    """One step. flown_runs: runs so far.  cost: mean cost of its runs.  x: (d,), places of the gains."""
+    """One step.
+
+    flown_runs: number of runs so far.  cost: mean cost of the step's runs.  x: (d,), places of the gains.
+    """
 
     flown_runs: int
     cost: float
@@ -52,7 +55,10 @@ class TuningStep(NamedTuple):
 
 
 def merit(costs: Any, reference: float) -> Any:
-    """Score candidates by their costs (n, runs): z/(1 + z) in units of a reference; at least 1 with inf."""
+    """Return a score (n,) of candidates from their costs (n, runs); lower is better.
+
+    The score is z/(1 + |z|), z the mean of the finite costs over the reference, plus the share of infinite costs.
+    """
     finite = np.isfinite(costs)
     share = 1 - finite.mean(axis=1)
     z = np.where(finite, costs, 0.0).sum(axis=1) / np.maximum(finite.sum(axis=1), 1) / max(abs(reference), 1e-12)
@@ -115,7 +121,7 @@ class Slope(NamedTuple):
 
 
 def fold_points(y: Any) -> tuple[Any, Any]:
-    """Fold points of the line into [0, 1]; return them and the sign of the slope."""
+    """Fold any numbers into [0, 1] by reflection at 0 and 1; return the folded numbers and the signs of the slope."""
     z = np.mod(y, 2.0)
     return np.where(z > 1, 2 - z, z), np.where(z > 1, -1.0, 1.0)
 

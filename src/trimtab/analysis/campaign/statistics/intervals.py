@@ -52,9 +52,9 @@ from scipy import special, stats
 from trimtab.core.errors import InputError
 
 HALVINGS = 60
-"""Steps of the bisection; bounds are exact to 2^-60."""
+"""Number of bisection steps for a bound; the bound is exact to 2^-60."""
 RUNS_MAX = 1 << 62
-"""Upper limit of the search for a number of runs."""
+"""Largest number of runs that is tried in a search for the minimum number."""
 LEAST_FOR_MEAN = 30
 """Minimum number of runs for an interval of the mean; fewer do not determine the skewness."""
 
@@ -66,7 +66,10 @@ def check_level(part: str, level: float) -> None:
 
 
 class Proportion(NamedTuple):
-    """Share of successes. low, high: exact interval; contains the true probability in at least `level` of cases."""
+    """Share of successful runs.
+
+    low, high: exact interval; contains the true probability in at least `level` of cases.
+    """
 
     successes: int
     trials: int
@@ -130,7 +133,7 @@ class Quantile(NamedTuple):
         return f"p{100 * self.p:.10g}"
 
     def __str__(self) -> str:
-        """Return value and band, as in "p95 8.31 (8.02 to 8.77)"."""
+        """Return the quantile and its band as text, as in "p95 8.31 (8.02 to 8.77)"."""
         few = "" if self.trials >= self.needed_runs else f"; both bounds need {self.needed_runs} runs"
         return f"{self.name} {self.value:.4g} ({self.low:.4g} to {self.high:.4g}{few})"
 
@@ -181,7 +184,7 @@ def ranks_anytime(trials: int, p: float, level: float) -> tuple[int, int]:
 
 
 def least_trials(p: float, level: float, *, anytime: bool = False) -> int:
-    """Return the minimum number of runs for a band with both bounds: p^n and (1 - p)^n at most (1 - level)/2."""
+    """Return the minimum number of runs n for a band with both bounds: p^n and (1 - p)^n at most (1 - level)/2."""
     tail, rare = (1 - level) / 2, max(p, 1 - p)
     return least_trials_anytime(rare, tail) if anytime else math.ceil(math.log(tail) / math.log(rare))
 
@@ -201,7 +204,10 @@ def log_evidence(k: Any, n: Any, p: Any) -> Any:
 
 
 def lower_bound(k: Any, n: Any, tail: float) -> Any:
-    """Return the anytime lower bound for k successes in n runs; it fails in at most `tail` of campaigns; any shape."""
+    """Return the lower bound of a probability for k successes in n runs, arrays of any shape.
+
+    The bound is valid at every n together in all but a share `tail` of the campaigns.
+    """
     k, n = np.broadcast_arrays(np.asarray(k, np.float64), np.asarray(n, np.float64))
     low, high = np.zeros(k.shape), k / n
     for _ in range(HALVINGS):
@@ -235,7 +241,7 @@ class Mean(NamedTuple):
     not_finite: int
 
     def __str__(self) -> str:
-        """Return value and interval, as in "4.21 (4.05 to 4.4)"."""
+        """Return the mean and its interval as text, as in "4.21 (4.05 to 4.4)"."""
         return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g})"
 
 

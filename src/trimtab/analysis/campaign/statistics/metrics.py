@@ -85,7 +85,10 @@ class Rows:
         return self.flight.work_out(self.t, {p: self.signals[p][i] for p in paths}, ends, self.end_time, parameters)
 
     def error(self, path: str) -> Any:
-        """Return a signal minus its target (n, m), read-only; an angle's target is the one nearest to the end."""
+        """Return a signal minus its target (n, m), read-only.
+
+        An angle's target is shifted by full turns to its last value.
+        """
         if path not in self._errors:
             error = self._errors[path] = self._error(path)
             error.setflags(write=False)
@@ -106,7 +109,10 @@ class Rows:
 
 
 class Metric(NamedTuple):
-    """Metric of a run. name: its column.  signals: paths that it reads.  of: function from rows to (n,)."""
+    """Metric of a run.
+
+    name: of its column.  signals: paths of its signals.  of: function from `Rows` to values (n,).
+    """
 
     name: str
     signals: tuple[str, ...]
@@ -115,12 +121,12 @@ class Metric(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Name and unit, as in "settling:yaw_rate (s)"."""
+        """Name of the metric with its unit, as in "settling:yaw_rate (s)"."""
         return f"{self.name} ({self.unit})" if self.unit not in ("", "1") else self.name
 
 
 def settling(rows: Rows, path: str) -> Any:
-    """Return the time (s) from the first row until the signal stays in its target's band; inf if it never does."""
+    """Return the settling time (s), after which the signal stays in its target's band; inf if it never does."""
     error = rows.error(path)
     backwards = np.empty(error.shape)
     np.abs(error[:, ::-1], out=backwards)  # in the order of the search, so that it ends early
@@ -148,7 +154,7 @@ def first_reach(rows: Rows, path: str) -> Any:
 
 
 def overshoot(rows: Rows, path: str) -> Any:
-    """Return how far the signal goes beyond its target, as seen from its start; inf for a diverged run."""
+    """Return the overshoot: how far the signal goes beyond its target, seen from its start; inf for a diverged run."""
     error = rows.error(path)
     start = error[:, 0]
     beyond = np.where(start < 0, error.max(axis=1), -error.min(axis=1))
@@ -181,7 +187,7 @@ def _tail_errors(rows: Rows, path: str) -> Any:
 
 
 def _start_index(rows: Rows, share: float) -> int:
-    """Return the index of the first row after a share of the run; a slice keeps the order of sums of a single run."""
+    """Return the index of the first row after this share of the run's time."""
     return int(np.searchsorted(rows.t, rows.t[0] + (rows.t[-1] - rows.t[0]) * share))
 
 
@@ -223,7 +229,10 @@ KINDS = (*OF_TARGETS, *OF_SIGNALS, ROBUSTNESS)
 
 @contextmanager
 def name_option(name: str, more: str = "") -> Iterator[None]:
-    """Name, in errors, the argument that contains the metric. more: text that follows the metric in that argument."""
+    """Let errors name the argument `name` in place of "metrics".
+
+    more: text that follows the metric in that argument.
+    """
 
     def spell(outer: Spelling, named: str, value: Any, of: str | None) -> str:
         if named != "metrics":

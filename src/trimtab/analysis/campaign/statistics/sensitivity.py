@@ -97,7 +97,7 @@ def sensitivity(
 
 
 def rank_values(x: Any) -> tuple[Any, str]:
-    """Return ranks in (0, 1), runs without a finite value last, and the reason why they are useless, or ""."""
+    """Return ranks in (0, 1), runs without a finite value last; and the reason why ranks can't be used, or ""."""
     ranked = stats.rankdata(np.where(np.isfinite(x), x, np.inf)) / len(x)
     return ranked, explain_no_variance(ranked)
 

@@ -52,7 +52,10 @@ Margins = Callable[[Any, Any], Any]
 
 
 class ChainStates(NamedTuple):
-    """States of chains. z: (n, d).  words: (n, m), uint32.  margin: (n,).  root: (n,), the ancestor of each."""
+    """States of chains.
+
+    z: (n, d).  words: (n, m), uint32.  margin: (n,).  root: (n,), index of the root of each state.
+    """
 
     z: Any
     words: Any
@@ -60,7 +63,7 @@ class ChainStates(NamedTuple):
     root: Any
 
     def __getitem__(self, which: Any) -> "ChainStates":  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Return some of the states."""
+        """Return the states with these indices."""
         return ChainStates(self.z[which], self.words[which], self.margin[which], self.root[which])
 
 
@@ -83,7 +86,7 @@ class Ladder(NamedTuple):
 
 
 class Stalled(Exception):
-    """The pilot made no progress. level: margin at which it stays.  flown: runs so far."""
+    """The pilot made no progress. level: margin at which its points stay.  flown: number of runs so far."""
 
     def __init__(self, level: float, flown: int) -> None:
         super().__init__(f"margins stay at {level:.6g}")
@@ -129,7 +132,10 @@ def _join(parts: list[ChainStates]) -> ChainStates:
 
 
 class _Pace:
-    """Step sizes, adapted to the share of accepted steps. s: relative to the deviation below the level; q: of words."""
+    """Step sizes, adapted to the share of accepted steps.
+
+    s: in standard deviations; q: probability to redraw a word.
+    """
 
     def __init__(self) -> None:
         self.s, self.q = 0.6, 0.3
@@ -175,7 +181,7 @@ def set_ladder(margins: Margins, rng: np.random.Generator, size: int, d: int, m:
 
 
 class Descent(NamedTuple):
-    """Result of some roots. counts: (n,), failing descendants of each.  survivors: (K,), points below each level.
+    """Result of n roots. counts: (n,), failing descendants of each root.  survivors: (K,), points below each level.
 
     taken: (K - 1,), share of accepted steps below each level.  failures: points that fail.  flown: runs.
     """
@@ -188,7 +194,7 @@ class Descent(NamedTuple):
 
 
 def descend(margins: Margins, rng: np.random.Generator, ladder: Ladder, n: int, d: int, m: int) -> Descent:
-    """Split n roots down a fixed ladder."""
+    """Fly n roots, and split their chains at each level of a fixed ladder."""
     points, flown = draw_roots(margins, rng, n, d, m), n
     survivors, accepted = np.zeros(len(ladder.levels), np.int64), np.zeros(len(ladder.levels) - 1)
     for k, level in enumerate(ladder.levels):
@@ -208,7 +214,10 @@ def descend(margins: Margins, rng: np.random.Generator, ladder: Ladder, n: int, 
 
 
 def probability(sums: Any, roots: int, ladder: Ladder, level: float = 0.95) -> Mean:
-    """Return the failure probability and its interval. sums: failing descendants of each batch.  roots: of a batch."""
+    """Return the failure probability and its interval.
+
+    sums: failing descendants of each batch. roots: number of roots in a batch.
+    """
     found = mean(np.asarray(sums, np.float64) / roots / float(SPLIT) ** (len(ladder.levels) - 1), level)
     return found._replace(low=max(found.low, 0.0))
 

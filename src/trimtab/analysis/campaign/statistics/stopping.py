@@ -30,7 +30,8 @@ TAILS = 0.6
 
 
 class StoppingState(NamedTuple):
-    """Progress of a stopping rule. is_met: True to stop.  value, low, high: in the runs so far.
+    """Progress of a stopping rule. is_met: True to stop.  value, low, high: statistic and its interval, in the runs so
+    far.
 
     expected_runs: estimated total, for a width that falls with the square root of the runs; inf if unknown.
     """

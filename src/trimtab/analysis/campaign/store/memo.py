@@ -45,11 +45,11 @@ class FlightMemo:
             except OSError as error:
                 problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
                 raise InputError(
-                    argument_name("store"), problem, fix=f"{argument_name('store')} with a folder of yours"
+                    argument_name("store"), problem, fix=f"{argument_name('store')} with a folder that you can write to"
                 ) from None
 
     def recall(self, asked: Iterable[Any], fly: Callable[[], Columns]) -> Columns:
-        """Return the columns for a request (arrays): the stored ones, or those flown now."""
+        """Return the columns for a request (arrays): stored columns if there are any, otherwise newly flown columns."""
         if self.folder is None:
             return fly()
         file = self.folder / f"{self._digest(asked)}.npz"

@@ -42,7 +42,7 @@ def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: st
     except OSError as error:
         part.unlink(missing_ok=True)
         problem = f"cannot be written: {error.strerror or error}"
-        raise InputError(f"parquet {str(file)!r}", problem, fix="make room, or name another file") from None
+        raise InputError(f"parquet {str(file)!r}", problem, fix="free disk space, or name another file") from None
     return file
 
 

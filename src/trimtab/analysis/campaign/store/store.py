@@ -29,7 +29,7 @@ LONGEST_KEY = 160
 
 
 class MemoryStore:
-    """Rows in memory, lost with the process; otherwise like `CampaignStore`."""
+    """Store of a campaign's rows in memory, lost with the process; otherwise like `CampaignStore`."""
 
     def __init__(self, runs: int) -> None:
         self._runs, self._finished_rows = runs, np.zeros(runs, bool)
@@ -74,7 +74,7 @@ def has_store(folder: Path) -> bool:
 
 
 def create_group(zarr: Any, folder: Path, columns: Mapping[str, Any], runs: int, block: int) -> Any:
-    """Create the group of a new store, over the remains of a killed process."""
+    """Create the Zarr group of a new store; replace the remains of a killed process."""
     group = zarr.open_group(folder, mode="a")
     options: dict[str, Any] = {"shape": (runs,), "chunks": (block,), "overwrite": True}
     options["compressors"] = [zarr.codecs.ZstdCodec(level=0, checksum=True)]
@@ -121,7 +121,7 @@ class CampaignStore:
         self.close()
 
     def close(self) -> None:
-        """Release the lock."""
+        """Release the lock of the store."""
         os.close(self._lock)
 
     @property
@@ -149,7 +149,7 @@ class CampaignStore:
             full = error.errno in (errno.ENOSPC, errno.EDQUOT)
             cause = "the disk is full" if full else error.strerror or error
             problem = f"{cause}; {int(self.finished_rows().sum())} finished runs are stored"
-            fix = ("make room, then " if full else "") + "start the same command again; it resumes there"
+            fix = ("free disk space, then " if full else "") + "start the same command again; it resumes there"
             raise InputError(f"store {str(self.folder)!r}", problem, fix=fix) from None
 
     def read(self) -> dict[str, Any]:
@@ -164,7 +164,7 @@ class CampaignStore:
         return {"run": np.flatnonzero(done), **columns}
 
     def repair(self) -> None:
-        """Mark blocks with a damaged or missing chunk as not done."""
+        """Mark blocks with a damaged or missing chunk as not finished, so that they fly again."""
         for k in self._damaged_chunks(DONE, set()):
             self._chunk_path(DONE, k).unlink()
         done, bounds = self.finished_rows(), self._chunk_bounds()
@@ -241,7 +241,7 @@ def open_store(
             problem = f"a description in it is damaged: {error}"
             raise InputError(part, problem, fix=f"name another store: {argument('store', 'OTHER.zarr')}") from None
         if isinstance(error, OSError):
-            fix = f"make room, or name another store: {argument('store', 'NAME.zarr')}"
+            fix = f"free disk space, or name another store: {argument('store', 'NAME.zarr')}"
             raise InputError(part, f"{error.strerror or error}", fix=fix) from None
         raise
 
@@ -335,9 +335,8 @@ def _check_identity(part: str, there: Mapping[str, Any], here: Mapping[str, Any]
         raise InputError(part, "does not hold a campaign", fix=f"name another store: {argument('store', 'NAME.zarr')}")
     apart = [name for name in now if was.get(name) != now[name]]
     differences = ", ".join(f"{name} (stored {was.get(name)}, now {now[name]})" for name in apart)
-    fix = (
-        f"its attribute `command` has the command that made it; or use another store: {argument('store', 'OTHER.zarr')}"
-    )
+    fix = "the store's attribute `command` has the command that made it; or use another store: "
+    fix += argument("store", "OTHER.zarr")
     raise InputError(part, f"holds rows of another campaign; different: {differences}", fix=fix)
 
 

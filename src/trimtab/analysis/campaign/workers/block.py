@@ -52,7 +52,7 @@ class WorkersLost(Exception):
 
 
 def batch_rows(scenario: Scenario, batch: Batch) -> Rows:
-    """Return the rows of a batch, as metrics read them."""
+    """Return the logged rows of a batch in the form that metrics read."""
     declared = {c.path: c.declaration for c in batch.columns if c.declaration is not None}
     flight = find_flight({c.path: c.shape for c in batch.columns}, declared)
     own, n = scenario_place(scenario) if flight else {}, len(batch.seeds)
@@ -99,7 +99,10 @@ def compute_log_metrics(ready: PreparedCampaign, log: Log) -> dict[str, Any]:
 
 
 def repeat_run(ready: PreparedCampaign, scenario: Scenario, backend: str, run: int = 0) -> dict[str, Any]:
-    """Fly one run by itself and return its metrics, success and lost. run: its run word."""
+    """Fly one run by itself and return its metrics, success and lost.
+
+    run: number of the run, which selects its random numbers.
+    """
     period, signals = ready.plan.log_period, ready.logged_signals
     log = simulate(scenario, seed=ready.plan.seed, run=run, log_period=period, signals=signals, backend=backend)
     return {name: column[0] for name, column in compute_log_metrics(ready, log).items()}
@@ -119,7 +122,7 @@ def _metric_column(metric: Metric, rows: Rows, n: int) -> Any:
 
 
 def fly_block(ready: PreparedCampaign, first: int, last: int, **options: Any) -> dict[str, Any]:
-    """Fly rows first … last - 1; return by name what varies, then each metric, `success` and `lost`, each (n,).
+    """Fly rows first … last - 1; return by name the varied parameters, the metrics, `success` and `lost`, each (n,).
 
     options: backend, threads and progress, as in `simulate_batch`.
     """
@@ -159,7 +162,7 @@ def _fly_levels(ready: PreparedCampaign, u: Any, words: Any, options: Mapping[st
 def _fly_values(
     ready: PreparedCampaign, values: Mapping[str, Any], words: Any, options: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the metrics of runs with these values of the spread's texts, each (n,)."""
+    """Return the metrics of runs with given values of the varied parameters, each (n,)."""
     arrays = spread_arrays(ready.spread, ready.scenario, values)
     columns: dict[str, Any] = {m.name: np.empty(len(words)) for m in ready.metrics}
     columns |= {"success": np.empty(len(words), bool), "lost": np.empty(len(words), bool)}
@@ -180,7 +183,7 @@ def _fly_values(
 
 
 def uses_c(ready: PreparedCampaign, backend: str) -> bool:
-    """Return True if C flies the runs: on request, or if a compiler is here and the loop can be written in C."""
+    """Return True for backend C: on request, or if a C compiler is found and the loop can be written in C."""
 
     def lower() -> WalkProgram:
         search = search_compiler("c")

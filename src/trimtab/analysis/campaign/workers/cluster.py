@@ -42,7 +42,7 @@ _one_prepares = threading.Lock()
 
 
 def machine_identity(ready: PreparedCampaign, backend: str) -> dict[str, str]:
-    """Return what must be equal on two machines for equal rows."""
+    """Return the properties that must be equal on two machines, so that both compute equal rows."""
     packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy", "scipy"))
     return {**identity(ready.plan, ready.scenario, backend), "packages": packages, "code": _source_digest()}
 
@@ -58,7 +58,7 @@ def _source_digest() -> str:
 
 @functools.lru_cache(maxsize=1)
 def _prepare_cached(text: str, backend: str) -> tuple[PreparedCampaign, dict[str, str]]:
-    """Prepare a plan, cached for the last one, and return it with this machine's identity."""
+    """Prepare a plan, and return it with this machine's identity. Only the last plan is cached."""
     ready = prepare_campaign(plan_from_dict(json.loads(text)))
     can = "c" if backend == "c" and uses_c(ready, "auto") else "jax"
     return ready, machine_identity(ready, can)
@@ -84,8 +84,8 @@ def fly_rows(plain: Mapping[str, Any], asker: Mapping[str, str], first: int, las
     apart = [name for name in asker if here.get(name) != asker[name]]
     if apart:
         shown = "; ".join(f"{name}: {here.get(name)} there, {asker[name]} here" for name in apart)
-        same = "install the same trimtab, packages and files there, and restart the worker"
-        fix = "install a C compiler there" if apart == ["backend"] else same
+        same = "install the same trimtab, packages and files on the worker's machine, and restart the worker"
+        fix = "install a C compiler on the worker's machine" if apart == ["backend"] else same
         raise InputError(f"worker {address}", f"would give different rows: {shown}", fix=fix)
     return fly_block(ready, first, last, backend=asker["backend"], threads=threads)
 
@@ -174,21 +174,22 @@ def check_scheduler(place: SchedulerAddress) -> None:
                 return
             with _tls_context(place).wrap_socket(plain) as safe:
                 if not safe.recv(1):  # a scheduler speaks first, if it accepts the certificate
-                    raise ssl.SSLError("it closed the connection")
+                    raise ssl.SSLError("the connection was closed")
     except ssl.SSLCertVerificationError as error:
-        problem = f"the CA in {place.files and place.files[0]} did not sign its certificate: {error.verify_message}"
+        ca = place.files and place.files[0]
+        problem = f"the CA in {ca} did not sign the scheduler's certificate: {error.verify_message}"
         raise InputError(
             part, problem, fix=f"{argument_name('tls_ca')} with the ca.pem that the scheduler was started with"
         ) from None
     except ssl.SSLError as error:
-        problem = f"it rejects the certificate: {error.reason or error}"
+        problem = f"the scheduler rejects the certificate: {error.reason or error}"
         both = f"{argument_name('tls_cert')} and {argument_name('tls_key')}"
         fix = f"{both} signed by the CA that the scheduler was started with"
         raise InputError(part, problem, fix=fix) from None
     except OSError as error:
-        problem = f"cannot reach a scheduler there: {error.strerror or error}"
+        problem = f"cannot reach a scheduler at this address: {error.strerror or error}"
         scheme = "tls" if place.files else "tcp"
-        fix = f"on that machine:  dask scheduler --protocol {scheme} --port {place.port} …, and open the port"
+        fix = f"start on that machine:  dask scheduler --protocol {scheme} --port {place.port} …, and open the port"
         raise InputError(part, problem, fix=fix) from None
 
 
@@ -255,7 +256,7 @@ def _mute_distributed() -> Iterator[None]:
 
 
 class _ClusterWatch:
-    """Watch for scheduler and workers. threads: of all workers, at the last check."""
+    """Monitor of scheduler and workers. threads: number of threads of all workers at the last check."""
 
     def __init__(self, client: Any, place: SchedulerAddress) -> None:
         self._client, self._part = client, argument_name("cluster", place.uri)
@@ -267,7 +268,9 @@ class _ClusterWatch:
         Raises: WorkersLost.
         """
         if self._client.status != "running":
-            raise WorkersLost(self._part, "the scheduler is gone", f"start it and its workers, then {RESUME_HINT}")
+            raise WorkersLost(
+                self._part, "the scheduler is gone", f"start the scheduler and its workers, then {RESUME_HINT}"
+            )
         now = time.monotonic()
         if now - self._asked < (REPLY_TIMEOUT if self.threads else 1.0):
             return
@@ -279,7 +282,7 @@ class _ClusterWatch:
         if self.threads:
             self._seen = self._asked
         elif self._asked - self._seen > WORKER_TIMEOUT:
-            problem = f"it had no worker for {WORKER_TIMEOUT:g} s"
+            problem = f"the scheduler had no worker for {WORKER_TIMEOUT:g} s"
             raise WorkersLost(self._part, problem, f"start workers:  dask worker …, then {RESUME_HINT}")
 
     def silent_scheduler(self, error: Exception) -> WorkersLost:
@@ -331,7 +334,7 @@ def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) ->
     except OSError as error:  # the worker that holds them does not answer
         raise watch.silent_scheduler(error) from None
     except KilledWorker as error:
-        problem = f"{runs} ended one worker after another, the last {error.last_worker}"
+        problem = f"{runs} crashed one worker after another, the last {error.last_worker}"
         fix = f"check that worker's log, for example for a lack of memory, then {RESUME_HINT}"
         raise WorkersLost(argument_name("cluster"), problem, fix) from None
     except BaseException as error:

@@ -18,7 +18,7 @@ AHEAD = 2
 
 
 class _CampaignAborted(Exception):
-    """The campaign has ended, so that the block is not needed."""
+    """Raised in a worker to stop its block, because the campaign has ended."""
 
 
 class RowCount:
@@ -29,7 +29,7 @@ class RowCount:
         self._pieces: dict[int, int] = {}
 
     def fly(self, start: int, done: int) -> None:
-        """Report that `done` runs of the piece from `start` on have flown; start -1: runs from earlier sessions."""
+        """Report that `done` runs have flown of the piece that begins at run `start`; -1: runs of earlier sessions."""
         with self._alone:
             self._pieces[start] = max(self._pieces.get(start, 0), done)  # runs of other choices begin at 0 again
             self._tell(sum(self._pieces.values()))

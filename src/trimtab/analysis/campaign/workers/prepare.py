@@ -43,7 +43,7 @@ MEMORY = 48 * 2**20
 BLOCK_RUNS_MIN, BLOCK_RUNS_MAX = 64, 2048
 """Minimum and maximum number of runs in a block."""
 VARIANTS = 64
-"""Maximum number of programs for the choices of options."""
+"""Maximum number of programs to compile for all combinations of varied options."""
 
 
 class CampaignPlan(NamedTuple):
@@ -84,7 +84,7 @@ def plan_campaign(
     seed: int,
     **rest: Any,
 ) -> CampaignPlan:
-    """Create the plan of a scenario given by name, or as an object without settings, without and faults.
+    """Create a plan. Settings, `without` and faults need a scenario given by name, not as an object.
 
     part: name used in errors.  rest: fields of the plan.
     """
@@ -125,7 +125,11 @@ def plan_search(
     more |= pieces_spread(build_scenario(plan), inputs)
     for path in spread:
         if path in more:
-            raise InputError(argument_name("spread", path), "already varies", fix="keep one of them")
+            raise InputError(
+                argument_name("spread", path),
+                "already varies",
+                fix="leave out this spread, or the fault range or input that varies the same number",
+            )
     return plan._replace(spread=_parse_spread({**spread, **more}))
 
 
@@ -158,7 +162,7 @@ def _as_tuples(value: Any) -> Any:
 
 
 def identity(plan: CampaignPlan, scenario: Scenario, backend: str) -> dict[str, str]:
-    """Return what must be equal for equal rows: the campaign, the scenario and the program that computes them."""
+    """Return the data that determine the rows: of the campaign, the scenario and the program that computes the rows."""
     of_plan = plan.as_dict()
     if plan.sampling != "latin":
         del of_plan["runs"]
@@ -260,7 +264,7 @@ class KnownSignals(NamedTuple):
     flight: FlightSource | None
 
     def source_signals(self, paths: Iterable[str]) -> tuple[str, ...]:
-        """Return the sorted signals that must be logged for these paths."""
+        """Return the sorted names of the signals that must be logged to compute these paths."""
         source = self.flight.paths if self.flight else ()
         return tuple(sorted({one for p in paths for one in (source if p.startswith(FLIGHT) else (p,))}))
 
@@ -361,7 +365,7 @@ def check_bounds(ready: PreparedCampaign, ends: Any) -> None:
     ends: (2, d), the smallest and the largest point.
     """
     middle, names = ends.mean(axis=0), [f.text for f in ready.spread.factors]
-    corners = [(ends[side], "all at one end") for side in (0, 1)]
+    corners = [(ends[side], "all parameters at one end") for side in (0, 1)]
     for i, name in enumerate(names):
         for side in (0, 1):
             point = middle.copy()
