@@ -32,12 +32,10 @@ class PilotScript:
         """Raise InputError for a script whose times don't rise or don't match the requests."""
         times, requests = np.asarray(self.times), np.asarray(self.requests)
         if times.ndim != 1 or times.shape != requests.shape or (np.diff(times) < self.period).any():
-            problem = f"as many times as requests are needed, got {len(times)} and {len(requests)}; times must rise by at least a period"
-            raise InputError(
-                "times",
-                problem,
-                fix=f"give one time per request, {self.period} units of 100 ns or more apart",
-            )
+            counts = f"{len(times)} and {len(requests)}"
+            problem = f"times and requests must be equally many, got {counts}; times must rise by at least a period"
+            fix = f"give one time per request, {self.period} units of 100 ns or more apart"
+            raise InputError("times", problem, fix=fix)
 
     def init(self, key: Key) -> tuple[()]:
         """Return an empty state."""
