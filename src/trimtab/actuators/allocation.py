@@ -76,7 +76,7 @@ class ThrustVectorAllocation:
 
 
 def to_polar(force: PlanarForce) -> tuple[Any, Any]:
-    """Return the force's size (N) with the sign of FX, and its angle psi (rad) in [-pi/2, pi/2]; (0, 0) for zero
+    """Return the force's size (N) with the sign of FX, and its angle psi (rad) in [-pi/2, pi/2]; (0, 0) for no
     force."""
     sign = jnp.where(force.FX < 0, -1.0, 1.0)
     square = force.FX**2 + force.FY**2
@@ -87,8 +87,11 @@ def to_polar(force: PlanarForce) -> tuple[Any, Any]:
 
 @record
 class DirectAllocation:
-    """Allocation that sends the demand unchanged as the command. Frames: those of the demand. Source: docs page,
-    Direct."""
+    """Allocation that sends the demand unchanged as the command.
+
+    Frames:  those of the demand.
+    Source:  docs page, Direct.
+    """
 
     def init(self, key: Key) -> tuple[()]:
         """Return an empty state."""

@@ -27,8 +27,7 @@ class BankOutput:
 
 @record
 class ActuatorBank:
-    """Bank of actuators: each field of the command passes a sequence of stages and becomes a field of the vehicle's
-    input.
+    """Bank of actuators: each field of the command passes stages and becomes a field of the vehicle's input.
 
         ActuatorBank(Push(0.0), {"force": (TransportDelay(0.01), FirstOrderLag(0.05, rate_limit=200.0))})
 

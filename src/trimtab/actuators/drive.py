@@ -26,8 +26,11 @@ FORWARD, REVERSE, BRAKING = range(3)
 
 @record
 class SpeedControllerState:
-    """State of the speed controller: direction of the last non-zero speed, and the brake. Frames: none. Source: [1]
-    section 6.1."""
+    """State of the speed controller: direction of the last non-zero speed, and the brake.
+
+    Frames:  none.
+    Source:  [1] section 6.1.
+    """
 
     mode: Scalar = quantity(
         "1",
@@ -69,8 +72,10 @@ class SpeedController:
         return SpeedControllerState()
 
     def step(self, t: Any, state: SpeedControllerState, speed_rpm: Any) -> tuple[SpeedControllerState, Any]:
-        """Return the new state and the speed passed on (rpm) at integer time t. Calls need rising times, not a fixed
-        period."""
+        """Return the new state and the speed passed on (rpm) at integer time t.
+
+        Calls need rising times, not a fixed period.
+        """
         negative, positive = speed_rpm < 0, speed_rpm > 0
         was_reverse = state.mode == REVERSE
         turns = was_reverse & positive
@@ -213,8 +218,10 @@ class FanDrive:
         return FanDriveState(self.rudder.neutral_pulse, zero, self.controller.init(), zero, fan)
 
     def step(self, t: Any, state: FanDriveState, command: Sample) -> tuple[FanDriveState, DriveOutput]:
-        """Return the new state, and the force that acts from integer time t on. An invalid command counts as
-        neutral."""
+        """Return the new state, and the force that acts from integer time t on.
+
+        An invalid command counts as neutral.
+        """
         pulse, commanded = self._latch(t, state, command)
         controller, speed, fan, regulated = self._turn(t, state, commanded)
         rudder = self._rudder_angle(pulse)
@@ -266,6 +273,8 @@ class FanDrive:
 
 @jax.jit
 def _neutral_angle(drive: FanDrive) -> Any:
-    """Return the neutral rudder angle. Compiled as one program, because outside a run JAX compiles each operation
-    alone."""
+    """Return the neutral rudder angle.
+
+    Compiled as one program, because outside a run JAX compiles each operation alone.
+    """
     return drive._rudder_angle(drive.rudder.neutral_pulse)

@@ -1,5 +1,6 @@
-"""Failsafe: the vehicle's behaviour when commands fail to arrive, and the choice of the source of commands. A block of
-the firmware.
+"""Failsafe: behaviour of the vehicle without commands, and choice of the source of commands.
+
+A block of the firmware.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -141,8 +142,10 @@ class Failsafe:
         )
 
     def step(self, t: Any, state: FailsafeState, input: FailsafeInput) -> tuple[FailsafeState, FailsafeOutput]:
-        """Return the new state, and the output that acts from integer time t on. Calls need rising times, not a fixed
-        period."""
+        """Return the new state, and the output that acts from integer time t on.
+
+        Calls need rising times, not a fixed period.
+        """
         before = state.mode
         state = self._apply_requests(t, state, input)
         state = self._accept_command(t, state, input.command)
@@ -193,8 +196,10 @@ class Failsafe:
         )
 
     def _next_mode(self, t: Any, s: FailsafeState, pilot: Any, input: FailsafeInput) -> FailsafeState:
-        """Return the state after the pilot's switch and the time-outs. If several rows of the docs table hold, the last
-        one wins."""
+        """Return the state after the pilot's switch and the time-outs.
+
+        If several rows of the docs table hold, the last one wins.
+        """
         mode, cause = s.mode, s.cause
         radio, takeover = jnp.asarray(input.radio), jnp.asarray(input.takeover)
         came = s.command_arrival != NEVER

@@ -162,8 +162,10 @@ class SecondOrderLag:
         return SecondOrderLagState(x=value + e, rate=rate), already | meets
 
     def _time_of_rate(self, e: Any, rate: Any, wanted: Any, later: Any, dt: Any) -> Any:
-        """Return the time at which the rate reaches `wanted`, by Newton's method. rate: at time 0. later: at time dt
-        (s)."""
+        """Return the time at which the rate reaches `wanted`, by Newton's method.
+
+        rate: at time 0. later: at time dt (s).
+        """
 
         def improve(_: Any, at: Any) -> Any:
             e1, rate1 = self._propagate(e, rate, at)

@@ -63,14 +63,18 @@ class BilinearTable:
 
 
 def forward_speed_table(thruster: Thruster) -> BilinearTable:
-    """Return the table of fan speed (rpm) over rudder angle (rad) and force (0 to 2 N), 14 x 81. Source: [1] chapter
-    4."""
+    """Return the table of fan speed (rpm) over rudder angle (rad) and force (0 to 2 N), 14 x 81.
+
+    Source:  [1] chapter 4.
+    """
     return _speed_table(thruster, 0.0)
 
 
 def full_speed_table(thruster: Thruster) -> BilinearTable:
-    """Return the table of signed fan speed (rpm) over rudder angle (rad) and force (-2 to 2 N), 14 x 161. Source: [1]
-    chapter 4."""
+    """Return the table of signed fan speed (rpm) over rudder angle (rad) and force (-2 to 2 N), 14 x 161.
+
+    Source:  [1] chapter 4.
+    """
     return _speed_table(thruster, -FORCE_MAX)
 
 
@@ -99,8 +103,10 @@ def check_thrust_table(table: BilinearTable, thruster: Thruster) -> None:
 
 
 def _cell(position: Any, size: int) -> tuple[Any, Any]:
-    """Return the index of the table's cell, and the fraction within the cell. An unsigned index needs no wrapping in
-    JAX."""
+    """Return the index of the table's cell, and the fraction within the cell.
+
+    An unsigned index needs no wrapping in JAX.
+    """
     inside = jnp.clip(position, 0.0, size - 1.0)
     index = jnp.minimum(jnp.floor(inside), size - 2.0)
     return index.astype(np.uint32), inside - index

@@ -1,5 +1,6 @@
-"""Servo frame: a servo receives one command pulse per frame, and holds the command until the next. A stage of an
-ActuatorBank.
+"""Servo frame: a servo receives one command pulse per frame, and holds the command until the next.
+
+A stage of an ActuatorBank.
 
 Source: [1] Åström, Wittenmark, "Computer-controlled systems", 3rd ed., section 2.3: sample and hold of order zero.
 """

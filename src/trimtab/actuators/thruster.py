@@ -115,8 +115,10 @@ class Thruster:
         return ((y[0] * n + y[1]) * n + y[2]) * n + y[3]
 
     def _reverse_speed(self, xp: Any, q: Any, root: Any) -> Any:
-        """Return n (krpm) that solves n^2 ratio(n) = q. Where the ratio is constant by a square root, else by Newton's
-        method."""
+        """Return n (krpm) that solves n^2 ratio(n) = q.
+
+        Where the ratio is constant by a square root, else by Newton's method.
+        """
         y = self.reverse_ratio
         low, high = self.reverse_low_rpm * 1e-3, self.speed_max_rpm * 1e-3
         root_low, root_high = low * xp.sqrt(self._cubic(low)), high * xp.sqrt(self._cubic(high))

@@ -1,5 +1,6 @@
-"""Transport delay of an actuator: the output is the input, delayed by whole periods and a fraction of a period. A stage
-of an ActuatorBank.
+"""Transport delay of an actuator: the output is the input, delayed by periods and a fraction of a period.
+
+A stage of an ActuatorBank.
 
 Source: [1] Åström, Wittenmark, "Computer-controlled systems", 3rd ed., section 2.3: systems with time delay.
 """

@@ -1,5 +1,7 @@
-"""The Autopilot: estimator, law and allocation. Its input is a Frame, its output a Command; it has no access to the
-world."""
+"""The Autopilot: estimator, law and allocation.
+
+Its input is a Frame, its output a Command; it has no access to the world.
+"""
 
 from typing import Any
 
@@ -161,8 +163,10 @@ class Autopilot:
     def _supervise(
         self, supervisor: Supervisor, t: Any, old: AutopilotState, new: AutopilotState, frame: Frame, finite: Any
     ) -> AutopilotState:
-        """Return the step, as the supervisor permits. Without permission the command is neutral or invalid, and the law
-        waits."""
+        """Return the step, as the supervisor permits.
+
+        Without permission the command is neutral or invalid, and the law waits.
+        """
         arrived = jnp.any(jnp.stack([jnp.asarray(frame.samples[name].fresh) for name in self.estimator.listens]))
         pilot = frame.samples.get(supervisor.pilot)
         state, said = supervisor.step(t, old.supervisor, SupervisorInput(new.estimate, arrived, finite, pilot))

@@ -19,8 +19,10 @@ SHOWN = 6
 
 
 class Mismatch(NamedTuple):
-    """A parameter in which a model differs from the true vehicle. path: path below the vehicle; if the models differ,
-    path of the model. believed, actual: values of model and vehicle as text; "none" for a missing part.
+    """A parameter in which a model differs from the true vehicle.
+
+    path: path below the vehicle; if the models differ, path of the model. believed, actual: values of model and vehicle
+    as text; "none" for a missing part.
     """
 
     path: str
@@ -66,8 +68,10 @@ def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> No
 
 
 def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
-    """Return the parameters in which models differ from the vehicle. If the models disagree, each path names one
-    model."""
+    """Return the parameters in which models differ from the vehicle.
+
+    If the models disagree, each path names one model.
+    """
     copies = vehicle_copies(autopilot, vehicle)
     by_copy = {path: _differences(copy, vehicle) for path, copy in copies.items()}
     told: dict[str, Mismatch] = {}
@@ -87,8 +91,9 @@ def describe_mismatches(mismatches: Iterable[Mapping[str, str]]) -> str:
 
 
 def _differences(one: Any, other: Any) -> list[tuple[str, str, str]]:
-    """Return the differences of two records: path, first value and second value. A part missing in one record is one
-    entry.
+    """Return the differences of two records: path, first value and second value.
+
+    A part missing in one record is one entry.
 
     Values that are not finite are skipped, as `loop.checks` refuses them.
     """

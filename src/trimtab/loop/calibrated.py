@@ -34,8 +34,10 @@ NOTES = ("gyro.delay", *STEPS, *TABULATED)
 
 
 class CalibratedScenario(NamedTuple):
-    """scenario: scenario with the calibrated numbers. used: entry -> paths that were set. unused: entries that fit no
-    setting."""
+    """scenario: scenario with the calibrated numbers.
+
+    used: entry -> paths that were set. unused: entries that fit no setting.
+    """
 
     scenario: Scenario
     used: dict[str, list[str]]
@@ -166,8 +168,10 @@ def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) ->
 
 
 def tabulate_thrust(angles: Any, by_angle: Any, rows: Any) -> Any:
-    """Interpolate the measured c eta at the rudder angles of the rows (m,). Raise InputError outside the measured
-    range."""
+    """Interpolate the measured c eta at the rudder angles of the rows (m,).
+
+    Raise InputError outside the measured range.
+    """
     low, high = float(np.min(angles)), float(np.max(angles))
     outside = (np.asarray(rows) < low - 1e-6) | (np.asarray(rows) > high + 1e-6)
     if outside.any():

@@ -29,8 +29,10 @@ HALVINGS = 12
 
 
 class CalibratedSpread(NamedTuple):
-    """drawn: name of a parameter -> text of its distribution. correlate: pairs of parameters, and their correlation.
-    notes: reasons why a calibrated number is not drawn, or is drawn in another way.
+    """drawn: name of a parameter -> text of its distribution.
+
+    correlate: pairs of parameters, and their correlation. notes: reasons why a calibrated number is not drawn, or is
+    drawn in another way.
     """
 
     drawn: dict[str, str]

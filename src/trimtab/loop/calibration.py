@@ -57,8 +57,10 @@ class Entry(NamedTuple):
     procedure: str = ""
 
     def interval(self) -> tuple[Any, Any]:
-        """Return low and high end of the 95 % interval, in the value's shape. Both are the value if the error is
-        unknown."""
+        """Return low and high end of the 95 % interval, in the value's shape.
+
+        Both are the value if the error is unknown.
+        """
         value = np.asarray(self.value, np.float64)
         error = np.zeros_like(value) if self.standard_error is None else np.asarray(self.standard_error)
         reach = student_reach(self.freedom) * error
@@ -66,8 +68,10 @@ class Entry(NamedTuple):
 
 
 class Covariance(NamedTuple):
-    """Covariance of the numbers measured by one procedure. of: names of the numbers, e.g. ``Thruster.reverse_ratio[2]``
-    for a number of an array."""
+    """Covariance of the numbers measured by one procedure.
+
+    of: names of the numbers, e.g. ``Thruster.reverse_ratio[2]`` for a number of an array.
+    """
 
     of: tuple[str, ...]
     matrix: Any
@@ -81,8 +85,10 @@ class Calibration(NamedTuple):
     covariances: tuple[Covariance, ...] = ()
 
     def content_hash(self) -> str:
-        """Return the SHA-256 of names, values, units, errors and covariances. Sources and comments do not change the
-        hash."""
+        """Return the SHA-256 of names, values, units, errors and covariances.
+
+        Sources and comments do not change the hash.
+        """
         plain = {
             "entries": {
                 n: [_plain(e.value), e.unit, _plain(e.standard_error)] for n, e in sorted(self.entries.items())
@@ -92,8 +98,10 @@ class Calibration(NamedTuple):
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
     def merge(self, new: "Calibration") -> "Calibration":
-        """Return the calibration with new entries. Earlier entries and covariances of the same procedures are
-        removed."""
+        """Return the calibration with new entries.
+
+        Earlier entries and covariances of the same procedures are removed.
+        """
         names = {e.procedure for e in new.entries.values()}
         old = {n: e for n, e in self.entries.items() if e.procedure not in names and n not in new.entries}
         kept = tuple(c for c in self.covariances if all(_base(n) in old for n in c.of))
@@ -101,8 +109,10 @@ class Calibration(NamedTuple):
 
 
 def read_calibration(path: str | Path) -> Calibration:
-    """Read a calibration file. For an invalid file, raise InputError with the faulty entry and the text to write
-    instead."""
+    """Read a calibration file.
+
+    For an invalid file, raise InputError with the faulty entry and the text to write instead.
+    """
     where = f"calibration '{path}'"
     try:
         text = read_user_text(path)

@@ -43,8 +43,9 @@ def inject_faults(scenario: Scenario, texts: Iterable[str]) -> Scenario:
 
 
 def check_fault_times(scenario: Scenario, texts: Iterable[str]) -> None:
-    """Raise InputError for a fault that begins after the end of the flight. Only for virtual time: real flights may
-    last longer.
+    """Raise InputError for a fault that begins after the end of the flight.
+
+    Only for virtual time: real flights may last longer.
 
     Raises: InputError with the flight's length.
     """
@@ -62,8 +63,9 @@ def check_fault_times(scenario: Scenario, texts: Iterable[str]) -> None:
 
 
 def add_dormant_faults(scenario: Scenario, longest: float = 0.5) -> Scenario:
-    """Return the scenario with an inactive fault in every part. A fault acts when its parameters are changed during the
-    run.
+    """Return the scenario with an inactive fault in every part.
+
+    A fault acts when its parameters are changed during the run.
 
     Args:
         scenario: without faults.
@@ -75,8 +77,10 @@ def add_dormant_faults(scenario: Scenario, longest: float = 0.5) -> Scenario:
 
 
 def fault_locations(scenario: Scenario) -> tuple[str, ...]:
-    """Return the places of this scenario that can have a fault. Actuators can have one only if the vehicle has an
-    input."""
+    """Return the places of this scenario that can have a fault.
+
+    Actuators can have one only if the vehicle has an input.
+    """
     acting = ("actuators",) if jax.tree.leaves(scenario.world.actuators.neutral()) else ()
     return (*(f"sensor:{name}" for name in scenario.world.sensors), "downlink", "uplink", *acting)
 
@@ -167,8 +171,10 @@ def _check_choice(about: str, what: str, name: str, choices: tuple[str, ...]) ->
 
 
 def _wrap_part(scenario: Scenario, where: str, fault: Fault, longest: float) -> Scenario:
-    """Return the scenario with a part wrapped by a fault. longest: longest delay (s) that the wrapper must be able to
-    store."""
+    """Return the scenario with a part wrapped by a fault.
+
+    longest: longest delay (s) that the wrapper must be able to store.
+    """
     world, (kind, _, name) = scenario.world, where.partition(":")
     inner = world.sensors[name] if name else getattr(world, kind)
     capacity = max(2, delay_slots(longest, inner.period)) if int(fault.word) in (NONE, DELAYED) else 2

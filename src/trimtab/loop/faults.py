@@ -26,8 +26,7 @@ NONE, OFF, STUCK, GARBAGE, WRONG, SLOW, DELAYED, INTERMITTENT = range(len(WORDS)
 NAN_BEYOND = 1.5
 """Size of a standard normal draw above which a garbage value is NaN: 13 % of the time."""
 LINK_STREAM = zlib.crc32(b"fault of a channel")
-"""Random stream of a link's faults. A fault hits all values of a message together, so draws don't depend on the
-payload."""
+"""Random stream of a link's faults. A fault hits all values of a message together."""
 
 
 @record
@@ -46,21 +45,15 @@ class Fault:
     duration: Scalar = quantity("100 ns", "Duration of the fault.", kind="time", default=FOREVER, low=0)
     severity: Scalar = quantity("1", "Severity of the fault; its meaning depends on the kind of fault.", default=1.0)
     bias: Scalar = quantity(
-        "1", "Bias for a fault of kind `wrong`: added to every real number, in the unit of that number.", default=0.0
+        "1", "Bias of a fault `wrong`, added to every real number, in the unit of that number.", default=0.0
     )
-    level: Scalar = quantity(
-        "1", "Threshold of the watched signal at which the fault begins, in the unit of the signal.", default=0.0
-    )
+    level: Scalar = quantity("1", "Threshold of the watched signal that triggers the fault, in its unit.", default=0.0)
     watch: str = option("Path of the signal that triggers the fault; empty: the fault begins at `start`.", default="")
     side: str = option(
-        "Side of `level` on which the watched signal triggers the fault: above or below.",
-        default="above",
-        choices=("above", "below"),
+        "Side of `level` on which the signal triggers the fault.", default="above", choices=("above", "below")
     )
     slot: int = period("Length of each on or off interval of a fault of kind `intermittent`.", default=ms(100))
-    field: str = option(
-        "Affected field or element of the actuators' output, e.g. speed[1]; empty: the whole output.", default=""
-    )
+    field: str = option("Affected field or element of the actuators' output, e.g. speed[1]; empty: all.", default="")
 
     def check(self) -> None:
         """Raise InputError for a severity that is invalid for the kind of fault."""
@@ -77,8 +70,7 @@ class Fault:
             raise InputError("severity", problem, fix="choose another severity, e.g. by 0.5, by 2")
 
     def begin_time(self, t: Any, begin: Any, signals: Any) -> Any:
-        """Return the time at which the fault began (100 ns), or NEVER. begin: this time at the last call. signals: at
-        time t."""
+        """Return the time at which the fault began (100 ns), or NEVER. begin: this time at the last call."""
         if not self.watch:
             return jnp.where(t >= self.start, jnp.asarray(self.start, np.int64), NEVER)
         number = jnp.asarray(signal_value(signals, self.watch), np.float64)
@@ -125,8 +117,7 @@ class Fault:
         return jax.tree.map(leaf, value)
 
     def garbage_value(self, key: Key, index: Any, value: Any) -> Any:
-        """Return garbage of the value's structure: random numbers of size `severity` times max(1, value), NaN, random
-        integers."""
+        """Return garbage like the value: NaN, and random numbers of size `severity` times max(1, |value|)."""
 
         def garbage(v: Any, z: Any) -> Any:
             if v.dtype == np.bool_:
@@ -143,8 +134,7 @@ class Fault:
 
 
 def _replace_by_draws(function: Callable[[Any, Any], Any], key: Key, index: Any, tree: Any) -> Any:
-    """Return the tree with function(leaf, normals) in place of each leaf. normals: standard normal draws of the leaf's
-    shape."""
+    """Return the tree with function(leaf, standard normal draws of its shape) in place of each leaf."""
     leaves, structure = jax.tree.flatten(tree)
     sizes = [int(np.prod(np.shape(v))) for v in leaves]
     draws, out, k = normals(key, index, sum(sizes)), [], 0
@@ -182,10 +172,7 @@ def replace_number(tree: Any, path: str, other: Any) -> Any:
 
 @record
 class FaultMemory:
-    """Memory of a fault: past outputs of its part.
-
-    Frames:  those of the part.
-    Source:  docs page, Faults."""
+    """Memory of a fault: past outputs of its part. Frames: those of the part. Source: docs page, Faults."""
 
     key: Any = part("Random key of the fault's random draws.")
     begin: Scalar = quantity("100 ns", "Time at which the fault began.", kind="time")
@@ -197,10 +184,7 @@ class FaultMemory:
 
 @record
 class FaultyState:
-    """State of a part, and the memory of its fault.
-
-    Frames:  those of the part.
-    Source:  docs page, Faults."""
+    """State of a part, and the memory of its fault. Frames: those of the part. Source: docs page, Faults."""
 
     inner: Any = part("State of the part that has the fault.")
     memory: FaultMemory = part("Memory of the fault.")
@@ -310,8 +294,7 @@ class FaultyPart:
         self.fault.check_ring(self.period, self.capacity)
 
     def initial_state(self, inner: Any, input: Any, key: Key) -> FaultyState:
-        """Return the initial state of a wrapped part that gives samples. inner: state of the part. input: example of
-        its input."""
+        """Return the initial state of a wrapped part that gives samples. inner: the part's state. input: an example."""
         try:
             sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, input)
         except AttributeError as error:
@@ -333,12 +316,8 @@ class FaultySensor(FaultyPart):
 
     inner: Any = part("Sensor.")
     fault: Fault = part("Fault of the wrapped part.", default=Fault())
-    example: Any = part(
-        "Example of the sensor's input; only for a sensor whose input is not the vehicle's motion.", default=None
-    )
-    capacity: int = option(
-        "Capacity of the ring buffer of samples: number of samples in the longest delay, plus 1.", default=2
-    )
+    example: Any = part("Example of the sensor's input, for a sensor that does not measure the motion.", default=None)
+    capacity: int = option("Capacity of the ring buffer: samples in the longest delay, plus 1.", default=2)
 
     @property
     def FEELS(self) -> str:
@@ -363,17 +342,17 @@ class FaultySensor(FaultyPart):
 
 @record
 class FaultyChannel(FaultyPart):
-    """A channel with a fault at its receiving end. A checksum rejects distorted messages, so a fault `garbage` gives no
-    data. The fault may watch the carried sample, e.g. `value.surge_velocity` or `age`.
+    """A channel with a fault at its receiving end.
+
+    A checksum rejects distorted messages, so a fault `garbage` gives no data. The fault may watch the carried sample,
+    e.g. `value.surge_velocity` or `age`.
 
     Frames:  those of the values carried.    Source:  docs page, Faults.
     """
 
     inner: Any = part("Channel.")
     fault: Fault = part("Fault of the wrapped part.", default=Fault())
-    capacity: int = option(
-        "Capacity of the ring buffer of outputs: number of steps in the longest delay, plus 1.", default=2
-    )
+    capacity: int = option("Capacity of the ring buffer: steps in the longest delay, plus 1.", default=2)
 
     def init(self, key: Key, like: Sample) -> FaultyState:
         """Return the initial state: nothing received."""
@@ -390,8 +369,7 @@ class FaultyChannel(FaultyPart):
 
 @record
 class FaultyActuators(FaultyPart):
-    """Actuators with a fault: while it acts, the vehicle's input is distorted, or only one field or element of the
-    input.
+    """Actuators with a fault that distorts the vehicle's input, or one field or element of the input.
 
     The fault may watch the command, e.g. `value.speed_rpm`.
 
@@ -400,9 +378,7 @@ class FaultyActuators(FaultyPart):
 
     inner: Any = part("Actuators.")
     fault: Fault = part("Fault of the wrapped part.", default=Fault())
-    capacity: int = option(
-        "Capacity of the ring buffer of outputs: number of steps in the longest delay, plus 1.", default=2
-    )
+    capacity: int = option("Capacity of the ring buffer: steps in the longest delay, plus 1.", default=2)
 
     def neutral(self) -> Any:
         """Return the actuators' neutral output."""

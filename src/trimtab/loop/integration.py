@@ -90,8 +90,10 @@ long."""
 
 
 class _Progress(NamedTuple):
-    """Progress of the integration between two instants. since: time since the instant (s). size: next trial step (s).
-    located: number of events located so far."""
+    """Progress of the integration between two instants.
+
+    since: time since the instant (s). size: next trial step (s). located: number of events located so far.
+    """
 
     since: Any
     x: Any
@@ -128,8 +130,10 @@ def integrate_truth(
 
 
 def _take_step(method: Integration, vehicle: Any, u: Any, t: Any, h: Any, p: _Progress) -> _Progress:
-    """Take one step, as far as h, the error tolerance or the first event allows. A step with too large an error is
-    rejected."""
+    """Take one step, as far as h, the error tolerance or the first event allows.
+
+    A step with too large an error is rejected.
+    """
 
     def f(time: Any, at: Any) -> Any:
         return vehicle.dynamics(time, at, u)

@@ -144,8 +144,9 @@ def compensator_law(system: Any, reads: Sequence[str], x0: Any, u0: Any, *, peri
 
 
 class StateNumber(NamedTuple):
-    """A number of the vehicle's state that a law feeds back. path: path below the state. state: name in the gain.
-    value: value at the trim. unit: unit of the state.
+    """A number of the vehicle's state that a law feeds back.
+
+    path: path below the state. state: name in the gain. value: value at the trim. unit: unit of the state.
     """
 
     path: str
@@ -155,8 +156,10 @@ class StateNumber(NamedTuple):
 
 
 def state_numbers(law: StateFeedback, x: Any) -> list[StateNumber]:
-    """Return the numbers of the state that a law of `feedback_law` reads, except those of an attitude. x: a state
-    record."""
+    """Return the numbers of the state that a law of `feedback_law` reads, except those of an attitude.
+
+    x: a state record.
+    """
     declared = {path: d for path, _, d in leaves(x) if isinstance(d, Quantity)}
     numbers: list[StateNumber] = []
     begin = 0
@@ -180,9 +183,10 @@ def describe_vehicle(vehicle: Any, x: Any, u: Any) -> dict[str, str]:
 
 
 class _FeedbackColumns(NamedTuple):
-    """columns: index of each fed-back state among the errors of the fields. fields: fields that contain fed-back
-    states, with sizes. turned: fields that are velocities in the outer frame of an attitude. places: fields that are
-    positions in that frame.
+    """columns: index of each fed-back state among the errors of the fields.
+
+    fields: fields that contain fed-back states, with sizes. turned: fields that are velocities in the outer frame of an
+    attitude. places: fields that are positions in that frame.
     """
 
     columns: list[int]

@@ -93,8 +93,10 @@ def even_latencies() -> np.ndarray:
 
 
 def measured_latency(scenario: Scenario, link: str) -> MeasuredLatency:
-    """Return a link as a `MeasuredLatency` of equal delay and packet rate. A `MeasuredLatency` is returned
-    unchanged."""
+    """Return a link as a `MeasuredLatency` of equal delay and packet rate.
+
+    A `MeasuredLatency` is returned unchanged.
+    """
     channel = getattr(scenario.world, link)
     if isinstance(channel, MeasuredLatency):
         return channel

@@ -45,8 +45,10 @@ EXTREMES = {"always": SMALLEST, "historically": SMALLEST, "eventually": LARGEST,
 
 @record
 class MonitorInput:
-    """Signals that a formula may use: the autopilot's signals, by their paths in the log. Source: docs page,
-    Monitor."""
+    """Signals that a formula may use: the autopilot's signals, by their paths in the log.
+
+    Source:  docs page, Monitor.
+    """
 
     estimate: Any = part("Estimate.")
     law: Any = part("Output of the law.")
@@ -112,8 +114,10 @@ class Monitor:
                 )
 
     def texts(self) -> dict[str, str]:
-        """Return the formulas by name. A formula without a name is named "requirement", the second such
-        "requirement_2"."""
+        """Return the formulas by name.
+
+        A formula without a name is named "requirement", the second such "requirement_2".
+        """
         texts: dict[str, str] = {}
         pieces = self.formulas.split(";")
         for k, piece in enumerate(pieces):
@@ -189,8 +193,9 @@ def _check_intervals(tree: Any, name: str, period: int) -> None:
 
 
 class _Online:
-    """Evaluation of a formula at one row. All delay lines are in one array; without the array only their lengths are
-    found.
+    """Evaluation of a formula at one row.
+
+    All delay lines are in one array; without the array only their lengths are found.
 
     Each formula gives a value and its delay in rows: until that many rows have passed the value is meaningless.
     sign: -1 in a negated formula.

@@ -53,8 +53,10 @@ REMEDIES = {
 
 
 class CodeFault(NamedTuple):
-    """place: file and line, e.g. "boat.py:31: "; "" if the error is not in a user's file. fix: text to write; "" if
-    unknown."""
+    """place: file and line, e.g. "boat.py:31: "; "" if the error is not in a user's file.
+
+    fix: text to write; "" if unknown.
+    """
 
     place: str
     problem: str

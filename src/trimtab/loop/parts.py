@@ -35,8 +35,10 @@ declaration."""
 
 @functools.cache
 def part_modules() -> Mapping[str, str]:
-    """Return the module of each record class of the package's parts, by class name. Read from the files without
-    importing."""
+    """Return the module of each record class of the package's parts, by class name.
+
+    Read from the files without importing.
+    """
     root = Path(__file__).parents[1]
     files = [file for folder in FOLDERS for file in sorted((root / folder).rglob("*.py"))]
     names: dict[str, str] = {}

@@ -1,5 +1,4 @@
-"""The radio between the craft of a swarm: one channel shared by time slots, with delay, and losses per pair of
-craft."""
+"""The radio between the craft of a swarm: one channel shared by time slots, with delay and losses."""
 
 from typing import Any, ClassVar
 
@@ -17,8 +16,11 @@ from trimtab.loop.structure import strengthen_types
 
 @record
 class PeerRadioState:
-    """State of the swarm's radio: messages in transit and messages received. Frames: those of the messages. Source:
-    docs page, Swarms."""
+    """State of the swarm's radio: messages in transit and messages received.
+
+    Frames:  those of the messages.
+    Source:  docs page, Swarms.
+    """
 
     key: Any = part("Random key of the message losses.")
     on_the_way: Any = part("Messages in transit, by slot; fields of shape (delay,).")
@@ -27,8 +29,7 @@ class PeerRadioState:
 
 @record
 class PeerRadio:
-    """One radio channel for all craft. Time is divided into slots, and in each slot one craft sends a message to all
-    others.
+    """One radio channel for all craft. In each time slot one craft sends a message to all others.
 
         slot k: craft k mod n sends its message;   each other craft receives it `delay` slots later, if not lost
 

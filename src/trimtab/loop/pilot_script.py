@@ -16,8 +16,9 @@ from trimtab.loop.supervisor import NO_REQUEST, REQUESTS, PilotRequest
 
 @record
 class PilotScript:
-    """Sensor of the pilot's requests: gives one new sample at the time of each request. Without requests no sample is
-    valid.
+    """Sensor of the pilot's requests: gives one new sample at the time of each request.
+
+    Without requests no sample is valid.
 
     In a flight over a link the ground station gives the samples instead.
 
@@ -46,8 +47,10 @@ class PilotScript:
         return PilotRequest(request=np.int32(NO_REQUEST))
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """Return the newest request at integer time t. The sample is marked as new once, at the first step after the
-        request."""
+        """Return the newest request at integer time t.
+
+        The sample is marked as new once, at the first step after the request.
+        """
         request, at, asked = jnp.asarray(np.int32(NO_REQUEST)), jnp.asarray(np.int64(0)), jnp.asarray(False)
         for k in range(np.shape(self.times)[0]):
             due = t >= self.times[k]

@@ -1,5 +1,6 @@
-"""Predictor of the vehicle's state over the delay of both links. It stands between the estimator and any law. An
-optional part of the Autopilot.
+"""Predictor of the vehicle's state over the delay of both links.
+
+It stands between the estimator and any law. An optional part of the Autopilot.
 
 Source: docs page, Predictor.
 """
@@ -67,8 +68,10 @@ class Prediction:
 
 @record
 class SentInputs:
-    """Ring buffer of the vehicle inputs caused by the commands sent, with a slot for each tick of the actuators.
-    Source: docs page."""
+    """Ring buffer of the vehicle inputs caused by commands, with a slot for each tick of the actuators.
+
+    Source:  docs page.
+    """
 
     start: Scalar = quantity("100 ns", "Time at which the input starts to act; NEVER in an empty slot.", kind="time")
     u: Any = part("Input of the vehicle.")
@@ -95,8 +98,7 @@ class PredictorState:
 
 @record
 class Predictor:
-    """Predictor: propagates an estimate from the time of its measurement to the time at which the resulting command
-    acts.
+    """Predictor: propagates an estimate from the time of its measurement to the time when its command acts.
 
         from t - age, the estimate's state, over the inputs of the vehicle, to  latch(t + uplink_delay)
 
@@ -148,8 +150,10 @@ class Predictor:
             )
 
     def init(self, key: Key, estimate: Estimate) -> PredictorState:
-        """Return the initial state, for estimates of this structure. Raise InputError if the estimate can't be
-        predicted."""
+        """Return the initial state, for estimates of this structure.
+
+        Raise InputError if the estimate can't be predicted.
+        """
         self._check_estimate(estimate)
         state = strengthen_types(self.start)
         neutral = self.actuators.neutral()

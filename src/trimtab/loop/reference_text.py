@@ -66,8 +66,10 @@ def parse_reference(text: str) -> Any:
 
 
 def plain_text(text: str) -> str:
-    """Return the text of a reference. For a file, return its rows as text, so that a log can be replayed without the
-    file."""
+    """Return the text of a reference.
+
+    For a file, return its rows as text, so that a log can be replayed without the file.
+    """
     if not text.endswith(".csv"):
         return text
     table = read_measurements(text, COLUMNS, series=True)
@@ -77,8 +79,9 @@ def plain_text(text: str) -> str:
 
 
 def with_reference(scenario: Scenario, text: str) -> Scenario:
-    """Return the scenario that follows a reference. It starts at rest at the start of the path, with the nose along the
-    path.
+    """Return the scenario that follows a reference.
+
+    It starts at rest at the start of the path, with the nose along the path.
 
     Raises: InputError for a law that cannot follow a reference.
     """

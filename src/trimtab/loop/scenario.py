@@ -173,8 +173,10 @@ class Scenario(Generic[V]):
         return replace(changed, world=replace(changed.world, **links))
 
     def check(self) -> None:
-        """Raise InputError for values with which the scenario cannot run. `loop.walk` checks that parts fit each
-        other."""
+        """Raise InputError for values with which the scenario cannot run.
+
+        `loop.walk` checks that parts fit each other.
+        """
         self._check_interfaces()
         mav_type(self.world.vehicle)
         check_beliefs(self.autopilot, self.world.vehicle, self.mismatch)

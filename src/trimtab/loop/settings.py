@@ -20,8 +20,9 @@ T = TypeVar("T")
 
 
 def with_settings(tree: T, settings: Mapping[str, Any]) -> T:
-    """Return a copy of the scenario with every setting applied. For an unknown path or wrong value, raise InputError
-    with similar names.
+    """Return a copy of the scenario with every setting applied.
+
+    For an unknown path or a wrong value, raise InputError with similar names.
 
     >>> from trimtab import build, with_settings
     >>> with_settings(build("hovercraft/spin"), {"world.vehicle.mass": "3000 g"}).world.vehicle.mass

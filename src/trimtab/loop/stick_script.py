@@ -97,8 +97,10 @@ def add_stick_sensor(scenario: Scenario) -> Scenario:
 
 
 def empty_sticks(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the sticks without a script. A pilot moves these sticks at the autopilot's end of the
-    link."""
+    """Return the names of the sticks without a script.
+
+    A pilot moves these sticks at the autopilot's end of the link.
+    """
     found = []
     for name, sensor in scenario.world.sensors.items():
         while isinstance(sensor, FaultyPart):

@@ -1,5 +1,7 @@
-"""Shapes of the data that parts exchange, found without running the parts. Errors name the two parts that do not
-fit."""
+"""Shapes of the data that parts exchange, found without running the parts.
+
+Errors name the two parts that do not fit.
+"""
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
@@ -44,8 +46,10 @@ def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) 
 
 
 def zeros_of_step(part: str, reads: str, step: Callable[..., Any], *inputs: Any) -> tuple[Any, Any]:
-    """Return state and output of a step, with every number zero. Raise InputError if the step does not return such a
-    pair."""
+    """Return state and output of a step, with every number zero.
+
+    Raise InputError if the step does not return such a pair.
+    """
     pair = zeros_of(part, reads, step, *inputs)
     if not isinstance(pair, tuple) or len(pair) != 2:  # pyright: ignore[reportUnknownArgumentType]
         problem = f"{place_of(step)}its step() must return (state, output), got {describe_tree(pair)}"

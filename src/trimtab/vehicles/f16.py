@@ -143,8 +143,10 @@ def interpolate_line(x: Any, grid: Any, values: Any) -> Any:
 
 
 def interpolate_plane(y: Any, x: Any, rows: Any, columns: Any, values: Any) -> Any:
-    """Interpolate values (rows, columns, k) on a uniform grid at y, x: bilinear, constant beyond. Return an array
-    (k,)."""
+    """Interpolate values (rows, columns, k) on a uniform grid at y, x: bilinear, constant beyond.
+
+    Return an array (k,).
+    """
     i, up = _cell(y, rows)
     j, along = _cell(x, columns)
     corners = lax.dynamic_slice(jnp.asarray(values), (i, j, np.uint32(0)), (2, 2, values.shape[2]))

@@ -30,8 +30,11 @@ GEAR_KNEE = 0.77
 
 @record
 class F16State:
-    """State of the F-16: airspeed and air angles, attitude, rates, position and engine power. Frames: W
-    north-east-down; rates in B. Source: [1] table 3.5-2."""
+    """State of the F-16: airspeed and air angles, attitude, rates, position and engine power.
+
+    Frames:  W north-east-down; rates in B.
+    Source:  [1] table 3.5-2.
+    """
 
     speed: Scalar = quantity("m/s", "Airspeed.", above=0)
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
@@ -49,8 +52,10 @@ class F16State:
 
 
 class Loads(NamedTuple):
-    """Velocity, forces and accelerations of the F-16. velocity: in B (3,) (m/s). wrench: of air and engine.
-    acceleration: relative to W, resolved in B (3,) (m/s²). turn: angular acceleration in B (3,) (rad/s²).
+    """Velocity, forces and accelerations of the F-16.
+
+    velocity: in B (3,) (m/s). wrench: of air and engine. acceleration: relative to W, resolved in B (3,) (m/s²). turn:
+    angular acceleration in B (3,) (rad/s²).
     """
 
     velocity: Any

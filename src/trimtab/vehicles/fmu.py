@@ -47,8 +47,10 @@ class FmuSignal(NamedTuple):
 
 
 class FmuInterface(NamedTuple):
-    """Content of an FMU's model description. duration_s, step_s: duration and step of its default experiment, or
-    None."""
+    """Content of an FMU's model description.
+
+    duration_s, step_s: duration and step of its default experiment, or None.
+    """
 
     name: str
     version: str
@@ -73,7 +75,7 @@ class FmuVehicle:
         "True: the program in the FMU is trusted and may run with your rights.", default=False, choices=(True, False)
     )
     motion_of: tuple[tuple[str, str], ...] = option(
-        'Outputs of the FMU that give the motion, e.g. (("v_WB_B[0]", "speed"),). Other numbers of the motion are zero.',
+        'Outputs of the FMU that give the motion, e.g. (("v_WB_B[0]", "speed"),). All other numbers are zero.',
         default=(),
     )
     settings: tuple[tuple[str, float], ...] = option(
@@ -95,8 +97,10 @@ class FmuVehicle:
             raise InputError("FMU", problem, fix=fix)
 
     def dynamics(self, t: Any, x: Any, u: Any) -> Any:
-        """Return zero for an FMU that a host program steps. Otherwise raise InputError, as the derivative is
-        unknown."""
+        """Return zero for an FMU that a host program steps.
+
+        Otherwise raise InputError, as the derivative is unknown.
+        """
         if not self.is_stepped:
             problem = "an FMU is a program that is called step by step, so it can't be compiled or differentiated"
             fix = "use trimtab run, vehicle or fly, which step an FMU; other commands need a vehicle in Python"
@@ -268,12 +272,16 @@ def _check_component(component: str) -> None:
 
 
 class FmuInstance:
-    """A running FMU with methods to read its outputs, write its inputs and step it. All numbers are in one flat
-    list."""
+    """A running FMU with methods to read its outputs, write its inputs and step it.
+
+    All numbers are in one flat list.
+    """
 
     def __init__(self, vehicle: FmuVehicle) -> None:
-        """Unpack, load and initialise the FMU, which runs its program. Raise InputError for an FMU that is not
-        trusted."""
+        """Unpack, load and initialise the FMU, which runs its program.
+
+        Raise InputError for an FMU that is not trusted.
+        """
         vehicle.check()
         fmpy, self.vehicle, self.file = import_fmpy(), vehicle, vehicle.file
         about, interface = _read_description(vehicle.file), read_interface(vehicle.file)
@@ -307,8 +315,10 @@ class FmuInstance:
             at += s.size
 
     def step(self, h: int) -> bool:
-        """Step the FMU by integer time h with constant inputs. Return True if the FMU requests the end. Raise if the
-        step fails."""
+        """Step the FMU by integer time h with constant inputs.
+
+        Return True if the FMU requests the end. Raise if the step fails.
+        """
         t, length = self.t * 1e-7, (self.t + h) * 1e-7 - self.t * 1e-7
         try:
             answer = self._fmu.doStep(currentCommunicationPoint=t, communicationStepSize=length)

@@ -10,8 +10,9 @@ from trimtab.core.signals import Motion, PlanarForce
 
 @record
 class HovercraftState:
-    """State of a vehicle on a floor: velocity in body axes, position and heading. Frames: W north-east-down, B at the
-    centre of mass.
+    """State of a vehicle on a floor: velocity in body axes, position and heading.
+
+    Frames:  W north-east-down, B at the centre of mass.
 
     Source: [1] eq. 2.11, in velocities instead of momenta: PX = m u, PY = m v, Pi = J r.
     """

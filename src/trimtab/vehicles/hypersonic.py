@@ -15,8 +15,9 @@ STANDARD_GRAVITY = 1.39e16 / (20903500.0 + 85000.0) ** 2
 
 @record
 class HypersonicState:
-    """State of the hypersonic vehicle: flight in the vertical plane, and two bending modes. Frames: path angle gamma =
-    theta - alpha, from the horizon.
+    """State of the hypersonic vehicle: flight in the vertical plane, and two bending modes.
+
+    Frames:  path angle gamma = theta - alpha, from the horizon.
 
     The unit of the modal displacements follows from modes of unit mass, whose kinetic energy is eta'^2/2 per width.
 
@@ -58,8 +59,10 @@ class Disturbance:
     duration: Scalar = quantity("s", "Duration of the disturbance; by default a permanent step.", default=1e9, low=0)
 
     def activation(self, t: Any) -> Any:
-        """Return 1.0 while the disturbance acts at time t (s), else 0.0. The end is excluded, so an impulse keeps its
-        size."""
+        """Return 1.0 while the disturbance acts at time t (s), else 0.0.
+
+        The end is excluded, so an impulse keeps its size.
+        """
         since = t - self.start + 1e-9
         return jnp.where((since >= 0) & (since < self.duration), 1.0, 0.0)
 
@@ -177,7 +180,9 @@ class Hypersonic:
         )
 
     def level_state(self, h: Any, V: Any, alpha: Any, delta_e: Any) -> HypersonicState:
-        """Return the state in level flight at this angle of attack, bending at rest. It is a trim if V', gamma' and M
-        are zero."""
+        """Return the state in level flight at this angle of attack, bending at rest.
+
+        It is a trim if V', gamma' and M are zero.
+        """
         eta1, eta2 = self.modes.static_displacements(alpha, delta_e)
         return HypersonicState(h, V, alpha, alpha, 0.0, eta1, 0.0, eta2, 0.0)

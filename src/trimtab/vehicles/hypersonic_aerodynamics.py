@@ -20,8 +20,7 @@ LIFT, DRAG, MOMENT, THRUST = "[1], [2], lift", "[1], [2], drag", "[1], [2], pitc
 
 
 class Forces(NamedTuple):
-    """Forces per foot of width: thrust, lift, drag (lbf/ft), pitching moment (lbf ft/ft); dynamic pressure
-    (lbf/ft^2)."""
+    """Forces per foot of width: thrust, lift, drag (lbf/ft), moment (lbf ft/ft); dynamic pressure (lbf/ft^2)."""
 
     T: Any
     L: Any
@@ -92,8 +91,10 @@ class Aerodynamics:
         return qbar * self.S * (self.CL_a * alpha + self.CL_d * delta_e + self.CL_0)
 
     def drag(self, qbar: Any, alpha: Any, delta_e: Any) -> Any:
-        """Return drag (lbf/ft) at dynamic pressure qbar (lbf/ft^2). Quadratic in the elevator, so the model is not
-        affine."""
+        """Return drag (lbf/ft) at dynamic pressure qbar (lbf/ft^2).
+
+        Quadratic in the elevator, so the model is not affine.
+        """
         by_alpha = (self.CD_a2 * alpha + self.CD_a) * alpha
         by_elevator = (self.CD_d2 * delta_e + self.CD_d) * delta_e
         return qbar * self.S * (by_alpha + by_elevator + self.CD_0)

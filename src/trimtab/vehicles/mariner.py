@@ -33,8 +33,10 @@ class MarinerControls:
 
 @record
 class MarinerState:
-    """State of the ship: velocity over the ground and position of the point amidships, heading, rudder angle. Source:
-    [1]."""
+    """State of the ship: velocity over the ground and position of the point amidships, heading, rudder angle.
+
+    Source:  [1].
+    """
 
     surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B", default=7.7175)
     sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B", default=0.0)

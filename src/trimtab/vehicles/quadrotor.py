@@ -18,8 +18,9 @@ SHORTEST_LAG = 0.005
 
 @record
 class MultirotorState:
-    """State of a multirotor: position, velocity, attitude, angular rate and rotor speeds. Frames: W north-east-down, B
-    the body's.
+    """State of a multirotor: position, velocity, attitude, angular rate and rotor speeds.
+
+    Frames:  W north-east-down, B the body's.
 
     The quaternion is normalised after each step. Source: this module.
     """
@@ -49,8 +50,9 @@ class RotorDemand:
 
 @record
 class Rotors:
-    """Rotors of a multirotor: positions, directions of rotation, thrust and torque. All thrust against the body's z
-    axis.
+    """Rotors of a multirotor: positions, directions of rotation, thrust and torque.
+
+    All thrust against the body's z axis.
 
         T = k w |w|        Q = -s c T about z        on the body, of the rotor's own turning
 
@@ -115,8 +117,9 @@ class Rotors:
 
 @record
 class Multirotor:
-    """Multirotor: a rigid body with n rotors that thrust against its z axis. Position and yaw can be controlled, tilt
-    cannot.
+    """Multirotor: a rigid body with n rotors that thrust against its z axis.
+
+    Position and yaw can be controlled, tilt cannot.
 
         p' = v      m v' = m g e3 - T R e3 - R D R.T (v - wind)      q' = q (0, w)/2
         J w' = M - w × (J w + h e3) - D_w w      w_i' = (u_i - w_i)/lag

@@ -22,8 +22,9 @@ from trimtab.environment.wind import Wind
 
 @record
 class RigidBodyState:
-    """State of a rigid body: position, velocity, attitude and angular velocity. Frames: I inertial, z the earth's axis;
-    B the body's.
+    """State of a rigid body: position, velocity, attitude and angular velocity.
+
+    Frames:  I inertial, z the earth's axis; B the body's.
 
     The quaternion's length does not matter. Source: Stevens, Lewis, Johnson, "Aircraft control and simulation", 1.7.
     """

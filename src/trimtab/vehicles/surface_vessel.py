@@ -32,8 +32,10 @@ class VesselControls:
 
 @record
 class VesselState:
-    """State of the vessel: velocity over the ground at the centre of mass, pose, rudder angle and propeller speed.
-    Source: [1] section 2."""
+    """State of the vessel: velocity over ground of the centre of mass, pose, rudder angle, propeller speed.
+
+    Source:  [1] section 2.
+    """
 
     surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B", default=0.0)
     sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B", default=0.0)

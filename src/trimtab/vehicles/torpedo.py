@@ -37,8 +37,10 @@ class TorpedoControls:
 
 @record
 class TorpedoState:
-    """State of the torpedo: position, attitude, velocity over the ground at the centre of mass, fin angles, shaft
-    speed. Source: [1] section 3.2."""
+    """State of the torpedo: position, attitude, velocity over ground of the centre of mass, fin angles, shaft.
+
+    Source:  [1] section 3.2.
+    """
 
     position: Any = quantity("m", "Position: north, east, depth.", frame="W", shape=(3,), default=np.zeros(3))
     attitude: Any = quantity(
