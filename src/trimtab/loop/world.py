@@ -70,7 +70,7 @@ class World(Generic[V]):
     actuators: Any = part("Actuators, which turn commands into the vehicle's input.")
     downlink: Any = part("Channel from each sensor to the autopilot.")
     uplink: Any = part("Channel from the autopilot to the actuators.")
-    max_step: int = period("Longest time between two instants, and so between two integration steps.", default=ms(1))
+    max_step: int = period("Longest step of the integration.", default=ms(1))
     integration: Any = part(
         "Integration of the true state. None: one Runge–Kutta step of order four per instant.",
         default=None,
