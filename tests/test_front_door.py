@@ -98,7 +98,7 @@ def test_fields_are_shown_with_unit_and_meaning():
 
     assert "mass [kg]: Total mass with batteries. Default: 2.6." in Hovercraft.__doc__
     assert "max_step: Longest step of the integration. Default: 1 ms." in trimtab.World.__doc__
-    assert "vehicle: True vehicle: dynamics and motion." in trimtab.World.__doc__
+    assert "vehicle: Model of the true vehicle: dynamics and motion." in trimtab.World.__doc__
 
 
 @pytest.mark.parametrize("value", ["3 m", "three"])

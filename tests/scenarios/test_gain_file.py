@@ -120,7 +120,7 @@ def test_refusals(folder, tmp_path):
     assert "cannot be read" in refusal(gain=str(tmp_path / "none.json"))
     changed = tmp_path / "changed.json"
     changed.write_text(file.read_text(encoding="utf-8").replace('"cart-pole/swing-up"', '"cart-pole/swing"'), "utf-8")
-    assert "its digest is another" in refusal(gain=str(changed))
+    assert "its digest does not match its content" in refusal(gain=str(changed))
     text = refusal(gain=str(file), **{"autopilot.period": "200 ms", "world.actuators.period": "200 ms"})
     assert "with a control period of 200 ms its loop is not stable" in text
     assert "holds one state" in refusal("hovercraft/track", gain=str(file), reference="circle(radius=1, period=20)")

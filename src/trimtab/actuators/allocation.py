@@ -1,4 +1,4 @@
-"""Allocation of a planar force to a vectored fan; and direct actuation, where the demand acts unchanged.
+"""Allocation of a planar force to a vectored fan. Direct actuation, where the demand acts on the vehicle unchanged.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -19,17 +19,17 @@ from trimtab.core.time import ms
 
 @record
 class ThrustVectorAllocation:
-    """Allocation of a demand: to polar form, then to rudder angle and speed.
+    """Allocation of a demanded force: converted to polar form, then to a rudder angle and a fan speed.
 
         f = sign(FX) |F|    psi = -atan(FY/FX)
         theta = offset - ratio psi, kept between the stops    n = table(theta, f)
 
-    If the direction of the force is not possible, its size is kept: a demand across the vehicle acts along it, with the
-    rudder at its stop, and the sign jumps with the sign of FX. With FX = 0 the fan turns forward. Within the dead zone
-    the speed is 0 but the rudder still follows. Demands beyond the fan's range give its top speed.
+    If the rudder cannot reach the direction of the demand, the rudder goes to its stop and the size of the force is
+    kept. The thrust then changes sign with FX. With FX = 0 the fan turns forward. Within the dead zone the fan speed is
+    0, but the rudder still follows. Demands above the fan's maximum thrust give its top speed.
 
-    Without "lookup-table", and without "saturation" (where no table reaches), n comes from the thruster's formula; the
-    drive does the same.
+    If the imperfection "lookup-table" or "saturation" is off, n is computed from the thruster's formula. The drive does
+    the same.
 
     Frames:  demand in B at the rudder pivot.
     Source:  [1] section 6.1, eqs. 4.3 and 4.4. Sign, dead zone on |F| and clipping before the table are reconstructed:
@@ -37,17 +37,17 @@ class ThrustVectorAllocation:
     """
 
     rudder: RudderServo = part("Servo of the rudder.", default=RudderServo())
-    geometry: RudderGeometry = part("Rudder angle to force angle.", default=RudderGeometry())
-    thruster: Thruster = part("Formula of the fan's thrust.", default=Thruster())
+    geometry: RudderGeometry = part("Relation between rudder angle and force angle.", default=RudderGeometry())
+    thruster: Thruster = part("Model of the fan's thrust as a function of its speed.", default=Thruster())
     table: BilinearTable | None = part(
-        "Table of the speed by rudder angle and force, or None for the formula.",
+        "Table of the fan speed over rudder angle and force. None: use the thruster's formula.",
         default=full_speed_table(Thruster()),
         off={"lookup-table": None},
     )
     dead_zone: Scalar = imperfection(
-        "N", "Largest size of a demand that gives no thrust.", "dead-zone", default=0.05, source="[1] 6.1"
+        "N", "Largest demanded force for which the fan stays at rest.", "dead-zone", default=0.05, source="[1] 6.1"
     )
-    saturation: bool = switch("True: rudder and fan have limits.", "saturation")
+    saturation: bool = switch("True: the rudder angle and the fan speed are limited.", "saturation")
 
     def check(self) -> None:
         """Raise InputError for a table that does not belong to the thruster."""
@@ -59,7 +59,7 @@ class ThrustVectorAllocation:
         return ()
 
     def step(self, t: Any, state: tuple[()], demand: PlanarForce) -> tuple[tuple[()], DriveCommand]:
-        """Return pulse and speed for a demand (N, in B)."""
+        """Return the rudder pulse and the fan speed for a demanded force (N, in B)."""
         force, psi = to_polar(demand)
         theta = self.geometry.rudder_angle(psi)
         if self.saturation:
@@ -76,7 +76,8 @@ class ThrustVectorAllocation:
 
 
 def to_polar(force: PlanarForce) -> tuple[Any, Any]:
-    """Return the size (N) with the sign of FX, and force angle psi (rad) in [-pi/2, pi/2]; (0, 0) for no force."""
+    """Return the force's size (N) with the sign of FX, and its angle psi (rad) in [-pi/2, pi/2]; (0, 0) for no
+    force."""
     sign = jnp.where(force.FX < 0, -1.0, 1.0)
     square = force.FX**2 + force.FY**2
     some = square > 0
@@ -86,7 +87,11 @@ def to_polar(force: PlanarForce) -> tuple[Any, Any]:
 
 @record
 class DirectAllocation:
-    """Allocation that sends the demand itself as the command. Frames: the demand's. Source: docs page, Direct."""
+    """Allocation that sends the demand unchanged as the command.
+
+    Frames:  those of the demand.
+    Source:  docs page, Direct.
+    """
 
     def init(self, key: Key) -> tuple[()]:
         """Return an empty state."""
@@ -99,20 +104,23 @@ class DirectAllocation:
 
 @record
 class DirectOutput:
-    """Output of direct actuation. Frames: the input's. Source: docs page, Direct."""
+    """Output of direct actuation. Frames: those of the vehicle's input. Source: docs page, Direct."""
 
-    u: Any = part("Input of the vehicle.")
+    u: Any = part("Input of the vehicle, e.g. its force.")
 
 
 @record
 class DirectActuation:
     """Actuators that apply the commanded value at once, and the neutral input before the first command.
 
-    Frames:  the input's.    Source:  docs page, Direct.
+    Frames:  those of the vehicle's input.    Source:  docs page, Direct.
     """
 
-    neutral_input: Any = part("Input without a command, a record like the command's.", default=PlanarForce(0.0, 0.0))
-    period: int = period("Time between changes of the input.", default=ms(1))
+    neutral_input: Any = part(
+        "Neutral input of the vehicle, used without a valid command. A record of the class of the command's value.",
+        default=PlanarForce(0.0, 0.0),
+    )
+    period: int = period("Period at which the input of the vehicle is updated.", default=ms(1))
 
     def neutral(self) -> DirectOutput:
         """Return the neutral input."""
@@ -123,5 +131,5 @@ class DirectActuation:
         return ()
 
     def step(self, t: Any, state: tuple[()], command: Sample) -> tuple[tuple[()], DirectOutput]:
-        """Return the command's value if valid, else the neutral input."""
+        """Return the value of the command if the command is valid, else the neutral input."""
         return state, DirectOutput(u=tree_where(command.valid, command.value, self.neutral_input))

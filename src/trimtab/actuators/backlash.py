@@ -1,4 +1,4 @@
-"""Gaps: backlash between drive and load, and a dead band about zero, where a command has no effect.
+"""Backlash between drive and load, and a dead band about zero in which a command has no effect.
 
 Stages of an ActuatorBank. Source: [1] Gelb, Vander Velde, "Multiple-input describing functions and nonlinear system
 design", McGraw-Hill 1968, appendix B.
@@ -15,9 +15,9 @@ from trimtab.core.record import Scalar, option, quantity, record
 
 @record
 class Backlash:
-    """Backlash of a gear or a linkage: the load moves only when the drive has crossed the gap, else it stays.
+    """Backlash of a gear or a linkage: the load stays where it is until the drive has crossed the gap.
 
-        y = the value nearest to the last y between command - width/2 and command + width/2
+        y = last y, limited to [command - width/2, command + width/2]
 
     Exact for a command that moves in one direction within a period.
 
@@ -26,11 +26,11 @@ class Backlash:
     """
 
     width: Scalar = quantity(
-        "1", "Whole gap, in the unit of the actuated value.", default=0.02, low=0, off={"backlash": 0.0}
+        "1", "Total width of the gap, in the unit of the actuated value.", default=0.02, low=0, off={"backlash": 0.0}
     )
 
     def init(self, rest: Any) -> Any:
-        """Return the first state: the load at the rest value."""
+        """Return the initial state: the load at the rest value."""
         return jnp.asarray(rest, float)
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
@@ -41,9 +41,9 @@ class Backlash:
 
 @record
 class DeadBand:
-    """Dead band: commands up to a size have no effect.
+    """Dead band: commands smaller than `width` have no effect.
 
-    Larger commands are reduced by the band, as by a valve with overlap; with `cuts` they pass unchanged, as by a motor
+    Larger commands are reduced by `width`, as in a valve with overlap. With `cuts` they pass unchanged, as in a motor
     with static friction.
 
     Frames:  its field's.    Source:  [1].
@@ -51,13 +51,15 @@ class DeadBand:
 
     half_width: Scalar = quantity(
         "1",
-        "Largest size of a command without effect, in the unit of the actuated value.",
+        "Largest magnitude of a command that has no effect, in the unit of the actuated value.",
         default=0.01,
         low=0,
         off={"dead-band": 0.0},
     )
     cuts: bool = option(
-        "True: larger commands pass unchanged; false: reduced by the band.", default=False, choices=(False, True)
+        "True: commands beyond the dead band pass unchanged. False: they are reduced by its width.",
+        default=False,
+        choices=(False, True),
     )
 
     def init(self, rest: Any) -> tuple[()]:
@@ -65,7 +67,7 @@ class DeadBand:
         return ()
 
     def step(self, state: tuple[()], value: Any, dt: Any) -> tuple[tuple[()], StageOutput]:
-        """Return the value after the band."""
+        """Return the value after the dead band."""
         inside = jnp.clip(value, -self.half_width, self.half_width)
         y = jnp.where(abs(value) > self.half_width, value, 0.0) if self.cuts else value - inside
         return state, StageOutput(value=y, limited=np.bool_(False))

@@ -1,4 +1,4 @@
-"""A bank of actuators: one for each field of the vehicle's input, each a row of stages."""
+"""A bank of actuators: for each field of the vehicle's input, a sequence of stages."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -19,15 +19,15 @@ from trimtab.core.time import ms, to_seconds
 
 @record
 class BankOutput:
-    """Output of an actuator bank. Frames: the input's. Source: this module."""
+    """Output of an actuator bank. Frames: those of the vehicle's input. Source: this module."""
 
     u: Any = part("Input of the vehicle.")
-    limited: Scalar = quantity("1", "True if any actuator is at its top speed or at a stop.", kind="flag")
+    limited: Scalar = quantity("1", "True if any actuator is at its rate limit or at a stop.", kind="flag")
 
 
 @record
 class ActuatorBank:
-    """Bank of actuators: each field of the command passes a row of stages to the vehicle's input.
+    """Bank of actuators: each field of the command passes stages and becomes a field of the vehicle's input.
 
         ActuatorBank(Push(0.0), {"force": (TransportDelay(0.01), FirstOrderLag(0.05, rate_limit=200.0))})
 
@@ -35,12 +35,17 @@ class ActuatorBank:
     the actuators approach with their own dynamics. The input of a stage is the output of the stage before it. The value
     that acts from an instant on is the last stage's value one period later.
 
-    Frames:  the input's.    Source:  docs page, Actuators of any vehicle.
+    Frames:  those of the vehicle's input.    Source:  docs page, Actuators of any vehicle.
     """
 
-    neutral_input: Any = part("Input without a command, a record like the command's.", default=PlanarForce(0.0, 0.0))
-    stages: Any = part("Field of the input -> its stages, in the order in which a command passes them.", default={})
-    period: int = period("Time between steps of the actuators.", default=ms(1))
+    neutral_input: Any = part(
+        "Neutral input of the vehicle, used without a valid command. A record of the class of the command's value.",
+        default=PlanarForce(0.0, 0.0),
+    )
+    stages: Any = part(
+        "Stages of each field of the vehicle's input, in the order in which a command passes them.", default={}
+    )
+    period: int = period("Period of the actuators.", default=ms(1))
 
     def __post_init__(self) -> None:
         if isinstance(
@@ -50,7 +55,7 @@ class ActuatorBank:
             object.__setattr__(self, "stages", rows)
 
     def check(self) -> None:
-        """Raise InputError for fields that the input doesn't have, and stages that don't fit the period."""
+        """Raise InputError for fields that the vehicle's input lacks, and for stages that don't fit the period."""
         kind = type(self.neutral_input)
         known = [*declarations(kind)] if is_record(self.neutral_input) else []
         for name, row in self.stages.items():
@@ -66,7 +71,7 @@ class ActuatorBank:
                 optional_member(stage, "check_period")(self.period)
 
     def pulses(self) -> dict[str, ServoPulse]:
-        """Return the pulse table of each field that has stops or a pulse of its own."""
+        """Return the pulse table of each field that has stops or a servo pulse."""
         tables = {}
         for name, row in self.stages.items():
             own = [stage for stage in row if isinstance(stage, ServoPulse)]
@@ -81,14 +86,14 @@ class ActuatorBank:
         return BankOutput(u=self.neutral_input, limited=np.bool_(False))
 
     def init(self, key: Key) -> dict[str, tuple[Any, ...]]:
-        """Return the first states, at the neutral input."""
+        """Return the initial states of all stages, at the neutral input."""
         return {
             name: tuple(stage.init(getattr(self.neutral_input, name)) for stage in row)
             for name, row in self.stages.items()
         }
 
     def step(self, t: Any, state: dict[str, tuple[Any, ...]], command: Sample) -> tuple[Any, BankOutput]:
-        """Return the states and the vehicle's input from integer time t on."""
+        """Return the new states, and the vehicle's input that acts from integer time t on."""
         wanted = tree_where(command.valid, command.value, self.neutral_input)
         dt, limited = to_seconds(self.period), jnp.zeros((), np.bool_)
         states, changes = {}, {}

@@ -1,4 +1,4 @@
-"""A battery: its voltage falls with the current, and with the charge drawn.
+"""A battery whose voltage falls with the current and with the charge drawn.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -17,7 +17,7 @@ from trimtab.core.time import ms, to_seconds
 class BatteryState:
     """Frames: none. Source: docs page, Battery."""
 
-    drawn: Scalar = quantity("A s", "Charge drawn so far.")
+    drawn: Scalar = quantity("A s", "Charge drawn from the battery so far.")
     voltage: Scalar = quantity("V", "Voltage at the terminals.")
 
 
@@ -32,22 +32,28 @@ class BatteryOutput:
 
 @record
 class Battery:
-    """Voltage source behind a resistance; the source voltage falls linearly with the charge drawn.
+    """Voltage source with a series resistance. The open-circuit voltage falls linearly with the charge drawn.
 
         V = full − (full − empty) min(drawn/capacity, 1) − resistance i
 
-    Frames:  none.    Valid: down to `empty`.    Not modelled: recovery, temperature, the drop at the very end.
+    Frames:  none.    Valid: down to `empty`.    Not modelled: recovery, temperature, the drop when nearly empty.
     Source:  [1] chapter 4: 7.2 V. Everything else is reconstructed.
     """
 
-    full: Scalar = quantity("V", "Voltage without load, full.", default=7.2, above=0, source="[1] chapter 4")
-    empty: Scalar = quantity("V", "Voltage without load, empty.", default=6.2, above=0)
-    capacity: Scalar = quantity("A s", "Charge from full to empty: 3 A h.", default=10800.0, above=0)
-    resistance: Scalar = quantity("ohm", "Resistance of the battery and its leads.", default=0.03, low=0)
-    other: Scalar = quantity("A", "Current of lift fan and electronics.", default=3.0, low=0)
-    initial: Scalar = quantity("1", "Charge at the start, as a fraction of the capacity.", default=1.0, low=0, high=1)
-    period: int = period("Time of one step.", default=ms(1))
-    sags: bool = switch("True: the voltage falls; false: it stays constant.", "battery-sag")
+    full: Scalar = quantity(
+        "V", "Open-circuit voltage of the full battery.", default=7.2, above=0, source="[1] chapter 4"
+    )
+    empty: Scalar = quantity("V", "Open-circuit voltage of the empty battery.", default=6.2, above=0)
+    capacity: Scalar = quantity("A s", "Capacity of the battery; the default is 3 A h.", default=10800.0, above=0)
+    resistance: Scalar = quantity("ohm", "Internal resistance of the battery, with its leads.", default=0.03, low=0)
+    other: Scalar = quantity("A", "Current drawn by the lift fan and the electronics.", default=3.0, low=0)
+    initial: Scalar = quantity(
+        "1", "Charge at the start of the run, as a fraction of the capacity.", default=1.0, low=0, high=1
+    )
+    period: int = period("Time step of the battery model.", default=ms(1))
+    sags: bool = switch(
+        "True: the voltage falls with current and charge. False: the voltage is constant.", "battery-sag"
+    )
 
     def check(self) -> None:
         """Raise InputError for a battery whose voltage rises as it is discharged."""
@@ -56,12 +62,12 @@ class Battery:
             raise InputError("Battery.empty", problem, fix="set it below full")
 
     def init(self) -> BatteryState:
-        """Return the first state, with the charge of `initial`."""
+        """Return the initial state, with the charge given by `initial`."""
         drawn = (1.0 - self.initial) * self.capacity
         return BatteryState(drawn=jnp.asarray(drawn, np.float64), voltage=self.terminal_voltage(drawn, self.other))
 
     def terminal_voltage(self, drawn: Any, current: Any) -> Any:
-        """Return the voltage (V) after a drawn charge (A s), under a current (A)."""
+        """Return the terminal voltage (V) for a charge drawn so far (A s) and a present current (A)."""
         sag = (self.full - self.empty) * jnp.minimum(drawn / self.capacity, 1.0) + self.resistance * current
         return jnp.where(self.sags, self.full - sag, self.full)
 

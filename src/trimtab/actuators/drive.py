@@ -1,4 +1,4 @@
-"""The vectored fan: command in, force out, with servo frames, brake, tables and stops.
+"""The drive of the vectored fan, from command to force: servo frames, brake, tables and stops.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -26,16 +26,30 @@ FORWARD, REVERSE, BRAKING = range(3)
 
 @record
 class SpeedControllerState:
-    """Direction of the last non-zero speed, and the brake. Frames: none. Source: [1] section 6.1."""
+    """State of the speed controller: direction of the last non-zero speed, and the brake.
 
-    mode: Scalar = quantity("1", "Mode of the controller.", kind="mode", modes=MODES, default=np.int32(FORWARD))
-    brake_until: Scalar = quantity("100 ns", "End of the last brake.", kind="time", default=np.int64(0))
-    brakings: Scalar = quantity("1", "Number of brakes so far.", kind="count", default=np.int32(0))
+    Frames:  none.
+    Source:  [1] section 6.1.
+    """
+
+    mode: Scalar = quantity(
+        "1",
+        "Mode of the speed controller: forward, braking or reverse.",
+        kind="mode",
+        modes=MODES,
+        default=np.int32(FORWARD),
+    )
+    brake_until: Scalar = quantity(
+        "100 ns", "Time at which the last braking phase ends.", kind="time", default=np.int64(0)
+    )
+    brakings: Scalar = quantity(
+        "1", "Number of times that the fan has been braked so far.", kind="count", default=np.int32(0)
+    )
 
 
 @record
 class SpeedController:
-    """Controller that passes the commanded speed on, with a brake of fixed length from negative to positive speed.
+    """Speed controller: passes the commanded speed on, and brakes for a fixed time between reverse and forward.
 
         forward  --negative-->  reverse        at once
         reverse  --positive-->  braking        output 0 until t + brake
@@ -49,14 +63,19 @@ class SpeedController:
     Source:  [1] chapter 4 and section 6.1: 150 ms, wired so that the delay falls on reverse to forward.
     """
 
-    brake: int = period("Length of the brake; 0 switches it off.", default=ms(150), low=0, off={"braking": 0})
+    brake: int = period(
+        "Duration of the braking phase; 0 switches the brake off.", default=ms(150), low=0, off={"braking": 0}
+    )
 
     def init(self) -> SpeedControllerState:
-        """Return the first state: at rest, forward."""
+        """Return the initial state: fan at rest, mode forward."""
         return SpeedControllerState()
 
     def step(self, t: Any, state: SpeedControllerState, speed_rpm: Any) -> tuple[SpeedControllerState, Any]:
-        """Return the state and the speed passed on (rpm) at integer time t; may be called at any rising times."""
+        """Return the new state and the speed passed on (rpm) at integer time t.
+
+        Calls need rising times, not a fixed period.
+        """
         negative, positive = speed_rpm < 0, speed_rpm > 0
         was_reverse = state.mode == REVERSE
         turns = was_reverse & positive
@@ -71,13 +90,13 @@ class SpeedController:
 
 @record
 class DriveCommand:
-    """Command of the vectored fan. Frames: positive speed pushes forward. Source: [1] chapter 5."""
+    """Command for the drive of the vectored fan. Frames: positive speed pushes forward. Source: [1] chapter 5."""
 
     rudder_pulse: Scalar = quantity("s", "Pulse width of the rudder servo.")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
 
     def failsafe(self) -> Failsafe:
-        """Return the failsafe of a vehicle that obeys such commands, where a scenario states none."""
+        """Return the default failsafe of a vehicle with this drive, for scenarios that define no failsafe."""
         return drive_failsafe()
 
 
@@ -86,7 +105,8 @@ NEUTRAL_COMMAND = DriveCommand(rudder_pulse=RudderServo().neutral_pulse, speed_r
 
 
 def drive_failsafe() -> Failsafe:
-    """Return the failsafe of a vectored fan, with limits of its servo's pulses and the motor's no-load speed."""
+    """Return the failsafe of a vectored fan, limited to the pulse range of its servo and the no-load speed of its
+    motor."""
     return Failsafe(
         safe=NEUTRAL_COMMAND,
         low=DriveCommand(rudder_pulse=0.8e-3, speed_rpm=-19200.0),
@@ -96,13 +116,17 @@ def drive_failsafe() -> Failsafe:
 
 @record
 class FanDriveState:
-    """State of the drive. Frames: none. Source: this module."""
+    """State of the drive of the vectored fan.
+
+    Frames:  none. Source: this module."""
 
     rudder_pulse: Scalar = quantity("s", "Pulse width latched in the last servo frame.")
     commanded_rpm: Scalar = quantity("rpm", "Speed latched in the last servo frame.")
     controller: SpeedControllerState = part("State of the speed controller.")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan.")
-    fan: RegulatedFanState | None = part("Values of regulator, motor and battery; None without them.", default=None)
+    fan: RegulatedFanState | None = part(
+        "Regulator, motor and battery of the fan; None if the fan is not regulated.", default=None
+    )
 
 
 @record
@@ -114,23 +138,25 @@ class DriveOutput:
     rudder: Scalar = quantity("rad", "Rudder angle.", kind="angle")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
     mode: Scalar = quantity("1", "Mode of the speed controller.", kind="mode", modes=MODES)
-    brakings: Scalar = quantity("1", "Number of brakes so far.", kind="count")
+    brakings: Scalar = quantity("1", "Number of times that the fan has been braked so far.", kind="count")
     rudder_saturated: Scalar = quantity("1", "True if the rudder is at a stop.", kind="flag")
     speed_saturated: Scalar = quantity("1", "True if the fan is at its top speed.", kind="flag")
-    fan: RegulatedFanOutput | None = part("Values of regulator, motor and battery; None without them.", default=None)
+    fan: RegulatedFanOutput | None = part(
+        "Regulator, motor and battery of the fan; None if the fan is not regulated.", default=None
+    )
 
 
 @record
 class FanDrive:
-    """Servo, speed controller and reversible fan behind which a rudder stands.
+    """Drive of a reversible fan with a rudder behind it: servo, speed controller and fan.
 
         every servo frame: latch the command
         pulse -> theta (servo table, stops)
         commanded speed -> brake -> n (lag, if any); with a fan: -> regulator -> duty -> brake -> motor -> n
         f = table(theta, n)    psi = (offset - theta)/ratio    FX = f cos psi    FY = -f sin psi
 
-    Without "lookup-table", and without "saturation" (where no table reaches), f comes from the thruster's formula. The
-    allocation does the same, so that the two stay inverse to each other.
+    If the imperfection "lookup-table" or "saturation" is off, f is computed from the thruster's formula. The allocation
+    does the same, so it remains the inverse of the drive.
 
     Frames:  force in B at the rudder pivot; positive speed pushes forward.
     Valid:   at rest: no inflow.    Not modelled: slew rate of the servo; motor lag unless a time constant is set.
@@ -138,30 +164,31 @@ class FanDrive:
     """
 
     rudder: RudderServo = part("Servo of the rudder.", default=RudderServo())
-    geometry: RudderGeometry = part("Rudder angle to force angle.", default=RudderGeometry())
+    geometry: RudderGeometry = part("Relation between rudder angle and force angle.", default=RudderGeometry())
     controller: SpeedController = part("Speed controller.", default=SpeedController())
-    thruster: Thruster = part("Formula of the fan's thrust.", default=Thruster())
+    thruster: Thruster = part("Model of the fan's thrust as a function of its speed.", default=Thruster())
     table: BilinearTable | None = part(
-        "Table of the thrust by rudder angle and speed, or None for the formula.",
+        "Table of the thrust over rudder angle and fan speed. None: use the thruster's formula.",
         default=thrust_table(Thruster()),
         off={"lookup-table": None},
     )
     effectiveness: Scalar = quantity("1", "Factor on the thrust, e.g. below 1 for a weak fan.", default=1.0, low=0)
     fan: RegulatedFan | None = part(
-        "Regulator, motor and battery of the fan; None: the speed follows the command, as in the source.",
+        "Regulator, motor and battery of the fan. None: the fan speed follows the command, as in the thesis.",
         default=None,
         optional=RegulatedFan(),
     )
-    frame: int = period("Period of the servo's and the speed controller's pulses.", default=ms(20))
-    period: int = period("Time between steps of the drive.", default=ms(1))
-    saturation: bool = switch("True: rudder and fan have limits.", "saturation")
+    frame: int = period("Period of the command pulses to the servo and the speed controller.", default=ms(20))
+    period: int = period("Time step of the drive.", default=ms(1))
+    saturation: bool = switch("True: the rudder angle and the fan speed are limited.", "saturation")
 
     def check(self) -> None:
-        """Raise InputError for frames that fall between steps, and a table that does not belong to the thruster."""
+        """Raise InputError if the frame is not a multiple of the period, or the table was made from another
+        thruster."""
         if self.frame % self.period:
             frame, own = format_time(self.frame), format_time(self.period)
             problem = f"the frame of {frame} must be a multiple of the period of {own}"
-            raise InputError("frame", problem, fix="choose such a multiple, or frames are missed")
+            raise InputError("frame", problem, fix="choose a frame that is a multiple of the period")
         if self.table is not None:
             check_thrust_table(self.table, self.thruster)
         if self.fan is not None:
@@ -185,13 +212,16 @@ class FanDrive:
         )
 
     def init(self, key: Key) -> FanDriveState:
-        """Return the first state: neutral command latched, fan at rest."""
+        """Return the initial state: neutral command latched, fan at rest."""
         zero = np.float64(0.0)
         fan = None if self.fan is None else self.fan.init()
         return FanDriveState(self.rudder.neutral_pulse, zero, self.controller.init(), zero, fan)
 
     def step(self, t: Any, state: FanDriveState, command: Sample) -> tuple[FanDriveState, DriveOutput]:
-        """Return the state and the force from integer time t on; a command that is not valid counts as neutral."""
+        """Return the new state, and the force that acts from integer time t on.
+
+        An invalid command counts as neutral.
+        """
         pulse, commanded = self._latch(t, state, command)
         controller, speed, fan, regulated = self._turn(t, state, commanded)
         rudder = self._rudder_angle(pulse)
@@ -211,7 +241,8 @@ class FanDrive:
         return FanDriveState(pulse, commanded, controller, speed, fan), output
 
     def _turn(self, t: Any, state: FanDriveState, commanded: Any) -> tuple[SpeedControllerState, Any, Any, Any]:
-        """Return speed controller, speed (rpm), and the regulated fan's state and output, if any."""
+        """Return the speed controller's state, the fan speed (rpm), and the regulated fan's state and output (None
+        without one)."""
         if self.fan is None or state.fan is None:
             controller, wanted = self.controller.step(t, state.controller, commanded)
             return controller, self.thruster.follow_speed(state.speed_rpm, wanted, to_seconds(self.period)), None, None
@@ -242,5 +273,8 @@ class FanDrive:
 
 @jax.jit
 def _neutral_angle(drive: FanDrive) -> Any:
-    """Return the neutral rudder angle. Compiled, as outside a run each operation would be compiled separately."""
+    """Return the neutral rudder angle.
+
+    Compiled as one program, because outside a run JAX compiles each operation alone.
+    """
     return drive._rudder_angle(drive.rudder.neutral_pulse)

@@ -1,4 +1,6 @@
-"""Failsafe: the vehicle's behaviour without commands, and the authority to command it. A block of the firmware.
+"""Failsafe: behaviour of the vehicle without commands, and choice of the source of commands.
+
+A block of the firmware.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -36,12 +38,18 @@ BREACHES = ("none", "fence", "envelope")
 class FailsafeInput:
     """Input of the failsafe at one instant. Frames: those of the commands. Source: docs page, Failsafe."""
 
-    command: Sample = part("Newest command from the link, as the receiving end of a channel holds it.")
-    manual: Any = part("Command of the safety pilot's sticks, a record like the command's value.")
-    takeover: Scalar = quantity("1", "True if the pilot's mode switch is at manual.", kind="flag", default=False)
-    radio: Scalar = quantity("1", "True if the pilot's transmitter is received.", kind="flag", default=False)
+    command: Sample = part("Newest command received over the uplink.")
+    manual: Any = part(
+        "Command from the safety pilot's sticks. A record of the same class as the value of an uplink command."
+    )
+    takeover: Scalar = quantity(
+        "1", "True if the safety pilot's mode switch is set to manual.", kind="flag", default=False
+    )
+    radio: Scalar = quantity(
+        "1", "True while the signal of the safety pilot's transmitter is received.", kind="flag", default=False
+    )
     arm: Scalar = quantity("1", "Request to arm.", kind="flag", default=False)
-    disarm: Scalar = quantity("1", "Request to disarm; has priority over arm.", kind="flag", default=False)
+    disarm: Scalar = quantity("1", "Request to disarm; has priority over a request to arm.", kind="flag", default=False)
     breach: Scalar = quantity("1", "Limit that the vehicle has exceeded.", kind="mode", modes=BREACHES, default=0)
 
 
@@ -64,9 +72,11 @@ class FailsafeState:
 class FailsafeOutput:
     """Output of the failsafe. Frames: those of the commands. Source: docs page, Failsafe."""
 
-    command: Sample = part("Command for the actuators; invalid, with the safe value, if they must stand still.")
-    lift: Scalar = quantity("1", "True if the lift fan turns.", kind="flag")
-    armed: Scalar = quantity("1", "True if a command, or the pilot, may turn the fan.", kind="flag")
+    command: Sample = part(
+        "Command for the actuators. If the actuators must stop, an invalid command with the value `safe`."
+    )
+    lift: Scalar = quantity("1", "True if the lift fan is switched on.", kind="flag")
+    armed: Scalar = quantity("1", "True if a received command or the pilot can move the actuators.", kind="flag")
     mode: Scalar = quantity("1", "Authority: the present source of commands.", kind="mode", modes=MODES)
     cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
     rejected: Scalar = quantity("1", "Rejected commands so far.", kind="count")
@@ -74,31 +84,36 @@ class FailsafeOutput:
 
 @record
 class Failsafe:
-    """Passes commands on while they arrive, and makes the vehicle safe when they don't.
+    """Failsafe: passes commands to the actuators while they arrive, and stops the vehicle when they don't.
 
-    Without a good command for `timeout`, the safe value acts at once, and the lift fan stops `lift_delay` later. This
-    is latched until the next request to arm. The same happens if the vehicle is beyond its fence or envelope. Once
-    armed, the safety pilot can take over at any time, independent of link, latch and limits. Nothing acts before
+    Without a good command for `timeout`, the safe value acts at once, and the lift fan stops `lift_delay` later. The
+    failsafe stays tripped until the next request to arm. It also trips if the vehicle leaves its fence or envelope.
+    Once armed, the safety pilot can take over at any time, independent of link, latch and limits. Nothing acts before
     arming, and commands from before the arming are ignored. A good command is new, valid, finite, between `low` and
     `high`, and at most `age_max` old. Other commands are counted and ignored, but an invalid command stops the vehicle
     at once.
 
-    Generic over the command: `safe`, `low` and `high` are records like its value. The rules in full: docs page.
+    Works for any command: `safe`, `low` and `high` are records of the same class as its value. The rules in full: docs
+    page.
 
     Frames:  those of the commands.    Not modelled: the sources of requests.
     Source:  [1] chapter 5 (safety pilot's takeover, on the vehicle); time-outs are reconstructed: docs page.
     """
 
     safe: Any = part("Command at which the vehicle stands still.")
-    low: Any = part("Least accepted value.")
-    high: Any = part("Greatest accepted value.")
-    timeout: int = period("Longest time without a good command.", default=ms(250))
-    lift_delay: int = period("Delay from the timeout to the stop of the lift fan.", default=seconds(1), low=0)
-    patience: int = period("Longest time armed without a first command.", default=seconds(10))
-    age_max: Scalar = quantity("s", "Maximum age of a command, by the vehicle's clock.", default=0.5, above=0)
+    low: Any = part("Smallest accepted value of each number of a command.")
+    high: Any = part("Largest accepted value of each number of a command.")
+    timeout: int = period("Longest accepted time without a good command; then the failsafe trips.", default=ms(250))
+    lift_delay: int = period(
+        "Delay from the trip of the failsafe to the stop of the lift fan.", default=seconds(1), low=0
+    )
+    patience: int = period(
+        "Longest time from arming to the first command; then the vehicle disarms.", default=seconds(10)
+    )
+    age_max: Scalar = quantity("s", "Maximum age of an accepted command, by the vehicle's clock.", default=0.5, above=0)
 
     def check(self) -> None:
-        """Raise InputError for limits that don't fit the safe value."""
+        """Raise InputError if the safe value is not between the limits, or the records have different fields."""
         own = [path for path, _, _ in leaves(self.safe)]
         for name, limit in (("low", self.low), ("high", self.high)):
             other = [path for path, _, _ in leaves(limit)]
@@ -112,7 +127,7 @@ class Failsafe:
                 raise InputError(f"safe.{path}", problem, fix="move the limit, or the safe value")
 
     def init(self) -> FailsafeState:
-        """Return the first state, disarmed."""
+        """Return the initial state, disarmed."""
         never = np.int64(NEVER)
         return FailsafeState(
             mode=np.int32(DISARMED),
@@ -127,7 +142,10 @@ class Failsafe:
         )
 
     def step(self, t: Any, state: FailsafeState, input: FailsafeInput) -> tuple[FailsafeState, FailsafeOutput]:
-        """Return the state and the output from integer time t on; may be called at any rising times."""
+        """Return the new state, and the output that acts from integer time t on.
+
+        Calls need rising times, not a fixed period.
+        """
         before = state.mode
         state = self._apply_requests(t, state, input)
         state = self._accept_command(t, state, input.command)
@@ -150,7 +168,7 @@ class Failsafe:
         return state, output
 
     def _apply_requests(self, t: Any, s: FailsafeState, input: FailsafeInput) -> FailsafeState:
-        """Return the state after requests: armed again, without a command yet, or disarmed."""
+        """Return the state after the requests to arm or disarm. After arming no command has been received yet."""
         arm = jnp.asarray(input.arm) & ~jnp.asarray(input.disarm) & ((s.mode == DISARMED) | s.latched)
         disarm = input.disarm & (s.mode != DISARMED)
         mode = jnp.where(arm & (s.mode != MANUAL), COMPUTER, s.mode)
@@ -178,7 +196,10 @@ class Failsafe:
         )
 
     def _next_mode(self, t: Any, s: FailsafeState, pilot: Any, input: FailsafeInput) -> FailsafeState:
-        """Return the state after pilot and clock, by the table of the docs page: the last row that holds counts."""
+        """Return the state after the pilot's switch and the time-outs.
+
+        If several rows of the docs table hold, the last one wins.
+        """
         mode, cause = s.mode, s.cause
         radio, takeover = jnp.asarray(input.radio), jnp.asarray(input.takeover)
         came = s.command_arrival != NEVER

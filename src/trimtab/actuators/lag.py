@@ -17,25 +17,25 @@ from trimtab.core.time import format_time, to_seconds
 NO_LIMIT = 1e12
 """Value of a limit that is switched off."""
 FASTEST = 0.5
-"""Largest frequency times period (rad): within such a step the rate limit isn't left and met again."""
+"""Largest product of frequency and period (rad). Within such a step the rate limit can be left only once."""
 NEWTON_STEPS, TINY = 4, 1e-300
 
 
 @record
 class FirstOrderLag:
-    """First-order lag behind a command, with a rate limit and two stops.
+    """First-order lag of an actuator behind its command, with a rate limit and two stops.
 
         x' = (command - x)/time_constant    |x'| <= rate_limit    low <= x <= high
 
-    Solved in closed form over each period: first at the limit of the rate, then exponentially. With a time constant of
-    zero it is a rate limiter.
+    Solved in closed form over each period: first the part at the rate limit, then the exponential. With a time constant
+    of zero the lag is only a rate limiter.
 
     Frames:  its field's.    Not modelled: a load that drives the actuator.
     Source:  [1], the lag of an F-16's surfaces with both limits: 20.2 1/s, 60°/s, ±25° of the elevator.
     """
 
     time_constant: Scalar = quantity(
-        "s", "Time constant of the lag; 0: no lag.", default=0.05, low=0, off={"actuator-lag": 0.0}
+        "s", "Time constant of the lag; 0 switches the lag off.", default=0.05, low=0, off={"actuator-lag": 0.0}
     )
     rate_limit: Scalar = quantity(
         "1",
@@ -56,11 +56,11 @@ class FirstOrderLag:
         _check_stops(self.low, self.high)
 
     def init(self, rest: Any) -> Any:
-        """Return the first state, at the rest value."""
+        """Return the initial state, at the rest value."""
         return jnp.asarray(rest, float)
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
-        """Return the state and output dt (s) later, with the command held."""
+        """Return the new state and the output, after dt (s) with a constant command."""
         error = value - state
         size = abs(error)
         sliding = jnp.clip(size / self.rate_limit - self.time_constant, 0.0, dt)
@@ -82,19 +82,24 @@ class SecondOrderLagState:
 
 @record
 class SecondOrderLag:
-    """Second-order lag behind a command, with a rate limit and two stops.
+    """Second-order lag of an actuator behind its command, with a rate limit and two stops.
 
         x'' = frequency^2 (command - x) - 2 damping frequency x'    |x'| <= rate_limit    low <= x <= high
 
     Solved in closed form over each period, including the instants at which the rate limit is met and left. At a stop
-    the rate is zero. A limit that is met and left again within one period counts at its end.
+    the rate is zero. If the rate limit is met and left again within one period, only the rate at the end of the period
+    is limited.
 
     Frames:  its field's.    Not modelled: a load that drives the actuator, bouncing at a stop.
     Source:  [1]; the second-order actuator of block diagrams.
     """
 
     frequency: Scalar = quantity(
-        "rad/s", "Undamped natural frequency; 0: no lag.", default=60.0, low=0, off={"actuator-lag": 0.0}
+        "rad/s",
+        "Undamped natural frequency of the lag; 0 switches the lag off.",
+        default=60.0,
+        low=0,
+        off={"actuator-lag": 0.0},
     )
     damping: Scalar = quantity("1", "Damping ratio.", default=0.7, above=0)
     rate_limit: Scalar = quantity(
@@ -124,12 +129,12 @@ class SecondOrderLag:
             raise InputError("frequency", problem, fix=fix)
 
     def init(self, rest: Any) -> SecondOrderLagState:
-        """Return the first state, at rest."""
+        """Return the initial state, at rest."""
         x = jnp.asarray(rest, float)
         return SecondOrderLagState(x=x, rate=jnp.zeros_like(x))
 
     def step(self, state: SecondOrderLagState, value: Any, dt: Any) -> tuple[SecondOrderLagState, StageOutput]:
-        """Return the state and output dt (s) later, with the command held."""
+        """Return the new state and the output, after dt (s) with a constant command."""
         swung, slid = self._swing(state, value, dt)
         slew = self.rate_limit * dt
         jumped = jnp.clip(value, state.x - slew, state.x + slew)
@@ -141,7 +146,7 @@ class SecondOrderLag:
         return SecondOrderLagState(x=x, rate=jnp.where(hits, 0.0, rate)), StageOutput(value=x, limited=limited)
 
     def _swing(self, s: SecondOrderLagState, value: Any, dt: Any) -> tuple[SecondOrderLagState, Any]:
-        """Return the state dt (s) later without stops, and True if the rate limit was active."""
+        """Return the state after dt (s), ignoring the stops, and True if the rate limit was active."""
         top, w, e = self.rate_limit, self.frequency, s.x - value
         later = self._propagate(e, s.rate, dt)[1]
         already = (abs(s.rate) >= top * (1 - 1e-12)) & (self._acceleration(e, s.rate) * s.rate > 0)
@@ -157,7 +162,10 @@ class SecondOrderLag:
         return SecondOrderLagState(x=value + e, rate=rate), already | meets
 
     def _time_of_rate(self, e: Any, rate: Any, wanted: Any, later: Any, dt: Any) -> Any:
-        """Return the time at which the rate, `rate` at 0 and `later` at dt (s), is `wanted`, by Newton's method."""
+        """Return the time at which the rate reaches `wanted`, by Newton's method.
+
+        rate: at time 0. later: at time dt (s).
+        """
 
         def improve(_: Any, at: Any) -> Any:
             e1, rate1 = self._propagate(e, rate, at)

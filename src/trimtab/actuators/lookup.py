@@ -20,19 +20,19 @@ FORCE_MAX, FORCE_STEP = 2.0, 0.025
 
 @record
 class BilinearTable:
-    """Table of a function of two numbers on uniform axes; bilinear inside, constant beyond the edges.
+    """Table of a function of two variables on uniform axes. Bilinear interpolation; constant beyond the edges.
 
     Source:  [1] chapter 4 for its use; bilinear interpolation is the textbook formula
              (Press et al., "Numerical recipes", 3rd ed., section 3.6).
     """
 
-    row_start: Scalar = quantity("row", "First coordinate of the first row.")
-    row_step: Scalar = quantity("row", "First coordinate between rows.", above=0)
-    column_start: Scalar = quantity("column", "Second coordinate of the first column.")
-    column_step: Scalar = quantity("column", "Second coordinate between columns.", above=0)
+    row_start: Scalar = quantity("row", "First coordinate (row axis) at the first row.")
+    row_step: Scalar = quantity("row", "Step of the first coordinate from row to row.", above=0)
+    column_start: Scalar = quantity("column", "Second coordinate (column axis) at the first column.")
+    column_step: Scalar = quantity("column", "Step of the second coordinate from column to column.", above=0)
     values: Any = quantity("value", "Values of the table (rows, columns), at least (2, 2).")
     origin: str = option(
-        "Origin of the table. With `formula`, the part also has the formula, and a run is refused if they differ.",
+        "Origin of the values. With `formula`, a run is refused if the values differ from the thruster's formula.",
         default="measured",
         choices=("measured", "formula"),
     )
@@ -53,7 +53,7 @@ class BilinearTable:
         return self.column_start + self.column_step * np.arange(np.shape(self.values)[1])[None, :]
 
     def at(self, row: Any, column: Any) -> Any:
-        """Return the value at two coordinates in the units of the axes; scalars, vmap for more."""
+        """Return the interpolated value at two scalar coordinates, in the units of the axes. Use vmap for arrays."""
         i, a = _cell((row - self.row_start) / self.row_step, np.shape(self.values)[0])
         j, b = _cell((column - self.column_start) / self.column_step, np.shape(self.values)[1])
         v = lax.dynamic_slice(self.values, (i, j), (2, 2))
@@ -63,17 +63,23 @@ class BilinearTable:
 
 
 def forward_speed_table(thruster: Thruster) -> BilinearTable:
-    """Return the table (rudder angle in rad, force in N, 0 to 2) -> speed in rpm, 14 x 81. Source: [1] chapter 4."""
+    """Return the table of fan speed (rpm) over rudder angle (rad) and force (0 to 2 N), 14 x 81.
+
+    Source:  [1] chapter 4.
+    """
     return _speed_table(thruster, 0.0)
 
 
 def full_speed_table(thruster: Thruster) -> BilinearTable:
-    """Return (rudder angle in rad, force in N, -2 to 2) -> signed speed in rpm, 14 x 161. Source: [1] chapter 4."""
+    """Return the table of signed fan speed (rpm) over rudder angle (rad) and force (-2 to 2 N), 14 x 161.
+
+    Source:  [1] chapter 4.
+    """
     return _speed_table(thruster, -FORCE_MAX)
 
 
 def thrust_table(thruster: Thruster, step_rpm: float = 100.0) -> BilinearTable:
-    """Return the table (rudder angle in rad, signed speed in rpm) -> signed force in N: [1] section 6.1.
+    """Return the table of signed force (N) over rudder angle (rad) and signed fan speed (rpm): [1] section 6.1.
 
     The source gives no step in speed. As thrust is quadratic, the interpolation error at the nodes of the speed table
     is about c step^2/4: 3e-5 N at 100 rpm, 2e-8 N at 2.5 rpm.
@@ -85,19 +91,22 @@ def thrust_table(thruster: Thruster, step_rpm: float = 100.0) -> BilinearTable:
 
 
 def check_speed_table(table: BilinearTable, thruster: Thruster) -> None:
-    """Raise InputError for a table of origin 'formula' that differs from this thruster."""
+    """Raise InputError for a table of origin 'formula' whose values differ from this thruster's formula."""
     if table.origin == "formula":
         _check_same(table, _speeds(thruster, table))
 
 
 def check_thrust_table(table: BilinearTable, thruster: Thruster) -> None:
-    """Raise InputError for a table of origin 'formula' that differs from this thruster."""
+    """Raise InputError for a table of origin 'formula' whose values differ from this thruster's formula."""
     if table.origin == "formula":
         _check_same(table, thruster.force(table.columns(), table.rows()))
 
 
 def _cell(position: Any, size: int) -> tuple[Any, Any]:
-    """Return the index of the cell, unsigned so that JAX adds no wrapping, and the fraction within the cell."""
+    """Return the index of the table's cell, and the fraction within the cell.
+
+    An unsigned index needs no wrapping in JAX.
+    """
     inside = jnp.clip(position, 0.0, size - 1.0)
     index = jnp.minimum(jnp.floor(inside), size - 2.0)
     return index.astype(np.uint32), inside - index
@@ -114,7 +123,7 @@ def _speed_table(thruster: Thruster, start: float) -> BilinearTable:
 
 
 def _speeds(thruster: Thruster, table: BilinearTable) -> Any:
-    """Return the speed (rpm) at every force and rudder angle of a table's axes, up to the top speed."""
+    """Return the fan speed (rpm) at every force and rudder angle of a table's axes, limited to the top speed."""
     speed = thruster.speed_rpm(table.columns(), table.rows())
     return np.clip(speed, -thruster.speed_max_rpm, thruster.speed_max_rpm)
 
@@ -123,5 +132,5 @@ def _check_same(table: BilinearTable, exact: Any) -> None:
     worst = float(np.max(np.abs(np.asarray(table.values) - exact)))
     if worst > 1e-9 * float(np.max(np.abs(exact))):
         problem = f"the table was made from another thruster: values differ by up to {worst:.6g}"
-        fix = "compute it again from this thruster, use None for the formula, or set origin='measured'"
+        fix = "compute the table again from this thruster, set table=None to use the formula, or set origin='measured'"
         raise InputError("table", problem, fix=fix)

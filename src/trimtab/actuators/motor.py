@@ -62,23 +62,37 @@ class Motor:
     """
 
     stall_torque: Scalar = quantity(
-        "N m", "Torque at rest, full duty.", default=0.08474, above=0, source="[1] chapter 4"
+        "N m", "Stall torque: torque at rest with full duty.", default=0.08474, above=0, source="[1] chapter 4"
     )
-    free_rpm: Scalar = quantity("rpm", "Speed without a propeller.", default=19200.0, above=0, source="[1] chapter 4")
+    free_rpm: Scalar = quantity(
+        "rpm",
+        "No-load speed: speed at full duty without a propeller.",
+        default=19200.0,
+        above=0,
+        source="[1] chapter 4",
+    )
     nominal_voltage: Scalar = quantity(
-        "V", "Voltage of stall torque and free speed.", default=7.2, above=0, source="[1] chapter 4"
+        "V",
+        "Nominal voltage, at which stall torque and no-load speed hold.",
+        default=7.2,
+        above=0,
+        source="[1] chapter 4",
     )
     inertia: Scalar = quantity("kg m^2", "Moment of inertia of rotor and propeller.", default=2.2e-5, above=0)
-    propeller: Scalar = quantity("N m/krpm^2", "Torque of the propeller per speed squared.", default=2.207e-4, low=0)
-    counts: Scalar = quantity("1", "Edges of the encoder in one turn.", default=400.0, above=0, source="[1] chapter 4")
-    period: int = period("Time of one step.", default=ms(1))
+    propeller: Scalar = quantity(
+        "N m/krpm^2", "Coefficient of the propeller's torque: torque divided by speed squared.", default=2.207e-4, low=0
+    )
+    counts: Scalar = quantity(
+        "1", "Number of encoder edges per turn of the shaft.", default=400.0, above=0, source="[1] chapter 4"
+    )
+    period: int = period("Time step of the motor model.", default=ms(1))
 
     def init(self) -> MotorState:
-        """Return the first state, at rest."""
+        """Return the initial state, at rest."""
         return MotorState()
 
     def torque(self, speed: Any, input: MotorInput) -> Any:
-        """Return the torque of the motor alone (N m) at a speed (rad/s)."""
+        """Return the motor's torque (N m) at a speed (rad/s), without the propeller's torque."""
         n = speed * (RPM * 1e-3)
         return self.stall_torque * (input.duty * input.voltage / self.nominal_voltage - n / (self.free_rpm * 1e-3))
 
@@ -88,20 +102,21 @@ class Motor:
         return (self.torque(speed, input) - self.propeller * n * abs(n)) / self.inertia
 
     def current(self, speed: Any, input: MotorInput) -> Any:
-        """Return the current through the windings (A) at a speed (rad/s); the battery supplies the share `duty` of it.
+        """Return the current through the windings (A) at a speed (rad/s).
 
-        It is the torque over the motor constant, which is the nominal voltage over the free speed in rad/s.
+        The battery supplies the fraction `duty` of this current. The current is the torque divided by the motor
+        constant. The motor constant is the nominal voltage divided by the no-load speed in rad/s.
         """
         return self.torque(speed, input) * self.free_rpm / (RPM * self.nominal_voltage)
 
     def duty(self, speed_rpm: Any, voltage: Any = 7.2) -> Any:
-        """Return the duty that holds a speed (rpm) with the battery at `voltage` (V)."""
+        """Return the duty that keeps a speed (rpm) constant at a battery voltage `voltage` (V)."""
         n = speed_rpm * 1e-3
         load = self.propeller * n * abs(n) / self.stall_torque + speed_rpm / self.free_rpm
         return load * self.nominal_voltage / voltage
 
     def step(self, t: Any, state: MotorState, input: MotorInput) -> tuple[MotorState, MotorOutput]:
-        """Step one period with duty and voltage held."""
+        """Return the state after one period with constant duty and voltage."""
 
         def rate(_: Any, x: MotorState) -> MotorState:
             return MotorState(speed=self.acceleration(x.speed, input), turned=x.speed * (self.counts / (2 * np.pi)))

@@ -39,7 +39,7 @@ class RegulatedFanOutput:
 
 @record
 class RegulatedFan:
-    """The firmware's blocks, followed by motor, propeller and battery.
+    """Regulated fan: the blocks of the firmware, followed by motor, propeller and battery.
 
         every tick of the regulator: encoder's counter, wanted speed -> duty
         duty -> speed controller (brake) -> motor and propeller on the battery's voltage -> speed, counter
@@ -54,26 +54,26 @@ class RegulatedFan:
     battery: Battery = part("Battery of the motor.", default=Battery())
 
     def check(self) -> None:
-        """Raise InputError for parts with periods that don't fit."""
+        """Raise InputError if the periods of regulator, motor and battery don't fit each other."""
         step, tick, other = self.motor.period, self.regulator.period, self.battery.period
         if tick % step or other != step:
             problem = f"regulator {format_time(tick)}, motor {format_time(step)}, battery {format_time(other)}"
-            fix = "give motor and battery one period, of which the regulator's is a multiple"
+            fix = "set motor and battery to equal periods, and the regulator's period to a multiple of it"
             raise InputError("RegulatedFan.period", problem, fix=fix)
         self.battery.check()
 
     def init(self) -> RegulatedFanState:
-        """Return the first state, at rest."""
+        """Return the initial state, at rest."""
         return RegulatedFanState(regulator=self.regulator.init(), motor=self.motor.init(), battery=self.battery.init())
 
     def neutral(self) -> RegulatedFanOutput:
-        """Return the output without drive."""
+        """Return the output of the fan at zero duty."""
         other = self.battery.other
         power = BatteryOutput(voltage=self.battery.init().voltage, current=other, remaining=self.battery.initial)
         return RegulatedFanOutput(duty=0.0, encoder_fault=np.bool_(False), battery=power)
 
     def regulate(self, t: Any, state: RegulatedFanState, wanted_rpm: Any) -> RegulatedFanState:
-        """Return the state with the duty for a wanted speed, at integer time t; unchanged between ticks."""
+        """Return the state with the regulator's duty for a wanted speed at integer time t. Unchanged between ticks."""
         given = SpeedRegulatorInput(wanted_rpm=wanted_rpm, count=state.count)
         regulator, out = self.regulator.step(t, state.regulator, given)
         due = t % self.regulator.period == 0
@@ -87,7 +87,8 @@ class RegulatedFan:
         )
 
     def turn(self, t: Any, state: RegulatedFanState, duty: Any) -> tuple[RegulatedFanState, Any, RegulatedFanOutput]:
-        """Return state, speed (rpm) and output, one period after integer time t with a duty (-1 to 1)."""
+        """Return the state, the speed (rpm) and the output after one period from integer time t on, with a duty (-1 to
+        1)."""
         given = MotorInput(duty=duty, voltage=state.battery.voltage)
         motor, moved = self.motor.step(t, state.motor, given)
         drawn = duty * self.motor.current(motor.speed, given)

@@ -1,4 +1,4 @@
-"""Allocation of thrust and moments to n rotors, within their limits and without those that have failed; their drive.
+"""Allocation of thrust and moments to n rotors, with limits and failed rotors; and the drive of the rotors.
 
 [1] is E. J. J. Smeur, G. C. H. E. de Croon, Q. Chu, "Prioritized control allocation for quadrotors subject to
 saturation", IMAV 2017.
@@ -19,7 +19,7 @@ from trimtab.core.time import ms
 from trimtab.vehicles.quadrotor import Multirotor, RotorDemand, RotorSpeeds
 
 EFFORT = 1e-6
-"""Weight of a rotor's thrust relative to the demand: it only selects among solutions that serve the demand equally."""
+"""Weight of the rotor thrusts relative to the demand. So small that it only selects among equally good solutions."""
 
 
 @record
@@ -42,7 +42,7 @@ class RotorAllocation:
     most: Scalar = quantity("N", "Maximum thrust of a rotor.", default=30.0, above=0)
     weights: Any = quantity(
         "1",
-        "Weights of thrust, roll, pitch, yaw.",
+        "Weights of the errors in thrust, roll, pitch and yaw.",
         shape=(4,),
         default=np.array([100.0, 1000, 1000, 1]),
         above=0,
@@ -50,7 +50,7 @@ class RotorAllocation:
     )
 
     def check(self) -> None:
-        """Raise InputError unless the least thrust is below the greatest."""
+        """Raise InputError unless the minimum thrust is below the maximum."""
         if float(self.least) >= float(self.most):
             problem = f"a least thrust of {float(self.least):g} N must be below the greatest, {float(self.most):g} N"
             raise InputError("least", problem, fix="give a least thrust between 0 and the greatest")
@@ -60,11 +60,11 @@ class RotorAllocation:
         return ()
 
     def step(self, t: Any, state: tuple[()], demand: RotorDemand) -> tuple[tuple[()], RotorSpeeds]:
-        """Return the speeds of the rotors for a demand."""
+        """Return the commanded rotor speeds for a demand of thrust and moments."""
         return state, RotorSpeeds(self.craft.rotors.speeds(self.thrusts(demand)))
 
     def thrusts(self, demand: RotorDemand) -> Any:
-        """Return the thrust of each rotor (n,), N."""
+        """Return the thrust of each rotor (N, shape (n,)) for a demand."""
         B = self.craft.rotors.effectiveness()
         n = B.shape[1]
         works = jnp.asarray(demand.working)
@@ -82,9 +82,9 @@ class RotorAllocation:
 
 @record
 class RotorDriveOutput:
-    """Output of the drives. Source: this module."""
+    """Output of the rotor drives. Source: this module."""
 
-    u: RotorSpeeds = part("Commanded speeds of the rotors; the vehicle's lag follows.")
+    u: RotorSpeeds = part("Commanded speeds of the rotors, before the rotors' lag in the vehicle model.")
 
 
 @record
@@ -95,12 +95,12 @@ class RotorDrive:
     Source:  docs page, Rotor allocation.
     """
 
-    least: Scalar = quantity("rad/s", "Lowest speed of a commanded rotor.", default=40.0, low=0)
-    most: Scalar = quantity("rad/s", "Highest speed of a rotor.", default=615.0, above=0)
+    least: Scalar = quantity("rad/s", "Minimum speed of a rotor that has a valid command.", default=40.0, low=0)
+    most: Scalar = quantity("rad/s", "Maximum speed of a rotor.", default=615.0, above=0)
     resolution: Scalar = imperfection("rad/s", "Resolution of the commanded speeds.", "speed-steps", default=0.3)
-    saturation: bool = switch("True: speeds have limits.", "saturation")
+    saturation: bool = switch("True: the commanded speeds are limited.", "saturation")
     count: int = option("Number of rotors.", default=4)
-    period: int = period("Time between steps of the drive.", default=ms(5))
+    period: int = period("Time step of the drive.", default=ms(5))
 
     def pulses(self) -> dict[str, ServoPulse]:
         """Return the pulse table of the speeds, from standstill to the highest."""
@@ -115,7 +115,7 @@ class RotorDrive:
         return ()
 
     def step(self, t: Any, state: tuple[()], command: Sample) -> tuple[tuple[()], RotorDriveOutput]:
-        """Return the commanded speeds from integer time t on; zero until a command is valid."""
+        """Return the commanded speeds that act from integer time t on; zero until a command is valid."""
         speed = command.value.speed
         if self.saturation:
             told = speed != 0

@@ -28,9 +28,12 @@ class RudderGeometry:
     Source:  [1] eq. 4.3.
     """
 
-    ratio: Scalar = quantity("1", "Rudder angle per force angle.", default=1.40, above=0, source="[1] eq. 4.3")
+    ratio: Scalar = quantity("1", "Ratio of rudder angle to force angle.", default=1.40, above=0, source="[1] eq. 4.3")
     offset: Scalar = quantity(
-        "rad", "Rudder angle at which the force points straight.", default=0.566 * DEG, source="[1] eq. 4.3"
+        "rad",
+        "Rudder angle at which the force points along the body's x axis.",
+        default=0.566 * DEG,
+        source="[1] eq. 4.3",
     )
 
     def rudder_angle(self, force_angle: Any) -> Any:
@@ -44,10 +47,10 @@ class RudderGeometry:
 
 @record
 class RudderServo:
-    """Servo: pulse width to rudder angle by a measured table of 21 points, linear in between, and back.
+    """Rudder servo: conversion between pulse width and rudder angle, by a measured table of 21 points.
 
-    Beyond the table's ends both directions continue its last segment, so that they stay inverse to each other; the
-    stops are applied separately, by `limit_angle`.
+    Linear between the points. Beyond the ends of the table its last segment is continued, so the conversion has an
+    inverse. `limit_angle` applies the stops.
 
     Frames:  angle theta from the body's x axis.    Not modelled: slew rate, backlash, load.
     Source:  [1] figure 4.2 (21 points, 1.00 to 2.00 ms, linear interpolation). The values are a plot only and are
@@ -57,11 +60,11 @@ class RudderServo:
     angles: Any = quantity(
         "rad", "Rudder angle at each pulse width.", default=_ANGLES, kind="angle", shape=(21,), source="[1] fig. 4.2"
     )
-    pulse_start: Scalar = quantity("s", "Pulse width of the first point.", default=1.0e-3, above=0)
-    pulse_step: Scalar = quantity("s", "Pulse width between points.", default=50e-6, above=0)
-    neutral_pulse: Scalar = quantity("s", "Pulse width without a command.", default=1.5e-3, above=0)
-    angle_min: Scalar = quantity("rad", "Stop on one side; reconstructed.", default=-35 * DEG)
-    angle_max: Scalar = quantity("rad", "Stop on the other side; reconstructed.", default=30 * DEG)
+    pulse_start: Scalar = quantity("s", "Pulse width of the table's first point.", default=1.0e-3, above=0)
+    pulse_step: Scalar = quantity("s", "Step of the pulse width from point to point.", default=50e-6, above=0)
+    neutral_pulse: Scalar = quantity("s", "Neutral pulse width, sent without a command.", default=1.5e-3, above=0)
+    angle_min: Scalar = quantity("rad", "Rudder angle at the lower stop; reconstructed.", default=-35 * DEG)
+    angle_max: Scalar = quantity("rad", "Rudder angle at the upper stop; reconstructed.", default=30 * DEG)
 
     def check(self) -> None:
         """Raise InputError for a table that cannot be inverted, and for stops beyond the table."""
@@ -77,14 +80,14 @@ class RudderServo:
             raise InputError("angle_min, angle_max", problem, fix="move the stops or measure a wider table")
 
     def angle(self, pulse: Any) -> Any:
-        """Return the rudder angle (rad) at a pulse width (s); scalars, vmap for more."""
+        """Return the rudder angle (rad) at a scalar pulse width (s). Use vmap for arrays."""
         position = (pulse - self.pulse_start) / self.pulse_step
         index = jnp.clip(jnp.floor(position), 0, len(self.angles) - 2)
         a, b = _pair(self.angles, index)
         return a + (position - index) * (b - a)
 
     def pulse(self, angle: Any) -> Any:
-        """Return the pulse width (s) at a rudder angle (rad), the inverse of `angle`; scalars, vmap for more."""
+        """Return the pulse width (s) at a scalar rudder angle (rad), the inverse of `angle`. Use vmap for arrays."""
         index = jnp.sum(angle >= jnp.asarray(self.angles)[1:-1])
         a, b = _pair(self.angles, index)
         return self.pulse_start + self.pulse_step * (index + (angle - a) / (b - a))
@@ -94,7 +97,7 @@ class RudderServo:
         return jnp.clip(angle, self.angle_min, self.angle_max)
 
     def is_at_stop(self, angle: Any) -> Any:
-        """Return True if a rudder at this angle (rad) is at a stop, to 1e-6 rad."""
+        """Return True if a rudder angle (rad) is within 1e-6 rad of a stop, or beyond."""
         return (angle <= self.angle_min + 1e-6) | (angle >= self.angle_max - 1e-6)
 
 

@@ -1,4 +1,6 @@
-"""Servo frame: a servo receives its command as a pulse once a frame, and holds it. A stage of an ActuatorBank.
+"""Servo frame: a servo receives one command pulse per frame, and holds the command until the next.
+
+A stage of an ActuatorBank.
 
 Source: [1] Åström, Wittenmark, "Computer-controlled systems", 3rd ed., section 2.3: sample and hold of order zero.
 """
@@ -14,7 +16,7 @@ from trimtab.core.record import Scalar, period, quantity, record
 from trimtab.core.time import SECONDS_PER_UNIT, format_time, ms
 
 SERVO_FRAME = "servo-frame"
-"""Name of the imperfection."""
+"""Name of the imperfection that switches the servo frame off."""
 
 
 @record
@@ -22,12 +24,12 @@ class ServoFrameState:
     """State of a servo frame: the command of the last pulse. Frames: the field's. Source: this module."""
 
     held: Any = quantity("1", "Command at the last pulse.")
-    t: Scalar = quantity("100 ns", "Time since the frame began.", kind="time", default=np.int64(0))
+    t: Scalar = quantity("100 ns", "Time since the start of the present frame.", kind="time", default=np.int64(0))
 
 
 @record
 class ServoFrame:
-    """Sample and hold of the command, once a frame: 20 ms for an analogue servo, 2.5 ms for a digital one.
+    """Sample and hold of the command, once per frame: 20 ms for an analogue servo, 2.5 ms for a digital one.
 
         y(t) = u(phase + k frame)    from there up to phase + (k + 1) frame
 
@@ -38,28 +40,28 @@ class ServoFrame:
     """
 
     frame: int = period(
-        "Time between two pulses; 0 switches the frame off.", default=ms(20), low=0, off={SERVO_FRAME: 0}
+        "Time between two pulses; 0 switches the sample and hold off.", default=ms(20), low=0, off={SERVO_FRAME: 0}
     )
-    phase: int = period("Time of the pulse within the frame.", default=0, low=0)
+    phase: int = period("Time from the start of a frame to its pulse.", default=0, low=0)
 
     def check_period(self, period: int) -> None:
-        """Raise InputError for frames and phases that fall between the steps of the actuators."""
+        """Raise InputError unless frame and phase are multiples of the actuators' period."""
         for name, own in (("frame", self.frame), ("phase", self.phase)):
             if int(own) % int(period):
                 problem = (
                     f"{format_time(int(own))} must be a multiple of the actuators' period of {format_time(int(period))}"
                 )
-                raise InputError(name, problem, fix="choose such a multiple, or frames are missed")
+                raise InputError(name, problem, fix="choose a multiple of the actuators' period")
         if self.frame and int(self.phase) >= int(self.frame):
             problem = f"{format_time(int(self.phase))} must be shorter than the frame of {format_time(int(self.frame))}"
             raise InputError("phase", problem, fix="choose a phase within the frame")
 
     def init(self, rest: Any) -> ServoFrameState:
-        """Return the first state: at rest, at the begin of a frame."""
+        """Return the initial state: at rest, at the start of a frame."""
         return ServoFrameState(held=jnp.asarray(rest, float))
 
     def step(self, state: ServoFrameState, value: Any, dt: Any) -> tuple[ServoFrameState, StageOutput]:
-        """Return the state and the held command. dt: the period (s)."""
+        """Return the new state and the held command. dt: the actuators' period (s)."""
         frame = jnp.asarray(self.frame, np.int64)
         due = (frame == 0) | (state.t == self.phase)
         held = jnp.where(due, value, state.held)

@@ -19,8 +19,8 @@ class ServoPulse:
 
         ServoPulse(values=(-0.44, 0.0, 0.44), widths=(2e-3, 1.52e-3, 1e-3))     a servo with a reversed horn
 
-    A stage of an ActuatorBank, the first of its row. Values beyond the table are limited to its ends; those between
-    have the resolution of the timer. Firmware sends the pulses by the same table (docs page, Servo pulses).
+    A stage of an ActuatorBank, the first of its row. Values beyond the table are limited to its ends. Values inside are
+    rounded to the timer's resolution. Firmware sends the pulses by the same table (docs page, Servo pulses).
 
     Frames:  its field's.    Not modelled: that pulses come only once a frame; use a ServoFrame for that.
     Source:  the pulses of radio control: 1.5 ms in the middle, half a millisecond to either end.
@@ -30,16 +30,16 @@ class ServoPulse:
         "1", "Values, rising, in the unit of the actuated value (n,).", default=np.array([-1.0, 1.0])
     )
     widths: Any = quantity(
-        "s", "Width of the pulse at each (n,), rising or falling.", default=np.array([1e-3, 2e-3]), low=0
+        "s", "Pulse width at each value (n,), rising or falling.", default=np.array([1e-3, 2e-3]), low=0
     )
-    resolution: Scalar = imperfection("s", "Step of the widths.", "pulse-steps", default=0.5e-6)
+    resolution: Scalar = imperfection("s", "Resolution of the pulse width.", "pulse-steps", default=0.5e-6)
 
     def check(self) -> None:
         """Raise InputError for tables that can't be inverted, and pulses outside the limits."""
         values, widths = np.asarray(self.values, float), np.asarray(self.widths, float)
         if values.ndim != 1 or np.size(values) < 2 or values.shape != widths.shape:
             problem = (
-                f"values of shape {values.shape} and widths of shape {widths.shape} must be equally many, at least two"
+                f"values and widths must have equal lengths of at least 2, got shapes {values.shape} and {widths.shape}"
             )
             raise InputError("values", problem, fix="give as many widths as values, at least two")
         if not (np.diff(values) > 0).all():
@@ -47,10 +47,12 @@ class ServoPulse:
         steps = np.diff(widths)
         if not ((steps > 0).all() or (steps < 0).all()):
             problem = f"widths must rise or fall, got {widths.tolist()}"
-            raise InputError("widths", problem, fix="give each value another width")
+            raise InputError("widths", problem, fix="give widths that only rise or only fall")
         if widths.min() < SHORTEST or widths.max() > LONGEST:
             problem = f"{widths.min() * 1e3:g} to {widths.max() * 1e3:g} ms"
-            raise InputError("widths", problem, fix=f"keep to {SHORTEST * 1e3:g} to {LONGEST * 1e3:g} ms, in seconds")
+            raise InputError(
+                "widths", problem, fix=f"give widths from {SHORTEST * 1e3:g} to {LONGEST * 1e3:g} ms, in seconds"
+            )
 
     def width(self, value: Any) -> Any:
         """Return the pulse width (s) for a value."""
@@ -75,12 +77,12 @@ class ServoPulse:
 
 
 def linear_pulse(low: Any, high: Any) -> ServoPulse:
-    """Return a table from 1 ms for the least value to 2 ms for the greatest."""
+    """Return a pulse table from 1 ms at the smallest value to 2 ms at the largest."""
     return ServoPulse(values=np.array([float(low), float(high)]))
 
 
 def _read_table(x: Any, y: Any, at: Any) -> Any:
-    """Return y at a position among the points x, which rise or fall: linear between them, constant beyond."""
+    """Return y interpolated linearly at a position among the points x; constant beyond them. x must rise or fall."""
     x, y = jnp.asarray(x), jnp.asarray(y)
     share = jnp.clip((jnp.asarray(at)[..., None] - x[:-1]) / (x[1:] - x[:-1]), 0.0, 1.0)
     return y[0] + jnp.sum(share * (y[1:] - y[:-1]), axis=-1)

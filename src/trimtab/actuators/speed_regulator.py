@@ -14,28 +14,33 @@ from trimtab.core.time import ms, to_seconds
 
 @record
 class SpeedRegulatorInput:
-    """Input of the regulator at one tick. Frames: positive pushes the vehicle forward. Source: docs page."""
+    """Input of the speed regulator at one tick. Frames: positive pushes the vehicle forward. Source: docs page."""
 
     wanted_rpm: Scalar = quantity("rpm", "Wanted speed, negative in reverse.")
-    count: Scalar = quantity("1", "Counter of the encoder; the low 16 bits are read.", kind="count")
+    count: Scalar = quantity("1", "Counter of the encoder; only the low 16 bits are used.", kind="count")
 
 
 @record
 class SpeedRegulatorState:
     """State of the regulator. Frames: as its input. Source: docs page, Speed regulator."""
 
-    count: Scalar = quantity("1", "Counter one tick ago.", kind="count", default=np.int32(0))
+    count: Scalar = quantity("1", "Encoder counter at the previous tick.", kind="count", default=np.int32(0))
     integral: Scalar = quantity("1", "Integral part of the duty.", default=np.float64(0.0))
     still: Scalar = quantity(
         "1",
-        "Consecutive ticks on which the fan was driven but did not turn in this direction.",
+        "Number of consecutive ticks on which the fan was driven but did not turn in the driven direction.",
         kind="count",
         default=np.int32(0),
     )
     fault: Scalar = quantity(
-        "1", "True if the encoder is faulty: no duty until a stop is requested.", kind="flag", default=np.bool_(False)
+        "1",
+        "True if the encoder is faulty. The duty is then 0 until speed 0 is requested.",
+        kind="flag",
+        default=np.bool_(False),
     )
-    started: Scalar = quantity("1", "True once the counter has been read.", kind="flag", default=np.bool_(False))
+    started: Scalar = quantity(
+        "1", "True once the counter has been read for the first time.", kind="flag", default=np.bool_(False)
+    )
 
 
 @record
@@ -50,7 +55,7 @@ class SpeedRegulatorOutput:
 
 @record
 class SpeedRegulator:
-    """PI regulator of the fan's speed, with an integral that is held while the duty is at its limit.
+    """PI regulator of the fan's speed. The integral is held while the duty is at its limit.
 
         n = rpm_per_count (count − count before)      e = wanted − n
         duty = clip(kp e + I, from 0 to the limit, on the side of the wanted speed);   I ← I + ki e dt
@@ -64,24 +69,32 @@ class SpeedRegulator:
     Source:  [1] chapter 4 (PI in the firmware, encoder of 100 cycles a turn). Gains, tick and fault are reconstructed.
     """
 
-    kp: Scalar = quantity("1/krpm", "Proportional gain, duty per speed.", default=0.08, low=0)
+    kp: Scalar = quantity("1/krpm", "Proportional gain: duty per speed error.", default=0.08, low=0)
     ki: Scalar = quantity("1/(krpm s)", "Integral gain.", default=0.6, low=0)
-    rpm_per_count: Scalar = quantity("rpm", "Speed at one count in one tick: 400 counts a turn.", default=15.0, above=0)
+    rpm_per_count: Scalar = quantity(
+        "rpm",
+        "Speed of the fan that gives one encoder count per tick, with 400 counts per turn.",
+        default=15.0,
+        above=0,
+    )
     limit: Scalar = quantity("1", "Maximum duty.", default=1.0, above=0, high=1)
     stall: Scalar = quantity(
-        "s", "Time driven without turning after which the encoder counts as broken.", default=0.5, above=0
+        "s",
+        "Time for which the fan is driven but does not turn, after which the encoder counts as broken.",
+        default=0.5,
+        above=0,
     )
     stall_duty: Scalar = quantity("1", "Duty above which the fan counts as driven.", default=0.1, above=0)
     period: int = period("Tick.", default=ms(10))
 
     def init(self) -> SpeedRegulatorState:
-        """Return the first state, at rest."""
+        """Return the initial state, at rest."""
         return SpeedRegulatorState()
 
     def step(
         self, t: Any, state: SpeedRegulatorState, input: SpeedRegulatorInput
     ) -> tuple[SpeedRegulatorState, SpeedRegulatorOutput]:
-        """Return the state and the duty from integer time t on; to be called once a period."""
+        """Return the new state, and the duty that acts from integer time t on. Must be called once per period."""
         dt = to_seconds(self.period)
         counts = (input.count - state.count + 32768) % 65536 - 32768
         speed = jnp.where(state.started, counts * self.rpm_per_count, 0.0)

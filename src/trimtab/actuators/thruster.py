@@ -14,7 +14,7 @@ from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.rotation import DEG
 
 NEWTON_STEPS = 5
-"""Number of Newton steps that solve the reverse map to rounding from the start used here; checked by a test."""
+"""Number of Newton steps that solve the reverse map to rounding error. A test checks this number."""
 
 
 @record
@@ -34,48 +34,60 @@ class Thruster:
              with 0.1 N divisions, thrust falling with rudder angle): docs page, Errata.
     """
 
-    coefficient: Scalar = quantity("N/krpm^2", "Thrust per speed squared.", default=1.6 / 144, above=0)
+    coefficient: Scalar = quantity(
+        "N/krpm^2", "Coefficient of the thrust: thrust divided by speed squared.", default=1.6 / 144, above=0
+    )
     reverse_ratio: Any = quantity(
         "1",
-        "Coefficients of reverse over forward thrust, highest power first, speed in krpm.",
+        "Polynomial coefficients of the ratio of reverse to forward thrust, highest power first, speed in krpm.",
         default=np.array([9.734e-4, -3.277e-2, 3.833e-1, -1.099]),
         shape=(4,),
         source="[1] eq. 4.4",
     )
-    reverse_low_rpm: Scalar = quantity("rpm", "Lowest speed at which the ratio was measured.", default=6000.0, above=0)
-    speed_max_rpm: Scalar = quantity("rpm", "Highest speed under load.", default=12000.0, above=0, source="[1] ch. 4")
-    offset: Scalar = quantity("rad", "Rudder angle of full thrust.", default=0.566 * DEG, source="[1] eq. 4.3")
+    reverse_low_rpm: Scalar = quantity(
+        "rpm", "Lowest fan speed at which the ratio of reverse to forward thrust was measured.", default=6000.0, above=0
+    )
+    speed_max_rpm: Scalar = quantity(
+        "rpm", "Maximum fan speed under load.", default=12000.0, above=0, source="[1] ch. 4"
+    )
+    offset: Scalar = quantity(
+        "rad", "Rudder angle at which the thrust is largest.", default=0.566 * DEG, source="[1] eq. 4.3"
+    )
     deflection_max: Scalar = quantity(
         "rad",
-        "Deflection beyond which eta is constant.",
+        "Rudder deflection beyond which the thrust factor eta is constant.",
         default=40 * DEG,
         above=0,
         high=80 * DEG,
         source="[1] fig. 4.2",
     )
     time_constant: Scalar = quantity(
-        "s", "Lag of the speed behind its command; 0: none, as in the source's model.", default=0.0, low=0
+        "s", "Time constant of the speed's lag behind its command; 0: no lag, as in the thesis.", default=0.0, low=0
     )
 
     def check(self) -> None:
-        """Raise InputError for a reverse map that is not positive and rising, which has no inverse."""
+        """Raise InputError for a reverse map without an inverse: it must be positive and rise with speed."""
         low, high = float(self.reverse_low_rpm), float(self.speed_max_rpm)
         if not low < high:
             problem = f"{low:g} rpm must be below speed_max_rpm, {high:g} rpm"
-            raise InputError("reverse_low_rpm", problem, fix="measure the ratio over a range of speeds")
+            raise InputError("reverse_low_rpm", problem, fix="set the lowest measured speed below speed_max_rpm")
         n = np.linspace(low, high, 200) / 1000
         thrust = n**2 * np.polyval(np.asarray(self.reverse_ratio), n)
         if thrust[0] <= 0 or (np.diff(thrust) <= 0).any():
             problem = f"reverse thrust must be positive and rise with speed from {low:g} to {high:g} rpm"
-            raise InputError("reverse_ratio", problem, fix="fit it to speeds at which reverse thrust is measurable")
+            raise InputError(
+                "reverse_ratio",
+                problem,
+                fix="fit reverse_ratio again, only to speeds at which reverse thrust is measurable",
+            )
 
     def eta(self, rudder_angle: Any) -> Any:
-        """Return the share of the thrust that remains with the rudder at theta (rad)."""
+        """Return the fraction eta of the thrust that remains with the rudder at theta (rad)."""
         xp = _namespace(self, rudder_angle)
         return xp.cos(xp.clip(rudder_angle - self.offset, -self.deflection_max, self.deflection_max))
 
     def ratio(self, speed_rpm: Any) -> Any:
-        """Return reverse over forward thrust, y, at a speed (rpm, unsigned)."""
+        """Return the ratio y of reverse to forward thrust at an unsigned speed (rpm)."""
         xp = _namespace(self, speed_rpm)
         return self._cubic(xp.clip(speed_rpm, self.reverse_low_rpm, self.speed_max_rpm) * 1e-3)
 
@@ -94,7 +106,7 @@ class Thruster:
         return 1e3 * xp.where(force < 0, -self._reverse_speed(xp, q, root), root)
 
     def follow_speed(self, speed_rpm: Any, wanted_rpm: Any, dt: Any) -> Any:
-        """Return the speed (rpm) a time dt (s) later under the first-order lag; without lag, the wanted speed."""
+        """Return the speed (rpm) after dt (s) of first-order lag; with a time constant of 0, the wanted speed."""
         share = -jnp.expm1(-dt / jnp.maximum(self.time_constant, 1e-9))
         return speed_rpm + share * (wanted_rpm - speed_rpm)
 
@@ -103,7 +115,10 @@ class Thruster:
         return ((y[0] * n + y[1]) * n + y[2]) * n + y[3]
 
     def _reverse_speed(self, xp: Any, q: Any, root: Any) -> Any:
-        """Return n (krpm) with n^2 ratio(n) = q: square roots where the ratio is constant, else Newton from a chord."""
+        """Return n (krpm) that solves n^2 ratio(n) = q.
+
+        Where the ratio is constant by a square root, else by Newton's method.
+        """
         y = self.reverse_ratio
         low, high = self.reverse_low_rpm * 1e-3, self.speed_max_rpm * 1e-3
         root_low, root_high = low * xp.sqrt(self._cubic(low)), high * xp.sqrt(self._cubic(high))

@@ -1,4 +1,6 @@
-"""Transport delay: the output is the input delayed by periods and a fraction. A stage of an ActuatorBank.
+"""Transport delay of an actuator: the output is the input, delayed by periods and a fraction of a period.
+
+A stage of an ActuatorBank.
 
 Source: [1] Åström, Wittenmark, "Computer-controlled systems", 3rd ed., section 2.3: systems with time delay.
 """
@@ -17,10 +19,10 @@ from trimtab.core.time import format_time, to_seconds
 
 @record
 class TransportDelayState:
-    """State of a delay: the values in transit. Frames: the field's. Source: this module."""
+    """State of a transport delay: the values in transit. Frames: the field's. Source: this module."""
 
-    ring: Any = quantity("1", "Input values of the last periods; a leading axis of slots.")
-    slot: Scalar = quantity("1", "Slot of the next value.", kind="count")
+    ring: Any = quantity("1", "Input values of the last periods. The leading axis is the slot of the ring buffer.")
+    slot: Scalar = quantity("1", "Ring buffer slot that the next value is written to.", kind="count")
 
 
 @record
@@ -36,7 +38,7 @@ class TransportDelay:
     """
 
     delay: Scalar = quantity("s", "Delay from input to output.", default=0.01, low=0, off={"actuator-delay": 0.0})
-    capacity: int = option("Number of periods in memory.", default=64)
+    capacity: int = option("Number of periods that the ring buffer can hold.", default=64)
 
     def check_period(self, period: int) -> None:
         """Raise InputError for a delay longer than the memory."""
@@ -48,13 +50,13 @@ class TransportDelay:
             raise InputError("capacity", problem, fix=f"set capacity to {needed} or more")
 
     def init(self, rest: Any) -> TransportDelayState:
-        """Return the first state, with the rest value in all slots."""
+        """Return the initial state, with the rest value in all slots."""
         rest = jnp.asarray(rest, float)
         ring = jnp.broadcast_to(rest, (self.capacity, *rest.shape))
         return TransportDelayState(ring=ring, slot=np.int32(0))
 
     def step(self, state: TransportDelayState, value: Any, dt: Any) -> tuple[TransportDelayState, StageOutput]:
-        """Return the state and the delayed value. dt: the period (s)."""
+        """Return the new state and the delayed value. dt: the period (s)."""
         n = self.capacity
         ring = lax.dynamic_update_index_in_dim(state.ring, jnp.asarray(value, float), state.slot, 0)
         late = jnp.clip(self.delay / dt, 0.0, n - 2.0)

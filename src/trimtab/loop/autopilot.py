@@ -1,4 +1,7 @@
-"""The Autopilot: estimator, law, allocation. It takes a Frame and gives a Command, and knows nothing of the world."""
+"""The Autopilot: estimator, law and allocation.
+
+Its input is a Frame, its output a Command; it has no access to the world.
+"""
 
 from typing import Any
 
@@ -23,7 +26,7 @@ from trimtab.loop.supervisor import Supervisor, SupervisorInput
 
 @record
 class AutopilotState:
-    """Everything about the autopilot that changes, with its last outputs. Source: docs page, Time."""
+    """State of the autopilot: the states of its parts, and their last outputs. Source: docs page, Time."""
 
     estimator: Any = part("State of the estimator.")
     law: Any = part("State of the law.")
@@ -32,11 +35,14 @@ class AutopilotState:
     output: Any = part("Last output of the law.")
     command: Any = part("Last command.")
     seen: Any = part("Measurement time of each sample of the last frame, by sensor name.")
-    supervisor: Any = part("State of the supervisor; empty without one.", default=())
-    supervised: Any = part("Last output of the supervisor.", default=())
-    first: Any = part("First state of the law; each flight that a supervisor starts begins from it.", default=())
-    predictor: Any = part("State of the predictor, with its last prediction; empty without one.", default=())
-    monitor: Any = part("State of the monitor; empty without one.", default=())
+    supervisor: Any = part("State of the supervisor; empty without a supervisor.", default=())
+    supervised: Any = part("Last output of the supervisor; empty without a supervisor.", default=())
+    first: Any = part(
+        "Initial state of the law. The law restarts from this state at each flight that a supervisor starts.",
+        default=(),
+    )
+    predictor: Any = part("State of the predictor, with its last prediction; empty without a predictor.", default=())
+    monitor: Any = part("State of the monitor; empty without a monitor.", default=())
 
     def last_prediction(self) -> Any:
         """Return the last prediction; empty without a predictor."""
@@ -57,8 +63,8 @@ class Autopilot:
 
     Until the estimate is valid, the law does not step and the command is marked invalid, so that actuators stay
     neutral. The same holds while the law's inputs or its demand are not finite: an estimate with a NaN counts as
-    invalid. The estimate given to a law carries the control period (s) as `dt`. A law that uses a pilot's stick also
-    finds the newest stick sample there, as it stands in the frame. With a predictor, the law reads the state predicted
+    invalid. The estimate given to a law carries the control period (s) as `dt`. For a law that uses a pilot's stick,
+    the estimate also contains the newest stick sample of the frame. With a predictor, the law reads the state predicted
     for the time at which its command will act; the logged `estimate` stays the estimator's.
 
     Source: docs page, Time.
@@ -68,17 +74,19 @@ class Autopilot:
     law: Any = part("Control law: estimate in, demand out.")
     allocation: Any = part("Control allocation: demand in, actuator commands out.")
     period: int = period("Control period.", default=ms(1))
-    supervisor: Supervisor | None = part("Supervisor of the flight; None: it always flies.", default=None)
-    schedules: Any = part("Schedules of numbers of the law that change over time.", default=())
+    supervisor: Supervisor | None = part(
+        "Supervisor of the flight. None: the law's command is always sent.", default=None
+    )
+    schedules: Any = part("Schedules of those parameters of the law that change during the flight.", default=())
     predictor: Predictor | None = part(
-        "Predictor that carries the estimate over the delay; None: the law reads the estimate itself.", default=None
+        "Predictor of the state at the time when the command will act. None: the law reads the estimate.", default=None
     )
     monitor: Monitor | None = part(
-        "Monitor of temporal-logic formulas; None: no formulas.", default=None, optional=Monitor()
+        "Monitor of temporal-logic formulas. None: no formulas are monitored.", default=None, optional=Monitor()
     )
 
     def init(self, key: Key, frame: Frame) -> AutopilotState:
-        """Return the first state, for frames of this structure. Raise InputError if parts don't fit each other."""
+        """Return the initial state, for frames of this structure. Raise InputError if parts don't fit each other."""
         self._check_listens(frame)
         self._check_stick(frame)
         states = [
@@ -155,7 +163,10 @@ class Autopilot:
     def _supervise(
         self, supervisor: Supervisor, t: Any, old: AutopilotState, new: AutopilotState, frame: Frame, finite: Any
     ) -> AutopilotState:
-        """Return the step if the supervisor permits it; else the command is neutral or invalid, and the law waits."""
+        """Return the step, as the supervisor permits.
+
+        Without permission the command is neutral or invalid, and the law waits.
+        """
         arrived = jnp.any(jnp.stack([jnp.asarray(frame.samples[name].fresh) for name in self.estimator.listens]))
         pilot = frame.samples.get(supervisor.pilot)
         state, said = supervisor.step(t, old.supervisor, SupervisorInput(new.estimate, arrived, finite, pilot))
@@ -179,14 +190,14 @@ class Autopilot:
     def _complete(self, estimate: Estimate, frame: Frame) -> Estimate:
         """Return the estimate as the law reads it: with the control period, and the pilot's stick if the law uses one.
 
-        Neither is logged with the estimate.
+        These two additions are not logged with the estimate.
         """
         estimate = replace(estimate, dt=to_seconds(self.period))
         name = optional_member(self.law, "stick")
         return replace(estimate, stick=frame.samples[name]) if name else estimate
 
     def _watched_samples(self, frame: Frame) -> tuple[str, ...]:
-        """Return the sensors whose samples are marked fresh or old: the estimator's, the pilot's requests and stick."""
+        """Return the names of the sensors whose samples are marked as new or old: the estimator's, and the pilot's."""
         asked = (optional_member(self.law, "stick"), "" if self.supervisor is None else self.supervisor.pilot)
         own = dict.fromkeys(name for name in asked if name in frame.samples and name not in self.estimator.listens)
         return (*self.estimator.listens, *own)

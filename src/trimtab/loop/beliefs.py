@@ -1,9 +1,9 @@
-"""Checks of the vehicle models inside an autopilot: they must agree, and differences from the vehicle are shown.
+"""Checks of the vehicle models inside an autopilot: they must agree. Differences from the true vehicle are reported.
 
 Every record of the vehicle's own class below the autopilot is a model of the vehicle that some part computes with: a
-filter's `craft`, a law's `model`. Models that differ from one another give a wrong flight without a message, so they
-are refused unless the difference is named. A vehicle that differs from all models is what a campaign is for, so that
-is allowed, and reported in the log.
+filter's `craft`, a law's `model`. Models that differ from one another would give a wrong flight without a message. They
+are refused unless the setting `mismatch` names the difference. A true vehicle that differs from all models is allowed,
+as campaigns need it, and is reported in the log.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,13 +15,14 @@ from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.quantity import leaves, records
 
 SHOWN = 6
-"""Maximum number of differences that are listed one by one."""
+"""Maximum number of differences listed in the report."""
 
 
 class Mismatch(NamedTuple):
-    """One number of a model that differs from the vehicle. path: below the vehicle, or of the model if models differ.
+    """A parameter in which a model differs from the true vehicle.
 
-    believed, actual: as text; "none" for a part that the model or the vehicle lacks.
+    path: path below the vehicle; if the models differ, path of the model. believed, actual: values of model and vehicle
+    as text; "none" for a missing part.
     """
 
     path: str
@@ -30,14 +31,14 @@ class Mismatch(NamedTuple):
 
 
 def vehicle_copies(autopilot: Any, vehicle: Any) -> dict[str, Any]:
-    """Return path -> record, of all records of the vehicle's class below the autopilot."""
+    """Return the autopilot's vehicle models by path: all records of the vehicle's class below the autopilot."""
     return {path: copy for path, copy in records(autopilot, "autopilot") if type(copy) is type(vehicle)}
 
 
 def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> None:
     """Raise InputError if parts of an autopilot have different models of the vehicle.
 
-    named: paths, of models or of numbers in them, that are meant to differ.
+    named: paths of the models, or of the numbers in models, that may differ.
     """
     named = tuple(named)
     copies = vehicle_copies(autopilot, vehicle)
@@ -67,7 +68,10 @@ def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> No
 
 
 def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
-    """Return the numbers in which models differ from the vehicle. If the models disagree, paths name a single model."""
+    """Return the parameters in which models differ from the vehicle.
+
+    If the models disagree, each path names one model.
+    """
     copies = vehicle_copies(autopilot, vehicle)
     by_copy = {path: _differences(copy, vehicle) for path, copy in copies.items()}
     told: dict[str, Mismatch] = {}
@@ -80,16 +84,18 @@ def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
 
 
 def describe_mismatches(mismatches: Iterable[Mapping[str, str]]) -> str:
-    """Return one line, e.g. "model ≠ world: mass 2.6 vs 3 (intended)", or "" without differences."""
+    """Return the differences in one line, e.g. "model ≠ world: mass 2.6 vs 3 (intended)"; "" if there are none."""
     parts = [f"{m['path']} {m['believed']} vs {m['actual']}" for m in mismatches]
     more = f" and {len(parts) - SHOWN} more" if len(parts) > SHOWN else ""
     return f"model ≠ world: {', '.join(parts[:SHOWN])}{more} (intended)" if parts else ""
 
 
 def _differences(one: Any, other: Any) -> list[tuple[str, str, str]]:
-    """Return path, first value and second value of what differs. A part that one of the two lacks is one entry.
+    """Return the differences of two records: path, first value and second value.
 
-    Values that are not finite are left to `loop.checks`, which refuses them.
+    A part missing in one record is one entry.
+
+    Values that are not finite are skipped, as `loop.checks` refuses them.
     """
     a, b = ({path: value for path, value, _ in leaves(craft)} for craft in (one, other))
     parts = [{path for path, _ in records(craft)} for craft in (one, other)]

@@ -1,6 +1,6 @@
-"""Application of a calibration to a scenario: each number is set in every copy of the record that it belongs to.
+"""Application of a calibration to a scenario: each calibrated number is set in every copy of its record.
 
-Both the world and the autopilot's models get it. Tables that were computed from a formula are computed again.
+The number is set in the world and in the autopilot's models. Tables computed from a formula are computed again.
 """
 
 import math
@@ -21,18 +21,23 @@ from trimtab.loop.calibration import Calibration
 from trimtab.loop.scenario import Scenario
 
 TABULATED = "thrust.angles", "thrust.by_angle"
-"""Measured thrust by rudder angle, which differs from the formula: the tables of both ends are computed from it."""
+"""Calibration entry of the measured thrust by rudder angle. The fan's tables are computed from it, not from the
+formula."""
 STEPS = {
     "gyro.step": ("gyro", "gyro_walk"),
     "accelerometer.step": ("forward", "starboard", "force_walk"),
 }
-"""Filter step (s) for which a calibration's InertialNoise is valid -> the fields that depend on it."""
+"""Calibration entry with the filter step (s) of the InertialNoise -> the noise fields that are valid only for this
+step."""
 NOTES = ("gyro.delay", *STEPS, *TABULATED)
-"""Entries that are not settings by themselves."""
+"""Calibration entries that are not settings."""
 
 
 class CalibratedScenario(NamedTuple):
-    """scenario: with the numbers set.  used: entry -> paths that were set.  unused: entries without a place in it."""
+    """scenario: scenario with the calibrated numbers.
+
+    used: entry -> paths that were set. unused: entries that fit no setting.
+    """
 
     scenario: Scenario
     used: dict[str, list[str]]
@@ -40,9 +45,9 @@ class CalibratedScenario(NamedTuple):
 
 
 def with_calibration(scenario: Scenario, calibration: Calibration) -> CalibratedScenario:
-    """Return the scenario with every number of a calibration that has a place in it.
+    """Return the scenario with every number of a calibration that fits one of its settings.
 
-    Raises: InputError if no entry has a place, or if a unit or shape differs from the setting's.
+    Raises: InputError if no entry fits a setting, or if a unit or shape differs from the setting's.
     """
     used: dict[str, list[str]] = {}
     for name, entry in calibration.entries.items():
@@ -71,7 +76,7 @@ def with_calibration(scenario: Scenario, calibration: Calibration) -> Calibrated
 
 
 def setting_paths(scenario: Scenario, name: str) -> list[str]:
-    """Return the settings that an entry names: ``Thruster.coefficient`` of each Thruster, or the path itself."""
+    """Return the paths of the settings that an entry names, e.g. ``Thruster.coefficient`` of each Thruster."""
     kind, _, field = name.rpartition(".")
     if "." in kind or kind in ("world", "autopilot"):
         return [path for path, _, declared in leaves(scenario) if path == name and isinstance(declared, Quantity)]
@@ -80,7 +85,7 @@ def setting_paths(scenario: Scenario, name: str) -> list[str]:
 
 
 def _with_absent_parts(scenario: Scenario, name: str) -> Scenario:
-    """Return the scenario with the optional parts of an entry's kind, e.g. the hovercraft's friction."""
+    """Return the scenario with the optional parts that an entry calibrates, e.g. the hovercraft's friction."""
     kind = name.rpartition(".")[0]
     for where, declared in absent_parts(scenario):
         if type(declared.optional).__name__ == kind and where.startswith(("world.", "autopilot.")):
@@ -115,7 +120,7 @@ def _refuse_other_step(scenario: Scenario, calibration: Calibration) -> None:
 
 
 def _with_stops(scenario: Scenario) -> Scenario:
-    """Move the stops of rudders that lie beyond the measured angles to the ends of these."""
+    """Move rudder stops that lie beyond the measured angles to the ends of the measured range."""
     for path, r in records(scenario):
         if isinstance(r, RudderServo):
             low, high = float(np.min(r.angles)), float(np.max(r.angles))
@@ -142,7 +147,7 @@ def _with_tables(scenario: Scenario, calibration: Calibration) -> Scenario:
 
 
 def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) -> dict[str, Any]:
-    """Return the fields of a fan's table: force by speed, or speed by force. eta: measured, or None."""
+    """Return the fields of a fan's table: force by speed, or speed by force. eta: measured thrust by angle, or None."""
     rows, origin = table.rows(), "formula" if eta is None else "measured"
     straight = np.full_like(rows, float(thruster.offset))
     scale: Any = 1.0 if eta is None else eta
@@ -163,7 +168,10 @@ def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) ->
 
 
 def tabulate_thrust(angles: Any, by_angle: Any, rows: Any) -> Any:
-    """Interpolate c eta (m,) linearly at the rows' rudder angles (m,); raise InputError outside the measured range."""
+    """Interpolate the measured c eta at the rudder angles of the rows (m,).
+
+    Raise InputError outside the measured range.
+    """
     low, high = float(np.min(angles)), float(np.max(angles))
     outside = (np.asarray(rows) < low - 1e-6) | (np.asarray(rows) > high + 1e-6)
     if outside.any():

@@ -1,8 +1,8 @@
 """Distributions that give the runs of a campaign the uncertainty of a calibration, tables included.
 
-A table with correlated numbers is drawn along directions: the calibrated table plus standard normal numbers times the
-columns of a square root of its covariance. Two tables are drawn like this: the four numbers of reverse thrust, and a
-link's latencies, which follow from mean and deviation (to first order).
+Correlated numbers are drawn along directions: the calibrated numbers plus standard normal draws times the columns of a
+square root of their covariance. This applies to the four coefficients of reverse thrust, and to a link's latency table,
+which follows from mean and deviation to first order.
 """
 
 import math
@@ -25,13 +25,14 @@ CORRELATED = 0.02
 REVERSE = "Thruster.reverse_ratio"
 LINKS = ("uplink", "downlink")
 HALVINGS = 12
-"""Number of halvings of the step back to the calibrated numbers: down to 1/4000 of it."""
+"""Maximum number of halvings of a drawn change, down to 1/4000 of it, until the reverse thrust rises."""
 
 
 class CalibratedSpread(NamedTuple):
-    """drawn: name of a number -> text of its distribution.  correlate: pairs, and their correlation.
+    """drawn: name of a parameter -> text of its distribution.
 
-    notes: reasons why a number with an error is not drawn, or is drawn differently.
+    correlate: pairs of parameters, and their correlation. notes: reasons why a calibrated number is not drawn, or is
+    drawn in another way.
     """
 
     drawn: dict[str, str]
@@ -40,11 +41,11 @@ class CalibratedSpread(NamedTuple):
 
 
 def calibrated_spread(scenario: Scenario, calibration: Calibration) -> CalibratedSpread:
-    """Return the distributions of a calibration's errors, as settings of a scenario that has this calibration.
+    """Return the distributions of a calibration's errors, for the settings of a scenario that uses this calibration.
 
     A fan's coefficient is drawn as its effectiveness, so that its tables stay.
 
-    Raises: InputError if there is nothing to draw.
+    Raises: InputError if the calibration gives no uncertainty for this scenario.
     """
     known = {path: (np.asarray(v, np.float64), d) for path, v, d in leaves(scenario) if isinstance(d, Quantity)}
     drawn, owner, notes = dict[str, str](), dict[str, str](), list[str]()
@@ -78,7 +79,7 @@ def calibrated_spread(scenario: Scenario, calibration: Calibration) -> Calibrate
 
 
 def follow_tables(scenario: Scenario, arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings (n, …) together with those that follow from them: a fan's table gets the drawn reverse thrust.
+    """Return the drawn settings (n, …) and the settings that follow from them, e.g. a fan's table of reverse thrust.
 
     A cubic whose reverse thrust doesn't rise has no inverse and fits no fan: it is moved back towards the scenario's
     own cubic until it rises. Stops of a rudder that lie beyond its table's ends move to these.
@@ -96,7 +97,7 @@ def follow_tables(scenario: Scenario, arrays: Mapping[str, Any]) -> dict[str, An
 
 
 def _follow_reverse(path: str, drive: FanDrive, drawn: Any) -> dict[str, Any]:
-    """Return reverse ratios (n, 4) that rise, and the drive's table with them."""
+    """Return reverse ratios (n, 4) whose thrust rises with speed, and the drive's tables computed from them."""
     thruster, table = drive.thruster, drive.table
     low, high = float(thruster.reverse_low_rpm), float(thruster.speed_max_rpm)
     own = np.asarray(thruster.reverse_ratio, np.float64)
@@ -116,7 +117,7 @@ def _effectiveness(paths: list[str], known: Mapping[str, Any]) -> list[str]:
 
 
 def _explain(name: str) -> list[str]:
-    """Return the reason why an entry with an error is not drawn; empty if another entry stands for it."""
+    """Return the reason why an entry with an error is not drawn; "" if another entry represents it."""
     if name in tuple(f"{link}.{what}" for link in LINKS for what in ("mean", "deviation")):
         return []
     if name == "Thruster.offset":
@@ -136,7 +137,7 @@ def _correlations(calibration: Calibration, owner: Mapping[str, str]) -> list[tu
 
 
 def _reverse(scenario: Scenario, calibration: Calibration) -> tuple[dict[str, list[str]], str]:
-    """Return the directions of the cubic of reverse thrust."""
+    """Return the directions along which the coefficients of reverse thrust are drawn."""
     entry = calibration.entries.get(REVERSE)
     if entry is None or entry.standard_error is None:
         return {}, ""
@@ -151,7 +152,7 @@ def _reverse(scenario: Scenario, calibration: Calibration) -> tuple[dict[str, li
 
 
 def _latency(known: Mapping[str, Any], calibration: Calibration, link: str) -> tuple[dict[str, list[str]], str]:
-    """Return the directions of a link's latency table that the errors of its mean and deviation give."""
+    """Return the directions along which a link's latency table is drawn, from the errors of its mean and deviation."""
     names, path, entries = (f"{link}.mean", f"{link}.deviation"), f"world.{link}.latency", calibration.entries
     if names[0] not in entries or path not in entries:
         return {}, ""
@@ -171,24 +172,24 @@ def _latency(known: Mapping[str, Any], calibration: Calibration, link: str) -> t
 
 
 def _square_root(P: Any) -> Any:
-    """Return a matrix L with L L' = P, the columns in the order of their size."""
+    """Return a square root L of a covariance P, with L L' = P. The columns are sorted by their size."""
     values, vectors = np.linalg.eigh(np.asarray(P))
     order = np.argsort(values)[::-1]
     return vectors[:, order] * np.sqrt(np.maximum(values[order], 0.0))
 
 
 def _along(directions: Any) -> list[str]:
-    """Return the texts of the columns (m, k) that are not zero."""
+    """Return a text along(…) for each non-zero column of a matrix (m, k)."""
     return [f"along({', '.join(repr(float(v)) for v in d)})" for d in np.asarray(directions).T if np.any(d)]
 
 
 def _cubic(y: Any, n: Any) -> Any:
-    """Return the values (runs, k) of cubics (runs, 4) at n (k,)."""
+    """Return the values (runs, k) of cubic polynomials (runs, 4) at the speeds n (k,)."""
     return np.asarray(y) @ np.stack([n**3, n**2, n, np.ones_like(n)])
 
 
 def _rising_share(own: Any, change: Any, low: float, high: float) -> Any:
-    """Return the share of each change (runs, 4) of a cubic that keeps its thrust positive and rising: 1 for most."""
+    """Return the fraction of each change (runs, 4) of a cubic that keeps the thrust positive and rising; usually 1."""
     n = np.linspace(low, high, 200) * 1e-3
 
     def rises(share: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Calibration files: the measured numbers of a loop with unit, uncertainty and source, as TOML.
+"""Calibration files in TOML: measured parameters of a loop with their units, uncertainties and sources.
 
     ["Thruster.coefficient"]
     value = 0.01112
@@ -14,8 +14,8 @@
     matrix = [[…], […]]
 
 A number is named by its record and field, as in the reference, so that it applies to every copy of that record, in the
-world and in the autopilot's model. If two parts of one kind differ, the path of the setting names the number:
-``world.uplink.latency``. The content's SHA-256 identifies the calibration in logs.
+world and in the autopilot's model. If two parts of one class have different numbers, the entry is named by the path of
+the setting: ``world.uplink.latency``. The content's SHA-256 identifies the calibration in logs.
 """
 
 import hashlib
@@ -37,7 +37,7 @@ HEAD = "# trimtab calibration: numbers that were measured, each with unit, uncer
 
 
 def student_reach(freedom: float) -> float:
-    """Return the distance from the estimate to either end of its 95 % interval, in standard errors."""
+    """Return the half width of the estimate's 95 % interval, in standard errors."""
     return float(stdtrit(freedom, 0.975)) if math.isfinite(freedom) else 1.959963984540054
 
 
@@ -45,8 +45,8 @@ class Entry(NamedTuple):
     """A measured number, or an array of them.
 
     value: number or nested lists.  standard_error: of the same shape; None if unknown.
-    freedom: degrees of freedom of the standard errors.  source: data, and lines left out.
-    procedure: procedure that measured it.
+    freedom: degrees of freedom of the standard errors. source: the data file, and its lines left out. procedure: name
+    of the procedure that measured the number.
     """
 
     value: Any
@@ -57,7 +57,10 @@ class Entry(NamedTuple):
     procedure: str = ""
 
     def interval(self) -> tuple[Any, Any]:
-        """Return the 95 % interval, in the value's shape; the value itself if the error is unknown."""
+        """Return low and high end of the 95 % interval, in the value's shape.
+
+        Both are the value if the error is unknown.
+        """
         value = np.asarray(self.value, np.float64)
         error = np.zeros_like(value) if self.standard_error is None else np.asarray(self.standard_error)
         reach = student_reach(self.freedom) * error
@@ -65,7 +68,10 @@ class Entry(NamedTuple):
 
 
 class Covariance(NamedTuple):
-    """Covariance of numbers from one procedure. of: their names, ``Thruster.reverse_ratio[2]`` for one of an array."""
+    """Covariance of the numbers measured by one procedure.
+
+    of: names of the numbers, e.g. ``Thruster.reverse_ratio[2]`` for a number of an array.
+    """
 
     of: tuple[str, ...]
     matrix: Any
@@ -73,13 +79,16 @@ class Covariance(NamedTuple):
 
 
 class Calibration(NamedTuple):
-    """Entries by name, and covariances of dependent entries."""
+    """Calibration: entries by name, and the covariances of correlated entries."""
 
     entries: Mapping[str, Entry]
     covariances: tuple[Covariance, ...] = ()
 
     def content_hash(self) -> str:
-        """Return the SHA-256 of names, values, units, errors and covariances: equal numbers have equal hashes."""
+        """Return the SHA-256 of names, values, units, errors and covariances.
+
+        Sources and comments do not change the hash.
+        """
         plain = {
             "entries": {
                 n: [_plain(e.value), e.unit, _plain(e.standard_error)] for n, e in sorted(self.entries.items())
@@ -89,7 +98,10 @@ class Calibration(NamedTuple):
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
     def merge(self, new: "Calibration") -> "Calibration":
-        """Add new entries; remove earlier entries and covariances of the same procedures."""
+        """Return the calibration with new entries.
+
+        Earlier entries and covariances of the same procedures are removed.
+        """
         names = {e.procedure for e in new.entries.values()}
         old = {n: e for n, e in self.entries.items() if e.procedure not in names and n not in new.entries}
         kept = tuple(c for c in self.covariances if all(_base(n) in old for n in c.of))
@@ -97,7 +109,10 @@ class Calibration(NamedTuple):
 
 
 def read_calibration(path: str | Path) -> Calibration:
-    """Read a calibration file; raise InputError with the entry and the text to write if it is not one."""
+    """Read a calibration file.
+
+    For an invalid file, raise InputError with the faulty entry and the text to write instead.
+    """
     where = f"calibration '{path}'"
     try:
         text = read_user_text(path)
@@ -110,7 +125,7 @@ def read_calibration(path: str | Path) -> Calibration:
 
 
 def parse_calibration(where: str, text: str) -> Calibration:
-    """Parse the calibration in a file's text; where: name used in errors."""
+    """Parse a calibration from the text of a file. where: name of the file in error messages."""
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -143,7 +158,8 @@ def format_calibration(calibration: Calibration) -> str:
 
 
 def flat_entries(calibration: Calibration) -> dict[str, tuple[float, float, float]]:
-    """Return each single number: name (``Thruster.reverse_ratio[2]`` in an array) -> value, standard error, freedom."""
+    """Return value, standard error and degrees of freedom of each number by name, e.g.
+    ``Thruster.reverse_ratio[2]``."""
     flat: dict[str, tuple[float, float, float]] = {}
     for name, entry in calibration.entries.items():
         value = np.asarray(entry.value, np.float64)
@@ -154,12 +170,13 @@ def flat_entries(calibration: Calibration) -> dict[str, tuple[float, float, floa
 
 
 def index_name(name: str, index: Sequence[int]) -> str:
-    """Return the name of one number of an array, e.g. ``Thruster.reverse_ratio[2]``, or of a single number."""
+    """Return the name of a number: ``Thruster.reverse_ratio[2]`` for an element of an array, else the name of the
+    entry."""
     return name + (f"[{','.join(map(str, index))}]" if index else "")
 
 
 def joint_covariance(calibration: Calibration, names: Iterable[str]) -> Any:
-    """Return the covariance (k, k) of single numbers by name: zero between numbers of different procedures."""
+    """Return the covariance (k, k) of k numbers by name. Numbers of different procedures have covariance zero."""
     names, flat = list(names), flat_entries(calibration)
     P = np.diag([flat[n][1] ** 2 for n in names])
     for c in calibration.covariances:
@@ -171,9 +188,9 @@ def joint_covariance(calibration: Calibration, names: Iterable[str]) -> Any:
 
 
 def compare_calibrations(a: Calibration, b: Calibration) -> dict[str, tuple[float | None, float | None, float | None]]:
-    """Return single numbers that differ: name -> value in a, in b, and the difference in standard errors.
+    """Return the numbers that differ: name -> value in a, value in b, and the difference in standard errors.
 
-    A value is None if that calibration lacks the number; the difference is None without a known error.
+    A value is None if its calibration lacks the number. The difference is None if no standard error is known.
     """
     one, two = flat_entries(a), flat_entries(b)
     changes: dict[str, tuple[float | None, float | None, float | None]] = {}
@@ -196,7 +213,7 @@ def _plain(value: Any) -> Any:
 
 
 def _toml(value: Any) -> str:
-    """Format a number or nested lists, exactly."""
+    """Format a number or nested lists with all digits."""
     plain = np.asarray(value, np.float64).tolist()
     return repr(plain) if not isinstance(plain, list) else "[" + ", ".join(_toml(v) for v in plain) + "]"
 
@@ -237,7 +254,7 @@ def _read_covariance(where: str, entries: Mapping[str, Entry], table: Any) -> Co
             where,
             f"a covariance names {missing[0]!r}, which has no entry",
             choices=entries,
-            fix="use one of the entries",
+            fix="use names of entries in the file",
         )
     good = matrix.shape == (len(of),) * 2 and np.isfinite(matrix).all() and np.allclose(matrix, matrix.T)
     if not good or np.linalg.eigvalsh(matrix).min() < -1e-9 * max(np.trace(matrix), 1e-300):

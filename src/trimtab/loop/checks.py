@@ -10,7 +10,7 @@ from trimtab.core.quantity import Option, Quantity, leaves, records
 from trimtab.core.time import format_time
 
 SHORTEST_PERIOD = 100
-"""Minimum of a period, 10 µs. A smaller integer is nearly always meant as seconds or milliseconds."""
+"""Minimum period, 10 µs in units of 100 ns. A smaller integer is nearly always seconds or milliseconds by mistake."""
 
 
 def check_values(tree: Any, path: str = "") -> None:

@@ -35,7 +35,7 @@ EXAMPLE = "sensor:NAME off @ 3 s for 1 s"
 
 
 def inject_faults(scenario: Scenario, texts: Iterable[str]) -> Scenario:
-    """Return the scenario with faults. Raise InputError for a part, a word or a number that is not possible."""
+    """Return the scenario with the faults added. Raise InputError for an unknown part or word, or an invalid number."""
     for text in texts:
         where, fault = parse_fault(scenario, text)
         scenario = _wrap_part(scenario, where, fault, float(fault.severity))
@@ -43,7 +43,9 @@ def inject_faults(scenario: Scenario, texts: Iterable[str]) -> Scenario:
 
 
 def check_fault_times(scenario: Scenario, texts: Iterable[str]) -> None:
-    """Raise InputError for a fault that begins after the end of the flight; in real time a flight may last longer.
+    """Raise InputError for a fault that begins after the end of the flight.
+
+    Only for virtual time: real flights may last longer.
 
     Raises: InputError with the flight's length.
     """
@@ -61,11 +63,13 @@ def check_fault_times(scenario: Scenario, texts: Iterable[str]) -> None:
 
 
 def add_dormant_faults(scenario: Scenario, longest: float = 0.5) -> Scenario:
-    """Return the scenario with an inactive fault in every part; it acts once its numbers are changed during the run.
+    """Return the scenario with an inactive fault in every part.
+
+    A fault acts when its parameters are changed during the run.
 
     Args:
         scenario: without faults.
-        longest: the longest delay (s) that can be set later.
+        longest: longest delay (s) that a fault can be given during the run.
     """
     for where in fault_locations(scenario):
         scenario = _wrap_part(scenario, where, Fault(), longest)
@@ -73,20 +77,24 @@ def add_dormant_faults(scenario: Scenario, longest: float = 0.5) -> Scenario:
 
 
 def fault_locations(scenario: Scenario) -> tuple[str, ...]:
-    """Return the places of this scenario that can have a fault; actuators of a vehicle without an input can't."""
+    """Return the places of this scenario that can have a fault.
+
+    Actuators can have one only if the vehicle has an input.
+    """
     acting = ("actuators",) if jax.tree.leaves(scenario.world.actuators.neutral()) else ()
     return (*(f"sensor:{name}" for name in scenario.world.sensors), "downlink", "uplink", *acting)
 
 
 def _input_fields(scenario: Scenario) -> list[str]:
-    """Return the paths of the fields of the vehicle's input, and of their numbers, if the input is a record."""
+    """Return the paths of the fields of the vehicle's input, and of the elements of its arrays, if the input is a
+    record."""
     u = scenario.world.actuators.neutral().u
     fields = [(path, component_paths(path, np.shape(value))) for path, value, _ in leaves(u)] if is_record(u) else []
     return [p for path, numbers in fields for p in (path, *(n for n in numbers if n != path))]
 
 
 def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
-    """Return the place and the fault of a text."""
+    """Return the place and the fault that a text describes."""
     about = f"fault {text!r}"
     first, *others = re.split(r"\s*(?:\b(by|bias|for|when)\b|(@))\s*", " ".join(text.split()))
     head = first.split()
@@ -116,7 +124,7 @@ def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
 
 
 def watchable_paths(scenario: Scenario, where: str) -> list[str]:
-    """Return the paths of the numbers that a fault at this place can watch."""
+    """Return the paths of the signals that can trigger a fault at this place."""
     paths: list[str] = []
     for path, value, _ in leaves(_visible_signals(scenario, where)):
         paths += [f"{path}.{i}" for i in range(np.size(value))] if np.shape(value) else [path]
@@ -124,7 +132,7 @@ def watchable_paths(scenario: Scenario, where: str) -> list[str]:
 
 
 def _parse_clause(about: str, name: str, text: str) -> dict[str, Any]:
-    """Return the fields of a fault that a clause sets."""
+    """Return the fields of a fault that one clause of its text sets."""
     if name == "when":
         condition = re.fullmatch(r"(\S+) (above|below) (\S+)", text)
         if not condition:
@@ -163,7 +171,10 @@ def _check_choice(about: str, what: str, name: str, choices: tuple[str, ...]) ->
 
 
 def _wrap_part(scenario: Scenario, where: str, fault: Fault, longest: float) -> Scenario:
-    """Return the scenario with a part wrapped by a fault. longest: delay (s) that the part must be able to hold."""
+    """Return the scenario with a part wrapped by a fault.
+
+    longest: longest delay (s) that the wrapper must be able to store.
+    """
     world, (kind, _, name) = scenario.world, where.partition(":")
     inner = world.sensors[name] if name else getattr(world, kind)
     capacity = max(2, delay_slots(longest, inner.period)) if int(fault.word) in (NONE, DELAYED) else 2
@@ -176,7 +187,7 @@ def _wrap_part(scenario: Scenario, where: str, fault: Fault, longest: float) -> 
 
 
 def _visible_signals(scenario: Scenario, where: str) -> Any:
-    """Return the signals that a fault at this place can watch, with every number zero."""
+    """Return the record of signals that can trigger a fault at this place, with every number zero."""
     world, (kind, _, name) = scenario.world, where.partition(":")
     if name:
         feels = optional_member(world.sensors[name], "FEELS")

@@ -24,14 +24,14 @@ from trimtab.loop.structure import cast_like
 WORDS = ("none", "off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
 NONE, OFF, STUCK, GARBAGE, WRONG, SLOW, DELAYED, INTERMITTENT = range(len(WORDS))
 NAN_BEYOND = 1.5
-"""Garbage is NaN where the standard normal draw is larger than this: 13 % of the time."""
+"""Size of a standard normal draw above which a garbage value is NaN: 13 % of the time."""
 LINK_STREAM = zlib.crc32(b"fault of a channel")
-"""Random stream of a link's faults: everything on the link is hit together, so draws don't depend on the payload."""
+"""Random stream of a link's faults. A fault hits all values of a message together."""
 
 
 @record
 class Fault:
-    """One fault of one part. All its numbers, and the word, can be changed during a run.
+    """Fault of one part. Its parameters and its kind can be changed during a run.
 
     The fault acts from `start` for `duration`. With a `watch`, it acts from the first instant after `start` when
     the watched number lies on the `side` of `level`. Before and after, the part behaves as without it, bit for bit.
@@ -43,18 +43,20 @@ class Fault:
     word: Scalar = quantity("1", "Kind of fault.", kind="mode", modes=WORDS, default=NONE, low=0, high=len(WORDS) - 1)
     start: Scalar = quantity("100 ns", "Start of the fault.", kind="time", default=0)
     duration: Scalar = quantity("100 ns", "Duration of the fault.", kind="time", default=FOREVER, low=0)
-    severity: Scalar = quantity("1", "Severity; its meaning depends on the word.", default=1.0)
+    severity: Scalar = quantity("1", "Severity of the fault; its meaning depends on the kind of fault.", default=1.0)
     bias: Scalar = quantity(
-        "1", "Bias of `wrong`: added to every real number, in the unit of that number.", default=0.0
+        "1", "Bias of a fault `wrong`, added to every real number, in the unit of that number.", default=0.0
     )
-    level: Scalar = quantity("1", "Threshold of the watched number, in its unit.", default=0.0)
-    watch: str = option("Path of the number to watch; empty: time alone decides.", default="")
-    side: str = option("Side of the level on which the fault begins.", default="above", choices=("above", "below"))
-    slot: int = period("Length of each off or on interval of `intermittent`.", default=ms(100))
-    field: str = option("Affected field or number of the actuators' output, e.g. speed[1]; empty: all.", default="")
+    level: Scalar = quantity("1", "Threshold of the watched signal that triggers the fault, in its unit.", default=0.0)
+    watch: str = option("Path of the signal that triggers the fault; empty: the fault begins at `start`.", default="")
+    side: str = option(
+        "Side of `level` on which the signal triggers the fault.", default="above", choices=("above", "below")
+    )
+    slot: int = period("Length of each on or off interval of a fault of kind `intermittent`.", default=ms(100))
+    field: str = option("Affected field or element of the actuators' output, e.g. speed[1]; empty: all.", default="")
 
     def check(self) -> None:
-        """Raise InputError for a severity that the word can't have."""
+        """Raise InputError for a severity that is invalid for the kind of fault."""
         word, severity = int(self.word), float(self.severity)
         rules = {
             GARBAGE: (severity > 0, "a multiple of the plausible size, above 0"),
@@ -68,7 +70,7 @@ class Fault:
             raise InputError("severity", problem, fix="choose another severity, e.g. by 0.5, by 2")
 
     def begin_time(self, t: Any, begin: Any, signals: Any) -> Any:
-        """Return when the fault began (100 ns), or NEVER. begin: this time so far; signals: the part's, at time t."""
+        """Return the time at which the fault began (100 ns), or NEVER. begin: this time at the last call."""
         if not self.watch:
             return jnp.where(t >= self.start, jnp.asarray(self.start, np.int64), NEVER)
         number = jnp.asarray(signal_value(signals, self.watch), np.float64)
@@ -77,26 +79,26 @@ class Fault:
         return jnp.where(t < self.start, NEVER, jnp.where(waiting & met, t, begin))
 
     def active_word(self, t: Any, begin: Any) -> Any:
-        """Return the word that acts at integer time t."""
+        """Return the number of the kind of fault that acts at integer time t."""
         acts = (begin != NEVER) & (t >= begin) & (t - begin < self.duration)
         return jnp.where(acts, self.word, NONE)
 
     def is_off(self, key: Key, t: Any) -> Any:
-        """Return True if this time slot of an intermittent fault is off."""
+        """Return True if the part is off in this time slot of an intermittent fault."""
         u, _ = uniform2(key, t // self.slot, 7)
         return u < self.severity
 
     def is_skipped(self, number: Any) -> Any:
-        """Return True if a slow fault leaves out the output with this number."""
+        """Return True if a fault of kind `slow` drops the output with this number."""
         n = jnp.maximum(jnp.round(self.severity), 1.0).astype(np.int32)
         return number % n != 0
 
     def delay_steps(self, step: int, capacity: int) -> Any:
-        """Return the delay in steps of this length (100 ns), limited to what a ring of this capacity holds."""
+        """Return the delay in steps of this length (100 ns), limited to the capacity of the ring buffer."""
         return jnp.clip(jnp.round(self.severity / to_seconds(step)), 0, capacity - 1).astype(np.int32)
 
     def check_ring(self, step: int, capacity: int) -> None:
-        """Raise InputError for a delay longer than a ring of this capacity holds, with one slot per step (100 ns)."""
+        """Raise InputError for a delay that exceeds the ring buffer's capacity, with one slot per step (100 ns)."""
         longest = to_seconds(step) * (capacity - 1)
         if int(self.word) == DELAYED and float(self.severity) > longest + 1e-9:
             needed = delay_slots(float(self.severity), step)
@@ -115,7 +117,7 @@ class Fault:
         return jax.tree.map(leaf, value)
 
     def garbage_value(self, key: Key, index: Any, value: Any) -> Any:
-        """Return random numbers, `severity` times as large as the value or as 1, or NaN; random flags and integers."""
+        """Return garbage like the value: NaN, and random numbers of size `severity` times max(1, |value|)."""
 
         def garbage(v: Any, z: Any) -> Any:
             if v.dtype == np.bool_:
@@ -132,7 +134,7 @@ class Fault:
 
 
 def _replace_by_draws(function: Callable[[Any, Any], Any], key: Key, index: Any, tree: Any) -> Any:
-    """Return function(leaf, standard normals of its shape) for each leaf of a tree."""
+    """Return the tree with function(leaf, standard normal draws of its shape) in place of each leaf."""
     leaves, structure = jax.tree.flatten(tree)
     sizes = [int(np.prod(np.shape(v))) for v in leaves]
     draws, out, k = normals(key, index, sum(sizes)), [], 0
@@ -143,7 +145,7 @@ def _replace_by_draws(function: Callable[[Any, Any], Any], key: Key, index: Any,
 
 
 def delay_slots(delay: float, step: int) -> int:
-    """Return the number of ring slots, one per step (100 ns), that a delay (s) needs."""
+    """Return the number of ring buffer slots that a delay (s) needs, with one slot per step (100 ns)."""
     return 1 + int(np.ceil(delay / to_seconds(step) - 1e-9))
 
 
@@ -158,7 +160,7 @@ def signal_value(tree: Any, path: str) -> Any:
 
 
 def replace_number(tree: Any, path: str, other: Any) -> Any:
-    """Return a tree of records with the value at a path, e.g. "speed" or "speed[1]", taken from another such tree."""
+    """Return a tree of records in which the value at a path, e.g. "speed[1]", is taken from another tree."""
     name, index = split_component(path)
 
     def change(old: Any, _: Any) -> Any:
@@ -170,26 +172,26 @@ def replace_number(tree: Any, path: str, other: Any) -> Any:
 
 @record
 class FaultMemory:
-    """Memory of a fault: its part's outputs. Frames: theirs. Source: docs page, Faults."""
+    """Memory of a fault: past outputs of its part. Frames: those of the part. Source: docs page, Faults."""
 
-    key: Any = part("Random key of the fault's draws.")
+    key: Any = part("Random key of the fault's random draws.")
     begin: Scalar = quantity("100 ns", "Time at which the fault began.", kind="time")
-    output: Any = part("The last output, with the fault.")
+    output: Any = part("Last output of the part, with the fault applied.")
     lost: Scalar = quantity("100 ns", "Measurement time of the newest sample that the fault dropped.", kind="time")
-    number: Scalar = quantity("1", "Number of outputs so far.", kind="count")
-    ring: Any = part("Outputs of the last steps, without the fault; every number has a leading axis of slots.")
+    number: Scalar = quantity("1", "Number of outputs of the part so far.", kind="count")
+    ring: Any = part("Outputs of the last steps, without the fault. The leading axis is the slot of the ring buffer.")
 
 
 @record
 class FaultyState:
-    """State of a part, and the memory of its fault. Frames: theirs. Source: docs page, Faults."""
+    """State of a part, and the memory of its fault. Frames: those of the part. Source: docs page, Faults."""
 
-    inner: Any = part("State of the part.")
+    inner: Any = part("State of the part that has the fault.")
     memory: FaultMemory = part("Memory of the fault.")
 
 
 def _initial_memory(key: Any, output: Any, ring: Any) -> FaultMemory:
-    """Return the memory before any fault. output: the one before the first; ring: the outputs before it."""
+    """Return the initial memory of a fault. output: output before the first step. ring: ring buffer filled with it."""
     return FaultMemory(
         key=key, begin=np.int64(NEVER), output=output, lost=np.int64(NEVER), number=np.int32(0), ring=ring
     )
@@ -198,16 +200,16 @@ def _initial_memory(key: Any, output: Any, ring: Any) -> FaultMemory:
 def apply_to_sample(
     t: Any, s: FaultMemory, fault: Fault, sample: Sample, signals: Any, *, step: int, has_checksum: bool
 ) -> tuple[FaultMemory, Sample]:
-    """Return the memory and the sample that comes out instead, for one instant.
+    """Return the fault's memory, and the sample with the fault applied, at one instant.
 
     Args:
         t: now, integer time.
         s: memory of the fault.
         fault: the fault.
         sample: the part's output.
-        signals: numbers that the fault may watch.
-        step: time since this was last called (100 ns).
-        has_checksum: a distorted sample is dropped, as on a wire, and `stuck` repeats the whole sample.
+        signals: signals that can trigger the fault.
+        step: time between two calls (100 ns).
+        has_checksum: True for a link: a garbage sample is dropped, and `stuck` repeats the last sample.
     """
     sample = replace(sample, fresh=jnp.asarray(sample.fresh), valid=jnp.asarray(sample.valid))
     begin = fault.begin_time(t, s.begin, signals)
@@ -244,14 +246,14 @@ def _faulty_value(word: Any, fault: Fault, s: FaultMemory, sample: Sample, k: An
 
 
 def _select(condition: Any, a: Any, b: Any) -> Any:
-    """Return a where the condition holds, else b, in the types of b."""
+    """Return a if the condition holds, else b, in the data types of b."""
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y).astype(jnp.result_type(y)), a, b)
 
 
 def apply_to_output(
     t: Any, s: FaultMemory, fault: Fault, output: Any, neutral: Any, signals: Any, *, step: int
 ) -> tuple[FaultMemory, Any]:
-    """Return the memory and the actuators' output that comes out instead; arguments as of apply_to_sample."""
+    """Return the fault's memory, and the actuators' output with the fault applied. Arguments as for apply_to_sample."""
     k, capacity = t // step, jax.tree.leaves(s.ring)[0].shape[0]
     output = cast_like(output, s.output)
     begin = fault.begin_time(t, s.begin, signals)
@@ -273,9 +275,9 @@ def apply_to_output(
 
 
 class FaultyPart:
-    """A part with a fault; before and after the fault it behaves as the part itself, bit for bit.
+    """A part with a fault. Before and after the fault its output equals that of the part without a fault, bit for bit.
 
-    The path of the wrapped part gets `.inner`. The three classes below are its kinds.
+    The path of the wrapped part ends with `.inner`. The three classes below are its kinds.
     """
 
     inner: Any
@@ -292,7 +294,7 @@ class FaultyPart:
         self.fault.check_ring(self.period, self.capacity)
 
     def initial_state(self, inner: Any, input: Any, key: Key) -> FaultyState:
-        """Return the first state of a part that gives samples. inner: its own state; input: example of its input."""
+        """Return the initial state of a wrapped part that gives samples. inner: the part's state. input: an example."""
         try:
             sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, input)
         except AttributeError as error:
@@ -313,17 +315,17 @@ class FaultySensor(FaultyPart):
     """
 
     inner: Any = part("Sensor.")
-    fault: Fault = part("Fault of the part.", default=Fault())
-    example: Any = part("Example of the sensor's input, if that is not a motion.", default=None)
-    capacity: int = option("Number of samples kept: those of the longest delay, and one.", default=2)
+    fault: Fault = part("Fault of the wrapped part.", default=Fault())
+    example: Any = part("Example of the sensor's input, for a sensor that does not measure the motion.", default=None)
+    capacity: int = option("Capacity of the ring buffer: samples in the longest delay, plus 1.", default=2)
 
     @property
     def FEELS(self) -> str:
-        """Return what the sensor feels."""
+        """Return the kind of input that the sensor measures."""
         return optional_member(self.inner, "FEELS")
 
     def init(self, key: Key) -> FaultyState:
-        """Return the first state: nothing measured."""
+        """Return the initial state: nothing measured."""
         example = no_motion() if self.example is None else self.example
         return self.initial_state(self.inner.init(key), example, key.at("fault"))
 
@@ -342,18 +344,18 @@ class FaultySensor(FaultyPart):
 class FaultyChannel(FaultyPart):
     """A channel with a fault at its receiving end.
 
-    A checksum rejects distorted messages, so garbage means no data here. The fault may watch the carried sample, e.g.
-    `value.surge_velocity` or `age`.
+    A checksum rejects distorted messages, so a fault `garbage` gives no data. The fault may watch the carried sample,
+    e.g. `value.surge_velocity` or `age`.
 
     Frames:  those of the values carried.    Source:  docs page, Faults.
     """
 
     inner: Any = part("Channel.")
-    fault: Fault = part("Fault of the part.", default=Fault())
-    capacity: int = option("Number of steps kept: those of the longest delay, and one.", default=2)
+    fault: Fault = part("Fault of the wrapped part.", default=Fault())
+    capacity: int = option("Capacity of the ring buffer: steps in the longest delay, plus 1.", default=2)
 
     def init(self, key: Key, like: Sample) -> FaultyState:
-        """Return the first state: nothing received."""
+        """Return the initial state: nothing received."""
         return self.initial_state(self.inner.init(key, like), like, Key(key.seed, key.run, LINK_STREAM))
 
     def step(self, t: Any, state: FaultyState, sample: Sample) -> tuple[FaultyState, Sample]:
@@ -367,7 +369,7 @@ class FaultyChannel(FaultyPart):
 
 @record
 class FaultyActuators(FaultyPart):
-    """Actuators whose output is distorted while a fault acts: the whole input of the vehicle, or one field or number.
+    """Actuators with a fault that distorts the vehicle's input, or one field or element of the input.
 
     The fault may watch the command, e.g. `value.speed_rpm`.
 
@@ -375,15 +377,15 @@ class FaultyActuators(FaultyPart):
     """
 
     inner: Any = part("Actuators.")
-    fault: Fault = part("Fault of the part.", default=Fault())
-    capacity: int = option("Number of steps kept: those of the longest delay, and one.", default=2)
+    fault: Fault = part("Fault of the wrapped part.", default=Fault())
+    capacity: int = option("Capacity of the ring buffer: steps in the longest delay, plus 1.", default=2)
 
     def neutral(self) -> Any:
         """Return the actuators' neutral output."""
         return self.inner.neutral()
 
     def init(self, key: Key) -> FaultyState:
-        """Return the first state: at rest."""
+        """Return the initial state: at rest."""
         neutral = jax.tree.map(jnp.asarray, self.inner.neutral())
         slots = empty_slots(neutral, self.capacity)
         rest = jax.tree.map(lambda slot, v: jnp.broadcast_to(v, slot.shape), slots, neutral)

@@ -1,4 +1,4 @@
-"""Integration of the world's truth: the method, its tolerances, and steps that end at events.
+"""Integration of the vehicle's true state: methods, tolerances, and steps that end at events.
 
 By default a world takes one classical Runge–Kutta step between two instants. Source: docs page, Integration.
 """
@@ -26,27 +26,29 @@ STEPS: Mapping[str, tuple[Any, int | None]] = MappingProxyType(
         "rosenbrock": (rodas, 4),
     }
 )
-"""Method -> its step function, and the order for its step-size control; None: fixed step."""
+"""Step function of each method, and the order used by its step size control; None: fixed step."""
 HALVINGS = 52
-"""Number of bisections of a step that locate an event in it: down to rounding."""
+"""Number of bisections that locate an event within a step. So many that only rounding error remains."""
 
 
 @record
 class IntegrationReport:
-    """Report of the integration up to this instant. Source: docs page, Integration."""
+    """Report of the integration since the last instant. Source: docs page, Integration."""
 
-    integration_error: Scalar = quantity("1", "Largest estimated error of a step, as a fraction of the tolerance.")
-    steps: Scalar = quantity("1", "Steps since the last instant, including rejected ones.", kind="count")
+    integration_error: Scalar = quantity(
+        "1", "Largest estimated error of a step since the last instant, as a fraction of the tolerance."
+    )
+    steps: Scalar = quantity("1", "Number of steps since the last instant, including rejected steps.", kind="count")
     step: Scalar = quantity("s", "Length of the next trial step.")
-    events: Scalar = quantity("1", "Events located so far.", kind="count")
+    events: Scalar = quantity("1", "Number of events located since the start of the run.", kind="count")
     crowded: Scalar = quantity(
-        "1", "True if more events occurred since the last instant than can be located in one step.", kind="flag"
+        "1", "True if more events occurred since the last instant than `max_events`.", kind="flag"
     )
 
 
 @record
 class Integration:
-    """Integration from instant to instant: the method, its tolerances, and the limits on steps and events.
+    """Integration of the true state from instant to instant: method, tolerances, and limits on steps and events.
 
         rk4           one step of order four, of fixed length; its error is estimated
         rk4-doubling  the same step; its error is estimated from two steps of half the length
@@ -60,10 +62,12 @@ class Integration:
     """
 
     method: str = option("Integration method.", default="rk4", choices=tuple(STEPS))
-    relative: Scalar = quantity("1", "Relative tolerance of a step, for each number.", default=1e-8, low=0)
-    absolute: Scalar = quantity("1", "Absolute tolerance of a step, in each number's own unit.", default=1e-8, above=0)
+    relative: Scalar = quantity("1", "Relative tolerance of a step, for each number of the state.", default=1e-8, low=0)
+    absolute: Scalar = quantity(
+        "1", "Absolute tolerance of a step, for each number of the state in its unit.", default=1e-8, above=0
+    )
     attitude: str = option(
-        "Integration of quaternions: number by number, or on the rotation group.",
+        "Integration of quaternions: each component as a number, or on the rotation group, which keeps their length.",
         default="numbers",
         choices=("numbers", "group"),
     )
@@ -81,11 +85,15 @@ class Integration:
 
 
 PLAIN_STEP = Integration(relative=1e-4, absolute=1e-4)
-"""Default step of a world, bit for bit, with a check that it is not far too long."""
+"""Default integration of a world: one Runge–Kutta step. The error estimate only shows whether the step is far too
+long."""
 
 
 class _Progress(NamedTuple):
-    """Progress between two instants. since: s.  size: next trial step (s).  located: events so far."""
+    """Progress of the integration between two instants.
+
+    since: time since the instant (s). size: next trial step (s). located: number of events located so far.
+    """
 
     since: Any
     x: Any
@@ -122,7 +130,10 @@ def integrate_truth(
 
 
 def _take_step(method: Integration, vehicle: Any, u: Any, t: Any, h: Any, p: _Progress) -> _Progress:
-    """Take one step: to h, as far as the error allows, or to the first event; or reject the step."""
+    """Take one step, as far as h, the error tolerance or the first event allows.
+
+    A step with too large an error is rejected.
+    """
 
     def f(time: Any, at: Any) -> Any:
         return vehicle.dynamics(time, at, u)
@@ -170,7 +181,7 @@ def _take_step(method: Integration, vehicle: Any, u: Any, t: Any, h: Any, p: _Pr
 def _stop_at_event(
     vehicle: Any, t: Any, x: Any, rate: Any, h: Any, x1: Any, is_free: Any, step: Callable[[Any], tuple[Any, Any]]
 ) -> tuple[Any, Any, Any]:
-    """Return the length (s) of a step from x to x1 up to the first event, the state there, and True if there is one.
+    """Return the length (s) of a step cut at its first event, the state there, and True if the step contains an event.
 
     rate: the derivative at x.  is_free: True if an event may end the step.
     """

@@ -1,4 +1,4 @@
-"""A Kalman filter of any vehicle's linear model, checked for modes that the sensors don't observe.
+"""A Kalman filter for the linear model of any vehicle, with a check that the sensors observe the model's modes.
 
 Source: docs page, Linear model filter.
 """
@@ -21,13 +21,13 @@ from trimtab.design.model import entry_names, find_indices, model_of_vehicle, re
 from trimtab.estimators.linear_model import LinearModelFilter
 
 LIGHT = 0.2
-"""Damping ratio below which a mode counts as lightly damped and has to be observed."""
+"""Damping ratio below which a mode counts as lightly damped and must be observable."""
 UNSEEN = 3e-5
-"""Singular value below which a direction is unobservable, as a fraction of the largest."""
+"""Singular value below which a direction counts as unobservable, as a fraction of the largest singular value."""
 
 
 class UnseenMode(NamedTuple):
-    """An unobservable pole. states: the states that move in this mode, the largest first."""
+    """Unobservable pole of a linear model. states: the states that move in its mode, the largest motion first."""
 
     pole: complex
     states: tuple[str, ...]
@@ -40,13 +40,14 @@ class UnseenMode(NamedTuple):
 
 
 def measure_channels(vehicle: Any, x: Any, u: Any, sensors: Mapping[str, Any]) -> dict[str, Callable[[Any, Any], Any]]:
-    """Return number measured by a sensor, e.g. ``encoder.position`` -> function of the vehicle's state and input.
+    """Return each number that a sensor measures, e.g. ``encoder.position``, as a function of the vehicle's state and
+    input.
 
     Args:
         vehicle: the vehicle with the sensors.
         x: a state record.
         u: an input record.
-        sensors: by name; sensors of the input are left out, as they don't depend on the state.
+        sensors: the sensors by name. Sensors of the vehicle's input are skipped, as they don't depend on the state.
     """
     functions: dict[str, Callable[[Any, Any], Any]] = {}
     for name, sensor in sensors.items():
@@ -63,7 +64,7 @@ def measure_channels(vehicle: Any, x: Any, u: Any, sensors: Mapping[str, Any]) -
 
 
 def unseen_modes(linear: LinearModel) -> tuple[UnseenMode, ...]:
-    """Return the unobservable poles of a linear model, by falling real part.
+    """Return the unobservable poles of a linear model, in order of decreasing real part.
 
     Source: M. L. J. Hautus, "Controllability and observability conditions of linear autonomous systems", Proc. Kon.
     Ned. Akad. Wetensch. A 72 (1969): [A - p I; C] v = 0.
@@ -105,16 +106,16 @@ def design_filter(
         vehicle: model of the vehicle.
         x: state record, at a trim.
         u: input record, likewise.
-        sensors: by name, as the world has them.
+        sensors: the world's sensors by name.
         noise: measured number to use, e.g. ``encoder.position`` -> standard deviation of its noise, in its unit.
-        first: state -> standard deviation of its first value; needed for all states.
+        first: state -> standard deviation of its initial estimate; needed for all states.
         disturbance: state -> white noise on its derivative, square root of the density (unit of the derivative times
         s^0.5).
-        period: of the autopilot (100 ns).
-        actuators: name of the sensor of the input as it acts (`sensors.flight_state.ActingInput`).
+        period: control period of the autopilot (100 ns).
+        actuators: name of the sensor that measures the acting input (`sensors.flight_state.ActingInput`).
 
     Raises: InputError that names an unobservable mode which is not well damped; also for a vehicle whose attitude is a
-        quaternion, which has filters of its own (docs, Gnss and inertial).
+        quaternion, which needs a filter for inertial navigation (docs, Gnss and inertial).
     """
     if attitude_fields(x):
         fix = "use an estimator for inertial navigation (docs, Gnss and inertial)"

@@ -1,4 +1,4 @@
-"""Linear laws about a trim for any vehicle: from a gain and its certificate, or from a compensator made elsewhere."""
+"""Linear laws about a trim for any vehicle, from the certificate of a gain, or from a compensator of another tool."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,9 +25,9 @@ from trimtab.laws.state_space import StateSpaceLaw
 from trimtab.loop.structure import check_record, check_vehicle
 
 STATE, INPUT = "x0 ", "u0 "
-"""Prefixes of those settings of a certificate that are numbers of the trim."""
+"""Prefixes of the settings in a certificate that give the trim."""
 INTEGRAL_FACTOR = 5.0
-"""Bound on an integral, as a multiple of its limit."""
+"""Bound on an integral of the law, as a multiple of the integral's design limit."""
 
 
 def read_feedback(file: Path | str, x: Any, u: Any, believed: Any = None) -> StateFeedback:
@@ -35,17 +35,18 @@ def read_feedback(file: Path | str, x: Any, u: Any, believed: Any = None) -> Sta
 
     Args:
         file: the certificate.
-        x: a state record of the vehicle, for its fields, and for the numbers that the file does not give.
+        x: a state record of the vehicle, for its fields, and for numbers that are not in the file.
         u: an input record, likewise.
-        believed: the vehicle for which the gain was designed; the log then reports differences from the vehicle flown.
+        believed: vehicle model for which the gain was designed. The log reports differences from the vehicle that
+        flies.
 
-    Raises: InputError for a file that is not a certificate, or one of another vehicle.
+    Raises: InputError for a file that is not a certificate, or is the certificate of another vehicle.
     """
     return feedback_law(read_certificate(Path(file))[0], x, u, believed)
 
 
 def feedback_law(certificate: Certificate, x: Any, u: Any, believed: Any = None) -> StateFeedback:
-    """Return the law of a certificate; arguments as of `read_feedback`."""
+    """Return the law of a certificate. Arguments as for `read_feedback`."""
     integrals = [n for n in certificate.states if n.startswith(INTEGRAL)]
     states = [n for n in certificate.states if n not in integrals]
     columns, fields, turned, places = _feedback_columns(x, states)
@@ -54,7 +55,7 @@ def feedback_law(certificate: Certificate, x: Any, u: Any, believed: Any = None)
     inputs = input_names(u, entry_names(x))
     if tuple(certificate.inputs) != inputs:
         problem = f"its inputs are {', '.join(certificate.inputs)}, but the vehicle's are {', '.join(inputs)}"
-        raise InputError("gain", problem, fix="design it with all inputs of this vehicle")
+        raise InputError("gain", problem, fix="design the gain with all inputs of this vehicle")
     trim = {n.removeprefix(STATE): v for n, v in certificate.about.items() if n.startswith(STATE)}
     point = state_from_trim(x, {n: float(v) for n, v in trim.items()})
     own = zip(inputs, np.asarray(record_vector(u)).tolist(), strict=True)
@@ -102,13 +103,13 @@ def design_feedback(
 def track_course(
     feedback: StateFeedback, model: StateSpaceModel, course: Inversion, *, every: int = 1
 ) -> CourseTracking:
-    """Return the law that flies an inversion: its state and input as feedforward, and the gain on the deviations.
+    """Return the law that flies an inversion: feedforward of its states and inputs, and feedback of the deviations.
 
     Args:
-        feedback: law of the vehicle, about the course's first point.
-        model: model with which the course was computed; inputs that it lacks stay as the feedback has them.
-        course: the inversion, evenly spaced.
-        every: keep every Nth node.
+        feedback: linear law of the vehicle, about the first point of the course.
+        model: model with which the course was computed. Inputs missing in the model keep the values of the feedback
+        law. course: the inversion, evenly spaced.
+        every: use only every Nth node of the course.
     """
     whole = jax.jit(jax.vmap(model.to_record or (lambda x: unpack_record(model.state_record, x))))
     states = whole(jnp.asarray(course.x[::every]))
@@ -126,10 +127,9 @@ def compensator_law(system: Any, reads: Sequence[str], x0: Any, u0: Any, *, peri
     """Return a compensator of python-control or scipy.signal as a law: u = u0 + system (x - x0).
 
     Args:
-        system: from the errors of the fields read to the inputs' changes; a continuous one is discretised by Tustin's
-            rule. The feedback is positive: a stabilising compensator contains the minus sign.
-        reads: fields of the state.
-        x0: set-points of these fields, their numbers one after another.
+        system: compensator from the errors of the fields in `reads` to the changes of the inputs. A continuous
+        compensator is discretised by Tustin's rule. The feedback is positive: a stabilising compensator contains the
+        minus sign. reads: fields of the state. x0: set-points of the fields in `reads`, all numbers in one list.
         u0: input record at the set-point.
         period: period of the compensator (100 ns), a multiple of the autopilot's.
     """
@@ -144,9 +144,9 @@ def compensator_law(system: Any, reads: Sequence[str], x0: Any, u0: Any, *, peri
 
 
 class StateNumber(NamedTuple):
-    """A number of a vehicle's state that a law feeds back. path: below the state.  state: its name in the gain.
+    """A number of the vehicle's state that a law feeds back.
 
-    value: at the trim.  unit: of the state.
+    path: path below the state. state: name in the gain. value: value at the trim. unit: unit of the state.
     """
 
     path: str
@@ -156,7 +156,10 @@ class StateNumber(NamedTuple):
 
 
 def state_numbers(law: StateFeedback, x: Any) -> list[StateNumber]:
-    """Return the numbers that a law of `feedback_law` reads, without those of an attitude. x: a state record."""
+    """Return the numbers of the state that a law of `feedback_law` reads, except those of an attitude.
+
+    x: a state record.
+    """
     declared = {path: d for path, _, d in leaves(x) if isinstance(d, Quantity)}
     numbers: list[StateNumber] = []
     begin = 0
@@ -173,15 +176,17 @@ def state_numbers(law: StateFeedback, x: Any) -> list[StateNumber]:
 
 
 def describe_vehicle(vehicle: Any, x: Any, u: Any) -> dict[str, str]:
-    """Return the description of the vehicle in a gain's file: its class, and units of states and inputs, in order."""
+    """Return the description of a vehicle for a gain's file: its class, and the units of its states and inputs, in
+    order."""
     units = [f"{path} {d.unit}" for own in (x, u) for path, _, d in leaves(own) if isinstance(d, Quantity)]
     return {"vehicle": type(vehicle).__name__, "units": "; ".join(units)}
 
 
 class _FeedbackColumns(NamedTuple):
-    """columns: index of each state among the errors of the fields.  fields: the fields with such states, with sizes.
+    """columns: index of each fed-back state among the errors of the fields.
 
-    turned: the fields that are velocities in an attitude's outer frame.  places: those that are positions there.
+    fields: fields that contain fed-back states, with sizes. turned: fields that are velocities in the outer frame of an
+    attitude. places: fields that are positions in that frame.
     """
 
     columns: list[int]

@@ -1,6 +1,6 @@
-"""Delay, jitter and loss of any link as three numbers: the link becomes a `MeasuredLatency`.
+"""Delay, jitter and loss of any link as three numbers. The link is replaced by a `MeasuredLatency`.
 
-    delay     constant latency; replaces the link's own
+    delay     constant latency; replaces the latency of the link
     jitter    additional latency, uniform from 0 to this value
     loss      share of packets lost, independently
 
@@ -29,9 +29,9 @@ SETTINGS = tuple(f"{link}.{kind}" for link in LINKS for kind in KINDS)
 
 
 def with_link_settings(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
-    """Return the scenario with settings of its links, e.g. {"uplink.delay": "80 ms", "downlink.loss": "5 %"}.
+    """Return the scenario with changed settings of its links, e.g. {"uplink.delay": "80 ms", "downlink.loss": "5 %"}.
 
-    Raises: InputError for a text that is not a time or share, or a link that has no latency.
+    Raises: InputError for a text that is not a time or a percentage, or for a link that has no latency.
     """
     for name in [name for name in SETTINGS if name in settings]:
         link, _, kind = name.partition(".")
@@ -86,14 +86,17 @@ def _parse_share(name: str, text: str) -> float:
 
 
 def even_latencies() -> np.ndarray:
-    """Return latencies (NODES,) spread evenly over [0, 1], as a table over the normal score."""
+    """Return latencies (NODES,) distributed uniformly over [0, 1], as a table over the normal score."""
     from scipy.special import ndtr
 
     return ndtr(normal_scores())
 
 
 def measured_latency(scenario: Scenario, link: str) -> MeasuredLatency:
-    """Return a link as a `MeasuredLatency` of the same delay and packet rate, or the link itself if it is one."""
+    """Return a link as a `MeasuredLatency` of equal delay and packet rate.
+
+    A `MeasuredLatency` is returned unchanged.
+    """
     channel = getattr(scenario.world, link)
     if isinstance(channel, MeasuredLatency):
         return channel
@@ -108,7 +111,7 @@ def measured_latency(scenario: Scenario, link: str) -> MeasuredLatency:
 
 
 def extend_horizon(scenario: Scenario, longest: int) -> Scenario:
-    """Return the scenario; if it has a predictor, its horizon is longer by this much (100 ns)."""
+    """Return the scenario with the horizon of its predictor, if any, longer by this time (100 ns)."""
     predictor = scenario.autopilot.predictor
     if predictor is None:
         return scenario

@@ -1,4 +1,4 @@
-"""Monitor: checks formulas of signal temporal logic during the flight. An optional part of the Autopilot.
+"""Monitor of formulas in signal temporal logic during the flight. An optional part of the Autopilot.
 
 The value of a formula that looks ahead is known only later: the monitor's output at a row is for the row a fixed DELAY
 earlier, where DELAY is how far the formula looks ahead (in rows of the monitor's period). It equals the value that
@@ -9,9 +9,9 @@ outermost: the output is then the least or largest value since the first row.
     F until[a, b] G   the same with pairs (u, m), the until and the least F of a stretch; first A, then B:
                       u = max(uA, min(mA, uB))      m = min(mA, mB)
 
-Stretches of 1, 2, 4, … rows that end now are each combined from two of half the length, and the last from two that
-overlap. So the time of a step does not depend on the data and grows with the logarithm of the window's rows. The
-memory is as many numbers as the window has rows.
+Windows of 1, 2, 4, … rows that end now are each combined from two windows of half the length; the last two may overlap.
+So the time of a step does not depend on the data, and grows with the logarithm of the number of rows in the window. The
+memory is one number for each row of the window.
 
 Source: Maler, Nickovic, Pnueli, "From MITL to timed automata", FORMATS 2006, for a formula of bounded future as one of
 the past; Bender, Farach-Colton, "The LCA problem revisited", LATIN 2000, for windows by powers of two; docs page,
@@ -45,35 +45,41 @@ EXTREMES = {"always": SMALLEST, "historically": SMALLEST, "eventually": LARGEST,
 
 @record
 class MonitorInput:
-    """Signals that a formula may use: those of the autopilot, by the paths of the log. Source: docs page, Monitor."""
+    """Signals that a formula may use: the autopilot's signals, by their paths in the log.
+
+    Source:  docs page, Monitor.
+    """
 
     estimate: Any = part("Estimate.")
     law: Any = part("Output of the law.")
     command: Any = part("Command as issued.")
     downlink: Any = part("Newest sample of each sensor.")
-    supervisor: Any = part("Output of the supervisor; empty without one.", default=())
+    supervisor: Any = part("Output of the supervisor; empty without a supervisor.", default=())
 
 
 @record
 class MonitorOutput:
     """Verdict on a formula. Frames: none. Source: docs page, Monitor."""
 
-    robustness: Scalar = quantity("U", "Margin to a violation, in the formula's own unit; 0 while pending.")
-    verdict: Scalar = quantity("1", "Verdict on the formula.", kind="mode", modes=VERDICTS)
+    robustness: Scalar = quantity(
+        "U",
+        "Margin of the formula (negative: violated), in the unit of its comparison; 0 while the verdict is pending.",
+    )
+    verdict: Scalar = quantity("1", "Verdict on the formula: pending, holds or violated.", kind="mode", modes=VERDICTS)
 
 
 @record
 class MonitorState:
     """State of a monitor. Frames: none. Source: docs page, Monitor."""
 
-    rows: Scalar = quantity("1", "Rows evaluated so far.", kind="count")
-    memory: Any = quantity("U", "Values of the last rows, one delay line after another.")
-    outputs: Mapping[str, MonitorOutput] = part("Last output, by the formula's name.")
+    rows: Scalar = quantity("1", "Number of rows evaluated so far.", kind="count")
+    memory: Any = quantity("U", "Stored values of the last rows, for all delay lines one after another.")
+    outputs: Mapping[str, MonitorOutput] = part("Last output for each formula, by name.")
 
 
 @record
 class Monitor:
-    """Monitor of formulas: gives each formula's margin to a violation, once each `period`.
+    """Monitor of formulas: gives the margin of each formula, once each `period`.
 
     Frames:  none; formulas have their own units.
     Not modelled: periods that are skipped in real time; their rows are missing.
@@ -81,12 +87,14 @@ class Monitor:
     """
 
     formulas: str = option(
-        "Formulas; several are named and separated by semicolons: 'turn: always(…); rest: always(…)'.", default=""
+        "Formulas, each with an optional name, separated by semicolons: 'turn: always(…); rest: always(…)'.", default=""
     )
-    period: int = period("Time between two rows; a multiple of the control period.", default=ms(10))
+    period: int = period(
+        "Time between two evaluations of the formulas; a multiple of the control period.", default=ms(10)
+    )
 
     def check(self) -> None:
-        """Raise InputError for invalid formulas, and for formulas whose value is never known in flight."""
+        """Raise InputError for invalid formulas, and for formulas that cannot be decided during a flight."""
         for name, text in self.texts().items():
             tree = parse_formula(text)
             inside = tree.formulas[0] if _is_without_end(tree) else tree
@@ -106,7 +114,10 @@ class Monitor:
                 )
 
     def texts(self) -> dict[str, str]:
-        """Return the formulas by name; one without a name is "requirement", or "requirement_2" if it is the second."""
+        """Return the formulas by name.
+
+        A formula without a name is named "requirement", the second such "requirement_2".
+        """
         texts: dict[str, str] = {}
         pieces = self.formulas.split(";")
         for k, piece in enumerate(pieces):
@@ -136,7 +147,7 @@ class Monitor:
             raise InputError("autopilot.monitor", problem, choices=error.choices, fix=error.fix) from None
 
     def init(self, input: MonitorInput) -> MonitorState:
-        """Return the first state. input: of the structure that step() gets."""
+        """Return the initial state. input: example of the input of step()."""
         online = _Online(self.period)
         for formula in self.fit(input).values():
             online.assess(formula.root)
@@ -160,12 +171,12 @@ def _is_without_end(tree: Any) -> bool:
 
 
 def _rows_of(tree: Temporal, period: int) -> tuple[int, int | None]:
-    """Return the first and last row of an interval, relative to the row that it belongs to."""
+    """Return the first and last row of an interval, relative to the row for which the formula is evaluated."""
     return -(-tree.low // period), None if tree.high is None else tree.high // period
 
 
 def _check_intervals(tree: Any, name: str, period: int) -> None:
-    """Raise InputError for an interval that lies between two rows."""
+    """Raise InputError for an interval so short that it contains no row."""
     if isinstance(tree, Predicate):
         return
     if isinstance(tree, Temporal):
@@ -182,7 +193,9 @@ def _check_intervals(tree: Any, name: str, period: int) -> None:
 
 
 class _Online:
-    """One row of a formula, with all delay lines in one array; without an array only their lengths are determined.
+    """Evaluation of a formula at one row.
+
+    All delay lines are in one array; without the array only their lengths are found.
 
     Each formula gives a value and its delay in rows: until that many rows have passed the value is meaningless.
     sign: -1 in a negated formula.
@@ -241,7 +254,7 @@ class _Online:
         return self._delay(self._slide_one(extreme, value, high - low + 1, none), low, none), ago
 
     def _look_back(self, tree: Temporal, values: list[Any]) -> Any:
-        """Return the value of always or eventually, for the row at which the interval began."""
+        """Return the value of always or eventually, for the row at which the interval starts."""
         low, high = _rows_of(tree, self.period)
         extreme, none = EXTREMES[tree.word]
         assert high is not None
@@ -273,15 +286,15 @@ class _Online:
         return [self._delay(value, ago - own, 0.0) for value, own in below], ago
 
     def _since(self, first: int, value: Any, none: float) -> Any:
-        """Return the value from row `first` on, and `none` before."""
+        """Return the value at rows from `first` on, and `none` at earlier rows."""
         return value if first == 0 else jnp.where(self.row >= first, value, none)
 
     def _slide_one(self, extreme: Any, value: Any, width: int, none: float) -> Any:
-        """Return the least or largest of the last `width` values."""
+        """Return the extreme (smallest or largest) of the last `width` values."""
         return self._slide((value,), width, (none,), lambda a, b: (extreme(a[0], b[0]),))[0]
 
     def _slide(self, now: tuple[Any, ...], width: int, none: tuple[float, ...], combine: Any) -> tuple[Any, ...]:
-        """Combine the last `width` rows; stretches that overlap may be combined."""
+        """Return the values of the last `width` rows combined. `combine` must allow windows that overlap."""
         length = 1
         while length < width:
             back = min(length, width - length)
@@ -290,7 +303,7 @@ class _Online:
         return now
 
     def _delay(self, x: Any, n: int, none: float) -> Any:
-        """Return the value n rows ago, or `none` before there was such a row."""
+        """Store the value x and return the value stored n rows ago; `none` if that is before the first row."""
         if n == 0:
             return x
         place = self.used + self.row % n
@@ -302,7 +315,7 @@ class _Online:
         return old
 
     def _accumulate(self, function: Any, x: Any, none: float) -> Any:
-        """Return function(its result at the last row, x)."""
+        """Return function(r, x), where r is the result at the previous row. Store the result."""
         place = self.used
         self._reserve(1, none)
         if self.memory is None:
@@ -317,7 +330,7 @@ class _Online:
 
 
 def _join_stretches(older: tuple[Any, Any], newer: tuple[Any, Any]) -> tuple[Any, Any]:
-    """Return (until, least value of the left side) of two consecutive stretches together."""
+    """Return (until, smallest value of the left side) for two consecutive windows together."""
     return jnp.maximum(older[0], jnp.minimum(older[1], newer[0])), jnp.minimum(older[1], newer[1])
 
 

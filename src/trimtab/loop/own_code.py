@@ -1,4 +1,4 @@
-"""Errors in a user's own vehicle, law or scenario file: one sentence, with file and line."""
+"""Error messages for a user's vehicle, law or scenario file: one sentence, with file and line."""
 
 import dataclasses
 import difflib
@@ -40,20 +40,23 @@ REPLACEMENTS = (
     (r"\b(and|or|not)\b", "`{0}` on " + TRACED, "use &, | and ~, with brackets around each comparison"),
     (r"\b(min|max)\(", "`{0}()` of " + TRACED, "use jnp.{0}imum(a, b)"),
 )
-"""Pattern of the faulty line, description of the problem, and replacement to write."""
+"""Patterns of faulty lines. Each entry: pattern, description of the problem, and text to write instead."""
 IMPORTS = {"jnp": "import jax.numpy as jnp", "np": "import numpy as np", "jax": "import jax", "math": "import math"}
-"""Names that an own file often lacks, with the line that imports each."""
+"""Names that a user's file often uses without an import, with the line that imports each."""
 
 
 REMEDIES = {
     "__format__": "use jax.debug.print to print a number of a run",
     "item assignment": "write x = x.at[i].set(value)",
 }
-"""Part of a TypeError's text -> what to write."""
+"""Part of the text of a TypeError -> the fix to write."""
 
 
 class CodeFault(NamedTuple):
-    """place: "boat.py:31: ", or "" if the error is not in a user's file.  fix: "" if none is known."""
+    """place: file and line, e.g. "boat.py:31: "; "" if the error is not in a user's file.
+
+    fix: text to write; "" if unknown.
+    """
 
     place: str
     problem: str
@@ -126,7 +129,7 @@ def refuse_own_code(part: str, error: Exception) -> InputError:
 
 
 def _describe_attribute(place: str, error: AttributeError) -> CodeFault:
-    """Describe a field that a record lacks; a field of that name below the record is the likeliest one."""
+    """Return the fault of reading a missing field of a record. The fix names a field of equal name below the record."""
     fields = tuple(declarations(error.obj))
     below = [path for path, _, _ in leaves(error.obj) if path.endswith(f".{error.name}")]
     near = closest(error.name or "", fields, 1)
@@ -135,7 +138,7 @@ def _describe_attribute(place: str, error: AttributeError) -> CodeFault:
 
 
 def _find_name(name: str, frame: FrameType | None) -> str:
-    """Return what to write for an unknown name: its import, or the nearest known name."""
+    """Return the fix for an unknown name: the line that imports the name, or the most similar known name."""
     if name in trimtab.HOMES:
         return f"write  from trimtab import {name}  at the top of the file"
     if name in IMPORTS:
@@ -145,7 +148,7 @@ def _find_name(name: str, frame: FrameType | None) -> str:
 
 
 def _describe_arguments(text: str, frame: FrameType | None) -> str:
-    """Return what to write after a call with wrong arguments of a record; "" for another error."""
+    """Return the fix for wrong arguments in the call of a record's constructor; "" for any other error."""
     match = re.match(r"(\w+)\.__init__\(\) (?:got an unexpected keyword argument|missing .* arguments?:) (.*)", text)
     if match is None:
         known = (words for part, words in REMEDIES.items() if part in text)
@@ -159,7 +162,8 @@ def _describe_arguments(text: str, frame: FrameType | None) -> str:
 
 
 def _frame_at_fault(error: BaseException) -> tuple[FrameType | None, int]:
-    """Return the newest stack frame in a user's file, else in the package, and its line; None without a frame."""
+    """Return the innermost stack frame in a user's file, else in the package, and its line number; None without a
+    frame."""
     frames = [(f, line) for f, line in traceback.walk_tb(error.__traceback__) if f.f_code.co_filename[0] != "<"]
     frames = [(f, n) for f, n in frames if not {"site-packages", "importlib"} & set(Path(f.f_code.co_filename).parts)]
     frames = [(f, n) for f, n in frames if not f.f_code.co_filename.startswith(STANDARD)]

@@ -1,4 +1,4 @@
-"""Parts built from text settings, by the name of their class: used by scenario files and by settings.
+"""Parts built from text, by the name of their class. Used by scenario files and settings.
 
 A name is that of a record of the package, e.g. ``ForwardMomentum``, or of a product, which is a class method without
 arguments, e.g. ``Imu.microstrain_3dm_gx1``. No other names are accepted, and nothing is imported to look them up.
@@ -29,12 +29,16 @@ NOTHING = "none"
 UNSET = object()
 
 LeafParser = Callable[[str, str, Any, Any], Any]
-"""Path, text, old value (UNSET if none) and declaration of a quantity or option -> its value."""
+"""Function that returns the value of a quantity or option, from path, text, old value (UNSET if none) and
+declaration."""
 
 
 @functools.cache
 def part_modules() -> Mapping[str, str]:
-    """Return name of each record of the package's parts -> its module; read from the files without importing."""
+    """Return the module of each record class of the package's parts, by class name.
+
+    Read from the files without importing.
+    """
     root = Path(__file__).parents[1]
     files = [file for folder in FOLDERS for file in sorted((root / folder).rglob("*.py"))]
     names: dict[str, str] = {}
@@ -45,7 +49,7 @@ def part_modules() -> Mapping[str, str]:
 
 
 def find_class(where: str, name: str) -> Any:
-    """Return the record class of a name. Raise InputError if the package has no such record."""
+    """Return the record class with this name. Raise InputError if the package has no such class."""
     modules = part_modules()
     if name not in modules:
         near = closest(name, modules, 6)
@@ -55,7 +59,7 @@ def find_class(where: str, name: str) -> Any:
 
 
 def presets(kind: Any) -> dict[str, Callable[[], Any]]:
-    """Return the class methods that need no arguments and return a record of this class, by name."""
+    """Return by name the class methods that take no arguments and return a record of this class."""
     found = {}
     for name, method in inspect.getmembers(kind, inspect.ismethod):
         arguments = inspect.signature(method).parameters.values()
@@ -67,12 +71,13 @@ def presets(kind: Any) -> dict[str, Callable[[], Any]]:
 
 
 def is_name(text: str) -> bool:
-    """Return True if a text has the form of a part's name; a number does not."""
+    """Return True if a text has the form of a part's name, e.g. Wire or Imu.microstrain; False for a number."""
     return re.fullmatch(r"\s*[A-Za-z]\w*(\.\w+)?\s*", text) is not None
 
 
 def is_part(tree: Any, path: str) -> bool:
-    """Return True if a path leads to a part: a record, its container, or a name where a new part may go."""
+    """Return True if a path leads to a part: a record, a container of records, or a name at which a part can be
+    added."""
     above, _, name = path.rpartition(".")
     tree = functools.reduce(_child, filter(None, above.split(".")), tree)
     below = {n: (child, declared) for n, child, declared in children(tree)}
@@ -87,9 +92,9 @@ def _child(tree: Any, name: str) -> Any:
 
 
 def with_part(tree: Any, path: str, settings: dict[str, str], parse: LeafParser) -> Any:
-    """Return a copy of a tree with the part that the settings name at a path; a part of that class stays.
+    """Return a copy of a tree with the part that the settings name at a path. An old part of the same class is kept.
 
-    The settings of the new part's own fields are removed from the settings, and so is the path itself.
+    The settings of the new part's own fields are removed from the settings, and so is the path.
 
     Raises: InputError for an unknown name, and for a field that has neither a default nor a setting.
     """
@@ -120,7 +125,7 @@ def _without_part(tree: Any, path: str, owner: Any, declared: Declaration | None
 
 
 def make_part(path: str, text: str, settings: dict[str, str], parse: LeafParser) -> Any:
-    """Return the part of a name, with the settings of its own fields, which are removed from the settings."""
+    """Return the part with this class name, built with the settings of its fields. These settings are removed."""
     where, (name, _, preset) = argument_name("settings", path), text.partition(".")
     kind = find_class(where, name)
     if preset:
@@ -151,7 +156,7 @@ def _default(kind: Any, field: str) -> Any:
 
 
 def _example(kind: Any, field: str) -> Any:
-    """Return an example of a field without default, where its type allows one: an integer or a Boolean."""
+    """Return an example value for a field without default, if its type is integer or Boolean; else raise InputError."""
     hint = typing.get_type_hints(kind if isinstance(kind, type) else type(kind)).get(field)
     return hint() if hint in (int, bool, str, float) else UNSET
 

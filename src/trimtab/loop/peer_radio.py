@@ -1,4 +1,4 @@
-"""The radio between the craft of a swarm: one channel, shared by time slots; late, and lossy pair by pair."""
+"""The radio between the craft of a swarm: one channel shared by time slots, with delay and losses."""
 
 from typing import Any, ClassVar
 
@@ -16,22 +16,26 @@ from trimtab.loop.structure import strengthen_types
 
 @record
 class PeerRadioState:
-    """Messages in transit, and the messages received. Frames: those of the messages. Source: docs page, Swarms."""
+    """State of the swarm's radio: messages in transit and messages received.
 
-    key: Any = part("Random key of the losses.")
-    on_the_way: Any = part("Messages in transit, fields (delay,), by slot.")
-    received: Any = part("Newest message of each sender at each receiver, fields (receiver, sender).")
+    Frames:  those of the messages.
+    Source:  docs page, Swarms.
+    """
+
+    key: Any = part("Random key of the message losses.")
+    on_the_way: Any = part("Messages in transit, by slot; fields of shape (delay,).")
+    received: Any = part("Newest message of each sender at each receiver; fields of shape (receiver, sender).")
 
 
 @record
 class PeerRadio:
-    """One channel for all: time is cut into slots, and the craft take turns to send one message to all others per slot.
+    """One radio channel for all craft. In each time slot one craft sends a message to all others.
 
         slot k: craft k mod n sends its message;   each other craft receives it `delay` slots later, if not lost
 
-    A craft without a message leaves its slot empty. Losses are drawn independently for each receiver and slot. A craft
-    sends once a round of n slots: the more craft, the rarer. Each receiver holds the newest message of each sender; the
-    message contains the time at which it was valid.
+    A craft without a message leaves its slot empty. Losses are drawn independently for each receiver and slot. Each
+    craft sends once per round of n slots, so with more craft each sends less often. Each receiver holds the newest
+    message of each sender; the message contains the time at which it was valid.
 
     Frames: those of the messages. Not modelled: collisions (the slots keep the clocks' differences apart), jitter,
     bursts of loss. Source: docs page, Swarms.
@@ -39,17 +43,22 @@ class PeerRadio:
 
     count: int = option("Number of craft.", default=3)
     slot: int = period("Length of a slot.", default=ms(5))
-    delay: int = option("Number of slots from sending to reception; 0: at once.", default=4, off={"peer-delay": 0})
-    loss: Scalar = imperfection("1", "Probability that a receiver misses a message.", "peer-loss", high=1)
+    delay: int = option(
+        "Number of slots from sending to reception; 0: received in the slot of sending.",
+        default=4,
+        off={"peer-delay": 0},
+    )
+    loss: Scalar = imperfection("1", "Probability that a receiver does not receive a message.", "peer-loss", high=1)
 
     def init(self, key: Key) -> PeerRadioState:
-        """Return the first state: nothing received."""
+        """Return the initial state: nothing received."""
         silence = strengthen_types(PeerMessage())
         received = jax.tree.map(lambda v: jnp.full((self.count, self.count), v, v.dtype), silence)
         return PeerRadioState(key=key, on_the_way=empty_slots(silence, self.delay), received=received)
 
     def step(self, t: Any, state: PeerRadioState, say: PeerMessage) -> tuple[PeerRadioState, Peers]:
-        """Return the messages received by integer time t, the begin of a slot; arrays (receiver, sender)."""
+        """Return the state and the messages received until integer time t, the start of a slot; fields (receiver,
+        sender)."""
         number = t // self.slot
         sender = (number - self.delay) % self.count
         message = jax.tree.map(lambda v: v[number % self.count], say)
@@ -77,9 +86,9 @@ def _peers(received: PeerMessage) -> Peers:
 
 @record
 class SwarmNavigation:
-    """Navigation of a swarm: each craft's own navigation, and the messages that its radio received. One sample a slot.
+    """Sensor of a swarm: each craft's navigation, and the messages that its radio received. One sample per slot.
 
-    Frames: those of the two. Source: docs page, Swarms.
+    Frames: those of navigation and messages. Source: docs page, Swarms.
     """
 
     each: Any = part("Navigation of each craft.")
@@ -87,11 +96,11 @@ class SwarmNavigation:
 
     @property
     def period(self) -> int:
-        """Return the length of a slot of the radio."""
+        """Return the period of the sensor: the length of a slot of the radio."""
         return self.radio.slot
 
     def init(self, key: Key) -> tuple[Any, PeerRadioState]:
-        """Return the first state: nothing measured, nothing received."""
+        """Return the initial state: nothing measured, nothing received."""
         return self.each.init(key.at("each")), self.radio.init(key.at("radio"))
 
     def step(self, t: Any, state: tuple[Any, Any], motion: SwarmMotion) -> tuple[tuple[Any, Any], Sample]:
@@ -109,7 +118,7 @@ class PerfectSwarmNavigation:
     period: int = period("Time between samples.", default=ms(20))
 
     def init(self, key: Key) -> Any:
-        """Return the first state of the navigation."""
+        """Return the initial state of the navigation."""
         return self.each.init(key)
 
     def step(self, t: Any, state: Any, motion: SwarmMotion) -> tuple[Any, Sample]:
@@ -122,10 +131,10 @@ class PerfectSwarmNavigation:
 
 @record
 class ArenaReading:
-    """Measurement of a swarm's observer. Frames: W. Source: docs page, Swarms."""
+    """Distances measured by a swarm's observer. Frames: W. Source: docs page, Swarms."""
 
-    spacing: Scalar = quantity("m", "Least distance between two craft, of their centres of mass.")
-    astray: Scalar = quantity("m", "Largest distance of a craft from its position in the formation.")
+    spacing: Scalar = quantity("m", "Smallest distance between the centres of mass of two craft.")
+    astray: Scalar = quantity("m", "Largest distance of a craft from its wanted position in the formation.")
 
 
 @record
@@ -135,8 +144,8 @@ class Arena:
     Frames: W. Source: docs page, Swarms.
     """
 
-    north: Any = quantity("m", "Position of each craft relative to craft 0, north, (n,).", frame="W")
-    east: Any = quantity("m", "Position of each craft relative to craft 0, east, (n,).", frame="W")
+    north: Any = quantity("m", "Wanted position of each craft (n,) relative to craft 0: north component.", frame="W")
+    east: Any = quantity("m", "Wanted position of each craft (n,) relative to craft 0: east component.", frame="W")
     period: int = period("Time between samples of the observer.", default=ms(20))
 
     OBSERVES: ClassVar[bool] = True
@@ -146,7 +155,7 @@ class Arena:
         return ()
 
     def measure(self, motion: SwarmMotion) -> ArenaReading:
-        """Return the distances of a motion."""
+        """Return the distances that the observer measures in a motion of the swarm."""
         north, east = motion.each.p_WB[:, 0], motion.each.p_WB[:, 1]
         apart = (north[:, None] - north) ** 2 + (east[:, None] - east) ** 2
         same = np.eye(len(north), dtype=bool)

@@ -1,4 +1,4 @@
-"""A pilot with scripted requests: the sample of a supervisor's requests, in a simulation."""
+"""A pilot with scripted requests to the supervisor, for simulations."""
 
 from typing import Any
 
@@ -16,14 +16,16 @@ from trimtab.loop.supervisor import NO_REQUEST, REQUESTS, PilotRequest
 
 @record
 class PilotScript:
-    """A sensor of the pilot's requests: each is one sample, at its time. Without requests no sample is ever valid.
+    """Sensor of the pilot's requests: gives one new sample at the time of each request.
 
-    In a flight over a link the ground station writes the sample instead.
+    Without requests no sample is valid.
+
+    In a flight over a link the ground station gives the samples instead.
 
     Frames:  none.    Source:  docs page, Supervisor.
     """
 
-    times: Any = quantity("100 ns", "Times of the requests; rising.", kind="time", default=np.zeros(0, np.int64))
+    times: Any = quantity("100 ns", "Times of the requests; must rise.", kind="time", default=np.zeros(0, np.int64))
     requests: Any = quantity("1", "What.", kind="mode", modes=REQUESTS, default=np.zeros(0, np.int32), low=0, high=5)
     period: int = period("Time between samples.", default=ms(10))
 
@@ -31,21 +33,24 @@ class PilotScript:
         """Raise InputError for a script whose times don't rise or don't match the requests."""
         times, requests = np.asarray(self.times), np.asarray(self.requests)
         if times.ndim != 1 or times.shape != requests.shape or (np.diff(times) < self.period).any():
-            problem = (
-                f"{len(times)} times and {len(requests)} requests must be equally many, rising, at most one per period"
-            )
-            raise InputError("times", problem, fix=f"give as many rising times as requests, {self.period} units apart")
+            counts = f"{len(times)} and {len(requests)}"
+            problem = f"times and requests must be equally many, got {counts}; times must rise by at least a period"
+            fix = f"give one time per request, {self.period} units of 100 ns or more apart"
+            raise InputError("times", problem, fix=fix)
 
     def init(self, key: Key) -> tuple[()]:
         """Return an empty state."""
         return ()
 
     def measure(self, motion: Motion) -> PilotRequest:
-        """Return no request, as requests don't depend on the motion."""
+        """Return an empty request, as requests don't depend on the motion."""
         return PilotRequest(request=np.int32(NO_REQUEST))
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """Return the newest request at integer time t; it is fresh at the first sample after its time."""
+        """Return the newest request at integer time t.
+
+        The sample is marked as new once, at the first step after the request.
+        """
         request, at, asked = jnp.asarray(np.int32(NO_REQUEST)), jnp.asarray(np.int64(0)), jnp.asarray(False)
         for k in range(np.shape(self.times)[0]):
             due = t >= self.times[k]
@@ -57,7 +62,7 @@ class PilotScript:
 
 
 def pilot_script(*requests: tuple[int, str]) -> PilotScript:
-    """Return a script of (integer time, name of the request) pairs."""
+    """Return a script made of (integer time, name of the request) pairs."""
     for _, name in requests:
         if name not in REQUESTS[1:]:
             raise InputError("pilot's script", f"unknown request {name!r}", choices=REQUESTS[1:], fix="name one")

@@ -1,4 +1,6 @@
-"""Predictor: the estimate carried over the delay of both links, in front of any law. An optional part of the Autopilot.
+"""Predictor of the vehicle's state over the delay of both links.
+
+It stands between the estimator and any law. An optional part of the Autopilot.
 
 Source: docs page, Predictor.
 """
@@ -38,7 +40,8 @@ from trimtab.loop.beliefs import vehicle_copies
 from trimtab.loop.structure import cast_like, strengthen_types, zeros_of
 
 TICK = ms(10)
-"""Approximate period of the modelled actuators: a brake of 150 ms ends at a multiple of it."""
+"""Approximate period of the modelled actuators. Small enough that a brake of 150 ms ends at a multiple of the
+period."""
 
 
 @record
@@ -46,30 +49,37 @@ class Prediction:
     """Output of the predictor. Frames: those of the vehicle's state. Source: docs page, Predictor."""
 
     state: Any = part(
-        "Predicted state of the vehicle when the present command acts; fields without an estimate are meaningless."
+        "Predicted state of the vehicle at the time when the present command acts. Ignore fields that have no estimate."
     )
-    valid: Scalar = quantity("1", "True if the prediction was made from a valid estimate.", kind="flag")
-    horizon: Scalar = quantity("s", "Time span of the prediction, from the measurement on.")
-    limited: Scalar = quantity("1", "True if the command acts later than the longest horizon reaches.", kind="flag")
+    valid: Scalar = quantity("1", "True if the estimate used for the prediction was valid.", kind="flag")
+    horizon: Scalar = quantity(
+        "s", "Time span of the prediction, from the measurement to the time when the command acts."
+    )
+    limited: Scalar = quantity(
+        "1", "True if the prediction was cut off because the command acts later than the longest horizon.", kind="flag"
+    )
     innovation: Any = part("Newest measured state minus the state predicted for that time; 0 without a prediction.")
     resets: Scalar = quantity(
         "1",
-        "Number of restarts: after a gap longer than the horizon, or a measurement older than the last.",
+        "Number of restarts: after a gap longer than the horizon, or a measurement older than the one before.",
         kind="count",
     )
 
 
 @record
 class SentInputs:
-    """Vehicle inputs that follow from the commands sent; a slot for each tick of the actuators. Source: docs page."""
+    """Ring buffer of the vehicle inputs caused by commands, with a slot for each tick of the actuators.
 
-    start: Scalar = quantity("100 ns", "Time from which the input acts; NEVER in an empty slot.", kind="time")
+    Source:  docs page.
+    """
+
+    start: Scalar = quantity("100 ns", "Time at which the input starts to act; NEVER in an empty slot.", kind="time")
     u: Any = part("Input of the vehicle.")
 
 
 @record
 class PastPredictions:
-    """Recently predicted states; a slot for each command. Source: docs page."""
+    """Ring buffer of recent predicted states, with a slot for each command. Source: docs page."""
 
     t: Scalar = quantity("100 ns", "Time for which the state was predicted; NEVER in an empty slot.", kind="time")
     state: Any = part("Predicted state.")
@@ -79,16 +89,16 @@ class PastPredictions:
 class PredictorState:
     """State of the predictor. Source: docs page, Predictor."""
 
-    inputs: SentInputs = part("Inputs that follow from the commands sent so far.")
+    inputs: SentInputs = part("Vehicle inputs caused by the commands sent so far.")
     past: PastPredictions = part("Past predictions.")
-    actuators: Any = part("State of the modelled actuators, up to the time at which the last command sent acts.")
+    actuators: Any = part("State of the modelled actuators at the time when the last command sent acts.")
     measured: Scalar = quantity("100 ns", "Time of the newest measurement.", kind="time")
     prediction: Prediction = part("Last prediction.")
 
 
 @record
 class Predictor:
-    """Carries an estimate from the time of its measurement to the time at which the command made from it will act.
+    """Predictor: propagates an estimate from the time of its measurement to the time when its command acts.
 
         from t - age, the estimate's state, over the inputs of the vehicle, to  latch(t + uplink_delay)
 
@@ -105,29 +115,45 @@ class Predictor:
     """
 
     craft: Any = part("Vehicle model used by the predictor.")
-    actuators: Any = part("Model of the actuators; they act once a tick, which is their period.")
-    start: Any = part("Default state of the vehicle; gives the fields that the estimate lacks.")
+    actuators: Any = part(
+        "Model of the actuators. Its period is the tick, the time between two changes of the vehicle's input."
+    )
+    start: Any = part("Default state of the vehicle. Its values are used for the fields that the estimate lacks.")
     uplink_delay: Scalar = quantity(
         "s", "Delay from sending a command to its arrival at the actuators.", low=0, off={"uplink-delay": 0.0}
     )
-    horizon: int = period("Longest prediction; delay beyond it is not compensated.", default=ms(500))
-    period: int = period("Time between two commands that are sent.", default=ms(20))
+    horizon: int = period(
+        "Longest time span of a prediction; a longer delay is compensated only in part.", default=ms(500)
+    )
+    period: int = period("Time between two commands sent.", default=ms(20))
 
     def check(self) -> None:
-        """Raise InputError for ticks that don't divide the period, or that miss the actuators' frames."""
+        """Raise InputError if the period is not a multiple of the actuators' period and frame, or the horizon is too
+        short."""
         tick, frame = self.actuators.period, optional_member(self.actuators, "frame")
         if self.period % tick:
             problem = f"{format_time(tick)} does not divide the predictor's period, {format_time(self.period)}"
-            raise InputError("actuators.period", problem, fix="make the period a multiple, e.g. 20 ms and 10 ms")
+            raise InputError(
+                "actuators.period",
+                problem,
+                fix="make the predictor's period a multiple of it, e.g. 20 ms for actuators with a period of 10 ms",
+            )
         if self.horizon < self.period:
             problem = f"{format_time(self.horizon)} must not be shorter than the time between commands"
-            raise InputError("horizon", problem, fix=f"make it {format_time(self.period)} or more, e.g. 500 ms")
+            raise InputError(
+                "horizon", problem, fix=f"set the horizon to {format_time(self.period)} or more, e.g. 500 ms"
+            )
         if frame is not None and self.period % frame:
             problem = f"{format_time(self.period)} must be a multiple of the actuators' frame of {format_time(frame)}"
-            raise InputError("period", problem, fix="predict as often as a command is latched")
+            raise InputError(
+                "period", problem, fix=f"set the predictor's period to {format_time(frame)}, or a multiple of it"
+            )
 
     def init(self, key: Key, estimate: Estimate) -> PredictorState:
-        """Return the first state, for estimates of this structure. Raise InputError if they can't be predicted."""
+        """Return the initial state, for estimates of this structure.
+
+        Raise InputError if the estimate can't be predicted.
+        """
         self._check_estimate(estimate)
         state = strengthen_types(self.start)
         neutral = self.actuators.neutral()
@@ -165,11 +191,12 @@ class Predictor:
         return state, replace(estimate, state=replace(estimate.state, **fields), valid=estimate.valid & made.valid)
 
     def note(self, t: Any, state: PredictorState, command: Command) -> PredictorState:
-        """Return the state with the effect of a command issued at integer time t, if it is sent."""
+        """Return the state with the effect of the command issued at integer time t, if this command is sent."""
         return lax.cond(t % self.period == 0, lambda: cast_like(self._note(t, state, command), state), lambda: state)
 
     def _acting_time(self, t: Any) -> Any:
-        """Return when a command issued at integer time t begins to act: on arrival, or at the actuators' next frame."""
+        """Return the time at which a command issued at integer time t starts to act: on arrival, or at the next frame
+        after it."""
         arrival = t + jnp.round(self.uplink_delay * UNITS_PER_SECOND).astype(np.int64)
         frame = optional_member(self.actuators, "frame")
         return arrival if frame is None else -(-arrival // frame) * frame
@@ -214,7 +241,8 @@ class Predictor:
         return replace(state, past=past, measured=jnp.where(estimate.valid, measured, NEVER), prediction=prediction)
 
     def _integrate(self, t: Any, inputs: SentInputs, x: Any, begin: Any, end: Any) -> Any:
-        """Return the vehicle's state at `end` from that at `begin`, over the inputs in between."""
+        """Return the vehicle's state at time `end`, integrated from the state at time `begin` with the stored
+        inputs."""
         slots = inputs.start.shape[0]
         oldest = t // self.actuators.period % slots
 
@@ -236,7 +264,7 @@ class Predictor:
         return advance(x, u, now, end)[0]
 
     def _innovation(self, t: Any, state: PredictorState, measured: Any, when: Any, shared: tuple[str, ...]) -> Any:
-        """Return a measured state minus the prediction for its time: the last state predicted before, carried on."""
+        """Return a measured state minus the state predicted for the time of the measurement."""
         past = state.past
         later = jnp.sum(past.t > when)
         before = read_slot(past, (t // self.period - 1 - later) % past.t.shape[0])
@@ -255,7 +283,7 @@ class Predictor:
         return tuple(name for name in declarations(self.start) if name in given)
 
     def _check_estimate(self, estimate: Estimate) -> None:
-        """Raise InputError for an estimate that lacks fields on which the change of its fields depends."""
+        """Raise InputError for an estimate that lacks a field on which the derivatives of its fields depend."""
         shared = self._shared_fields(estimate)
         needed = _needed_fields(self, shared)
         lacking = [name for name in needed if name not in shared]
@@ -264,12 +292,12 @@ class Predictor:
             lacks = ", ".join(lacking or declarations(self.start))
             problem = f"the motion of {own} depends on {lacks}, which the estimate does not give"
             given = tuple(declarations(estimate.state)) if is_record(estimate.state) else ()
-            fix = "use an estimator that gives it, or leave the predictor out"
+            fix = f"use an estimator that gives {lacks}, or leave the predictor out"
             raise InputError("autopilot.predictor", problem, choices=given, fix=fix)
 
 
 def _needed_fields(predictor: Predictor, wanted: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the fields of the vehicle's state on which those wanted ever depend: found from the dynamics."""
+    """Return the fields of the vehicle's state that influence the wanted fields, found from the dynamics."""
     names = tuple(declarations(predictor.start))
     state = strengthen_types(predictor.start)
     derivative = zeros_of(
@@ -277,7 +305,7 @@ def _needed_fields(predictor: Predictor, wanted: tuple[str, ...]) -> tuple[str, 
     )
     if jax.tree.structure(derivative) != jax.tree.structure(state):
         problem = f"{type(predictor.craft).__name__} has no derivative of a {type(predictor.start).__name__}"
-        raise InputError("autopilot.predictor.start", problem, fix="give a state of that vehicle")
+        raise InputError("autopilot.predictor.start", problem, fix="set start to a state record of that vehicle")
     closed = jax.make_jaxpr(lambda x: predictor.craft.dynamics(0.0, x, predictor.actuators.neutral().u))(state)
     jaxpr = closed.jaxpr
     owner = [n for n in names for _ in jax.tree.leaves(getattr(state, n))]
@@ -294,7 +322,7 @@ def _needed_fields(predictor: Predictor, wanted: tuple[str, ...]) -> tuple[str, 
 
 
 def predictor_for(world: Any, autopilot: Any, start: Any) -> Predictor:
-    """Return a predictor with an autopilot's models, over the links and actuators of a world. start: the first state.
+    """Return a predictor with the models of an autopilot, for the links and actuators of a world. start: initial state.
 
     Raises: InputError for an uplink without a known latency.
     """
@@ -328,5 +356,7 @@ def expected_latency(channel: Any) -> float:
         return mean_received_latency(channel)
     problem = f"a {type(channel).__name__} has no known latency, which a predictor needs"
     raise InputError(
-        argument_name("settings", "predictor"), problem, fix="leave the predictor out, or fly over another uplink"
+        argument_name("settings", "predictor"),
+        problem,
+        fix="leave the predictor out, or use an uplink with a known latency, e.g. MeasuredLatency",
     )

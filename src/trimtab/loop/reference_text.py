@@ -1,4 +1,4 @@
-"""References in the text form of ``--reference``, and put into a scenario.
+"""References as text, as after ``--reference``, and their use in a scenario.
 
 circle(radius=1.5, period=20 s)             fields of the record, each with a unit if wanted
 eight(length=5, width=150 cm)
@@ -27,7 +27,7 @@ from trimtab.loop.scenario import Scenario
 
 PART = "reference"
 SPEED = 0.4
-"""Default speed between way-points, m/s."""
+"""Default speed between way-points (m/s)."""
 FORMS = (
     "circle(radius=1.5, period=20 s)",
     "eight(length=5, width=1.5, period=30 s)",
@@ -66,7 +66,10 @@ def parse_reference(text: str) -> Any:
 
 
 def plain_text(text: str) -> str:
-    """Return the text itself; for a file, its rows as text, so that a log can be replayed without the file."""
+    """Return the text of a reference.
+
+    For a file, return its rows as text, so that a log can be replayed without the file.
+    """
     if not text.endswith(".csv"):
         return text
     table = read_measurements(text, COLUMNS, series=True)
@@ -76,9 +79,11 @@ def plain_text(text: str) -> str:
 
 
 def with_reference(scenario: Scenario, text: str) -> Scenario:
-    """Return the scenario along a reference, from rest at its begin, with the nose in its first direction.
+    """Return the scenario that follows a reference.
 
-    Raises: InputError for a law that follows no reference.
+    It starts at rest at the start of the path, with the nose along the path.
+
+    Raises: InputError for a law that cannot follow a reference.
     """
     law = scenario.autopilot.law
     if not isinstance(declarations(law).get("reference"), Part) or not isinstance(law.reference, Reference):
@@ -94,7 +99,7 @@ def with_reference(scenario: Scenario, text: str) -> Scenario:
 
 
 def start_pose(path: Reference, arm: float) -> tuple[float, float, float]:
-    """Return north, east (m) and heading (rad) of a craft with its point `arm` (m) ahead at the begin of a path."""
+    """Return north, east (m) and heading (rad) of a craft whose point `arm` (m) ahead is at the start of a path."""
     first = np.asarray(path.at(0.0).place)
     for soon in (0.25, 0.5, 1.0, 2.0, 4.0, 8.0):
         way = np.asarray(path.at(soon).place) - first
@@ -106,7 +111,7 @@ def start_pose(path: Reference, arm: float) -> tuple[float, float, float]:
 
 
 def _parse_shape(shape: Any, inside: str) -> Any:
-    """Return a record from ``radius=1.5, period=20 s``."""
+    """Return the record of a shape whose fields are given as text, e.g. ``radius=1.5, period=20 s``."""
     fields, declared = {}, declarations(shape)
     for item in filter(None, (piece.strip() for piece in inside.split(","))):
         name, equals, text = (word.strip() for word in item.partition("="))
@@ -129,7 +134,7 @@ def _parse_shape(shape: Any, inside: str) -> Any:
 
 
 def _parse_waypoints(inside: str) -> PiecewisePath:
-    """Return a path through ``0 0, 3 0, 3 3 0.3; speed=0.4``."""
+    """Return the path of a text of way-points, e.g. ``0 0, 3 0, 3 3 0.3; speed=0.4``."""
     points, _, rest = inside.partition(";")
     name, equals, text = (word.strip() for word in rest.partition("="))
     if rest.strip() and (name != "speed" or not equals):
@@ -141,7 +146,7 @@ def _parse_waypoints(inside: str) -> PiecewisePath:
 
 
 def _parse_places(inside: str) -> PiecewisePath:
-    """Return a path through ``0 s: 0 0, 2 s: 1 0``."""
+    """Return the path of a text of timed places, e.g. ``0 s: 0 0, 2 s: 1 0``."""
     times, rows = [], []
     for item in inside.split(","):
         when, colon, what = item.partition(":")
@@ -153,7 +158,7 @@ def _parse_places(inside: str) -> PiecewisePath:
         rows.append(_parse_numbers(what, (2, 3), FORMS[3]))
     if len({len(row) for row in rows}) > 1:
         raise InputError(
-            argument_name(PART), "only some places have a heading", fix="give all places a heading, or none"
+            argument_name(PART), "only some places have a heading", fix="give a heading for all places, or for no place"
         )
     places = np.array(rows)
     return interpolate_path(times, places[:, :2], places[:, 2] if places.shape[1] == 3 else None)

@@ -1,4 +1,4 @@
-"""A sensor whose samples pass a bus of the vehicle before they are sent to the ground."""
+"""A sensor whose samples travel over a bus on the vehicle before they are sent to the ground."""
 
 from typing import Any, ClassVar
 
@@ -16,7 +16,7 @@ from trimtab.loop.structure import cast_like, strengthen_types
 
 @record
 class RelayedSensorState:
-    """State of the sensor and of the bus. Frames: theirs. Source: docs page, Slave bus."""
+    """State of the sensor and of the bus. Frames: those of the sensor. Source: docs page, Slave bus."""
 
     inner: Any = part("State of the sensor.")
     bus: Any = part("State of the bus, with samples in transit.")
@@ -24,7 +24,7 @@ class RelayedSensorState:
 
 @record
 class RelayedSensor:
-    """A sensor on a separate unit, seen from the unit with the radio: its samples as they arrive over a bus.
+    """A sensor whose samples travel over a bus on the vehicle to the unit with the radio.
 
     Times of measurement travel with the samples, so ages include the bus. A real link replaces the scenario's radio,
     not this bus.
@@ -33,10 +33,10 @@ class RelayedSensor:
     """
 
     inner: Any = part("Sensor.")
-    bus: Any = part("Bus: a channel with the sensor's period.")
+    bus: Any = part("Bus between sensor and radio: a channel whose period equals the sensor's.")
 
     LATE: ClassVar[bool] = True
-    """Samples come out after the time at which they were measured."""
+    """True: samples come out later than they were measured."""
 
     @property
     def period(self) -> int:
@@ -44,10 +44,10 @@ class RelayedSensor:
         return self.inner.period
 
     def check(self) -> None:
-        """Raise InputError for a sensor that feels no motion, or a bus with another period than the sensor."""
+        """Raise InputError if the sensor's input is not the motion, or the periods of bus and sensor differ."""
         if optional_member(self.inner, "FEELS") != "motion":
             problem = (
-                f"{type(self.inner).__name__} feels {self.inner.FEELS!r}, not the motion: such a sensor has no bus"
+                f"{type(self.inner).__name__} measures {self.inner.FEELS!r}, not the motion, so it cannot have a bus"
             )
             raise InputError("RelayedSensor.inner", problem, fix="use this sensor without a bus")
         if self.bus.period != self.inner.period:
@@ -57,7 +57,7 @@ class RelayedSensor:
             raise InputError("RelayedSensor.bus", problem, fix=f"set bus.period to {format_time(self.inner.period)}")
 
     def init(self, key: Key) -> RelayedSensorState:
-        """Return the first state: nothing measured, nothing on the bus."""
+        """Return the initial state: nothing measured, nothing on the bus."""
         inner = self.inner.init(key)
         sample = jax.eval_shape(lambda s: self.inner.step(np.int64(0), s, no_motion())[1], inner)
         return RelayedSensorState(inner=inner, bus=strengthen_types(self.bus.init(key.at("bus"), sample)))

@@ -1,4 +1,4 @@
-"""A scenario: one flyable combination, checked completely before a run."""
+"""A scenario: a complete loop that can be run. All its values are checked before a run."""
 
 import textwrap
 from typing import TYPE_CHECKING, Any, Generic
@@ -45,7 +45,7 @@ else:
 
 @record
 class Scenario(Generic[V]):
-    """World, autopilot, first state and duration: all that a run needs.
+    """Scenario: world, autopilot, initial state and duration, which is all that a run needs.
 
     >>> from trimtab import build
     >>> scenario = build("hovercraft/spin")
@@ -57,16 +57,22 @@ class Scenario(Generic[V]):
 
     world: World[V] = part("World: vehicle, sensors, links and actuators.")
     autopilot: Autopilot = part("Autopilot: estimator, law and allocation.")
-    initial: Any = part("First state of the vehicle.")
-    duration: int = period("Length of a run.", default=seconds(15))
-    targets: Any = part("Targets of signals, for the metrics.", default=())
-    failsafe: Any = part("Failsafe of the vehicle without commands, in flight; unused in a simulation.", default=())
-    limits: VehicleLimits = part("Limits that the vehicle itself watches in flight.", default=VehicleLimits())
-    truth_sensor: Any = part("Sensor of the ideal twin, in place of the sensors.", default=PlanarNavigation())
-    name: str = option("Name in the catalogue.", default="scenario")
-    mismatch: Any = part("Paths of the autopilot's vehicle models that are meant to differ.", default=())
-    words: Any = part("Random word for each group of noise draws; empty: the run number for all.", default=())
-    choices: Any = part("Choices with which `scenarios.build` built the scenario, noted for logs.", default=())
+    initial: Any = part("Initial state of the vehicle.")
+    duration: int = period("Duration of a run.", default=seconds(15))
+    targets: Any = part("Target values of signals, used by the metrics.", default=())
+    failsafe: Any = part(
+        "Failsafe of the vehicle, used in a real flight only. Empty: a default for this vehicle.", default=()
+    )
+    limits: VehicleLimits = part("Limits that the vehicle checks on board in a real flight.", default=VehicleLimits())
+    truth_sensor: Any = part(
+        "Sensor of the true state. The ideal twin uses this sensor in place of all sensors.", default=PlanarNavigation()
+    )
+    name: str = option("Name of the scenario in the catalogue.", default="scenario")
+    mismatch: Any = part("Paths of the autopilot's vehicle models that may differ from one another.", default=())
+    words: Any = part(
+        "Random key word for each group of noise draws. Empty: the run number is used for all groups.", default=()
+    )
+    choices: Any = part("Arguments with which `scenarios.build` built the scenario, recorded in logs.", default=())
 
     def __repr__(self) -> str:
         rows = [(what, textwrap.shorten(text, 100, placeholder=" …")) for what, text in summarise_scenario(self)]
@@ -83,9 +89,9 @@ class Scenario(Generic[V]):
     def ideal(self) -> "Scenario":
         """Return the ideal twin: the same law on the true state, without delay or limits; its demand acts directly.
 
-        If the demand is another record than the vehicle's input, allocation and actuators stay, without imperfections.
-        If the default truth sensor lacks fields that the law reads, but the vehicle's state has them, the law reads the
-        state. A pilot's stick and an observer stay as they are.
+        If the demand and the vehicle's input are records of different classes, allocation and actuators are kept,
+        without imperfections. If the default truth sensor lacks fields that the law reads, but the vehicle's state has
+        them, the law reads the state. A pilot's stick and an observer are not changed.
         """
         neutral = self.world.actuators.neutral().u
         tick = self.autopilot.period
@@ -114,13 +120,13 @@ class Scenario(Generic[V]):
         return replace(self, world=world, autopilot=autopilot, choices=choices)
 
     def _without_its_own(self, one: Any) -> Any:
-        """Return a part without imperfections, except those of its vehicle models, which stay as the true vehicle."""
+        """Return a part without imperfections. Its vehicle models keep theirs, so that they match the true vehicle."""
         for name in find_imperfections(one).keys() - find_imperfections(self.world.vehicle).keys():
             one = without(one, name)
         return one
 
     def _demand_structure(self) -> Any:
-        """Return the structure of the law's demand; nothing is computed."""
+        """Return the structure (shapes and types) of the law's demand, without computing a demand."""
         key = Key(np.uint32(0), np.uint32(0))
         free = replace(self.autopilot, supervisor=None)
         _, state = jax.eval_shape(lambda: start(self.world, free, to_arrays(self.initial), key))
@@ -137,9 +143,9 @@ class Scenario(Generic[V]):
         return self.truth_sensor
 
     def imperfections(self) -> dict[str, list[str]]:
-        """Return name of each imperfection that can be switched off -> paths of the parts that have it.
+        """Return the imperfections that can be switched off: name -> paths of the parts that have this imperfection.
 
-        Imperfections of a link have its name, e.g. "uplink-delay".
+        The name of a link's imperfection starts with the name of the link, e.g. "uplink-delay".
         """
         names: dict[str, list[str]] = {}
         for own, paths in find_imperfections(self).items():
@@ -167,7 +173,10 @@ class Scenario(Generic[V]):
         return replace(changed, world=replace(changed.world, **links))
 
     def check(self) -> None:
-        """Raise InputError for values that cannot be flown; `loop.walk` checks that parts fit each other."""
+        """Raise InputError for values with which the scenario cannot run.
+
+        `loop.walk` checks that parts fit each other.
+        """
         self._check_interfaces()
         mav_type(self.world.vehicle)
         check_beliefs(self.autopilot, self.world.vehicle, self.mismatch)
@@ -190,7 +199,7 @@ class Scenario(Generic[V]):
 
 
 def _other_spelling(scenario: Scenario, name: str) -> str:
-    """Return what to write for a member that a scenario does not have; "" if nothing is near."""
+    """Return the fix for a member that a scenario lacks: a member with a similar name; "" if there is none."""
     calls = {
         "plot": "plot_run(simulate(scenario))",
         "replace": "replace(scenario, …)",
@@ -205,6 +214,6 @@ def _other_spelling(scenario: Scenario, name: str) -> str:
 
 
 def _have_one_structure(a: Any, b: Any) -> bool:
-    """Return True if two trees are the same records with numbers of the same shapes."""
+    """Return True if two trees consist of records of equal classes, with numbers of equal shapes."""
     shapes = [[np.shape(v) for v in jax.tree.leaves(tree)] for tree in (a, b)]
     return jax.tree.structure(a) == jax.tree.structure(b) and shapes[0] == shapes[1]

@@ -1,8 +1,9 @@
-"""Set-points of a law that change during the flight, in steps or in ramps.
+"""Schedules: set-points of a law that change during the flight, in steps or ramps.
 
     autopilot.law.reference = steps(0 s: 0, 5 s: 2 rad/s)
 
-Any number of a law can be scheduled. Its path stays the same, and its own value holds until the first time.
+Any number of a law can be scheduled. The scheduled number keeps its path. Its value in the law holds until the first
+scheduled time.
 """
 
 import re
@@ -32,7 +33,7 @@ def _example() -> str:
 
 @record
 class SetpointSchedule:
-    """One number of a law over time, on the autopilot's own clock, which starts at 0 in a simulation.
+    """Schedule of one number of a law over the autopilot's time, which starts at 0 in a simulation.
 
     steps: each value holds from its time on; before the first time, the law's own value holds. ramps: linear between
     the times, with the first value before and the last value after.
@@ -40,20 +41,24 @@ class SetpointSchedule:
     Source: docs page, References from the command line.
     """
 
-    path: str = option("Path of the scheduled parameter, relative to the law.", default="k1")
-    kind: str = option("Kind of change: steps or ramps.", default="steps", choices=KINDS)
-    times: Any = quantity("s", "Times of the values; rising.", default=np.zeros(1))
-    values: Any = quantity("as declared", "Values, in the unit of the scheduled parameter.", default=np.zeros(1))
+    path: str = option("Path of the scheduled parameter below the law, e.g. reference.", default="k1")
+    kind: str = option("Kind of change between the values: steps or ramps.", default="steps", choices=KINDS)
+    times: Any = quantity("s", "Times of the scheduled values; must rise.", default=np.zeros(1))
+    values: Any = quantity(
+        "as declared", "Values of the scheduled parameter at the times, in its unit.", default=np.zeros(1)
+    )
 
     def check(self) -> None:
-        """Raise InputError for times that don't rise, or that lack a value."""
+        """Raise InputError unless the times rise and each time has a value."""
         times, values = np.asarray(self.times), np.asarray(self.values)
         if times.ndim != 1 or times.shape != values.shape or not len(times) or not (np.diff(times) > 0).all():
             problem = f"{np.size(times)} times and {np.size(values)} values must be equally many, with rising times"
-            raise InputError(f"schedule of {self.path}", problem, fix="give each time, in rising order, its value")
+            raise InputError(
+                f"schedule of {self.path}", problem, fix="give one value for each time, and the times in rising order"
+            )
 
     def at(self, seconds: Any, before: Any) -> Any:
-        """Return the value at a time (s). before: value before the first step."""
+        """Return the scheduled value at a time (s). before: value before the first step."""
         times, values = jnp.asarray(self.times), jnp.asarray(self.values)
         if self.kind == "ramps":
             return jnp.interp(seconds, times, values)
@@ -64,7 +69,7 @@ class SetpointSchedule:
 
 
 def schedule_law(law: L, schedules: Iterable[SetpointSchedule], t: Any) -> L:
-    """Return the law as it is at integer time t."""
+    """Return the law with its scheduled numbers set to their values at integer time t."""
     seconds = to_seconds(t)
     for one in schedules:
         law = with_leaf(law, one.path, lambda old, _, one=one: one.at(seconds, old))
@@ -72,7 +77,7 @@ def schedule_law(law: L, schedules: Iterable[SetpointSchedule], t: Any) -> L:
 
 
 def split_schedules(settings: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the plain settings, and the settings that are schedules."""
+    """Split settings: return those that are constant, and those that are schedules."""
     schedules = {path: text for path, text in settings.items() if SCHEDULE.fullmatch(text)}
     return {path: text for path, text in settings.items() if path not in schedules}, schedules
 
@@ -112,7 +117,7 @@ def _parse_schedule(law: Any, path: str, text: str) -> SetpointSchedule:
 
 
 def _parse_entry(part: str, entry: str, declared: Quantity) -> tuple[float, float]:
-    """Return time (s) and value of ``5 s: 2 rad/s``."""
+    """Return the time (s) and the value of an entry, e.g. ``5 s: 2 rad/s``."""
     when, colon, what = entry.partition(":")
     if not colon or not what.strip():
         raise InputError(part, f"{entry.strip()!r} is not TIME: VALUE", fix=_example())

@@ -1,4 +1,4 @@
-"""Settings written as text, ``path=value``, put into a scenario; the path is the same as in the log and the docs."""
+"""Settings as text, ``path=value``, applied to a scenario. Paths are those of the log and the docs."""
 
 import json
 import sys
@@ -20,7 +20,9 @@ T = TypeVar("T")
 
 
 def with_settings(tree: T, settings: Mapping[str, Any]) -> T:
-    """Return a copy with every path set. Raise InputError with near names for unknown paths and wrong values.
+    """Return a copy of the scenario with every setting applied.
+
+    For an unknown path or a wrong value, raise InputError with similar names.
 
     >>> from trimtab import build, with_settings
     >>> with_settings(build("hovercraft/spin"), {"world.vehicle.mass": "3000 g"}).world.vehicle.mass
@@ -42,7 +44,7 @@ def with_settings(tree: T, settings: Mapping[str, Any]) -> T:
 
 
 def texts_of(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return settings as text: numbers and lists of numbers as after ``--set``."""
+    """Return settings as text: numbers and lists of numbers in the form used after ``--set``."""
     return {
         path: value if isinstance(value, str) else json.dumps(np.asarray(value).tolist(), default=str)
         for path, value in settings.items()
@@ -50,13 +52,13 @@ def texts_of(settings: Mapping[str, Any]) -> dict[str, str]:
 
 
 def setting_paths(tree: Any) -> list[str]:
-    """Return every path that can be set, including those in optional parts."""
+    """Return every path that can be set, including paths in optional parts."""
     absent = [f"{where}.{p}" for where, declared in absent_parts(tree) for p, _, _ in leaves(declared.optional)]
     return [p for p, _, _ in leaves(tree)] + absent
 
 
 def with_parts(tree: T, settings: Mapping[str, str]) -> tuple[T, dict[str, str]]:
-    """Return a copy with all named parts put in, and the settings that remain."""
+    """Return a copy of the scenario with all parts that are named in the settings, and the remaining settings."""
     rest = dict(settings)
     for path in sorted(settings, key=lambda p: p.count(".")):
         if path in rest and is_name(rest[path]) and is_part(tree, path):
@@ -65,7 +67,7 @@ def with_parts(tree: T, settings: Mapping[str, str]) -> tuple[T, dict[str, str]]
 
 
 def parse_value(path: str, text: str, old: Any, declared: Quantity | Option) -> Any:
-    """Return the value of a setting's text. old: the present value, or UNSET if only the declaration is known."""
+    """Return the value that a setting's text describes. old: present value; UNSET if only the declaration is known."""
     if isinstance(declared, Option):
         return _parse_option(path, text, old, declared)
     shape = declared.shape if old is UNSET else np.shape(old)
@@ -84,7 +86,7 @@ def parse_value(path: str, text: str, old: Any, declared: Quantity | Option) -> 
 
 
 def _parse_one_number(path: str, at: tuple[int, ...], text: str, old: Any, declared: Quantity | Option) -> Any:
-    """Return the array with another number at an index."""
+    """Return the array with the number at an index replaced."""
     array = np.array(old, np.float64) if isinstance(declared, Quantity) else np.zeros(())
     if not array.ndim or not has_index(array.shape, at):
         whole, _ = split_index(path)
@@ -100,7 +102,7 @@ def _example_list(path: str, old: Any, shape: tuple[int, ...]) -> str:
 
 
 def _parse_numbers(path: str, text: str, declared: Quantity) -> Any:
-    """Return a number or a list of numbers; each, or the list as a whole, may have a unit."""
+    """Return the number or the list of numbers in a text. A unit may follow each number, or the whole list."""
     body, bracket, unit = text.rpartition("]")
     try:
         value = json.loads(body + bracket if bracket else text)
@@ -132,7 +134,7 @@ def _convert_units(path: str, value: Any, unit: str, declared: Quantity) -> Any:
 
 
 def _check_number(path: str, value: Any, declared: Quantity) -> None:
-    """Raise InputError for a number that 64 bits do not hold, and for a truth value that is given for a number."""
+    """Raise InputError for a number outside the range of 64-bit floats, and for true or false in place of a number."""
     problem = ""
     if isinstance(value, bool) and declared.kind != "flag":
         problem = f"must be a number, got {str(value).lower()}"

@@ -1,4 +1,4 @@
-"""A pilot with scripted stick movements: the sample of the stick, in a simulation."""
+"""A pilot with scripted stick movements, for simulations."""
 
 from typing import Any
 
@@ -17,22 +17,24 @@ from trimtab.loop.scenario import Scenario
 
 @record
 class StickScript:
-    """A sensor of a pilot's stick: each entry holds from its time on. Without entries the sample is never valid.
+    """Sensor of the pilot's stick: each scripted position holds from its time on. Without entries no sample is valid.
 
-    The stick is sampled each `period`, as in a flight with a pilot; the age of a sample is its delay on the way. In a
-    flight with a pilot, the ground station that has the stick writes the sample instead.
+    The stick is sampled each `period`, as in a flight with a pilot; the age of a sample is its delay from the stick to
+    the autopilot. In a flight with a pilot, the ground station with the stick gives the samples instead.
 
     Frames:  none.    Source:  docs page, Piloted.
     """
 
-    times: Any = quantity("100 ns", "Times of the entries; rising.", kind="time", default=np.zeros(0, np.int64))
+    times: Any = quantity(
+        "100 ns", "Times of the stick positions; must rise.", kind="time", default=np.zeros(0, np.int64)
+    )
     forward: Any = quantity("1", "Forward deflection of the stick.", default=np.zeros(0), low=-1, high=1)
     turn: Any = quantity(
         "1", "Sideways deflection of the stick, clockwise positive.", default=np.zeros(0), low=-1, high=1
     )
     mode: Any = quantity(
         "1",
-        "Mode of the stick: the motion that it commands.",
+        "Mode of the stick: the kind of motion that its deflections command.",
         kind="mode",
         modes=STICK_MODES,
         default=np.zeros(0, np.int32),
@@ -42,13 +44,15 @@ class StickScript:
     period: int = period("Time between samples of the stick.", default=ms(20))
 
     def check(self) -> None:
-        """Raise InputError for a script whose times don't rise or whose entries are incomplete."""
+        """Raise InputError unless the times rise and each entry is complete."""
         shapes = [np.shape(a) for a in (self.times, self.forward, self.turn, self.mode)]
         if len(set(shapes)) > 1 or len(shapes[0]) != 1 or not (np.diff(np.asarray(self.times, np.int64)) > 0).all():
             counts = ", ".join(f"{np.size(a)}" for a in (self.times, self.forward, self.turn, self.mode))
             problem = f"{counts} times, forwards, turns and modes must be equally many, with rising times"
             raise InputError(
-                "times", problem, fix="give each time, in rising order, its forward, its turn and its mode"
+                "times",
+                problem,
+                fix="give one forward, one turn and one mode for each time, and the times in rising order",
             )
 
     def init(self, key: Key) -> tuple[()]:
@@ -56,11 +60,11 @@ class StickScript:
         return ()
 
     def measure(self, motion: Motion) -> Stick:
-        """Return a centred stick, as it doesn't depend on the motion."""
+        """Return a centred stick, as the stick doesn't depend on the motion."""
         return Stick(forward=np.float64(0.0), turn=np.float64(0.0), mode=np.int32(0))
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """Return the position of the stick at integer time t; valid from the first entry on."""
+        """Return the position of the stick at integer time t. The sample is valid from the first entry on."""
         forward, turn, mode, held = (jnp.asarray(v) for v in (0.0, 0.0, np.int32(0), False))
         for k in range(np.shape(self.times)[0]):
             due = t >= self.times[k]
@@ -71,7 +75,7 @@ class StickScript:
 
 
 def stick_script(*entries: tuple[int, float, float, str]) -> StickScript:
-    """Return a script of (integer time, forward, turn, name of the mode) entries."""
+    """Return a script made of (integer time, forward, turn, name of the mode) entries."""
     for _, _, _, name in entries:
         if name not in STICK_MODES:
             raise InputError("stick's script", f"unknown mode {name!r}", choices=STICK_MODES, fix="name one")
@@ -93,7 +97,10 @@ def add_stick_sensor(scenario: Scenario) -> Scenario:
 
 
 def empty_sticks(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of sticks without a script: a pilot at the autopilot's end moves them, not the vehicle."""
+    """Return the names of the sticks without a script.
+
+    A pilot moves these sticks at the autopilot's end of the link.
+    """
     found = []
     for name, sensor in scenario.world.sensors.items():
         while isinstance(sensor, FaultyPart):

@@ -1,4 +1,7 @@
-"""Shapes of the data that parts exchange, found without running the parts, and errors that name two unfit parts."""
+"""Shapes of the data that parts exchange, found without running the parts.
+
+Errors name the two parts that do not fit.
+"""
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
@@ -14,11 +17,11 @@ from trimtab.core.record import Scalar, is_record
 from trimtab.loop.own_code import check_arguments, describe_fault, place_of, refuse_own_code
 
 ARGUMENTS = {"step": "t, state, input", "dynamics": "t, x, u", "motion": "t, x, u"}
-"""Arguments of the methods of an own part."""
+"""Arguments of the methods of a user's part."""
 
 
 def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) -> Any:
-    """Return the output of a function with every number zero; nothing is computed.
+    """Return the structure of a function's output, with every number zero. The function is not run.
 
     Raises: InputError naming the part, its input and the faulty line if they don't fit.
     """
@@ -43,7 +46,10 @@ def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) 
 
 
 def zeros_of_step(part: str, reads: str, step: Callable[..., Any], *inputs: Any) -> tuple[Any, Any]:
-    """Return state and output of a step, every number zero. Raise InputError if the step gives no such pair."""
+    """Return state and output of a step, with every number zero.
+
+    Raise InputError if the step does not return such a pair.
+    """
     pair = zeros_of(part, reads, step, *inputs)
     if not isinstance(pair, tuple) or len(pair) != 2:  # pyright: ignore[reportUnknownArgumentType]
         problem = f"{place_of(step)}its step() must return (state, output), got {describe_tree(pair)}"
@@ -53,7 +59,7 @@ def zeros_of_step(part: str, reads: str, step: Callable[..., Any], *inputs: Any)
 
 
 def first_state(part: str, init: Callable[..., Any], key: Any) -> Any:
-    """Return the first state of a part. Raise InputError with the faulty line if its init() does not run."""
+    """Return the initial state of a part. Raise InputError with the faulty line if its init() fails."""
     check_arguments(part, init, "key", key)
     try:
         return init(key)
@@ -64,13 +70,20 @@ def first_state(part: str, init: Callable[..., Any], key: Any) -> Any:
 
 
 def check_state(part: str, step: Callable[..., Any], after: Any, first: Any) -> None:
-    """Raise InputError for a state after a step that is not as init() made it, or a fraction where init() is whole."""
+    """Raise InputError if step() returns a state of another structure than init(), or a fraction where init() has an
+    integer."""
     what = f"{place_of(step)}the state that step() returns"
-    check_alike(part, what, after, first, "return (state, output), the state as init() made it")
+    check_alike(
+        part,
+        what,
+        after,
+        first,
+        "return (state, output) from step(), with a state of the structure that init() returns",
+    )
     for own, wanted in zip(jax.tree.leaves(after), jax.tree.leaves(first), strict=True):
         kinds = [jnp.issubdtype(jnp.result_type(v), jnp.inexact) for v in (own, wanted)]
         if kinds == [True, False]:
-            problem = f"{what} has a fraction where init() has a whole number"
+            problem = f"{what} has a float where init() has an integer"
             raise InputError(part, problem, fix="write 0.0 instead of 0 in init()")
 
 
@@ -91,7 +104,7 @@ def check_members(part: str, value: Any, interface: Any, optional: Iterable[str]
 
 
 def check_record(part: str, value: Any) -> None:
-    """Raise InputError for a class instead of a part, and for an own class without ``@record``."""
+    """Raise InputError for a class given in place of a part, and for a user's class without ``@record``."""
     kind = value if isinstance(value, type) else type(value)
     if isinstance(value, type):
         raise InputError(part, f"{kind.__name__} is a class, not a part", fix=f"{kind.__name__}(), with brackets")
@@ -103,7 +116,7 @@ def check_record(part: str, value: Any) -> None:
 
 
 def check_vehicle(vehicle: Any, x: Any, u: Any) -> Any:
-    """Return a motion, every number zero. Raise InputError for an invalid vehicle or derivative."""
+    """Return the vehicle's motion with every number zero. Raise InputError for an invalid vehicle or derivative."""
     for name in ("dynamics", "motion"):
         if not callable(getattr(vehicle, name, None)):
             problem = f"{place_of(type(vehicle))}{type(vehicle).__name__} has no {name}(t, x, u)"
@@ -124,7 +137,7 @@ def _first_line(member: Any) -> str:
 
 
 def check_alike(part: str, what: str, value: Any, like: Any, fix: str) -> None:
-    """Raise InputError for a value with another structure than a pattern's, or with a number of another shape."""
+    """Raise InputError unless a value has the structure of a pattern, with numbers of the same shapes."""
     if jax.tree.structure(value) != jax.tree.structure(like):
         raise InputError(part, f"{what} is {describe_tree(value)}, but must be {describe_tree(like)}", fix=fix)
     pairs = zip(jax.tree_util.tree_flatten_with_path(like)[0], jax.tree.leaves(value), strict=True)
@@ -140,7 +153,7 @@ def _fits(shape: tuple[int, ...], whole: tuple[int, ...]) -> bool:
 
 
 def describe_tree(tree: Any) -> str:
-    """Return a description of a tree: its record, or its count of numbers."""
+    """Return a description of a tree for messages: the class of its record, or how many numbers it has."""
     if is_record(tree):
         return f"a {type(tree).__name__} as declared"
     if isinstance(tree, Mapping):
@@ -151,19 +164,19 @@ def describe_tree(tree: Any) -> str:
 
 
 def zeros_like(tree: Any) -> Any:
-    """Return the tree, of shapes or of numbers, with every number zero, as NumPy arrays."""
+    """Return a tree of shapes or numbers as NumPy arrays, with every number zero."""
     return jax.tree.map(lambda v: np.zeros(np.shape(v), jnp.result_type(v)), tree)
 
 
 def step_if(due: Scalar, step: Callable[[], Any], hold: Callable[[], Any]) -> Any:
-    """Return step() where due, else hold(); a plain call if due is known beforehand."""
+    """Return step() if `due` is true, else hold(). If `due` is known before the run, this is a plain call."""
     if due is True:
         return step()
     return jax.lax.cond(due, lambda: strengthen_types(step()), lambda: strengthen_types(hold()))
 
 
 def strengthen_types(tree: Any) -> Any:
-    """Return the tree with every number an array of a fixed type, as a loop's carry must be."""
+    """Return the tree with every number as an array of fixed type, as JAX loops need it."""
 
     def fix(leaf: Any) -> Any:
         return jax.lax.convert_element_type(leaf, np.dtype(jnp.result_type(leaf)))
@@ -172,7 +185,7 @@ def strengthen_types(tree: Any) -> Any:
 
 
 def cast_like(tree: Any, pattern: Any) -> Any:
-    """Return the tree with every number in the type of the pattern's."""
+    """Return the tree with every number converted to the data type in the pattern."""
     return jax.tree.map(lambda a, b: jnp.asarray(a, jnp.result_type(b)), tree, pattern)
 
 

@@ -1,4 +1,4 @@
-"""Supervisor: decides when the autopilot may fly, and the mode when it may not. An optional part of the Autopilot.
+"""Supervisor: decides when the law's command is sent, and what is sent instead. An optional part of the Autopilot.
 
 Source: docs page, Supervisor.
 """
@@ -62,9 +62,9 @@ class SupervisorInput:
     """Input of the supervisor. Frames: the estimate's. Source: docs page, Supervisor."""
 
     estimate: Estimate = part("Estimate of this instant.")
-    arrived: Scalar = quantity("1", "True if a new sample came over the link.", kind="flag")
-    finite: Scalar = quantity("1", "True if the law's command is finite.", kind="flag")
-    pilot: Any = part("Sample of a PilotRequest; None without a pilot.", default=None)
+    arrived: Scalar = quantity("1", "True if a new sample of any sensor has arrived over the link.", kind="flag")
+    finite: Scalar = quantity("1", "True if all numbers of the law's command are finite.", kind="flag")
+    pilot: Any = part("Newest sample of the pilot's requests; None without a pilot.", default=None)
 
 
 @record
@@ -75,7 +75,7 @@ class SupervisorState:
     cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
     since: Scalar = quantity("100 ns", "Time at which the mode was entered.", kind="time")
     back: Scalar = quantity("1", "Mode to return to when the link or the estimate recovers.", kind="mode", modes=MODES)
-    sample_arrival: Scalar = quantity("100 ns", "Time at which a sample last came over the link.", kind="time")
+    sample_arrival: Scalar = quantity("100 ns", "Time at which the last sample arrived over the link.", kind="time")
     refused: Scalar = quantity("1", "Check that refused the last request.", kind="mode", modes=CHECKS)
     refusals: Scalar = quantity("1", "Number of refused requests.", kind="count")
     transitions: Scalar = quantity("1", "Number of mode changes.", kind="count")
@@ -90,14 +90,21 @@ class SupervisorOutput:
     transitions: Scalar = quantity("1", "Number of mode changes.", kind="count")
     refused: Scalar = quantity("1", "Check that refused the last request.", kind="mode", modes=CHECKS)
     refusals: Scalar = quantity("1", "Number of refused requests.", kind="count")
-    check: Scalar = quantity("1", "Check that would refuse to arm now.", kind="mode", modes=CHECKS)
+    check: Scalar = quantity(
+        "1",
+        "Check that would refuse a request to arm at this instant; passed if none would.",
+        kind="mode",
+        modes=CHECKS,
+    )
     law: Scalar = quantity("1", "True if the law's command is sent.", kind="flag")
-    sends: Scalar = quantity("1", "True if any command is sent: the law's, or neutral.", kind="flag")
+    sends: Scalar = quantity(
+        "1", "True if a valid command is sent: the law's command or the neutral command.", kind="flag"
+    )
 
 
 @record
 class Limit:
-    """Bounds on a number of the estimate, or on the length of a vector of such numbers.
+    """Limit of the supervisor: bounds on a number of the estimate, or on the length of a vector.
 
         low <= x <= high    of one field;    low <= sqrt(x^2 + y^2 + …) <= high    of several
 
@@ -107,9 +114,9 @@ class Limit:
     """
 
     fields: tuple[str, ...] = option("Fields of the estimated state, e.g. ('north',) or ('north', 'east').")
-    low: Scalar = quantity("1", "Least accepted value of the fields, in their unit.", default=-1e9)
-    high: Scalar = quantity("1", "Greatest accepted value of the fields, in their unit.", default=1e9)
-    kind: str = option("Kind of limit.", default="geofence", choices=("geofence", "envelope"))
+    low: Scalar = quantity("1", "Smallest accepted value, or vector length, in the unit of the fields.", default=-1e9)
+    high: Scalar = quantity("1", "Largest accepted value, or vector length, in the unit of the fields.", default=1e9)
+    kind: str = option("Kind of limit: envelope or geofence.", default="geofence", choices=("geofence", "envelope"))
 
     def check(self) -> None:
         """Raise InputError for missing fields, and for bounds in the wrong order."""
@@ -122,7 +129,7 @@ class Limit:
             raise InputError("low", problem, fix="exchange them")
 
     def is_breached(self, state: Any) -> Any:
-        """Return True if a state is outside."""
+        """Return True if an estimated state is outside the bounds."""
         numbers = [jnp.asarray(getattr(state, name)) for name in self.fields]
         x = numbers[0] if len(numbers) == 1 else jnp.sqrt(sum(n * n for n in numbers))
         return ~((self.low <= x) & (x <= self.high))
@@ -130,14 +137,15 @@ class Limit:
 
 @record
 class Supervisor:
-    """Gate between law and link: sends the law's command, a neutral command, or no valid command.
+    """Supervisor between law and link: sends the law's command, the neutral command, or an invalid command.
 
         standby  --arm, checks passed-->  flying  <--hold, resume-->  hold  (neutral)
         flying, hold  --link or estimate too old-->  lost: go on, then neutral, then ended
         flying, hold, lost  --limit; flying: estimate, health, no number-->  fault       any of them  --end-->  ended
         fault, ended  --clear-->  standby
 
-    Fault and ended send no valid command, and stay until a clear request. The whole table: docs page.
+    Fault and ended send no valid command, and stay until a clear request. The docs page has the complete table of
+    transitions.
 
     Frames:  the estimate's.
     Not modelled: the battery.
@@ -147,27 +155,37 @@ class Supervisor:
     neutral: Any = part("Neutral command.")
     limits: tuple[Limit, ...] = part("Geofence and speed envelope.", default=())
     stale_age: Scalar = quantity("s", "Maximum age of an estimate.", default=0.4, above=0)
-    link_timeout: int = period("Longest time without a sample of any sensor.", default=ms(200))
-    link_continue: int = period("Link lost: time for which the law goes on.", default=ms(300), low=0)
-    link_end: int = period("Link lost: time after which the flight is ended.", default=seconds(5))
-    stale_continue: int = period("Estimate stale: time for which the law goes on.", default=ms(300), low=0)
-    stale_end: int = period("Estimate stale: time after which the flight is ended.", default=seconds(5))
-    healthy: tuple[str, ...] = option("Paths of flags and counters of the estimate that must be zero.", default=())
-    pilot: str = option("Name of the sample with the pilot's requests.", default="pilot")
+    link_timeout: int = period(
+        "Longest accepted time without a new sample of any sensor; then the link counts as lost.", default=ms(200)
+    )
+    link_continue: int = period(
+        "Time after the loss of the link for which the law's command is still sent.", default=ms(300), low=0
+    )
+    link_end: int = period("Time after the loss of the link at which the flight ends.", default=seconds(5))
+    stale_continue: int = period(
+        "Time after the estimate becomes too old for which the law's command is still sent.", default=ms(300), low=0
+    )
+    stale_end: int = period("Time after the estimate becomes too old at which the flight ends.", default=seconds(5))
+    healthy: tuple[str, ...] = option(
+        "Paths of flags and counters in the estimated state that must be zero for a flight.", default=()
+    )
+    pilot: str = option("Name of the sensor that gives the pilot's requests.", default="pilot")
     automatic: bool = option(
-        "True: arm automatically as soon as the checks pass.", default=False, choices=(True, False)
+        "True: the supervisor arms by itself as soon as all checks pass.", default=False, choices=(True, False)
     )
 
     def check(self) -> None:
-        """Raise InputError for times that leave no room for neutral."""
+        """Raise InputError unless each end time is later than the time for which the law's command is still sent."""
         for what in ("link", "stale"):
             goes_on, end = getattr(self, f"{what}_continue"), getattr(self, f"{what}_end")
             if end <= goes_on:
                 problem = f"{format_time(end)} must be later than {what}_continue, {format_time(goes_on)}"
-                raise InputError(f"{what}_end", problem, fix="make it longer, so that neutral comes between")
+                raise InputError(
+                    f"{what}_end", problem, fix="make it longer, so that the neutral command is sent in between"
+                )
 
     def fit_neutral(self, estimate: Estimate, value: Any, frame: Frame) -> Any:
-        """Return the neutral value in the allocation's types. Raise InputError if the autopilot doesn't fit."""
+        """Return the neutral value in the allocation's data types. Raise InputError if the autopilot doesn't fit."""
         if self.pilot not in frame.samples and not self.automatic:
             problem = f"it can never be armed: the frame has no sample {self.pilot!r}"
             fix = f'add sensors={{"{self.pilot}": PilotScript(…)}} to the world, or set automatic=True'
@@ -184,7 +202,7 @@ class Supervisor:
         return jax.tree.map(lambda n, v: jnp.asarray(n, jnp.result_type(v)), self.neutral, value)
 
     def init(self) -> SupervisorState:
-        """Return the first state, on standby."""
+        """Return the initial state, in mode standby."""
         none, now = np.int32(0), np.int64(-FOREVER)
         return SupervisorState(
             mode=none,
@@ -198,7 +216,7 @@ class Supervisor:
         )
 
     def step(self, t: Any, s: SupervisorState, input: SupervisorInput) -> tuple[SupervisorState, SupervisorOutput]:
-        """Return the state and the output from integer time t on."""
+        """Return the new state, and the output that acts from integer time t on."""
         sample_arrival = jnp.where(input.arrived, t, s.sample_arrival)
         silent = t - sample_arrival >= self.link_timeout
         stale = ~(input.estimate.age <= self.stale_age)
@@ -235,7 +253,7 @@ class Supervisor:
         sick: Any,
         check: Any,
     ) -> tuple[Any, Any]:
-        """Return mode and cause after this instant, by the table of the docs page: the last row that holds counts."""
+        """Return mode and cause after this instant. If several rows of the docs table hold, the last one wins."""
         valid = jnp.asarray(input.estimate.valid)
         standby, flying, hold, lost = (s.mode == m for m in (STANDBY, FLYING, HOLD, LOST))
         under_way = flying | hold | lost
@@ -280,7 +298,7 @@ class Supervisor:
         )
 
     def _first_failing_check(self, estimate: Estimate, silent: Any, stale: Any, sick: Any) -> Any:
-        """Return the first check that fails; 0 when all pass."""
+        """Return the number of the first check that fails; 0 if all pass."""
         outside = self._is_breached("envelope", estimate.state) | self._is_breached("geofence", estimate.state)
         failed = (~jnp.asarray(estimate.valid), stale, silent, outside, sick)
         first = jnp.asarray(0)
@@ -302,7 +320,7 @@ class Supervisor:
 
 
 def _pilot_request(pilot: Sample | None) -> Any:
-    """Return the request of this instant; none from a sample that is not new."""
+    """Return the pilot's request at this instant; no request if the sample is not new."""
     if pilot is None:
         return jnp.asarray(NO_REQUEST)
     known = (pilot.value.request >= 0) & (pilot.value.request < len(REQUESTS))

@@ -30,15 +30,15 @@ CAUSES = (
 (START, ARMED, AUTOMATIC, HELD, RESUMED, ENDED_BY, CLEARED, NOT_FINITE, FENCE, SPEED, NO_ESTIMATE, HEALTH) = range(12)
 LINK, STALE, FOUND, TOO_LONG = range(12, len(CAUSES))
 CHECKS = ("passed", "estimate not valid", "estimate stale", "link silent", "outside limits", "sensor health", "mode")
-"""Checks that can refuse a request to arm or to resume; "mode": the request is not possible in this mode."""
+"""Checks that can refuse a request to arm or to resume. "mode" means that the request is not possible in this mode."""
 
 
 def explain_requests(mode: int, check: int) -> dict[str, str]:
-    """Return the reason why each request would be refused, or change nothing, in a mode; "" for possible requests.
+    """Return for each request the reason why it would be refused or have no effect in a mode; "" if it is possible.
 
     Args:
         mode: mode of the supervisor.
-        check: check that would refuse to arm now, of CHECKS.
+        check: number, in CHECKS, of the check that would refuse a request to arm.
     """
     objection = CHECKS[check] if check else ""
     name, under_way = MODES[mode], mode in (FLYING, HOLD, LOST)

@@ -21,17 +21,17 @@ from trimtab.loop.structure import strengthen_types
 
 @record
 class Each:
-    """n copies of a sensor, estimator, law, allocation or actuators, side by side.
+    """n copies of a part, one for each craft: a sensor, estimator, law, allocation or actuators.
 
-    Input arrays have the craft as first axis; numbers are the same for all. The parameters of the one are
-    those of all, but for the fields named in `own`, which have a leading axis.
+    Input arrays have the craft as first axis; scalar inputs go to every craft. All craft have the parameters of `one`,
+    except the fields named in `own`, which have the craft as first axis.
 
     Frames: the part's. Source: docs page, Swarms.
     """
 
-    one: Any = part("Part of one craft.")
+    one: Any = part("Part that each craft has a copy of.")
     count: int = option("Number of craft.", default=3)
-    own: tuple[str, ...] = option("Fields of the part that differ from craft to craft.", default=())
+    own: tuple[str, ...] = option("Names of the part's fields that differ from craft to craft.", default=())
 
     @property
     def period(self) -> int:
@@ -54,30 +54,34 @@ class Each:
         return optional_member(self.one, "frame")
 
     def check(self) -> None:
-        """Raise InputError for fields of `own` that the part lacks, or that don't have a number for each craft."""
+        """Raise InputError for names in `own` that are not fields of the part, or fields without a number for each
+        craft."""
         for name in self.own:
             if name not in declarations(self.one):
                 problem = f"{type(self.one).__name__} has no field {name!r}"
-                raise InputError("Each.own", problem, choices=declarations(self.one), fix="name one of them")
+                raise InputError("Each.own", problem, choices=declarations(self.one), fix="use names of its fields")
             shape = jnp.shape(getattr(self.one, name))
             if shape[:1] != (self.count,):
                 problem = f"has shape {shape}, but there are {self.count} craft"
                 raise InputError(f"one.{name}", problem, fix=f"give {self.count} numbers")
 
     def neutral(self) -> Any:
-        """Return the actuators' neutral output of each."""
+        """Return the neutral output of the actuators of each craft."""
         return jax.tree.map(lambda v: jnp.broadcast_to(v, (self.count, *jnp.shape(v))), self.one.neutral())
 
     def init(self, key: Key) -> Any:
-        """Return the first state of each."""
+        """Return the initial state of each craft's part."""
         return self._of_each(lambda one, k: strengthen_types(one.init(k)), split(key, self.count))
 
     def measure(self, motion: Any) -> Any:
-        """Return the sensor's measurement of each."""
+        """Return the measurement of each craft's sensor."""
         return self._of_each(lambda one, m: one.measure(m), motion)
 
     def step(self, t: Any, state: Any, given: Any) -> tuple[Any, Any]:
-        """Return state and output of each; a sample or an estimate has one time, and is valid if valid for all."""
+        """Return state and output of each craft's part.
+
+        A sample or estimate has one time, and is valid if valid for all craft.
+        """
         new, out = self._of_each(lambda one, s, x: strengthen_types(one.step(t, s, x)), state, given)
         if isinstance(out, Sample | Estimate):
             same = {"t": out.t[0], "age": jnp.max(out.age), "fresh": jnp.any(out.fresh), "valid": jnp.all(out.valid)}
@@ -85,7 +89,10 @@ class Each:
         return new, out
 
     def _of_each(self, call: Callable[..., Any], *given: Any) -> Any:
-        """Return call(part, row) for each craft: arrays among the inputs are split into rows, numbers go to all."""
+        """Return call(part, row) for each craft.
+
+        Arrays in the inputs are split into rows; scalars go to every craft.
+        """
         leaves, tree = jax.tree.flatten(({n: getattr(self.one, n) for n in self.own}, given))
         differs = [jnp.ndim(v) > 0 for v in leaves]
 
@@ -100,7 +107,9 @@ class Each:
 
 @record
 class Swarm:
-    """n vehicles without contact: each moves as if it were alone. State and input: the vehicle's, fields (n,).
+    """n vehicles without contact: each moves as if it were alone.
+
+    State and input are the vehicle's, with fields of shape (n,).
 
     Frames: the vehicle's. Not modelled: contact, the air flow of one craft at another. Source: docs page, Swarms.
     """
@@ -113,16 +122,16 @@ class Swarm:
         return jax.vmap(lambda x, u: self.craft.dynamics(t, x, u))(x, u.act)
 
     def motion(self, t: Any, x: Any, u: SwarmInput) -> SwarmMotion:
-        """Return the motion that sensors feel; t: integer time."""
+        """Return the motion of each craft for its sensors; t: integer time."""
         return SwarmMotion(each=jax.vmap(lambda x, u: self.craft.motion(t, x, u))(x, u.act), say=u.say)
 
 
 @record
 class SwarmOutput:
-    """Output of the actuators of a swarm. Frames: theirs. Source: docs page, Swarms."""
+    """Output of the actuators of a swarm. Frames: those of the actuators. Source: docs page, Swarms."""
 
     u: SwarmInput = part("Input of the swarm.")
-    each: Any = part("Output of each craft's actuators, without its input; or empty.")
+    each: Any = part("Output of each craft's actuators, without the vehicle's input.")
 
 
 @record
@@ -132,7 +141,7 @@ class SwarmAllocation:
     each: Each = part("Allocation of each craft.")
 
     def init(self, key: Key) -> Any:
-        """Return the first states."""
+        """Return the initial state of each craft."""
         return self.each.init(key)
 
     def step(self, t: Any, state: Any, demand: SwarmInput) -> tuple[Any, SwarmInput]:
@@ -143,14 +152,20 @@ class SwarmAllocation:
 
 @record
 class SwarmActuators:
-    """Actuators of each craft; before the first command no craft sends a message. Frames: theirs. Source: Swarms."""
+    """Actuators of each craft.
+
+    Before the first command no craft sends a message.
+
+    Frames:  those of the actuators.
+    Source:  Swarms.
+    """
 
     each: Each = part("Actuators of each craft.")
-    silence: Any = part("Empty message, for steps without a command; fields (n,).")
+    silence: Any = part("Empty message used without a command; fields of shape (n,).")
 
     @property
     def period(self) -> int:
-        """Return the actuators' value."""
+        """Return this member of the actuators of one craft."""
         return self.each.period
 
     @property
@@ -159,15 +174,15 @@ class SwarmActuators:
         return self.each.frame
 
     def neutral(self) -> SwarmOutput:
-        """Return the output with every craft neutral and without a message."""
+        """Return the output with the neutral input and no message for every craft."""
         return SwarmOutput(u=SwarmInput(act=self.each.neutral().u, say=self.silence), each=())
 
     def init(self, key: Key) -> Any:
-        """Return the first states."""
+        """Return the initial state of each craft."""
         return self.each.init(key)
 
     def step(self, t: Any, state: Any, command: Sample) -> tuple[Any, SwarmOutput]:
-        """Return the states, and the output and message of each craft from integer time t on."""
+        """Return the new states, and the output and message of each craft from integer time t on."""
         state, out = self.each.step(t, state, replace(command, value=command.value.act))
         say = tree_where(command.valid, command.value.say, self.silence)
         return state, SwarmOutput(u=SwarmInput(act=out.u, say=say), each=())

@@ -1,4 +1,4 @@
-"""The walk over the instants of a run: the whole closed loop as one pure function of records.
+"""The walk over all instants of a run: the whole closed loop as one pure function of records.
 
 The order at one instant is that of the loop: truth, sensors, downlink, autopilot, uplink, actuators. Then the truth is
 integrated to the next instant.
@@ -21,28 +21,35 @@ from trimtab.loop.world import World, WorldState
 
 @record
 class Signals:
-    """Signals logged at one instant; a field's path is the signal's name in the log. Source: docs page, Log."""
+    """Signals logged at one instant.
+
+    The path of a field is the name of the signal in the log.
+
+    Source:  docs page, Log.
+    """
 
     truth: Any = part("State of the vehicle.")
     sensors: Any = part("Last sample of each sensor.")
-    downlink: Any = part("Sample of each sensor as the autopilot holds it, with its age.")
+    downlink: Any = part("Newest sample of each sensor received by the autopilot, with its age.")
     estimate: Any = part("Estimate.")
     law: Any = part("Output of the law.")
-    command: Any = part("Command as issued.")
-    uplink: Any = part("Command as the actuators hold it, with its age.")
+    command: Any = part("Command as issued by the autopilot.")
+    uplink: Any = part("Newest command received by the actuators, with its age.")
     actuators: Any = part("Output of the actuators.")
-    supervisor: Any = part("Output of the supervisor; empty without one.", default=())
-    world: Any = part("Report of the integration up to now; empty for a plain step.", default=())
-    predictor: Any = part("Output of the predictor; empty without one.", default=())
-    monitor: Any = part("Output of the monitor for each formula; empty without one.", default=())
-    gust: Any = part("Gust that turbulence adds to the air at the vehicle; empty without turbulence.", default=())
+    supervisor: Any = part("Output of the supervisor; empty without a supervisor.", default=())
+    world: Any = part(
+        "Report of the integration since the last instant; empty for the default integration.", default=()
+    )
+    predictor: Any = part("Output of the predictor; empty without a predictor.", default=())
+    monitor: Any = part("Output of the monitor for each formula; empty without a monitor.", default=())
+    gust: Any = part("Gust velocity at the vehicle due to turbulence; empty without turbulence.", default=())
 
 
 class WalkResult(NamedTuple):
     """Result of a walk.
 
-    rows: float64 (n, width), the logged signals flattened.  x: the truth at the end.  sensors: their states at the end.
-    integrated: report of the integration on its last step.
+    rows: float64 (n, width), the logged signals, flattened. x: true state at the end. sensors: states of the sensors at
+    the end. integrated: report of the integration since the last instant.
     """
 
     rows: Any
@@ -52,7 +59,10 @@ class WalkResult(NamedTuple):
 
 
 def start(world: World, autopilot: Autopilot, x: Any, key: Key) -> tuple[WorldState, AutopilotState]:
-    """Return the states at rest before the first instant. Raise InputError if parts don't fit each other."""
+    """Return the initial states of world and autopilot, before the first instant.
+
+    Raise InputError if parts don't fit each other.
+    """
     key_world, key_autopilot = key.at("world"), key.at("autopilot")
     s = world.init(key_world, x)
     a = autopilot.init(key_autopilot, Frame(t=jnp.zeros((), np.int64), samples=s.received))
@@ -73,12 +83,13 @@ def instant(
 def drop_derived_outputs(
     world: World, autopilot: Autopilot, s: WorldState, a: AutopilotState, always: frozenset[int]
 ) -> tuple[WorldState, AutopilotState]:
-    """Return the two states without outputs that are recomputed at every instant, so that a run does not carry them."""
+    """Return the states of world and autopilot without outputs that every instant recomputes, so that a run is
+    faster."""
     return world.drop_derived_outputs(s, always), autopilot.drop_derived_outputs(a, always)
 
 
 def signals(s: WorldState, a: AutopilotState) -> Signals:
-    """Return the logged signals of the two states."""
+    """Return the signals to log, from the states of world and autopilot."""
     return Signals(
         truth=s.x,
         sensors=s.sampled,
@@ -109,14 +120,14 @@ def walk(
     """Run the loop over all instants.
 
     Args:
-        world, autopilot: the two sides.
+        world, autopilot: world and autopilot of the loop.
         x: the vehicle's first state.
         key: seed and run.
         instants: integer time (n,), time to the next (n,), and the row of the log that each instant writes, (n,);
             row `rows` is scratch for instants that are not logged.
         rows: length of the log.
         always: periods that are due at every instant.
-        wanted: signals to log, see `logged_signals`; all when empty.
+        wanted: paths of the signals to log, see `logged_signals`; all signals when empty.
     """
     s, a = start(world, autopilot, x, key)
     width = pack_row(signals(s, a), wanted).shape[0]
@@ -135,7 +146,7 @@ def walk(
 
 
 def logged_signals(seen: Signals, wanted: tuple[str, ...] = ()) -> list[tuple[str, Any, Quantity]]:
-    """Return path, value and declaration of the signals at or below the wanted paths, in the order of a row."""
+    """Return path, value and declaration of each signal at or below the wanted paths, in the order of a row."""
     return [
         (path, value, declared)
         for path, value, declared in leaves(seen)

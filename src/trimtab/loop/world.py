@@ -1,4 +1,4 @@
-"""The World: truth, sensors, downlink, uplink and actuators. It takes a Command and gives a Frame."""
+"""The World: vehicle, sensors, downlink, uplink and actuators. Its input is a Command, its output a Frame."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Generic
@@ -35,7 +35,7 @@ else:
 
 @record
 class WorldState:
-    """State of the world. Source: docs page, Time."""
+    """State of the world: the states of its parts and their last outputs. Source: docs page, Time."""
 
     x: Any = part("State of the vehicle.")
     sensors: Any = part("State of each sensor.")
@@ -46,10 +46,12 @@ class WorldState:
     commanded: Any = part("Last command received over the uplink.")
     actuators: Any = part("State of the actuators.")
     actuated: Any = part("Last output of the actuators.")
-    u: Any = part("Input of the vehicle: the field u of that output.")
-    integrated: Any = part("Report of the integration up to now; empty for a plain step.", default=())
+    u: Any = part("Input of the vehicle: the field u of the actuators' last output.")
+    integrated: Any = part(
+        "Report of the integration since the last instant; empty for the default integration.", default=()
+    )
     turbulence: Any = part("State of the turbulence.", default=())
-    gust: Any = part("Gust that turbulence adds to the air at the vehicle.", default=())
+    gust: Any = part("Gust velocity at the vehicle due to turbulence.", default=())
 
 
 @record
@@ -63,16 +65,18 @@ class World(Generic[V]):
     Source: docs page, Time, for the order of things at one instant.
     """
 
-    vehicle: V = part("True vehicle: dynamics and motion.")
+    vehicle: V = part("Model of the true vehicle: dynamics and motion.")
     sensors: Any = part("Sensors by name: a mapping, or (name, sensor) pairs.")
-    actuators: Any = part("Actuators: turn commands into the vehicle's input.")
+    actuators: Any = part("Actuators, which turn commands into the vehicle's input.")
     downlink: Any = part("Channel from each sensor to the autopilot.")
     uplink: Any = part("Channel from the autopilot to the actuators.")
     max_step: int = period("Longest step of the integration.", default=ms(1))
     integration: Any = part(
-        "Integration of the truth; None: one Runge–Kutta step of order four.", default=None, optional=Integration()
+        "Integration of the true state. None: one Runge–Kutta step of order four per instant.",
+        default=None,
+        optional=Integration(),
     )
-    turbulence: Any = part("Turbulence of the air; None: still air.", default=None, optional=Turbulence())
+    turbulence: Any = part("Turbulence of the air. None: no turbulence.", default=None, optional=Turbulence())
 
     def __post_init__(self) -> None:
         if not isinstance(self.sensors, Mapping):
@@ -93,7 +97,10 @@ class World(Generic[V]):
         return [p.period for p in (parts if self.turbulence is None else [*parts, self.turbulence])]
 
     def init(self, key: Key, x: Any) -> WorldState:
-        """Return the world at rest: no sample taken, nothing received. `connect` adds the uplink for a command."""
+        """Return the initial state of the world: no sample taken, nothing received.
+
+        `connect` adds the uplink for a command.
+        """
         neutral = self.actuators.neutral()
         motion = check_vehicle(self.vehicle, x, neutral.u)
         states, samples, links, received = {}, {}, {}, {}
@@ -123,17 +130,17 @@ class World(Generic[V]):
         )
 
     def _method(self) -> Integration | None:
-        """Return the integration, or None for the plain step, which locates no events."""
+        """Return the integration, or None for the default step if the vehicle has no events."""
         has_events = optional_member(self.vehicle, "events") is not None
         return Integration() if self.integration is None and has_events else self.integration
 
     def _first_gust(self, key: Key) -> dict[str, Any]:
-        """Return the turbulence's first state and gust. Raise InputError if the vehicle ignores gusts."""
+        """Return the turbulence's initial state and gust. Raise InputError if the vehicle ignores gusts."""
         if self.turbulence is None:
             return {}
         if optional_member(self.vehicle, "in_gust") is None:
             problem = f"{type(self.vehicle).__name__} has no in_gust(gust), so turbulence would have no effect"
-            fix = "leave it out, or def in_gust(self, gust): …  in a vehicle that feels the air (docs, Turbulence)"
+            fix = "leave turbulence out, or write def in_gust(self, gust): … in the vehicle (docs, Turbulence)"
             raise InputError("world.turbulence", problem, fix=fix)
         return {"turbulence": self.turbulence.init(key.at("turbulence")), "gust": NO_GUST}
 
@@ -200,7 +207,7 @@ class World(Generic[V]):
         return s, Frame(t=t, samples=received)
 
     def act(self, clock: Instant, s: WorldState, command: Command, fresh: Any) -> WorldState:
-        """Return the state after uplink and actuators, which act from this instant on."""
+        """Return the state after the steps of uplink and actuators. Their outputs act from this instant on."""
         t = clock.t
         sent = hold_sample(t, as_sample(command, fresh), fresh=fresh)
         link, commanded = step_if(
@@ -216,7 +223,7 @@ class World(Generic[V]):
         return replace(s, uplink=link, commanded=commanded, actuators=state, actuated=actuated, u=actuated.u)
 
     def drop_derived_outputs(self, s: WorldState, always: frozenset[int]) -> WorldState:
-        """Return the state without outputs that are recomputed at every instant, so that a run does not carry them."""
+        """Return the state without outputs that every instant recomputes, so that a run is faster."""
         return replace(
             s,
             sampled={n: () if self.sensors[n].period in always else v for n, v in s.sampled.items()},
@@ -226,7 +233,8 @@ class World(Generic[V]):
         )
 
     def advance(self, t: Any, s: WorldState, h: Any) -> WorldState:
-        """Return the state with the truth integrated from integer time t over integer time h, the input held."""
+        """Return the state with the true state integrated from integer time t over integer time h, with constant
+        input."""
         vehicle = self._vehicle_in(s.gust)
 
         def derivative(time: Any, x: Any) -> Any:
@@ -243,7 +251,7 @@ class World(Generic[V]):
 
 
 def _sensor_input(where: str, sensor: Any, motion: Callable[[], Any], x: Any, u: Any) -> Any:
-    """Return this sensor's input: the motion, or the input that its class variable FEELS names."""
+    """Return the input of a sensor: the motion, or the input that the sensor's class variable FEELS names."""
     inputs = {"motion": motion, "state": lambda: x, "input": lambda: u}
     feels = optional_member(sensor, "FEELS")
     if feels not in inputs:
@@ -253,7 +261,7 @@ def _sensor_input(where: str, sensor: Any, motion: Callable[[], Any], x: Any, u:
 
 
 def as_sample(command: Command, fresh: Any) -> Sample:
-    """Return a command as a sample for the uplink."""
+    """Return a command as a sample that the uplink can carry."""
     return Sample(value=command.value, t=command.t, age=0.0, fresh=fresh, valid=command.valid)
 
 

@@ -31,15 +31,15 @@ from trimtab.run.inputs import RunInputs, leaf_paths, run_inputs
 from trimtab.run.kept_blocks import MOST_KEPT, Content, compile_kept
 
 UNLIMITED = 3e38
-"""Limit for commands without declared limits: every number that a float holds is accepted."""
+"""Limit used for commands without declared limits: every finite float is accepted."""
 
 
 @record
 class StepInput:
-    """Input of a block, and its time. Source: docs page, Vehicle."""
+    """Input of a block with the time of the step. Source: docs page, Vehicle."""
 
     t: Any = quantity("100 ns", "Now.", kind="time")
-    input: Any = part("Input of the block.")
+    input: Any = part("Input of the block at this step.")
 
 
 @record
@@ -47,11 +47,11 @@ class AutopilotOutput:
     """Output of an exported autopilot at each step. Source: docs page, Export."""
 
     command: Any = part("Command for the actuators.")
-    estimate: Any = part("Estimate from the frame.")
+    estimate: Any = part("Output of the estimator.")
     law: Any = part("Output of the law.")
-    supervisor: Any = part("Output of the supervisor; empty without one.", default=())
-    predictor: Any = part("Output of the predictor; empty without one.", default=())
-    monitor: Any = part("Output of the monitor for each formula; empty without one.", default=())
+    supervisor: Any = part("Output of the supervisor; empty without a supervisor.", default=())
+    predictor: Any = part("Output of the predictor; empty without a predictor.", default=())
+    monitor: Any = part("Output of the monitor for each formula; empty without a monitor.", default=())
 
 
 @record
@@ -59,18 +59,20 @@ class LoopInput:
     """Input of an exported closed loop at each step. Source: docs page, Export."""
 
     t: Any = quantity("100 ns", "Now.", kind="time")
-    h: Any = quantity("100 ns", "Time to the next instant.", kind="time")
+    h: Any = quantity("100 ns", "Time from this instant to the next.", kind="time")
 
 
 @record
 class WorldInput:
     """Input of a world at each instant. Source: docs page, World step."""
 
-    t: Any = quantity("100 ns", "Last instant, at which the command was issued.", kind="time")
-    h: Any = quantity("100 ns", "Time from the last instant to now.", kind="time")
-    first: Any = quantity("1", "True at the first instant: there was no command yet.", kind="flag")
-    is_held: Any = quantity("1", "True if the vehicle is held: its true state doesn't change.", kind="flag")
-    fresh: Any = quantity("1", "True if the command is new.", kind="flag")
+    t: Any = quantity("100 ns", "Time of the last instant, at which the command was issued.", kind="time")
+    h: Any = quantity("100 ns", "Time from the last instant to this instant.", kind="time")
+    first: Any = quantity("1", "True at the first instant, when no command has been issued yet.", kind="flag")
+    is_held: Any = quantity(
+        "1", "True if the vehicle is held in place, so that its true state doesn't change.", kind="flag"
+    )
+    fresh: Any = quantity("1", "True if the command is new at this instant.", kind="flag")
     command: Any = part("Command.")
 
 
@@ -78,12 +80,14 @@ class WorldInput:
 class WorldOutput:
     """Output of a world. Source: docs page, World step."""
 
-    truth: Any = part("State of the vehicle, now.")
-    sensors: Any = part("Last sample of each sensor, now.")
-    downlink: Any = part("Sample of each sensor at the far end of its channel, now: the frame.")
-    uplink: Any = part("Command as the actuators held it, at the last instant.")
-    actuators: Any = part("Output of the actuators from the last instant on.")
-    gust: Any = part("Gust that turbulence adds to the air at the vehicle, now; empty without turbulence.", default=())
+    truth: Any = part("True state of the vehicle at this instant.")
+    sensors: Any = part("Last sample of each sensor at this instant.")
+    downlink: Any = part("Frame at this instant: newest sample of each sensor received over its downlink.")
+    uplink: Any = part("Newest command received by the actuators, at the last instant.")
+    actuators: Any = part("Output of the actuators since the last instant.")
+    gust: Any = part(
+        "Gust velocity at the vehicle due to turbulence, at this instant; empty without turbulence.", default=()
+    )
 
 
 @record
@@ -95,12 +99,16 @@ class UplinkParameters:
 
 
 def has_stepped_vehicle(scenario: Scenario) -> bool:
-    """Return True if a scenario's vehicle is stepped by a host (an FMU), and so can't be compiled."""
+    """Return True if another program must step the scenario's vehicle (an FMU), so that the vehicle can't be
+    compiled."""
     return optional_member(scenario.world.vehicle, "is_stepped") is not None
 
 
 def hold_vehicle(scenario: Scenario) -> Scenario:
-    """Return the scenario with a vehicle of that kind held, for a host to step; others as they are."""
+    """Return the scenario with an FMU vehicle held, so that a host program steps it.
+
+    Other scenarios are not changed.
+    """
     if not has_stepped_vehicle(scenario):
         return scenario
     world = scenario.world
@@ -108,7 +116,7 @@ def hold_vehicle(scenario: Scenario) -> Scenario:
 
 
 def refuse_stepped_vehicle(scenario: Scenario) -> None:
-    """Raise the vehicle's own InputError, before any other check, if it can't be compiled."""
+    """Raise the vehicle's InputError, before any other check, if the vehicle can't be compiled."""
     if has_stepped_vehicle(scenario):
         scenario.world.vehicle.dynamics(0.0, scenario.initial, None)
 
@@ -125,7 +133,10 @@ def refuse_swarm(scenario: Scenario, end: str) -> None:
 
 
 def message_structures(scenario: Scenario) -> tuple[Frame, Command]:
-    """Return a scenario's frame and command, every number zero. Raise InputError if parts don't fit each other."""
+    """Return examples of a scenario's frame and command, with every number zero.
+
+    Raise InputError if parts don't fit each other.
+    """
     return _keep_structures(Content(hold_vehicle(scenario)))
 
 
@@ -137,7 +148,10 @@ def _keep_structures(content: Content) -> tuple[Frame, Command]:
 
 
 def carried_structures(scenario: Scenario) -> tuple[Frame, Command]:
-    """Return the two messages as a link carries them, every number zero: without a stick at the autopilot's end."""
+    """Return frame and command as a link carries them, with every number zero.
+
+    A stick at the autopilot's end is left out.
+    """
     scenario = add_stick_sensor(scenario)
     frame, command = message_structures(scenario)
     away = empty_sticks(scenario)
@@ -145,7 +159,7 @@ def carried_structures(scenario: Scenario) -> tuple[Frame, Command]:
 
 
 def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> BlockDefinition:
-    """Return a checked scenario's autopilot: `Frame` in, `AutopilotOutput` out. seed, run: for its first state."""
+    """Return a checked scenario's autopilot: `Frame` in, `AutopilotOutput` out. seed, run: for its initial state."""
     inputs = run_inputs(scenario, seed, run)
     frame, key = message_structures(scenario)[0], inputs.key
     always = frozenset([inputs.autopilot.period])
@@ -164,7 +178,10 @@ def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> Block
 
 
 def compile_autopilot(scenario: Scenario, *, seed: int = 0) -> CompiledBlock:
-    """Return a scenario's autopilot as a compiled step. Raise as `export_c`, or without a C compiler."""
+    """Return a scenario's autopilot as a compiled step.
+
+    Raise InputError as `export_c` does, or if there is no C compiler.
+    """
     scenario.check()
     return compile_kept(autopilot_block, scenario, seed=seed)
 
@@ -188,7 +205,8 @@ def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> 
 
 
 def _keep_logged(seen: Signals) -> Signals:
-    """Return the signals that a log holds; None replaces the others (messages between the craft of a swarm)."""
+    """Return the signals with None in place of those that a log cannot hold, such as messages between craft of a
+    swarm."""
     logged = {path for path, _, _ in logged_signals(seen)}
     values, structure = jax.tree.flatten(seen)
     return structure.unflatten([v if p in logged else None for p, v in zip(leaf_paths(seen), values, strict=True)])
@@ -259,7 +277,7 @@ def failsafe_block(failsafe: Failsafe, command: Command) -> BlockDefinition:
 
 
 def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
-    """Return the scenario's failsafe, or else that of the command, or else a default.
+    """Return the failsafe of the scenario; without one, that of the command's record; without either, a default.
 
     The default stops when no commands arrive, and accepts all finite numbers.
     """

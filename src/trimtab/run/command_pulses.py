@@ -65,7 +65,7 @@ def find_outputs(
         names = ", ".join(o.name for o in outputs)
         problem = f"a command has {len(outputs)} numbers ({names}), but the board has only {most} outputs"
         fits = f"{argument('board', 'cortex-m7')}, which has 8"
-        fix = fits if len(outputs) <= MOST_OUTPUTS else "use an allocation with fewer numbers"
+        fix = fits if len(outputs) <= MOST_OUTPUTS else "use an allocation whose command has fewer numbers"
         raise InputError(f"scenario {scenario.name!r}", problem, fix=fix)
     return outputs
 

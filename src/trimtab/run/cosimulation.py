@@ -42,14 +42,16 @@ MEASURED_STEPS = 300
 class SteppedWorldInput:
     """Input of a world around a stepped vehicle: a `WorldInput`, and more fields. Source: docs page, FMU."""
 
-    t: Any = quantity("100 ns", "Last instant, at which the command was issued.", kind="time")
-    h: Any = quantity("100 ns", "Time from the last instant to now.", kind="time")
-    first: Any = quantity("1", "True at the first instant: there was no command yet.", kind="flag")
-    is_held: Any = quantity("1", "True if the vehicle is held: its true state doesn't change.", kind="flag")
+    t: Any = quantity("100 ns", "Time of the last instant, at which the command was issued.", kind="time")
+    h: Any = quantity("100 ns", "Time from the last instant to this instant.", kind="time")
+    first: Any = quantity("1", "True at the first instant, when no command has been issued yet.", kind="flag")
+    is_held: Any = quantity(
+        "1", "True if the vehicle is held in place, so that its true state doesn't change.", kind="flag"
+    )
     fresh: Any = quantity("1", "True if the command is new.", kind="flag")
     command: Any = part("Command.")
-    acts: Any = quantity("1", "True: step the actuators; false: step the sensors.", kind="flag")
-    truth: Any = part("State of the vehicle, now.")
+    acts: Any = quantity("1", "True: this step is for the actuators. False: it is for the sensors.", kind="flag")
+    truth: Any = part("True state of the vehicle at this instant.")
 
 
 @record
@@ -57,7 +59,7 @@ class HostInput:
     """Input of a loop around a stepped vehicle at each instant. Source: docs page, FMU."""
 
     t: Any = quantity("100 ns", "Now.", kind="time")
-    truth: Any = part("State of the vehicle, now.")
+    truth: Any = part("True state of the vehicle at this instant.")
 
 
 def cosimulate(

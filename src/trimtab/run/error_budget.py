@@ -30,16 +30,16 @@ NAVIGATION_FIELDS = {
     "velocity": ("surge_velocity", "sway_velocity"),
     "heading": ("heading",),
 }
-"""Measure -> fields of the estimate that are compared with the truth."""
+"""Fields of the estimate that each measure compares with the truth."""
 UNITS = {"position error": "m", "velocity error": "m/s", "heading error": "rad"}
 
 
 class Cost(NamedTuple):
-    """Cost of one imperfection, by measure: root mean square over runs and instants, and its standard error.
+    """Cost of one imperfection, by measure: RMS error over runs and instants, and its standard error.
 
     If a run has no valid estimate, measures of the estimate are infinite.
 
-    without: with all imperfections except this.  alone: with this one only.
+    without: flown with all imperfections except this one. alone: flown with only this imperfection.
     """
 
     name: str
@@ -130,7 +130,7 @@ def error_budget(
 
 
 def flight_set_count(scenario: Scenario, names: Iterable[str] = ()) -> int:
-    """Return how many times `error_budget` calls tell."""
+    """Return the number of times that `error_budget` calls its argument `tell`."""
     return 2 + 2 * len(list(names) or scenario.imperfections())
 
 

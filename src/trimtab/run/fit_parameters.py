@@ -42,7 +42,7 @@ def find_parameters(scenario: Scenario, paths: Sequence[str]) -> tuple[Scenario,
         }
         if base not in real:
             near = closest(base, [*real, DELAY], 6) or [DELAY, *list(real)[:6]]
-            problem = "is not a number of the vehicle or its actuators"
+            problem = "is not a numeric parameter of the vehicle or its actuators"
             raise InputError(argument_name("paths", path), problem, choices=near, fix=argument("paths", [near[0]]))
         value, declared = real[base]
         assert isinstance(declared, Quantity)

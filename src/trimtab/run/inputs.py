@@ -23,7 +23,7 @@ class RunInputs:
 
     world: Any = part("Vehicle, sensors, links and actuators.")
     autopilot: Any = part("Autopilot: estimator, law and allocation.")
-    initial: Any = part("First state of the vehicle.")
+    initial: Any = part("Initial state of the vehicle.")
     key: Any = part("Seed and run of the random numbers.")
 
     def initial_states(self) -> tuple[WorldState, AutopilotState]:
@@ -93,7 +93,11 @@ def own_inputs(
             problem = f"has shape {array.shape}, must have {shape}: a value for each run"
             raise InputError(f"spread {path!r}", problem, fix=f"give {len(seeds)} values, one for each seed")
         if not np.isfinite(array).all():
-            raise InputError(f"spread {path!r}", "all values must be finite", fix="leave NaN and infinity out")
+            raise InputError(
+                f"spread {path!r}",
+                "all values of a spread must be finite",
+                fix="replace NaN and infinity by finite values",
+            )
         own[at] = array.astype(shared[at].dtype)
     return dict(sorted(own.items()))
 

@@ -52,7 +52,9 @@ def read_motion(log: Log, scenario: Scenario, period: int) -> MotionRows:
     like = jax.eval_shape(block.step, block.parameters, (), block.input)[1]
     if not isinstance(like, Motion):
         raise InputError(
-            "convert", "this is a log of a swarm, which has several motions", fix="give a log of one craft"
+            "convert",
+            "this is the log of a swarm, which has the motions of several craft",
+            fix="give a log of one craft",
         )
     motion = compile_block(block)
     paths = {p: _log_path(p) for p in motion.reads if p.startswith("input.")}

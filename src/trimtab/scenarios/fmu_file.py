@@ -20,8 +20,8 @@ from trimtab.vehicles.fmu import first_state, load, neutral_input, read_interfac
 Trust = Annotated[
     Literal["no", "yes"],
     {
-        "no": "nothing in the file is run",
-        "yes": "the FMU's program runs with your rights: use it only if you trust its maker",
+        "no": "no program in the FMU is run",
+        "yes": "the program in the FMU runs with your rights: choose this only if you trust its maker",
     },
 ]
 

@@ -45,7 +45,9 @@ def read_gain(file: str) -> Certificate:
     certificate, digest = read_certificate(Path(file))
     if certificate_digest(certificate) != digest:
         fix = f"trimtab design {certificate.system} --lqr … --out {file}  makes it again"
-        raise InputError(f"file '{file}'", "was changed after it was written: its digest is another", fix=fix)
+        raise InputError(
+            f"file '{file}'", "was changed after it was written: its digest does not match its content", fix=fix
+        )
     return certificate
 
 
@@ -114,7 +116,7 @@ def _refuse_other_vehicle(certificate: Certificate, own: dict[str, str]) -> None
     if about.get("units") != own["units"]:
         here, there = (str(text).split("; ") for text in (own["units"], about.get("units", "")))
         apart = [f"{a!r}, here {b!r}" for a, b in zip(there, here, strict=False) if a != b]
-        problem = f"its states or inputs are others: {(apart or ['their number differs'])[0]}"
+        problem = f"its states or inputs differ from this vehicle's: {(apart or ['their number differs'])[0]}"
         raise InputError(argument_name("settings", GAIN), problem, fix=f"{anew}, for this scenario")
 
 

@@ -23,16 +23,18 @@ class AirDataReading:
     equivalent_airspeed: Scalar = quantity(
         "m/s", "Equivalent airspeed: gives the same dynamic pressure at sea-level density."
     )
-    airspeed: Scalar = quantity("m/s", "True airspeed, with the density of the standard atmosphere here.")
+    airspeed: Scalar = quantity(
+        "m/s", "True airspeed, for the density of the standard atmosphere at the vehicle's height."
+    )
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
     beta: Scalar = quantity("rad", "Angle of sideslip.", kind="angle")
 
 
 @record
 class AirDataState:
-    """State of the probes: the zero errors of this run. Source: docs page, Sensors in space."""
+    """State of the air data probes: their zero errors in this run. Source: docs page, Sensors in space."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Random key of the noise.")
     pressure_offset: Scalar = quantity("Pa", "Zero error of the pressure transducer.")
     vane_offset: Any = quantity("rad", "Zero errors of both vanes.", kind="angle", shape=(2,))
 
@@ -57,23 +59,26 @@ class AirData:
         "Pa", "Standard deviation of the pressure noise of each sample.", "air-data-pressure-noise", default=5.0
     )
     pressure_bias: Scalar = imperfection(
-        "Pa", "Standard deviation of the pressure zero, drawn for each run.", "air-data-pressure-bias", default=10.0
+        "Pa",
+        "Standard deviation of the transducer's zero error, drawn for each run.",
+        "air-data-pressure-bias",
+        default=10.0,
     )
     vane_noise: Scalar = imperfection(
         "rad", "Standard deviation of the vane noise of each sample.", "air-data-vane-noise", default=2e-3
     )
     vane_bias: Scalar = imperfection(
-        "rad", "Standard deviation of a vane's zero, drawn for each run.", "air-data-vane-bias", default=3e-3
+        "rad", "Standard deviation of a vane's zero error, drawn for each run.", "air-data-vane-bias", default=3e-3
     )
     upwash: Scalar = imperfection(
         "1",
-        "Relative error k of the vane angles, as the body bends the flow.",
+        "Relative error k of the vane angles, because the body deflects the flow.",
         "air-data-upwash",
         default=0.05,
         low=None,
     )
     position: Any = quantity(
-        "m", "Position l of the probes.", frame="B", default=ZERO, shape=(3,), off={"air-data-position": ZERO}
+        "m", "Position l of the probes in B.", frame="B", default=ZERO, shape=(3,), off={"air-data-position": ZERO}
     )
     period: int = period("Time between samples.", default=ms(20))
 
@@ -83,7 +88,7 @@ class AirData:
         return AirDataState(key.at("noise"), self.pressure_bias * draws[0], self.vane_bias * draws[1:])
 
     def measure(self, motion: Motion) -> AirDataReading:
-        """Return the measurement h(x) of a motion, without error except the probes' position."""
+        """Return the measurement h(x) of a motion, without noise and zero errors."""
         air = surrounding_air(motion)
         around = standard_atmosphere(air.height)
         v = motion.v_WB_B - air.velocity + jnp.cross(motion.w_WB_B - air.rate, jnp.asarray(self.position))
@@ -104,12 +109,15 @@ class AirData:
 
 
 def impact_pressure(mach: Any, pressure: Any) -> Any:
-    """Return pitot minus static pressure (Pa) at a Mach number and static pressure (Pa). Source: NACA 1135, 44, 100."""
+    """Return pitot minus static pressure (Pa) at a Mach number and a static pressure (Pa).
+
+    Source:  NACA 1135, 44, 100.
+    """
     return pressure * (_pitot_ratio(mach) - 1)
 
 
 def _pitot_ratio(mach: Any) -> Any:
-    """Return pitot over static pressure: isentropic below Mach 1, behind a normal shock above."""
+    """Return the ratio of pitot to static pressure: isentropic below Mach 1, behind a normal shock above."""
     g, square = HEAT_RATIO, mach * mach
     fast = jnp.maximum(square, 1.0)
     slow = (1 + (g - 1) / 2 * jnp.minimum(square, 1.0)) ** (g / (g - 1))
@@ -118,7 +126,7 @@ def _pitot_ratio(mach: Any) -> Any:
 
 
 def mach_of_impact(ratio: Any) -> Any:
-    """Return the Mach number of an impact over static pressure: closed form below 1, six Newton steps above."""
+    """Return the Mach number for a ratio of impact to static pressure: closed form below 1, six Newton steps above."""
     g = HEAT_RATIO
     slow = jnp.sqrt(2 / (g - 1) * jnp.maximum((jnp.maximum(ratio, 0.0) + 1) ** ((g - 1) / g) - 1, 0.0))
     wanted = jnp.maximum(ratio + 1, _pitot_ratio(1.0))

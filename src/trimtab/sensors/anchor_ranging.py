@@ -14,20 +14,20 @@ from trimtab.core.time import ms
 
 ZERO = (0.0, 0.0, 0.0)
 HALL = ((0.0, 0.0, -3.0), (8.0, 0.0, -0.3), (8.0, 6.0, -3.0), (0.0, 6.0, -0.3), (4.0, 3.0, -4.0), (4.0, 0.0, -1.5))
-"""Default anchors: six around a hall of 8 by 6 m, at different heights."""
+"""Default positions of the anchors: six around a hall of 8 by 6 m, at different heights."""
 
 
 @record
 class AnchorRanges:
-    """Ranges, one for each anchor. Source: docs page, Sensors in space."""
+    """Sample of the ranging radio: a range to each anchor. Source: docs page, Sensors in space."""
 
-    range: Any = quantity("m", "Range to each anchor (n,); the previous range where none was received.")
-    received: Any = quantity("1", "True for each anchor received (n,).", kind="flag")
+    range: Any = quantity("m", "Range to each anchor (n,). If an anchor was not received, its previous range.")
+    received: Any = quantity("1", "True for each anchor that was received (n,).", kind="flag")
 
 
 @record
 class AnchorRangingState:
-    """State of the radio. Source: docs page, Sensors in space."""
+    """State of the ranging radio. Source: docs page, Sensors in space."""
 
     key: Key = part("Key of the random noise.")
     bias: Any = quantity("m", "Range bias of each anchor (n,) in this run.")
@@ -36,12 +36,12 @@ class AnchorRangingState:
 
 @record
 class AnchorRanging:
-    """Two-way ranges to n anchors, all at one instant.
+    """Ranging radio: two-way ranges to n anchors, all measured at one instant.
 
         z_i = | p + R_WB l - a_i | + b_i + w + e_i
 
     with a bias of each anchor (antenna delays), white noise w, and occasionally an exponential error e_i, where the
-    first path to arrive is a reflected one. Not received: out of reach, or lost at random.
+    first path to arrive is a reflected one. An anchor out of reach is not received. Others are lost at random.
 
     Frames:  anchors a_i in W, lever arm l of the antenna in B.
     Not modelled: anchors that answer in turn (`sensors.ultrasonic_ranging` has slots); reflections that persist.
@@ -55,14 +55,16 @@ class AnchorRanging:
         "m", "Standard deviation of an anchor's bias, drawn for each run.", "anchor-bias", default=0.05
     )
     late_paths: Scalar = imperfection(
-        "1", "Probability of a reflected path.", "anchor-late-paths", default=0.02, high=1
+        "1", "Probability that a range is measured along a reflected path.", "anchor-late-paths", default=0.02, high=1
     )
-    late_length: Scalar = quantity("m", "Mean extra length of a reflected path.", default=0.8, low=0)
+    late_length: Scalar = quantity(
+        "m", "Mean extra length of a reflected path over the direct path.", default=0.8, low=0
+    )
     losses: Scalar = imperfection(
         "1", "Probability that an anchor is not received.", "anchor-losses", default=0.05, high=1
     )
     reach: Scalar = quantity("m", "Longest range.", default=30.0, above=0, off={"anchor-reach": 1e9})
-    lever_arm: Any = quantity("m", "Position of the antenna.", frame="B", default=ZERO, shape=(3,))
+    lever_arm: Any = quantity("m", "Position of the antenna on the vehicle, in B.", frame="B", default=ZERO, shape=(3,))
     period: int = period("Time between samples.", default=ms(50))
 
     def check(self) -> None:
@@ -70,7 +72,9 @@ class AnchorRanging:
         shape = np.shape(self.anchors)
         if len(shape) != 2 or shape[1] != 3 or not shape[0]:
             problem = f"shape {shape} must be (n, 3)"
-            raise InputError("anchors", problem, fix="give north, east, down of each: ((0, 0, -3), (8, 0, -1), …)")
+            raise InputError(
+                "anchors", problem, fix="give north, east, down of each anchor: ((0, 0, -3), (8, 0, -1), …)"
+            )
 
     def init(self, key: Key) -> AnchorRangingState:
         """Return the initial state, with the biases drawn for this run."""

@@ -14,7 +14,7 @@ from trimtab.core.signals import Bending, Motion, Sample, new_sample
 from trimtab.core.time import format_time, ms, to_seconds
 
 DELAYS = 16
-"""Number of samples that the delay line keeps; the longest delay is one less, in periods."""
+"""Number of samples in the delay line. The longest delay in periods is one less."""
 
 
 @record
@@ -50,7 +50,7 @@ class AngularAccelerometer:
     period: int = period("Time between samples.", default=ms(5))
 
     def init(self, key: Key) -> Key:
-        """Return the key of the noise, the whole state."""
+        """Return the initial state: the random key of the noise."""
         return key
 
     def measure(self, motion: Motion) -> AngularAccelerationReading:
@@ -66,19 +66,19 @@ class AngularAccelerometer:
 
 @record
 class AngularAccelerometerState:
-    """State of a unit. Source: docs page, Angular accelerometer."""
+    """State of an angular accelerometer. Source: docs page, Angular accelerometer."""
 
     key: Key = part("Key of the random noise.")
-    bias: Scalar = quantity("rad/s^2", "Zero error in this run.")
-    scale: Scalar = quantity("1", "Scale error in this run.")
-    band: SectionState = part("Memory of the low-pass.")
-    line: Any = quantity("rad/s^2", "True accelerations, newest first.", shape=(DELAYS,))
-    started: Scalar = quantity("1", "True once there has been a sample.", kind="flag")
+    bias: Scalar = quantity("rad/s^2", "Zero error of the sensor in this run.")
+    scale: Scalar = quantity("1", "Relative scale error of the sensor in this run.")
+    band: SectionState = part("State of the low-pass filter.")
+    line: Any = quantity("rad/s^2", "True accelerations of the last samples, newest first.", shape=(DELAYS,))
+    started: Scalar = quantity("1", "True once the first sample has been taken.", kind="flag")
 
 
 @record
 class AngularAccelerometerUnit:
-    """An angular accelerometer of finite grade, mounted on a body that bends.
+    """An angular accelerometer with errors, bandwidth and delay, mounted on a body that bends.
 
         z = (1 + s) D( L( Q' + phi1' eta1'' + phi2' eta2'' ) ) + b + w
 
@@ -98,13 +98,15 @@ class AngularAccelerometerUnit:
         source="chosen",
     )
     bias: Scalar = imperfection(
-        "rad/s^2", "Standard deviation of the zero, drawn for each run.", "angular-accelerometer-offset"
+        "rad/s^2", "Standard deviation of the zero error, drawn for each run.", "angular-accelerometer-offset"
     )
     scale_factor: Scalar = imperfection(
-        "1", "Standard deviation of the scale's error, drawn for each run.", "angular-accelerometer-scale-factor"
+        "1", "Standard deviation of the relative scale error, drawn for each run.", "angular-accelerometer-scale-factor"
     )
-    bandwidth: Scalar = imperfection("Hz", "Bandwidth (-3 dB); 0: no limit.", "angular-accelerometer-bandwidth")
-    delay: Scalar = imperfection("s", "Delay from the motion to the output.", "angular-accelerometer-delay")
+    bandwidth: Scalar = imperfection(
+        "Hz", "Bandwidth (-3 dB) of the low-pass; 0: no low-pass.", "angular-accelerometer-bandwidth"
+    )
+    delay: Scalar = imperfection("s", "Delay from the motion to the sensor's output.", "angular-accelerometer-delay")
     slope1: Scalar = imperfection(
         "1/(slug ft)^1/2", "Slope of mode 1 at the sensor.", "angular-accelerometer-place", low=None
     )

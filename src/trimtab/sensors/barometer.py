@@ -26,9 +26,9 @@ class BarometerState:
     """State of a barometer. Source: docs page, Sensors in space."""
 
     key: Key = part("Key of the random noise.")
-    offset: Scalar = quantity("Pa", "Zero error, including its drift.")
-    lagged: Scalar = quantity("Pa", "Pressure behind the lag.")
-    started: Scalar = quantity("1", "True once there has been a sample.", kind="flag")
+    offset: Scalar = quantity("Pa", "Zero error of the sensor, including its drift.")
+    lagged: Scalar = quantity("Pa", "Pressure at the sensor, after the lag of port and tube.")
+    started: Scalar = quantity("1", "True once the first sample has been taken.", kind="flag")
 
 
 @record
@@ -51,13 +51,19 @@ class Barometer:
     turn_on_bias: Scalar = imperfection(
         "Pa", "Standard deviation of the zero error, drawn for each run.", "barometer-bias", default=50.0
     )
-    drift: Scalar = imperfection("Pa/s^0.5", "Random walk of the zero error.", "barometer-drift", default=0.2)
-    lag: Scalar = imperfection("s", "Time constant of the port and its tube.", "barometer-lag", default=0.05)
+    drift: Scalar = imperfection("Pa/s^0.5", "Random walk density of the zero error.", "barometer-drift", default=0.2)
+    lag: Scalar = imperfection(
+        "s", "Time constant of the pressure's lag in the port and its tube.", "barometer-lag", default=0.05
+    )
     static_error: Scalar = imperfection(
-        "1", "Share of the dynamic pressure added at the port.", "static-port-error", default=0.02, low=None
+        "1",
+        "Fraction of the dynamic pressure that is added at the static port.",
+        "static-port-error",
+        default=0.02,
+        low=None,
     )
     resolution: Scalar = imperfection(
-        "Pa", "Quantisation step of the converter.", "barometer-quantisation", default=1.0
+        "Pa", "Quantisation step of the analogue-to-digital converter.", "barometer-quantisation", default=1.0
     )
     period: int = period("Time between samples.", default=ms(20))
 

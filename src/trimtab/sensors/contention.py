@@ -13,9 +13,9 @@ from trimtab.core.record import Scalar, option, quantity, record
 from trimtab.core.rng import Key, uniform2
 
 FIRST, AGAIN = 100, 101
-"""Streams of the first waits and of the later ones."""
+"""Random streams of the first wait and of the later waits of a station."""
 ATTEMPTS = 256
-"""Maximum number of draws in an exchange: the counters of different exchanges do not overlap."""
+"""Maximum number of random draws in one exchange, so that the counters of different exchanges do not overlap."""
 
 
 @record
@@ -31,12 +31,14 @@ class CarrierSense:
     """
 
     byte_time: Scalar = quantity("s", "Time to send one byte.", default=1 / 2400, above=0)
-    message_bytes: Scalar = quantity("1", "Length of a message.", default=24.0, above=0)
+    message_bytes: Scalar = quantity("1", "Length of a message in bytes.", default=24.0, above=0)
     longest_wait: Scalar = quantity(
-        "1", "Longest wait, in byte times.", default=64.0, low=1, source="[1] section 5.5.1"
+        "1", "Longest random wait of a station, in byte times.", default=64.0, low=1, source="[1] section 5.5.1"
     )
     blind_time: Scalar = quantity("s", "Time during which a new carrier is not detected.", default=0.9 / 2400, low=0)
-    attempts: int = option("Number of draws followed in one exchange, over all stations; at most 256.", default=48)
+    attempts: int = option(
+        "Number of random draws simulated in one exchange, over all stations; at most 256.", default=48
+    )
 
 
 @record
@@ -44,16 +46,16 @@ class Exchange:
     """Result of one exchange, by station. Source: this module."""
 
     received: Scalar = quantity("1", "True if the message arrived whole and in time.", kind="flag")
-    end: Scalar = quantity("s", "Time at which the message ended; 0 where none was sent.")
+    end: Scalar = quantity("s", "Time at which the message ended; 0 if no message was sent.")
     collided: Scalar = quantity("1", "True if the message collided with another.", kind="flag")
 
 
 def simulate_exchange(sense: CarrierSense, key: Key, number: Any, ready: Any, speaks: Any, window: Any) -> Exchange:
     """Let stations answer over one channel.
 
-    Args:     number: of the exchange, an integer: other numbers, other draws.
-              ready: when each station starts to wait (s), shape (n,).    speaks: whether it has anything to say (n,).
-              window: when the exchange ends (s); what is not over by then is lost.
+    Args:     number: number of the exchange, an integer. Each number gives other random draws.
+              ready: when each station starts to wait (s), shape (n,).    speaks: True for each station that has a
+              message (n,). window: time at which the exchange ends (s). Messages that have not ended by then are lost.
     Returns:  an Exchange, fields of shape (n,).
     """
     n = ready.shape[0]
@@ -88,5 +90,5 @@ def simulate_exchange(sense: CarrierSense, key: Key, number: Any, ready: Any, sp
 
 
 def random_wait(sense: CarrierSense, u: Any) -> Any:
-    """Return a wait (s) from a uniform number in (0, 1)."""
+    """Return the random wait (s) that follows from a uniform number in (0, 1)."""
     return (1.0 + jnp.floor(u * sense.longest_wait)) * sense.byte_time

@@ -10,7 +10,11 @@ from trimtab.core.time import ms
 
 @record
 class DiveReading:
-    """Depth, attitude, rates and speed. Frames: depth and attitude in W, the rest in B. Source: docs page, Dive."""
+    """Sample of the dive sensors: depth, attitude, rates and speed.
+
+    Frames:  depth and attitude in W, the rest in B.
+    Source:  docs page, Dive.
+    """
 
     depth: Scalar = quantity("m", "Depth below the origin of W.", frame="W")
     roll: Scalar = quantity("rad", "Roll angle, starboard down.", kind="angle")
@@ -23,7 +27,7 @@ class DiveReading:
 
 @record
 class DiveSensor:
-    """Pressure gauge, attitude unit and Doppler log in one, each value with its own white noise, none by default.
+    """Pressure gauge, attitude unit and Doppler log in one sensor. Each value has white noise, zero by default.
 
         z = (depth, roll, pitch, heading, u, q, r) + w
 
@@ -32,17 +36,23 @@ class DiveSensor:
     Source:  own derivation: the kinematics of a rigid body, docs page, Conventions.
     """
 
-    depth_noise: Scalar = imperfection("m", "Standard deviation of each depth sample.", "navigation-error")
+    depth_noise: Scalar = imperfection("m", "Standard deviation of the noise of each depth sample.", "navigation-error")
     attitude_noise: Scalar = imperfection(
-        "rad", "Standard deviation of each roll and pitch sample.", "navigation-error"
+        "rad", "Standard deviation of the noise of each roll and pitch sample.", "navigation-error"
     )
-    heading_noise: Scalar = imperfection("rad", "Standard deviation of each heading sample.", "navigation-error")
-    velocity_noise: Scalar = imperfection("m/s", "Standard deviation of each sample of the log.", "navigation-error")
-    rate_noise: Scalar = imperfection("rad/s", "Standard deviation of each sample of both rates.", "navigation-error")
+    heading_noise: Scalar = imperfection(
+        "rad", "Standard deviation of the noise of each heading sample.", "navigation-error"
+    )
+    velocity_noise: Scalar = imperfection(
+        "m/s", "Standard deviation of the noise of each speed sample of the Doppler log.", "navigation-error"
+    )
+    rate_noise: Scalar = imperfection(
+        "rad/s", "Standard deviation of the noise of each pitch and yaw rate sample.", "navigation-error"
+    )
     period: int = period("Time between samples.", default=ms(50))
 
     def init(self, key: Key) -> Key:
-        """Return the key of the noise, the whole state."""
+        """Return the initial state: the random key of the noise."""
         return key
 
     def measure(self, motion: Motion) -> DiveReading:

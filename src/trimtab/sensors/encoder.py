@@ -21,10 +21,10 @@ from trimtab.core.time import format_time, ms, to_seconds
 
 @record
 class AngleReading:
-    """Sample of an encoder. Frames: clockwise from above, from its zero. Source: docs page, Encoder."""
+    """Sample of an encoder. Frames: angle clockwise from above, from the encoder's zero. Source: docs page, Encoder."""
 
     angle: Scalar = quantity("rad", "Angle; unwrapped.", kind="angle")
-    count: Scalar = quantity("1", "Whole counts since zero.", kind="count")
+    count: Scalar = quantity("1", "Number of whole encoder counts from zero.", kind="count")
 
 
 @record
@@ -40,10 +40,16 @@ class Encoder:
     """
 
     counts: Scalar = imperfection(
-        "1", "Counts per turn; 0: no quantisation.", "encoder-quantisation", default=4096.0, source="[1] section 6.2.1"
+        "1",
+        "Number of counts per turn of the shaft; 0: no quantisation.",
+        "encoder-quantisation",
+        default=4096.0,
+        source="[1] section 6.2.1",
     )
     zero: Scalar = quantity("rad", "Heading at which the encoder reads zero.", kind="angle", default=0.0)
-    eccentricity: Scalar = imperfection("rad", "Largest error of an eccentric disc.", "encoder-eccentricity")
+    eccentricity: Scalar = imperfection(
+        "rad", "Largest angle error due to the disc's eccentricity.", "encoder-eccentricity"
+    )
     period: int = period("Time between samples.", default=ms(1))
 
     def init(self, key: Key) -> tuple[()]:
@@ -51,7 +57,7 @@ class Encoder:
         return ()
 
     def measure(self, motion: Motion) -> AngleReading:
-        """Return the measurement h(x) of a motion, without steps; the count is left at zero."""
+        """Return the measurement h(x) of a motion, without quantisation. The count is zero."""
         return AngleReading(angle=motion.attitude[2] - self.zero, count=jnp.asarray(0, np.int32))
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
@@ -67,7 +73,7 @@ class Encoder:
 
 
 BESSEL4 = ((1.4301715599939, 0.5219345817), (1.6033574829, 0.8055382818))
-"""Ratio of natural to -3 dB frequency, and quality, of the two sections of a fourth-order Bessel low-pass."""
+"""Each section of a fourth-order Bessel low-pass: ratio of natural to -3 dB frequency, and quality factor."""
 
 
 @record
@@ -79,12 +85,12 @@ class RateReading:
 
 @record
 class TachometerState:
-    """Noise key and the low-pass's two sections. Source: this module."""
+    """State of the tachometer: random key, and the two sections of its low-pass. Source: this module."""
 
     key: Key = part("Key of the random noise.")
-    started: Scalar = quantity("1", "True once the low-pass has had a sample.", kind="flag")
-    first: SectionState = part("Memory of the first section.")
-    second: SectionState = part("Memory of the second section.")
+    started: Scalar = quantity("1", "True once the low-pass has received a sample.", kind="flag")
+    first: SectionState = part("State of the low-pass filter's first section.")
+    second: SectionState = part("State of the low-pass filter's second section.")
 
 
 def bessel4(bandwidth: Any, sampling_period: Any) -> tuple[Section, Section]:
@@ -112,11 +118,13 @@ class Tachometer:
     noise: Scalar = imperfection(
         "rad/s", "Standard deviation of the noise of each sample.", "tachometer-noise", default=3.5 * DEG
     )
-    scale_factor: Scalar = imperfection("1", "Error of the calibrated scale.", "tachometer-scale-factor", low=None)
-    offset: Scalar = imperfection("rad/s", "Error of the calibrated zero.", "tachometer-offset", low=None)
+    scale_factor: Scalar = imperfection(
+        "1", "Relative error of the calibrated scale.", "tachometer-scale-factor", low=None
+    )
+    offset: Scalar = imperfection("rad/s", "Zero error that remains after calibration.", "tachometer-offset", low=None)
     bandwidth: Scalar = imperfection(
         "Hz",
-        "Bandwidth (-3 dB) of the low-pass; 0: none.",
+        "Bandwidth (-3 dB) of the low-pass; 0: no low-pass.",
         "tachometer-bandwidth",
         default=5.0,
         source="[1] sec. 6.2.1",
@@ -124,7 +132,7 @@ class Tachometer:
     period: int = period("Time between samples.", default=ms(1))
 
     def check(self) -> None:
-        """Raise InputError if a section is not below half the sampling rate."""
+        """Raise InputError unless the low-pass sections' frequencies are below half of the sampling rate."""
         most = 0.5 / to_seconds(self.period) / BESSEL4[1][0]
         if not self.bandwidth < most:
             problem = f"a bandwidth of {self.bandwidth:g} Hz is too wide for samples each {format_time(self.period)}"

@@ -24,14 +24,14 @@ CHANNELS = (
     "normal",
     "side",
 )
-"""Measured values, each with its own error."""
+"""Names of the measured values. Each value has an error of its own."""
 
 
 @record
 class FlightInstrumentsReading:
     """Sample of the flight instruments. Frames: W and B as of `Motion`. Source: docs page, Flight instruments."""
 
-    speed: Scalar = quantity("m/s", "Airspeed, in still air.")
+    speed: Scalar = quantity("m/s", "Airspeed; equal to the speed over the ground, as there is no wind.")
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
     beta: Scalar = quantity("rad", "Sideslip.", kind="angle")
     altitude: Scalar = quantity("m", "Altitude above the origin of W.", frame="W")
@@ -41,7 +41,7 @@ class FlightInstrumentsReading:
     pitch_rate: Scalar = quantity("rad/s", "Q.", frame="B")
     yaw_rate: Scalar = quantity("rad/s", "R.", frame="B")
     normal_load: Scalar = quantity("1", "Upward load factor in B: 1 in level flight.", frame="B")
-    side_load: Scalar = quantity("1", "Load factor to starboard.", frame="B")
+    side_load: Scalar = quantity("1", "Load factor along the body's y axis, to starboard.", frame="B")
 
 
 @record
@@ -49,7 +49,9 @@ class FlightInstrumentsState:
     """State of the instruments. Source: this module."""
 
     key: Key = part("Key of the random noise.")
-    bias: Any = quantity("1", "Standard normals of this run, one for each measured value.", shape=(len(CHANNELS),))
+    bias: Any = quantity(
+        "1", "Standard normal draws of the biases in this run, one for each measured value.", shape=(len(CHANNELS),)
+    )
 
 
 @record
@@ -63,22 +65,37 @@ class FlightInstruments:
     Source:  docs page, Flight instruments; sizes of the errors are chosen.
     """
 
-    lever_arm: Any = quantity("m", "Position of the accelerometers.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
-    gravity: Scalar = quantity("m/s^2", "Unit of the load factors.", default=STANDARD, above=0)
+    lever_arm: Any = quantity(
+        "m",
+        "Position of the accelerometers relative to the centre of mass, in B.",
+        frame="B",
+        default=(0.0, 0.0, 0.0),
+        shape=(3,),
+    )
+    gravity: Scalar = quantity(
+        "m/s^2",
+        "Acceleration of gravity by which accelerations are divided to give load factors.",
+        default=STANDARD,
+        above=0,
+    )
     speed_noise: Scalar = imperfection(
         "m/s", "Standard deviation of the airspeed noise of each sample.", "air-data-noise"
     )
     vane_noise: Scalar = imperfection(
-        "rad", "Standard deviation of each sample of angle of attack and sideslip.", "air-data-noise"
+        "rad", "Standard deviation of the noise of each angle of attack and sideslip sample.", "air-data-noise"
     )
     altitude_noise: Scalar = imperfection(
         "m", "Standard deviation of the altitude noise of each sample.", "air-data-noise"
     )
     attitude_noise: Scalar = imperfection(
-        "rad", "Standard deviation of each sample of roll and pitch.", "inertial-noise"
+        "rad", "Standard deviation of the noise of each roll and pitch sample.", "inertial-noise"
     )
-    rate_noise: Scalar = imperfection("rad/s", "Standard deviation of each sample of each rate.", "inertial-noise")
-    load_noise: Scalar = imperfection("1", "Standard deviation of each sample of each load factor.", "inertial-noise")
+    rate_noise: Scalar = imperfection(
+        "rad/s", "Standard deviation of the noise of each sample of roll, pitch and yaw rate.", "inertial-noise"
+    )
+    load_noise: Scalar = imperfection(
+        "1", "Standard deviation of the noise of each load factor sample.", "inertial-noise"
+    )
     speed_bias: Scalar = imperfection(
         "m/s", "Standard deviation of the airspeed bias, drawn for each run.", "air-data-bias"
     )
@@ -146,7 +163,7 @@ class FlightInstruments:
         return state, new_sample(t, reading)
 
     def _sizes(self, kind: str) -> Any:
-        """Return the standard deviations (11,) of one kind of error, in the order of CHANNELS."""
+        """Return the standard deviations (11,) of the noise or the bias, in the order of CHANNELS."""
         groups = (("speed", 1), ("vane", 2), ("altitude", 1), ("attitude", 2), ("rate", 3), ("load", 2))
         sizes = [jnp.asarray(getattr(self, f"{group}_{kind}"), float) for group, _ in groups]
         return jnp.stack([size for size, (_, n) in zip(sizes, groups, strict=True) for _ in range(n)])

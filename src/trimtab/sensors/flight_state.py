@@ -28,7 +28,7 @@ class FlightReading:
 
 @record
 class FlightStateSensor:
-    """Measured flight state in the vertical plane, each value with its own white noise, none by default.
+    """Sensor of the flight state in the vertical plane. Each value has white noise, zero by default.
 
         z = (h, h', V, alpha, Q) + w
 
@@ -57,7 +57,7 @@ class FlightStateSensor:
     period: int = period("Time between samples.", default=ms(5))
 
     def init(self, key: Key) -> Key:
-        """Return the key of the noise, the whole state."""
+        """Return the initial state: the random key of the noise."""
         return key
 
     def measure(self, motion: Motion) -> FlightReading:
@@ -90,7 +90,7 @@ class FlightStateSensor:
 
 @record
 class ActingInput:
-    """Acting input of the vehicle, including limits and holds, without error.
+    """Sensor of the vehicle's acting input, after limits and holds, without error.
 
     It is sampled before a new command acts, so it gives the input that has acted **since** the last command. A
     model-based estimator needs this input. It differs from the requested command once something saturates.
@@ -108,7 +108,7 @@ class ActingInput:
         return ()
 
     def measure(self, u: Any) -> Any:
-        """Return the input record itself."""
+        """Return the vehicle's input record unchanged."""
         return u
 
     def step(self, t: Any, state: tuple[()], u: Any) -> tuple[tuple[()], Sample]:
@@ -118,7 +118,7 @@ class ActingInput:
 
 @record
 class TrueState:
-    """Vehicle's state itself, in any record; no such sensor exists, so only an ideal twin may have it.
+    """Sensor of the vehicle's true state, for any state record. No such sensor exists, so it is only for ideal twins.
 
     Frames:  the state's.    Not modelled: any error.
     Source:  docs page, True state.
@@ -133,7 +133,7 @@ class TrueState:
         return ()
 
     def measure(self, x: Any) -> Any:
-        """Return the state record itself."""
+        """Return the vehicle's state record unchanged."""
         return x
 
     def step(self, t: Any, state: tuple[()], x: Any) -> tuple[tuple[()], Sample]:
@@ -143,7 +143,7 @@ class TrueState:
 
 @record
 class FlexibleTruthReading:
-    """True flight and modes. Source: [1] eq. 4, order of its errors e."""
+    """True flight state and bending modes of the hypersonic vehicle. Source: [1] eq. 4, order of its errors e."""
 
     h: Scalar = quantity("ft", "Altitude.", frame="W")
     h_rate: Scalar = quantity("ft/s", "Climb rate.", frame="W")
@@ -158,7 +158,7 @@ class FlexibleTruthReading:
 
 @record
 class FlexibleTruth:
-    """Full state of `vehicles.hypersonic`; no such sensor exists for the modes, so only an ideal twin may have it.
+    """Sensor of the full state of `vehicles.hypersonic`. No sensor measures the modes, so it is only for ideal twins.
 
     Frames:  as the state's.
     Source:  [1], full-state feedback, its comparison.

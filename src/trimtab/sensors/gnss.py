@@ -15,12 +15,15 @@ from trimtab.sensors.late_fix import LateFix, LateState
 ARM = (0.2, 0.0, -0.1)
 """Default position of the antenna: in front of the centre of mass and above it (m)."""
 FIVE_HERTZ = LateFix(latency=0.12, interval=ms(200))
-"""Timing of a common receiver: five fixes a second, each 120 ms old on arrival."""
+"""Default timing of a satellite receiver: five fixes a second, each 120 ms old on arrival."""
 
 
 @record
 class Outages:
-    """Outages of reception: for `length` from `start` on, and again each `interval`. Source: docs page, Gnss."""
+    """Outages of satellite reception: from `start` on for `length`, and again after each `interval`.
+
+    Source:  docs page, Gnss.
+    """
 
     start: Scalar = quantity("100 ns", "Start of the first outage.", default=seconds(10), low=0, kind="time")
     length: Scalar = quantity(
@@ -28,7 +31,7 @@ class Outages:
     )
     interval: Scalar = quantity(
         "100 ns",
-        "Time from the start of one outage to the next; 0: only one.",
+        "Time from the start of one outage to the start of the next; 0: only one outage.",
         default=0,
         low=0,
         kind="time",
@@ -43,7 +46,7 @@ class Outages:
 
 @record
 class GnssReading:
-    """Position and velocity of the antenna. Source: docs page, Gnss."""
+    """Fix of a satellite receiver: position and velocity of the antenna. Source: docs page, Gnss."""
 
     position: Any = quantity("m", "Position of the antenna: north, east, down.", frame="W", shape=(3,))
     velocity: Any = quantity("m/s", "Velocity of the antenna: north, east, down.", frame="W", shape=(3,))
@@ -51,11 +54,11 @@ class GnssReading:
 
 @record
 class GnssState:
-    """State of the receiver. Source: this module."""
+    """State of the satellite receiver. Source: this module."""
 
     key: Key = part("Key of the random noise.")
-    late: LateState = part("Fix in transit.")
-    correlated: Any = quantity("m", "Position error correlated in time.", frame="W", shape=(3,))
+    late: LateState = part("Fix that has been measured but has not arrived yet.")
+    correlated: Any = quantity("m", "Time-correlated position error.", frame="W", shape=(3,))
 
 
 def antenna(motion: Motion, arm_B: Any) -> tuple[Any, Any]:
@@ -102,17 +105,17 @@ class Gnss:
     )
     lever_arm: Any = quantity("m", "Position of the antenna.", frame="B", default=ARM, shape=(3,))
     timing: LateFix = part(
-        "Times of measurement and arrival of the fixes.",
+        "Timing of the fixes: interval, latency and time stamp.",
         default=FIVE_HERTZ,
         off={"gnss-latency": lambda sensor: replace(sensor.timing, latency=0.0)},
     )
-    outages: Outages = part("Outages of reception.", default=Outages())
+    outages: Outages = part("Outages of satellite reception.", default=Outages())
     period: int = period("Time between checks for a new fix.", default=ms(10))
 
     LATE: ClassVar[bool] = True
 
     def check(self) -> None:
-        """Refuse a period at which fixes would be missed."""
+        """Raise InputError for a period at which fixes would be missed."""
         self.timing.check_period(self.period)
 
     def init(self, key: Key) -> GnssState:
@@ -142,7 +145,8 @@ class Gnss:
 def wander_error(timing: LateFix, t: Any, error: Any, sigma: Any, correlation_time: Any, white: Any) -> Any:
     """Return a first-order Gauss-Markov error (n,) after integer time t: one step on where a measurement is made.
 
-    Args:     sigma: its standard deviation.    correlation_time: s.    white: standard normals (n,).
+    Args:     sigma: standard deviation of the error. correlation_time: correlation time (s).    white: standard normals
+    (n,).
     Source:   Groves, 2nd ed., section 3.2.4: e+ = a e + sigma sqrt(1 - a²) w, a = exp(-interval/correlation time).
     """
     a = jnp.exp(-to_seconds(timing.interval) / correlation_time)

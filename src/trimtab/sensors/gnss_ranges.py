@@ -50,22 +50,28 @@ PLACES, VELOCITIES = sky(AZIMUTHS, ELEVATIONS, COURSES)
 
 @record
 class GnssRangesReading:
-    """Raw measurements of the antenna, with the satellites' positions. Source: docs page, Gnss."""
+    """Sample of raw satellite measurements, with the positions of the satellites. Source: docs page, Gnss."""
 
-    pseudorange: Any = quantity("m", "Pseudorange: distance and clock error; 0 where the satellite is not received.")
+    pseudorange: Any = quantity(
+        "m", "Pseudorange to each satellite: distance plus clock error; 0 if the satellite is not received."
+    )
     range_rate: Any = quantity("m/s", "Rate of each pseudorange, from Doppler.")
-    received: Any = quantity("1", "True for each satellite received.", kind="flag")
-    satellites: Any = quantity("m", "Positions of the satellites, north, east, down of each in turn (3 n,).", frame="W")
-    satellite_velocities: Any = quantity("m/s", "Velocities of the satellites, in the same order (3 n,).", frame="W")
+    received: Any = quantity("1", "True for each satellite that is received.", kind="flag")
+    satellites: Any = quantity(
+        "m", "Positions of the satellites as a flat list (3 n,): north, east, down of each.", frame="W"
+    )
+    satellite_velocities: Any = quantity(
+        "m/s", "Velocities of the satellites as a flat list (3 n,): north, east, down of each.", frame="W"
+    )
 
 
 @record
 class GnssRangesState:
-    """State of the receiver. Source: this module."""
+    """State of the satellite receiver. Source: this module."""
 
     key: Key = part("Key of the random noise.")
-    late: LateState = part("Measurement in transit.")
-    correlated: Any = quantity("m", "Error of each range that is correlated in time.")
+    late: LateState = part("Measurement that has been made but has not arrived yet.")
+    correlated: Any = quantity("m", "Time-correlated error of each range.")
     clock: Any = quantity("1", "Clock bias (m) and drift (m/s), times the speed of light.", shape=(2,))
 
 
@@ -91,7 +97,7 @@ class GnssRanges:
         "m", "Standard deviation of the white noise of a pseudorange.", "gnss-noise", default=0.8
     )
     rate_noise: Scalar = imperfection(
-        "m/s", "Standard deviation of the white noise of a rate.", "gnss-noise", default=0.08
+        "m/s", "Standard deviation of the white noise of a pseudorange rate.", "gnss-noise", default=0.08
     )
     correlated: Scalar = imperfection(
         "m", "Standard deviation of the correlated error e_i.", "gnss-correlated-error", default=0.0
@@ -105,12 +111,14 @@ class GnssRanges:
     drift_walk: Scalar = imperfection("m/s^1.5", "Random walk of the clock drift.", "gnss-clock", default=0.05)
     lever_arm: Any = quantity("m", "Position of the antenna.", frame="B", default=ARM, shape=(3,))
     timing: LateFix = part(
-        "Times of measurement and arrival.",
+        "Timing of the measurements: interval, latency and time stamp.",
         default=FIVE_HERTZ,
         off={"gnss-latency": lambda sensor: replace(sensor.timing, latency=0.0)},
     )
-    outages: Outages = part("Outages of reception.", default=Outages())
-    remaining: Scalar = quantity("1", "Number of satellites received in an outage.", default=2, low=0, kind="count")
+    outages: Outages = part("Outages of satellite reception.", default=Outages())
+    remaining: Scalar = quantity(
+        "1", "Number of satellites that are received during an outage.", default=2, low=0, kind="count"
+    )
     period: int = period("Time between checks for a new measurement.", default=ms(10))
 
     LATE: ClassVar[bool] = True
@@ -170,7 +178,7 @@ class GnssRanges:
         )
 
     def _run_clock(self, t: Any, clock: Any, white: Any) -> Any:
-        """Return the clock after one interval, where a measurement is made at t."""
+        """Return the state of the clock after one interval if a measurement is made at time t, else unchanged."""
         dt = to_seconds(self.timing.interval)
         step = jnp.stack([self.clock_noise * white[0], self.drift_walk * white[1]]) * math.sqrt(dt)
         after = jnp.stack([clock[0] + dt * clock[1], clock[1]]) + step

@@ -32,24 +32,24 @@ class IdentifiedGyro:
     b0: Scalar = quantity("1", "Coefficient of the newest rate.", default=0.3236, above=0, source="[1] eq. 6.2")
     a1: Scalar = quantity("1", "Coefficient of the previous output.", default=-0.9805, source="[1] eq. 6.2")
     a2: Scalar = quantity("1", "Coefficient of the output two samples ago.", default=0.2898, source="[1] eq. 6.2")
-    normalised: bool = option("Scale b0 to a static gain of 1.", default=True, choices=(True, False))
+    normalised: bool = option("True: scale b0 so that the static gain is 1.", default=True, choices=(True, False))
 
     def section(self) -> Section:
         """Return the difference equation."""
         return Section(b0=1 + self.a1 + self.a2 if self.normalised else self.b0, a1=self.a1, a2=self.a2)
 
     def start(self, u: Any) -> SectionState:
-        """Return the memory after a constant rate u for all time."""
+        """Return the filter state after a constant rate u for all time."""
         return steady_state(self.section(), u)
 
     def respond(self, state: SectionState, u: Any) -> tuple[SectionState, Any]:
-        """Return the next memory, and the output for the newest rate u."""
+        """Return the next filter state, and the output for the newest rate u."""
         return filter_sample(self.section(), state, u)
 
 
 @record
 class DelayedGyroState:
-    """Rates and outputs of the previous ticks, newest first. Source: this module."""
+    """State of the gyro model: rates and outputs of the previous ticks, newest first. Source: this module."""
 
     u: Any = quantity("rad/s", "Previous rates (k, …).")
     y: Any = quantity("rad/s", "Previous outputs (2, …).")

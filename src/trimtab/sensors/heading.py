@@ -37,7 +37,7 @@ class HeadingSensor:
 
     noise: Scalar = imperfection("rad", "Standard deviation of each measurement.", "heading-noise", default=0.03)
     timing: LateFix = part(
-        "Times of measurement and arrival.",
+        "Timing of the measurements: interval, latency and time stamp.",
         default=LateFix(),
         off={"heading-latency": lambda sensor: replace(sensor.timing, latency=0.0)},
     )

@@ -29,58 +29,82 @@ UNIT_DRAWS = 12
 OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 ZERO = (0.0, 0.0, 0.0)
 SOURCE = "IEEE Std 952-1997, annex C"
-RESPONSE = "Dynamics in place of the low-pass, with start(u) and respond(state, u)."
+RESPONSE = "Response model that replaces the low-pass, with methods start(u) and respond(state, u)."
 
 
 @record
 class AccelerometerErrors:
-    """Errors of three accelerometers; zero switches one off. Frames: the unit's own axes. Source: IEEE Std 952-1997."""
+    """Errors of three accelerometers.
 
-    noise: Scalar = imperfection("m/s^2/Hz^0.5", "White noise: velocity random walk N.", "imu-noise", source=SOURCE)
+    The value zero switches an error off.
+
+    Frames:  the unit's own axes.
+    Source:  IEEE Std 952-1997.
+    """
+
+    noise: Scalar = imperfection(
+        "m/s^2/Hz^0.5", "White noise density of the accelerometers: velocity random walk N.", "imu-noise", source=SOURCE
+    )
     bias: Any = quantity(
         "m/s^2", "Constant bias, the same in every run.", default=ZERO, shape=(3,), off={"imu-turn-on-bias": ZERO}
     )
     turn_on_bias: Scalar = imperfection(
         "m/s^2", "Standard deviation of the turn-on bias, drawn for each run.", "imu-turn-on-bias"
     )
-    bias_walk: Scalar = imperfection("m/s^2/s^0.5", "Random walk of the bias, K.", "imu-bias-walk", source=SOURCE)
+    bias_walk: Scalar = imperfection(
+        "m/s^2/s^0.5", "Random walk density K of the bias.", "imu-bias-walk", source=SOURCE
+    )
     scale_factor: Scalar = imperfection(
         "1", "Standard deviation of the scale error of each axis, drawn for each run.", "imu-scale-factor"
     )
     misalignment: Scalar = imperfection(
-        "rad", "Standard deviation of the misalignment of an axis towards another.", "imu-misalignment"
+        "rad", "Standard deviation of an axis's misalignment towards each other axis.", "imu-misalignment"
     )
     bandwidth: Scalar = imperfection(
         "Hz", "Bandwidth (-3 dB) of a second-order Butterworth low-pass; 0: no limit.", "imu-bandwidth"
     )
-    resolution: Scalar = imperfection("m/s^2", "Quantisation step of the converter; 0: none.", "imu-quantisation")
-    range: Scalar = imperfection("m/s^2", "Largest output; 0: no limit.", "imu-saturation")
+    resolution: Scalar = imperfection(
+        "m/s^2", "Quantisation step of the converter; 0: no quantisation.", "imu-quantisation"
+    )
+    range: Scalar = imperfection("m/s^2", "Largest output of an axis, either sign; 0: no limit.", "imu-saturation")
     response: Any = part(RESPONSE, default=None, off={"imu-bandwidth": None})
 
 
 @record
 class GyroErrors:
-    """Errors of three gyros; zero switches one off. Frames: the unit's own axes. Source: IEEE Std 952-1997."""
+    """Errors of three gyros.
 
-    noise: Scalar = imperfection("rad/s/Hz^0.5", "White noise: angle random walk N.", "imu-noise", source=SOURCE)
+    The value zero switches an error off.
+
+    Frames:  the unit's own axes.
+    Source:  IEEE Std 952-1997.
+    """
+
+    noise: Scalar = imperfection(
+        "rad/s/Hz^0.5", "White noise density of the gyros: angle random walk N.", "imu-noise", source=SOURCE
+    )
     bias: Any = quantity(
         "rad/s", "Constant bias, the same in every run.", default=ZERO, shape=(3,), off={"imu-turn-on-bias": ZERO}
     )
     turn_on_bias: Scalar = imperfection(
         "rad/s", "Standard deviation of the turn-on bias, drawn for each run.", "imu-turn-on-bias"
     )
-    bias_walk: Scalar = imperfection("rad/s/s^0.5", "Rate random walk K of the bias.", "imu-bias-walk", source=SOURCE)
+    bias_walk: Scalar = imperfection(
+        "rad/s/s^0.5", "Random walk density K of the bias: rate random walk.", "imu-bias-walk", source=SOURCE
+    )
     scale_factor: Scalar = imperfection(
         "1", "Standard deviation of the scale error of each axis, drawn for each run.", "imu-scale-factor"
     )
     misalignment: Scalar = imperfection(
-        "rad", "Standard deviation of the misalignment of an axis towards another.", "imu-misalignment"
+        "rad", "Standard deviation of an axis's misalignment towards each other axis.", "imu-misalignment"
     )
     bandwidth: Scalar = imperfection(
         "Hz", "Bandwidth (-3 dB) of a second-order Butterworth low-pass; 0: no limit.", "imu-bandwidth"
     )
-    resolution: Scalar = imperfection("rad/s", "Quantisation step of the converter; 0: none.", "imu-quantisation")
-    range: Scalar = imperfection("rad/s", "Largest output; 0: no limit.", "imu-saturation")
+    resolution: Scalar = imperfection(
+        "rad/s", "Quantisation step of the converter; 0: no quantisation.", "imu-quantisation"
+    )
+    range: Scalar = imperfection("rad/s", "Largest output of an axis, either sign; 0: no limit.", "imu-saturation")
     response: Any = part(RESPONSE, default=None, off={"imu-bandwidth": None})
 
 
@@ -89,12 +113,14 @@ TriadErrors = AccelerometerErrors | GyroErrors
 
 @record
 class TriadState:
-    """State of a triad. Frames: the unit's own axes. Source: this module."""
+    """State of a triad of accelerometers or gyros. Frames: the unit's own axes. Source: this module."""
 
-    draws: Any = quantity("1", "Standard normals of this run.", shape=(UNIT_DRAWS,))
-    walk: Any = quantity("1", "In-run change of the bias, in the unit of the output.", shape=(3,))
-    started: Scalar = quantity("1", "True once the low-pass has had a sample.", kind="flag")
-    memory: Any = part("Memory of the low-pass, or of the response in its place.")
+    draws: Any = quantity(
+        "1", "Standard normal draws of biases, scale factors and misalignments in this run.", shape=(UNIT_DRAWS,)
+    )
+    walk: Any = quantity("1", "Change of the bias since the start of the run, in the unit of the output.", shape=(3,))
+    started: Scalar = quantity("1", "True once the low-pass has received a sample.", kind="flag")
+    memory: Any = part("State of the low-pass, or of the response model that replaces it.")
 
 
 def triad_state(errors: TriadErrors, draws: Any) -> TriadState:
@@ -105,7 +131,7 @@ def triad_state(errors: TriadErrors, draws: Any) -> TriadState:
 
 
 def distortion(errors: TriadErrors, draws: Any) -> Any:
-    """Return I + S + M (3, 3) of this run."""
+    """Return the matrix I + S + M (3, 3) of scale errors and misalignments in this run."""
     rows = [[1.0 + errors.scale_factor * draws[3 + i] if i == j else 0.0 for j in range(3)] for i in range(3)]
     for k, (i, j) in enumerate(OFF_DIAGONAL):
         rows[i][j] = errors.misalignment * draws[6 + k]
@@ -118,7 +144,8 @@ def corrupt_triad(
     """Return the triad's output for a true input (3,): next state, output (3,), whether an axis is saturated.
 
     Args:     true: noise-free input along the unit's axes.    dt: time between samples (s).
-              white: standard normals (3,) of this sample's noise.    step: those of the bias's step to the next sample.
+              white: standard normals (3,) of this sample's noise.    step: standard normals (3,) of the bias's step to
+              the next sample.
     """
     memory, passed = _limit_bandwidth(errors, state, true, dt)
     bias = jnp.stack([errors.bias[i] + errors.turn_on_bias * state.draws[i] + state.walk[i] for i in range(3)])
@@ -129,7 +156,8 @@ def corrupt_triad(
 
 
 def digitise(output: Any, most: Any, resolution: Any) -> tuple[Any, Any]:
-    """Return an output (3,) clipped to ±most and rounded to steps (0: neither), and whether an axis is saturated."""
+    """Return an output (3,) clipped to ±most and rounded to steps (0: no clipping, no rounding), and whether an axis is
+    saturated."""
     limited = most > 0
     saturated = limited & (jnp.max(jnp.abs(output)) >= most)
     clipped = jnp.where(limited, jnp.clip(output, -most, most), output)
@@ -139,7 +167,7 @@ def digitise(output: Any, most: Any, resolution: Any) -> tuple[Any, Any]:
 
 
 def _limit_bandwidth(errors: TriadErrors, state: TriadState, true: Any, dt: float) -> tuple[Any, Any]:
-    """Return memory and output of the low-pass or the response; it starts settled at its first sample."""
+    """Return state and output of the low-pass or response model. It starts settled at its first sample."""
     if errors.response is not None:
         rest = errors.response.start(true)
         memory = tree_where(state.started, state.memory, rest)
@@ -152,7 +180,11 @@ def _limit_bandwidth(errors: TriadErrors, state: TriadState, true: Any, dt: floa
 
 @record
 class InertialReading:
-    """Sample of the unit at each tick. Frames: the unit's axes, B's up to its mounting. Source: docs page, Imu."""
+    """Sample of an inertial measurement unit.
+
+    Frames:  the unit's axes, B's up to its mounting.
+    Source:  docs page, Imu.
+    """
 
     specific_force: Any = quantity(
         "m/s^2", "Specific force: acceleration minus gravity; at rest it points up.", frame="B", shape=(3,)
@@ -164,7 +196,7 @@ class InertialReading:
 
 @record
 class ImuState:
-    """Bias, low-pass and draws of each triad. Source: this module."""
+    """State of an inertial measurement unit: the states of its two triads. Source: this module."""
 
     key: Key = part("Key of the random noise.")
     accelerometer: TriadState = part("State of the accelerometers.")
@@ -188,7 +220,9 @@ class Imu:
 
     accelerometer: AccelerometerErrors = part("Errors of the accelerometers.", default=AccelerometerErrors())
     gyro: GyroErrors = part("Errors of the gyros.", default=GyroErrors())
-    lever_arm: Any = quantity("m", "Position of the unit.", frame="B", default=ZERO, shape=(3,))
+    lever_arm: Any = quantity(
+        "m", "Position of the unit relative to the centre of mass, in B.", frame="B", default=ZERO, shape=(3,)
+    )
     mounting: Any = quantity(
         "rad",
         "Mounting of the unit: roll, pitch, yaw in B.",
@@ -199,13 +233,17 @@ class Imu:
     )
     gravity: Any = quantity("m/s^2", "Gravity.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
     earth_rate: Any = quantity(
-        "rad/s", "Rotation rate of the earth; zero leaves Coriolis out.", frame="W", default=ZERO, shape=(3,)
+        "rad/s",
+        "Rotation rate of the earth; 0 also switches off Coriolis acceleration.",
+        frame="W",
+        default=ZERO,
+        shape=(3,),
     )
     period: int = period("Time between samples.", default=TICK)
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Imu":
-        """Return the hovercraft's unit; other fields as settings.
+        """Return the inertial unit of the thesis's hovercraft. settings: other values of its fields.
 
         Printed in [1]: ranges ±1.7 g (ADXL103) and ±300 deg/s, tick. Manufacturer's figures as transcribed in public
         code: noise 0.4 m/s/√h and 3.5 deg/√h, biases 10 mg and 0.7 deg/s, 16-bit words of 8.5 g and 10 rad/s full

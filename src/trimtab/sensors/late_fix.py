@@ -15,7 +15,7 @@ from trimtab.core.time import FOREVER, UNITS_PER_SECOND, format_time, ms, to_sec
 
 @record
 class LateState:
-    """Measurement in transit, and the last that arrived. Source: this module."""
+    """State of a delayed measurement: the one in transit, and the last one that arrived. Source: this module."""
 
     coming: Any = part("Measurement in transit.")
     made: Scalar = quantity("100 ns", "Time at which the measurement in transit was made.", kind="time")
@@ -35,7 +35,7 @@ class LateSensorState:
 
 @record
 class LateFix:
-    """Times at which a measurement is made and arrives, and the one of them that it is stamped with.
+    """Timing of a delayed measurement: when it is made, when it arrives, and which of the two times is its time stamp.
 
     Measurements are made at offset, offset + interval, …, and arrive after the latency. A receiver that does not know
     the time of measurement uses that of arrival; "arrival" models this, with an error of latency times velocity.
@@ -71,20 +71,26 @@ class LateFix:
             raise InputError("period", f"{problem}: measurements would be missed", fix="set period to '1 ms'")
 
     def measurement_number(self, t: Any) -> Any:
-        """Return the number of the last measurement at integer time t; its random numbers follow from it."""
+        """Return the number of the last measurement at integer time t.
+
+        The number selects the measurement's random draws.
+        """
         return (t - self.offset) // self.interval
 
     def is_made(self, t: Any) -> Any:
-        """Return True if there is a measurement at integer time t."""
+        """Return True if a measurement is made at integer time t."""
         return (t % self.interval) == self.offset
 
     def initial_state(self, like: Any) -> LateState:
-        """Return the initial state, nothing in transit; like: a value with the structure of the measurement."""
+        """Return the initial state, with nothing in transit. like: an example of the measurement."""
         none, zero = jax.tree.map(jnp.zeros_like, like), np.int64(0)
         return LateState(coming=none, made=zero, due=np.int64(FOREVER), held=none, stamp=zero, any=np.bool_(False))
 
     def deliver(self, t: Any, state: LateState, value: Any, *, received: Any = True) -> tuple[LateState, Sample]:
-        """Return the newest sample that has arrived at integer time t; value: measured now, if it is `received`."""
+        """Return the newest sample that has arrived by integer time t.
+
+        value: the measurement at t, used if it is `received`.
+        """
         t = jnp.asarray(t, np.int64)
         delay = jnp.floor(self.latency * UNITS_PER_SECOND + 0.5).astype(np.int64)
         makes = self.is_made(t) if received is True else self.is_made(t) & received

@@ -26,7 +26,7 @@ class FieldReading:
     """Sample of a magnetometer. Frames: B. Source: docs page, Magnetometer."""
 
     field: Any = quantity("T", "Magnetic flux density.", frame="B", shape=(3,))
-    saturated: Scalar = quantity("1", "True if an axis is at its limit.", kind="flag")
+    saturated: Scalar = quantity("1", "True if an axis is saturated.", kind="flag")
 
 
 def dipole_field(moment: Any, away: Any, size: Any) -> Any:
@@ -51,13 +51,19 @@ class RunningMotor:
     Source: Jackson, "Classical electrodynamics", eq. 5.56; sizes reconstructed (docs page, Magnetometer).
     """
 
-    position: Any = quantity("m", "Position on the vehicle.", frame="B", default=(-0.25, 0.0, 0.0), shape=(3,))
-    moment: Any = quantity("A m^2", "Dipole moment at a duty of 1.", frame="B", default=(0.0, 0.3, 0.0), shape=(3,))
+    position: Any = quantity(
+        "m", "Position of the motor on the vehicle.", frame="B", default=(-0.25, 0.0, 0.0), shape=(3,)
+    )
+    moment: Any = quantity(
+        "A m^2", "Dipole moment of the motor at a duty of 1.", frame="B", default=(0.0, 0.3, 0.0), shape=(3,)
+    )
     size: Scalar = quantity("m", "Radius.", default=0.014, above=0)
-    instants: Any = quantity("100 ns", "Times at which the duty changes (n,), rising.", kind="time", default=(0,))
+    instants: Any = quantity(
+        "100 ns", "Times at which the motor's duty changes (n,); must rise.", kind="time", default=(0,)
+    )
     duty: Any = quantity(
         "1",
-        "Duty from each of these times on (n,), as a share of the full current; negative: backwards.",
+        "Duty from each of these times on (n,), as a fraction of the full current; negative: the motor runs backwards.",
         default=(1.0,),
     )
 
@@ -86,8 +92,12 @@ class FloorSteel:
     Source: Jackson, "Classical electrodynamics", eq. 5.56; sizes reconstructed (docs page, Magnetometer).
     """
 
-    position: Any = quantity("m", "Position: north, east, down.", frame="W", default=(1.0, 1.0, 0.3), shape=(3,))
-    moment: Any = quantity("A m^2", "Dipole moment, as magnetised.", frame="W", default=(2.0, 0.0, 4.0), shape=(3,))
+    position: Any = quantity(
+        "m", "Position of the steel: north, east, down.", frame="W", default=(1.0, 1.0, 0.3), shape=(3,)
+    )
+    moment: Any = quantity(
+        "A m^2", "Dipole moment of the magnetised steel.", frame="W", default=(2.0, 0.0, 4.0), shape=(3,)
+    )
     size: Scalar = quantity("m", "Radius.", default=0.1, above=0)
 
     def field(self, motion: Motion, place: Any) -> Any:
@@ -128,10 +138,12 @@ class Magnetometer:
         shape=(3, 3),
         off={"soft-iron": IDENTITY},
     )
-    noise: Scalar = imperfection("T", "Standard deviation of each axis and sample.", "magnetometer-noise")
-    resolution: Scalar = imperfection("T", "Quantisation step of the converter; 0: none.", "magnetometer-quantisation")
-    range: Scalar = imperfection("T", "Largest output; 0: no limit.", "magnetometer-saturation")
-    position: Any = quantity("m", "Position of the sensor.", frame="B", default=ZERO, shape=(3,))
+    noise: Scalar = imperfection("T", "Standard deviation of the noise of each axis and sample.", "magnetometer-noise")
+    resolution: Scalar = imperfection(
+        "T", "Quantisation step of the converter; 0: no quantisation.", "magnetometer-quantisation"
+    )
+    range: Scalar = imperfection("T", "Largest output of an axis, either sign; 0: no limit.", "magnetometer-saturation")
+    position: Any = quantity("m", "Position of the sensor on the vehicle, in B.", frame="B", default=ZERO, shape=(3,))
     mounting: Any = quantity(
         "rad",
         "Mounting of the unit: roll, pitch, yaw in B.",
@@ -147,7 +159,7 @@ class Magnetometer:
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Magnetometer":
-        """Return the hovercraft's unit; other fields as settings.
+        """Return the magnetometer of the thesis's hovercraft. settings: other values of its fields.
 
         The noise gives the heading's variance of [1], 1.6e-4 rad², in the default field: 0.0126 rad times the level
         field. Words of 16 bits, 2 gauss full scale, as in public code for the unit.
@@ -156,7 +168,7 @@ class Magnetometer:
         return cls(**{"noise": noise, "resolution": 2 * GAUSS / 32768, "range": 2 * GAUSS, **settings})
 
     def init(self, key: Key) -> Key:
-        """Return the key of the noise, the whole state."""
+        """Return the initial state: the random key of the noise."""
         return key
 
     def measure(self, motion: Motion) -> FieldReading:

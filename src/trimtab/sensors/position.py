@@ -19,7 +19,7 @@ from trimtab.sensors.late_fix import LateFix, LateSensorState
 
 @record
 class PositionReading:
-    """A measured position. Source: docs page, Position."""
+    """Sample of a measured position. Source: docs page, Position."""
 
     north: Scalar = quantity("m", "Position along the world's x axis.", frame="W")
     east: Scalar = quantity("m", "Position along the world's y axis.", frame="W")
@@ -44,7 +44,7 @@ class PositionSensor:
         "m", "Position of the located point on the vehicle.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,)
     )
     timing: LateFix = part(
-        "Times of measurement and arrival.",
+        "Timing of the measurements: interval, latency and time stamp.",
         default=LateFix(),
         off={"position-latency": lambda sensor: replace(sensor.timing, latency=0.0)},
     )

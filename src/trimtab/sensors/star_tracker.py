@@ -19,7 +19,7 @@ ARC_SECOND = DEG / 3600
 
 @record
 class AttitudeReading:
-    """A measured attitude. Source: docs page, Sensors in space."""
+    """Sample of a measured attitude. Source: docs page, Sensors in space."""
 
     attitude: Any = quantity("1", "Quaternion q_WB, scalar first; either sign.", frame="WB", shape=(4,))
     tracking: Scalar = quantity(
@@ -34,7 +34,7 @@ class StarTrackerState:
     key: Key = part("Key of the random noise.")
     alignment: Any = quantity("rad", "Error of the unit's mounting, in S.", kind="angle", shape=(3,))
     last: AttitudeReading = part("Last measured attitude.")
-    late: LateState = part("Measurement in transit.")
+    late: LateState = part("Measurement that has been made but has not arrived yet.")
 
 
 @record
@@ -52,20 +52,26 @@ class StarTracker:
     """
 
     cross_noise: Scalar = imperfection(
-        "rad", "Standard deviation about each axis across the boresight.", "star-tracker-noise", default=5 * ARC_SECOND
+        "rad",
+        "Standard deviation of the attitude noise about each axis across the boresight.",
+        "star-tracker-noise",
+        default=5 * ARC_SECOND,
     )
     roll_noise: Scalar = imperfection(
-        "rad", "Standard deviation about the boresight.", "star-tracker-roll-noise", default=50 * ARC_SECOND
+        "rad",
+        "Standard deviation of the attitude noise about the boresight.",
+        "star-tracker-roll-noise",
+        default=50 * ARC_SECOND,
     )
     misalignment: Scalar = imperfection(
         "rad",
-        "Standard deviation of the mounting, drawn for each run.",
+        "Standard deviation of the mounting error, drawn for each run.",
         "star-tracker-misalignment",
         default=20 * ARC_SECOND,
     )
     rate_limit: Scalar = quantity(
         "rad/s",
-        "Fastest turn at which stars are recognised.",
+        "Largest angular rate at which stars are recognised.",
         default=2 * DEG,
         above=0,
         off={"star-tracker-rate-limit": 1e9},
@@ -77,12 +83,12 @@ class StarTracker:
         default=30 * DEG,
         high=np.pi,
     )
-    sun: Any = quantity("1", "Direction of the sun.", frame="W", default=(1.0, 0.0, 0.0), shape=(3,))
+    sun: Any = quantity("1", "Direction to the sun in W.", frame="W", default=(1.0, 0.0, 0.0), shape=(3,))
     mounting: Any = quantity(
         "rad", "Mounting of the unit: roll, pitch, yaw in B.", default=(np.pi, 0.0, 0.0), kind="angle", shape=(3,)
     )
     timing: LateFix = part(
-        "Times of measurement and arrival.",
+        "Timing of the measurements: interval, latency and time stamp.",
         default=LateFix(latency=0.1, interval=ms(200)),
         off={"star-tracker-latency": lambda sensor: replace(sensor.timing, latency=0.0)},
     )

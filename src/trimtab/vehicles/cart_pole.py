@@ -14,7 +14,7 @@ from trimtab.core.signals import Motion
 
 @record
 class CartPoleState:
-    """Where the cart stands and how the pole leans. Frames: rail to the north of W. Source: [1]."""
+    """State of cart and pole. Frames: the rail points north in W. Source: [1]."""
 
     position: Scalar = quantity("m", "Position of the cart along the rail.", frame="W", default=0.0)
     speed: Scalar = quantity("m/s", "Speed of the cart.", frame="W", default=0.0)
@@ -24,14 +24,14 @@ class CartPoleState:
 
 @record
 class CartForce:
-    """Force on the cart. Frames: along the rail. Source: [1]."""
+    """Input of the cart-pole: a force on the cart. Frames: along the rail. Source: [1]."""
 
     force: Scalar = quantity("N", "Force on the cart, positive to the front.")
 
 
 @record
 class CartPole:
-    """A uniform pole on a cart without friction.
+    """A uniform pole hinged on a cart that moves without friction.
 
         J q'' = m l (g sin q - a cos q)        J = 4/3 m l^2
         F = (M + m) a + m l (q'' cos q - q'^2 sin q)
@@ -44,15 +44,15 @@ class CartPole:
     cart_mass: Scalar = quantity("kg", "M.", default=1.0, above=0, source="[1]")
     pole_mass: Scalar = quantity("kg", "m.", default=0.1, above=0, source="[1]")
     half_length: Scalar = quantity(
-        "m", "Distance from hinge to the pole's centre of mass, l.", default=0.5, above=0, source="[1]"
+        "m", "Distance l from the hinge to the centre of mass of the pole.", default=0.5, above=0, source="[1]"
     )
     gravity: Scalar = quantity("m/s^2", "g.", default=9.8, above=0, source="[1]")
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
-    """Vehicle type that ground stations are given, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def angle_acceleration(self, x: CartPoleState, a: Any) -> Any:
-        """Return the pole's angular acceleration (rad/s^2) if its hinge accelerates by a (m/s^2)."""
+        """Return the pole's angular acceleration (rad/s^2) for an acceleration a of its hinge (m/s^2)."""
         return 3 / (4 * self.half_length) * (self.gravity * jnp.sin(x.angle) - a * jnp.cos(x.angle))
 
     def force(self, x: CartPoleState, a: Any) -> Any:
@@ -72,7 +72,7 @@ class CartPole:
         return CartPoleState(x.speed, a, x.angle_rate, self.angle_acceleration(x, a))
 
     def motion(self, t: Any, x: CartPoleState, u: CartForce) -> Motion:
-        """Return the motion that a sensor on the pole at the hinge feels; t: integer time."""
+        """Return the motion of a sensor on the pole at the hinge; t: integer time."""
         rate, zero = self.dynamics(t, x, u), 0.0 * x.angle
         cosine, sine = jnp.cos(x.angle), jnp.sin(x.angle)
 

@@ -1,4 +1,4 @@
-"""A body carried round a closed path in the air: motion of which every derivative is known, to test navigation on."""
+"""A body carried along a closed path in the air. All derivatives of its motion are known, for tests of navigation."""
 
 from typing import Any, ClassVar
 
@@ -13,15 +13,15 @@ from trimtab.environment.geodetic import STANDARD
 from trimtab.vehicles.rotating_platform import PlatformDrive
 
 MIDDLE = -jnp.pi / 2
-"""Yaw (rad) in the middle of what a figure of eight needs, 2 (90° + atan(2 width/length)), less than a turn."""
+"""Reference yaw (rad) for unwrapping: the middle of the yaw range of a figure of eight, which is less than a turn."""
 
 
 @record
 class ClosedPathState:
-    """Angle round the path and its rate, and the motion that follows from them.
+    """State of a body on a closed path: angle along the path, its rate, and the motion that follows from them.
 
-    Only angle and rate count for the motion; the rest is integrated along, so that a log has the truth of all that
-    navigation estimates. `ClosedPath.at` gives a state in which all fit. Source: this module.
+    Only angle and rate determine the motion. The other fields are integrated too, so that a log has the true values of
+    all that navigation estimates. `ClosedPath.at` gives a consistent state. Source: this module.
     """
 
     angle: Scalar = quantity("rad", "Angle along the path: a lap is a full turn; unwrapped.", kind="angle")
@@ -48,18 +48,20 @@ class ClosedPath:
     Source:  turns without slip: Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., section 3.6.
     """
 
-    length: Scalar = quantity("m", "Half the path's extent to the north.", default=60.0, above=0)
-    width: Scalar = quantity("m", "Half the path's extent to the east.", default=20.0, low=0)
-    climb: Scalar = quantity("m", "Half the path's extent upwards.", default=8.0, low=0)
-    height: Scalar = quantity("m", "Height of the path's centre.", default=50.0)
-    coordinated: Scalar = quantity("rad/s", "Rate for which the bank angle is coordinated.", default=0.3, low=0)
-    time_constant: Scalar = quantity("s", "Time constant of the rate's response to the command.", default=0.5, above=0)
+    length: Scalar = quantity("m", "Half of the path's extent from south to north.", default=60.0, above=0)
+    width: Scalar = quantity("m", "Half of the path's extent from west to east.", default=20.0, low=0)
+    climb: Scalar = quantity("m", "Half of the path's extent in height.", default=8.0, low=0)
+    height: Scalar = quantity("m", "Height of the centre of the path.", default=50.0)
+    coordinated: Scalar = quantity(
+        "rad/s", "Rate of the path angle for which the bank angle gives a coordinated turn.", default=0.3, low=0
+    )
+    time_constant: Scalar = quantity("s", "Time constant of the rate's lag behind its command.", default=0.5, above=0)
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
-    """Vehicle type that ground stations are given, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def place(self, angle: Any) -> Any:
-        """Return position p (3,) (m, W) at an angle (rad)."""
+        """Return the position p (3,) (m, in W) at a path angle (rad)."""
         return jnp.stack(
             [
                 self.length * jnp.sin(angle),
@@ -69,17 +71,17 @@ class ClosedPath:
         )
 
     def tangent(self, angle: Any) -> Any:
-        """Return p' (3,) (m/rad, W)."""
+        """Return p' (3,) (m/rad, in W), the derivative of the position by the path angle."""
         c, c2 = jnp.cos(angle), jnp.cos(2 * angle)
         return jnp.stack([self.length * c, 2 * self.width * c2, -self.climb * c])
 
     def curvature(self, angle: Any) -> Any:
-        """Return p'' (3,) (m/rad², W)."""
+        """Return p'' (3,) (m/rad², in W), the second derivative of the position by the path angle."""
         s, s2 = jnp.sin(angle), jnp.sin(2 * angle)
         return jnp.stack([-self.length * s, -4 * self.width * s2, self.climb * s])
 
     def rotation(self, angle: Any) -> Any:
-        """Return R_WB (3, 3) at an angle (rad)."""
+        """Return the attitude R_WB (3, 3) at a path angle (rad)."""
         along = self.tangent(angle)
         x = along / jnp.sqrt(along @ along)
         force = self.curvature(angle) * self.coordinated**2 - jnp.array([0.0, 0.0, STANDARD])
@@ -88,7 +90,7 @@ class ClosedPath:
         return jnp.stack([x, jnp.cross(z, x), z], axis=1)
 
     def turn(self, angle: Any) -> Any:
-        """Return angular velocity per rate (3,) (B)."""
+        """Return the angular velocity of the body (3,) (in B) per rate of the path angle."""
         R, dR = jax.jvp(self.rotation, (angle,), (jnp.ones_like(angle),))
         S = R.T @ dR
         return jnp.stack([S[2, 1], S[0, 2], S[1, 0]])
@@ -106,7 +108,7 @@ class ClosedPath:
         )
 
     def motion(self, t: Any, x: ClosedPathState, u: PlatformDrive) -> Motion:
-        """Return the motion that a sensor feels, out of angle, rate and command; t: integer time."""
+        """Return the motion of a sensor, computed from angle, rate and command; t: integer time."""
         acceleration = (u.rate - x.rate) / self.time_constant
         R_WB, along = self.rotation(x.angle), self.tangent(x.angle)
         turn, change = jax.jvp(self.turn, (x.angle,), (jnp.ones_like(x.angle),))
@@ -122,7 +124,7 @@ class ClosedPath:
         )
 
     def at(self, angle: float, rate: float) -> ClosedPathState:
-        """Return the state at an angle (rad), moving with a rate (rad/s)."""
+        """Return the state at a path angle (rad) and a rate of this angle (rad/s)."""
         a = jnp.asarray(angle, float)
         q = quaternion.from_matrix(self.rotation(a))
         return ClosedPathState(a, jnp.asarray(rate, float), self.place(a), self.tangent(a) * rate, q)

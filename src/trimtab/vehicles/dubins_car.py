@@ -1,4 +1,4 @@
-"""Dubins' car: it goes ahead at one speed, and can't turn more tightly than on a circle. To learn from.
+"""Dubins' car: it drives ahead at constant speed, with a smallest turning radius. To learn from.
 
 [1] is L. E. Dubins, "On curves of minimal length with a constraint on average curvature, and with prescribed initial
 and terminal positions and tangents", American Journal of Mathematics 79 (1957) 497-516.
@@ -14,7 +14,7 @@ from trimtab.core.signals import Motion
 
 @record
 class DubinsCarState:
-    """Where the car is and where it points. Source: [1]."""
+    """State of the car: position and heading. Source: [1]."""
 
     north: Scalar = quantity("m", "Position along the world's x axis.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Position along the world's y axis.", frame="W", default=0.0)
@@ -30,24 +30,24 @@ class CarTurn:
 
 @record
 class DubinsCar:
-    """A point that moves where it looks, at constant speed.
+    """A point that moves at constant speed in the direction of its heading.
 
         north' = V cos psi     east' = V sin psi     psi' = r,   |r| <= V/R
 
     Frames:  W north, east; B ahead, to the right, down.
-    Valid:   any turn rate: a greater one than V/R turns as V/R does. Not modelled: slip, steering that takes time,
+    Valid:   any turn rate; rates beyond V/R are limited to V/R. Not modelled: slip, steering that takes time,
              reverse; with reverse the shortest paths are others (Reeds and Shepp, 1990).
     Source:  [1]; speed and radius are this project's.
     """
 
     speed: Scalar = quantity("m/s", "V.", default=1.0, above=0)
-    radius: Scalar = quantity("m", "Radius R of the tightest circle.", default=0.8, above=0)
+    radius: Scalar = quantity("m", "Smallest turning radius R.", default=0.8, above=0)
 
     MAV_TYPE: ClassVar[str] = "GROUND_ROVER"
-    """Vehicle type that ground stations are given, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def limit(self, turn_rate: Any) -> Any:
-        """Return the turn rate (rad/s) of the car for a commanded one."""
+        """Return the turn rate of the car (rad/s): the commanded rate, limited to V/R."""
         most = self.speed / self.radius
         return jnp.clip(turn_rate, -most, most)
 
@@ -58,7 +58,7 @@ class DubinsCar:
         )
 
     def motion(self, t: Any, x: DubinsCarState, u: CarTurn) -> Motion:
-        """Return the motion that a sensor on the car feels; t: integer time."""
+        """Return the motion of a sensor on the car; t: integer time."""
         rate, zero = self.limit(u.turn_rate), 0.0 * x.heading
         nothing = jnp.stack([zero, zero, zero])
         return Motion(

@@ -15,17 +15,17 @@ from trimtab.vehicles.rigid_body import Airflow, FlightCondition, RigidBody, Rig
 
 AREA, SPAN, CHORD = 300 * FOOT**2, 30 * FOOT, 11.32 * FOOT
 REFERENCE = 0.35
-"""Reference point of the moments, behind the leading edge of the chord (chords)."""
+"""Distance of the moments' reference point behind the chord's leading edge (chord lengths)."""
 INERTIA = SLUG * FOOT**2
 EVERY_BETA = np.concatenate([-tables.SIZE_OF_BETA[:0:-1], tables.SIZE_OF_BETA])
 _OVER_ELEVATOR = np.stack([tables.CX, tables.CM], axis=-1)
 _OVER_EVERY_BETA = np.stack([np.concatenate([-t[:0:-1], t]) for t in (tables.CL, tables.CN)], axis=-1)
-"""Over the sideslip itself, not its size, so that there is a slope where there is none of it."""
+"""Roll and yaw coefficients over signed sideslip, so that they have a slope at zero sideslip."""
 _OVER_BETA = np.stack([tables.CL_AILERON, tables.CL_RUDDER, tables.CN_AILERON, tables.CN_RUDDER], axis=-1)
 _OVER_ALPHA = np.stack([tables.CZ, *tables.DAMPING.values()], axis=-1)
 _THRUST = np.stack([tables.IDLE, tables.MILITARY, tables.MAXIMUM], axis=-1) * POUND_FORCE
 MILITARY = 0.5
-"""Throttle beyond which the afterburner burns."""
+"""Throttle above which the afterburner is on."""
 
 
 @record
@@ -40,7 +40,7 @@ class F16Controls:
 
 @record
 class F16:
-    """The F-16 with its tables of Stevens and Lewis; its engine follows the throttle at once.
+    """The F-16 with the tables of Stevens and Lewis. Its engine follows the throttle without lag.
 
         F = q S (CX, CY, CZ) + (T, 0, 0)        M = q S (b Cl, c Cm, b Cn) + (r_ref - r_cm) × F
 
@@ -55,24 +55,26 @@ class F16:
     """
 
     body: RigidBody = part(
-        "Mass, inertia, earth and wind.",
+        "Rigid body of the aeroplane: mass, inertia, earth and wind.",
         default=RigidBody(
             mass=637.1595 * SLUG,
             inertia=np.array([9496.0, 55814.0, 63100.0]) * INERTIA,
             products=np.array([0.0, 0.0, 982.0]) * INERTIA,
         ),
     )
-    centre: Scalar = quantity("1", "Centre of mass behind the leading edge (chords).", default=0.25, low=0.1, high=0.4)
+    centre: Scalar = quantity(
+        "1", "Distance of the centre of mass behind the leading edge (chord lengths).", default=0.25, low=0.1, high=0.4
+    )
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
-    """Vehicle type that ground stations are given, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def in_gust(self, gust: Gust) -> "F16":
-        """Return the aeroplane in air that has this gust besides the wind."""
+        """Return the aeroplane with this gust added to the wind."""
         return replace(self, body=self.body.in_gust(gust))
 
     def flight(self, t: Any, x: RigidBodyState) -> FlightCondition:
-        """Return the state as one flies by it; t: seconds."""
+        """Return the flight state: latitude, longitude, height, velocity, angles and airflow; t: seconds."""
         return self.body.flight(t, x)
 
     def dynamics(self, t: Any, x: RigidBodyState, u: F16Controls) -> RigidBodyState:
@@ -80,11 +82,11 @@ class F16:
         return self.body.dynamics(t, x, self.wrench(self.flight(t, x), u))
 
     def motion(self, t: Any, x: RigidBodyState, u: F16Controls) -> Motion:
-        """Return the motion that a sensor at the centre of mass feels; t: integer time."""
+        """Return the motion of a sensor at the centre of mass; t: integer time."""
         return self.body.motion(t, x, self.wrench(self.flight(t * 1e-7, x), u))
 
     def wrench(self, flight: FlightCondition, u: F16Controls) -> Wrench:
-        """Return force and moment about the centre of mass, of air and engine."""
+        """Return force and moment of air and engine together, about the centre of mass."""
         air = self.air_wrench(flight.flow, u)
         thrust = engine_thrust(u.throttle, flight.flow.mach, flight.height)
         return Wrench(air.force + jnp.stack([thrust, 0 * thrust, 0 * thrust]), air.moment)
@@ -106,7 +108,7 @@ def flow_angles(flow: Airflow) -> tuple[Any, Any]:
 
 
 def coefficients(flow: Airflow, u: F16Controls) -> Any:
-    """Return CX, CY, CZ, Cl, Cm, Cn (6,) about the reference."""
+    """Return the coefficients CX, CY, CZ, Cl, Cm, Cn (6,) about the reference point."""
     alpha, beta = flow_angles(flow)
     a, b = alpha / DEG, beta / DEG
     elevator, aileron, rudder = u.elevator / DEG, u.aileron / (20 * DEG), u.rudder / (30 * DEG)
@@ -134,14 +136,17 @@ def engine_thrust(throttle: Any, mach: Any, height: Any) -> Any:
 
 
 def interpolate_line(x: Any, grid: Any, values: Any) -> Any:
-    """Return (k,) at x from values (n, k) at even grid points: linear between, constant beyond."""
+    """Interpolate values (n, k) on a uniform grid at x: linear inside, constant beyond. Return an array (k,)."""
     i, part = _cell(x, grid)
     ends = lax.dynamic_slice(jnp.asarray(values), (i, np.uint32(0)), (2, values.shape[1]))
     return ends[0] * (1 - part) + ends[1] * part
 
 
 def interpolate_plane(y: Any, x: Any, rows: Any, columns: Any, values: Any) -> Any:
-    """Return (k,) at y, x from values (rows, columns, k) at even grid points: bilinear, constant beyond."""
+    """Interpolate values (rows, columns, k) on a uniform grid at y, x: bilinear, constant beyond.
+
+    Return an array (k,).
+    """
     i, up = _cell(y, rows)
     j, along = _cell(x, columns)
     corners = lax.dynamic_slice(jnp.asarray(values), (i, j, np.uint32(0)), (2, 2, values.shape[2]))
@@ -150,7 +155,7 @@ def interpolate_plane(y: Any, x: Any, rows: Any, columns: Any, values: Any) -> A
 
 
 def _cell(x: Any, grid: Any) -> tuple[Any, Any]:
-    """Return the index of a cell of an even grid, and the position in it, 0 to 1."""
+    """Return the index of the cell of a uniform grid that contains a point, and the position in the cell, 0 to 1."""
     place = jnp.clip((x - grid[0]) / (grid[1] - grid[0]), 0.0, len(grid) - 1.0)
     i = jnp.clip(jnp.floor(place), 0, len(grid) - 2).astype(np.uint32)
     return i, place - i

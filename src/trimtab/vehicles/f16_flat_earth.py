@@ -18,21 +18,25 @@ from trimtab.vehicles.imperial import FOOT, SLUG
 from trimtab.vehicles.rigid_body import Airflow, Wrench
 
 GRAVITY = 32.17 * FOOT
-"""m/s²."""
+"""Acceleration of gravity (m/s²)."""
 SEA_DENSITY = 2.377e-3 * SLUG / FOOT**3
 RANKINE = 5 / 9
-"""K."""
+"""Kelvins in one degree Rankine (K)."""
 GAS_CONSTANT = 1716.3 * FOOT**2 / RANKINE
 """Gas constant of air (J/(kg K))."""
 GEAR_KNEE = 0.77
-"""Throttle of military power."""
+"""Throttle at military power."""
 
 
 @record
 class F16State:
-    """Flight by the air, attitude, place and engine. Frames: W north-east-down; rates in B. Source: [1] table 3.5-2."""
+    """State of the F-16: airspeed and air angles, attitude, rates, position and engine power.
 
-    speed: Scalar = quantity("m/s", "Speed through the air.", above=0)
+    Frames:  W north-east-down; rates in B.
+    Source:  [1] table 3.5-2.
+    """
+
+    speed: Scalar = quantity("m/s", "Airspeed.", above=0)
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
     beta: Scalar = quantity("rad", "Sideslip angle, wind from starboard.", kind="angle")
     roll: Scalar = quantity("rad", "Bank angle, starboard wing down.", frame="WB", kind="angle")
@@ -48,9 +52,10 @@ class F16State:
 
 
 class Loads(NamedTuple):
-    """velocity: in B (3,) (m/s).  wrench: of air and engine.  acceleration: in W, resolved in B (3,) (m/s²).
+    """Velocity, forces and accelerations of the F-16.
 
-    turn: angular acceleration in B (3,) (rad/s²).
+    velocity: in B (3,) (m/s). wrench: of air and engine. acceleration: relative to W, resolved in B (3,) (m/s²). turn:
+    angular acceleration in B (3,) (rad/s²).
     """
 
     velocity: Any
@@ -61,7 +66,7 @@ class Loads(NamedTuple):
 
 @record
 class F16FlatEarth:
-    """The F-16 with its tables, over a flat earth that stands still, by the equations of the book.
+    """The F-16 with its tables, over a flat earth that does not rotate, by the equations of [1].
 
         m (v' + w × v) = F + m R_WB' g        J w' + w × (J w + h) = M        h: of the turning engine, along x
         power' = (wanted - power)/T(power, wanted)        wanted: `engine_command` of the throttle
@@ -89,22 +94,24 @@ class F16FlatEarth:
     engine_momentum: Scalar = quantity(
         "kg m^2/s", "Angular momentum of the engine, along x.", frame="B", default=160.0 * INERTIA, source="[1] 3.5"
     )
-    centre: Scalar = quantity("1", "Centre of mass behind the leading edge (chords).", default=0.35, low=0.1, high=0.45)
+    centre: Scalar = quantity(
+        "1", "Distance of the centre of mass behind the leading edge (chord lengths).", default=0.35, low=0.1, high=0.45
+    )
     gravity: Scalar = quantity("m/s^2", "Gravity.", default=GRAVITY, source="[1] fig. 3.5-1, GD")
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
-    """Vehicle type that ground stations are given, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def check(self) -> None:
-        """Raise InputError for an inertia that no body has."""
+        """Raise InputError for moments and products of inertia that are physically impossible."""
         x, y, z = np.asarray(self.inertia, float)
         moments = np.linalg.eigvalsh([[x, 0, -self.product], [0, y, 0], [-self.product, 0, z]])
         if moments[0] <= 0 or moments[0] + moments[1] < moments[2]:
             problem = f"principal moments of inertia of {np.round(moments, 6).tolist()} are not possible for a body"
-            raise InputError("inertia", problem, fix="each must be above 0, and none greater than the two others' sum")
+            raise InputError("inertia", problem, fix="give moments above 0, none greater than the sum of the other two")
 
     def loads(self, x: F16State, u: F16Controls) -> Loads:
-        """Return velocity, force and moment, and the accelerations."""
+        """Return velocity, force and moment, and accelerations for a state and an input."""
         ca, sa, cb, sb = jnp.cos(x.alpha), jnp.sin(x.alpha), jnp.cos(x.beta), jnp.sin(x.beta)
         velocity = x.speed * jnp.stack([ca * cb, sb, sa * cb])
         rate = jnp.stack([x.roll_rate, x.pitch_rate, x.yaw_rate])
@@ -120,7 +127,7 @@ class F16FlatEarth:
         return Loads(velocity, Wrench(force, moment), force / self.mass + self.gravity * down, self._turn(rate, moment))
 
     def _turn(self, w: Any, moment: Any) -> Any:
-        """Return w' of J w' = M - w × (J w + h)."""
+        """Return the angular acceleration w' that solves J w' = M - w × (J w + h)."""
         (jx, jy, jz), jxz = self.inertia, self.product
         p, q, r = w
         hx, hy, hz = jx * p - jxz * r + self.engine_momentum, jy * q, jz * r - jxz * p
@@ -155,7 +162,7 @@ class F16FlatEarth:
         )
 
     def motion(self, t: Any, x: F16State, u: F16Controls) -> Motion:
-        """Return the motion that a sensor at the centre of mass feels; t: integer time."""
+        """Return the motion of a sensor at the centre of mass; t: integer time."""
         f = self.loads(x, u)
         return Motion(
             t=t,
@@ -169,7 +176,7 @@ class F16FlatEarth:
 
 
 def air_data(height: Any) -> AirProperties:
-    """The air at a height (m), by the book's short formulas. Source: [1] fig. A-2, ADC. Viscosity is not given: 0."""
+    """Return the air properties at a height (m). Source: [1] fig. A-2, ADC, which gives no viscosity, so it is 0."""
     altitude = height / FOOT
     share = 1 - 0.703e-5 * altitude
     temperature = jnp.where(altitude >= 35_000, 390.0, 519 * share) * RANKINE
@@ -179,12 +186,12 @@ def air_data(height: Any) -> AirProperties:
 
 
 def engine_command(throttle: Any) -> Any:
-    """Return the commanded power of a throttle, 0 to 1. Source: [1] appendix A, TGEAR."""
+    """Return the commanded engine power (0 to 1) for a throttle (0 to 1). Source: [1] appendix A, TGEAR."""
     return jnp.where(throttle <= GEAR_KNEE, 0.6494 * throttle, 2.1738 * throttle - 1.1738)
 
 
 def power_rate(power: Any, wanted: Any) -> Any:
-    """Return the rate (1/s) of the power: slower for larger changes, with the ignition of the afterburner.
+    """Return the rate of change of the engine power (1/s): slower for larger changes, with ignition of the afterburner.
 
     Source: [1] appendix A, PDOT and RTAU.
     """

@@ -8,15 +8,15 @@ F16_prop.dml of NASA/TM-2015-218675 (DAVE-ML).
 import numpy as np
 
 ALPHA = np.arange(-10.0, 46.0, 5.0)
-"""Angle of attack (deg), of all tables."""
+"""Angle of attack (deg) at the grid points of all tables."""
 SIZE_OF_BETA = np.arange(0.0, 31.0, 5.0)
 BETA = np.arange(-30.0, 31.0, 10.0)
-"""Sideslip (deg)."""
+"""Sideslip angle (deg) at the grid points of the tables."""
 ELEVATOR = np.arange(-24.0, 25.0, 12.0)
-"""Elevator (deg)."""
+"""Elevator angle (deg) at the grid points of the tables."""
 MACH = np.arange(0.0, 1.01, 0.2)
 ALTITUDE = np.arange(0.0, 50_001.0, 10_000.0)
-"""ft."""
+"""Altitude (ft) at the grid points of the thrust tables."""
 CX = np.array(
     [
         [-0.099, -0.081, -0.081, -0.063, -0.025, 0.044, 0.097, 0.113, 0.145, 0.167, 0.174, 0.166],
@@ -26,9 +26,9 @@ CX = np.array(
         [-0.083, -0.073, -0.076, -0.072, -0.046, 0.012, 0.024, 0.025, 0.043, 0.053, 0.047, 0.04],
     ]
 )
-"""Axial force over elevator, angle of attack."""
+"""Coefficient of the axial force over elevator angle and angle of attack."""
 CZ = np.array([0.77, 0.241, -0.1, -0.416, -0.731, -1.053, -1.366, -1.646, -1.917, -2.12, -2.248, -2.229])
-"""Normal force over angle of attack."""
+"""Coefficient of the normal force over angle of attack."""
 CM = np.array(
     [
         [0.205, 0.168, 0.186, 0.196, 0.213, 0.251, 0.245, 0.238, 0.252, 0.231, 0.198, 0.192],
@@ -38,7 +38,7 @@ CM = np.array(
         [-0.259, -0.202, -0.184, -0.193, -0.199, -0.15, -0.16, -0.167, -0.104, -0.076, -0.041, -0.005],
     ]
 )
-"""Pitching moment over elevator, angle of attack."""
+"""Coefficient of the pitching moment over elevator angle and angle of attack."""
 CL = np.array(
     [
         [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
@@ -50,7 +50,7 @@ CL = np.array(
         [0.009, -0.011, -0.023, -0.037, -0.05, -0.068, -0.089, -0.088, -0.091, -0.076, -0.077, -0.076],
     ]
 )
-"""Rolling moment over the size of the sideslip, angle of attack."""
+"""Coefficient of the rolling moment over magnitude of sideslip and angle of attack."""
 CN = np.array(
     [
         [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
@@ -62,7 +62,7 @@ CN = np.array(
         [0.079, 0.09, 0.106, 0.106, 0.096, 0.08, 0.068, 0.03, 0.064, 0.015, 0.011, -0.001],
     ]
 )
-"""Yawing moment over the size of the sideslip, angle of attack."""
+"""Coefficient of the yawing moment over magnitude of sideslip and angle of attack."""
 CL_AILERON = np.array(
     [
         [-0.041, -0.052, -0.053, -0.056, -0.05, -0.056, -0.082, -0.059, -0.042, -0.038, -0.027, -0.017],
@@ -155,4 +155,4 @@ DAMPING = {
     "Cnr": np.array([-0.38, -0.363, -0.378, -0.386, -0.37, -0.453, -0.55, -0.582, -0.595, -0.637, -1.02, -0.84]),
     "Cnp": np.array([0.061, 0.052, 0.052, -0.012, -0.013, -0.024, 0.05, 0.15, 0.13, 0.158, 0.24, 0.15]),
 }
-"""Derivatives over the angle of attack, by coefficient and rate: per rad of p b/2V, q c/2V, r b/2V."""
+"""Damping derivatives over angle of attack, by coefficient and rate, per rad of p b/2V, q c/2V or r b/2V."""

@@ -1,4 +1,4 @@
-"""Planar hovercraft with fixed fans, any number of them, each of which pushes one way: sway has no actuator."""
+"""Planar hovercraft with any number of fixed fans, each with a fixed direction of force."""
 
 from typing import Any, ClassVar
 
@@ -16,20 +16,21 @@ class FanThrottles:
     """Commands of the fans. Source: this module."""
 
     throttle: Any = quantity(
-        "1", "Throttle of each fan (n,), from 0, at rest, to 1; limited to this range.", default=np.zeros(2)
+        "1", "Throttle of each fan (n,), limited to the range from 0 (at rest) to 1.", default=np.zeros(2)
     )
 
 
 @record
 class FixedFanHovercraft:
-    """Planar hovercraft whose fans stand still in the hull, each with a thrust curve that was measured.
+    """Planar hovercraft with fans fixed in the hull, each with a measured thrust curve.
 
         T_i = a_i c_i + b_i c_i²,   c_i = throttle_i kept in [0, 1]
         FX = sum(T_i cos g_i)    FY = sum(T_i sin g_i)    N = sum(x_i T_i sin g_i - y_i T_i cos g_i)
         u' =  v r + (FX - (d1 + d2 |u|) u)/m       v' = -u r + (FY - (e1 + e2 |v|) v)/m
         r' = (N - (f1 + f2 |r|) r)/J               pose as of the vectored fan's hovercraft
 
-    Two fans side by side that push forward, the default, turn it by their difference; nothing pushes it sideways.
+    The default has two fans side by side that push forward. Their difference turns the craft, and no fan pushes it
+    sideways.
 
     Frames:  W north-east-down, B at the centre of mass, x forward, y starboard; g from the body's x axis, clockwise.
     Valid:   level floor.    Not modelled: fans' lag and inflow, dry friction, coupling of the dampings.
@@ -40,14 +41,16 @@ class FixedFanHovercraft:
     mass: Scalar = quantity("kg", "Total mass.", default=1.5, above=0)
     inertia: Scalar = quantity("kg m^2", "Moment of inertia about z.", default=0.04, above=0)
     fan_place: Any = quantity(
-        "m", "Position x and y of each fan (n, 2).", frame="B", default=np.array([[-0.2, -0.1], [-0.2, 0.1]])
+        "m", "Position x and y of each fan in B (n, 2).", frame="B", default=np.array([[-0.2, -0.1], [-0.2, 0.1]])
     )
     fan_direction: Any = quantity(
         "rad", "Direction in which each fan pushes the hull (n,).", frame="B", default=np.zeros(2)
     )
-    thrust_linear: Any = quantity("N", "Coefficient a: thrust per throttle (n,).", default=np.array([0.2, 0.2]))
+    thrust_linear: Any = quantity(
+        "N", "Coefficient a of each fan (n,): thrust per throttle.", default=np.array([0.2, 0.2])
+    )
     thrust_quadratic: Any = quantity(
-        "N", "Coefficient b: thrust per throttle squared (n,).", default=np.array([0.6, 0.6])
+        "N", "Coefficient b of each fan (n,): thrust per throttle squared.", default=np.array([0.6, 0.6])
     )
     surge_damping: Scalar = quantity("N s/m", "Coefficient d1: drag per forward speed.", default=0.2, low=0)
     sway_damping: Scalar = quantity("N s/m", "Coefficient e1: drag per lateral speed.", default=0.3, low=0)
@@ -63,16 +66,18 @@ class FixedFanHovercraft:
     )
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """Vehicle type that ground stations are given, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def check(self) -> None:
-        """Raise InputError for fans of which not every one has a place, a direction and a curve."""
+        """Raise InputError unless every fan has a position, a direction and both coefficients of its thrust curve."""
         n = np.shape(self.fan_direction)[0] if np.ndim(self.fan_direction) == 1 else -1
         shapes = {"fan_place": (n, 2), "thrust_linear": (n,), "thrust_quadratic": (n,)}
         for name, shape in shapes.items():
             if np.shape(getattr(self, name)) != shape:
                 problem = f"has shape {np.shape(getattr(self, name))}, but {n} directions need {shape}"
-                raise InputError(name, problem, fix="give each fan a place, a direction and both numbers of its curve")
+                raise InputError(
+                    name, problem, fix="give each fan a position, a direction and both coefficients of its thrust curve"
+                )
 
     def wrench(self, u: FanThrottles) -> tuple[Any, Any, Any]:
         """Return force along x and y (N) and torque about z (N m) of all fans."""
@@ -83,7 +88,8 @@ class FixedFanHovercraft:
         return jnp.sum(X), jnp.sum(Y), jnp.sum(place[:, 0] * Y - place[:, 1] * X)
 
     def accelerations(self, x: HovercraftState, u: FanThrottles) -> tuple[Any, Any, Any]:
-        """Acceleration of the centre of mass in W, resolved in B (x, y, m/s^2), and yaw acceleration (rad/s^2)."""
+        """Return the acceleration of the centre of mass in W, resolved in B (x, y, m/s^2), and the yaw acceleration
+        (rad/s^2)."""
         X, Y, N = self.wrench(u)
         s, w, r = x.surge_velocity, x.sway_velocity, x.yaw_rate
         X = X - (self.surge_damping + self.surge_damping_quadratic * jnp.abs(s)) * s
@@ -96,5 +102,5 @@ class FixedFanHovercraft:
         return planar_rates(x, *self.accelerations(x, u))
 
     def motion(self, t: Any, x: HovercraftState, u: FanThrottles) -> Motion:
-        """Return the motion that a sensor feels; t: integer time."""
+        """Return the motion of a sensor on the vehicle; t: integer time."""
         return planar_motion(t, x, *self.accelerations(x, u))

@@ -1,6 +1,7 @@
-"""A vehicle that is a functional mock-up unit (FMU) from another tool: a description, and a program that steps it.
+"""A vehicle from another tool as a functional mock-up unit (FMU): a description, and a program that steps the vehicle.
 
-Reading the description runs nothing. The program runs with all rights of who loads it, so that loading it needs a word.
+Reading the description runs nothing. The program runs with all rights of the user, so it is loaded only if the user
+says that it is trusted.
 Source: FMI 3.0.2 and FMI 2.0.5, Modelica Association, fmi-standard.org.
 """
 
@@ -24,11 +25,11 @@ from trimtab.core.suggestions import closest
 KINDS = {"Float64": "real", "Float32": "real", "Real": "real", "Boolean": "flag", "UInt32": "word"}
 KINDS |= dict.fromkeys(("Int8", "UInt8", "Int16", "UInt16", "Int32", "Integer", "Enumeration"), "count")
 KINDS |= dict.fromkeys(("Int64", "UInt64"), "real")
-"""Type of an FMU's variable -> kind of a quantity here; of 64 bits whole numbers up to 2**53 are exact."""
+"""Kind of quantity for each type of an FMU's variable. 64-bit integers are exact up to 2**53."""
 
 
 class FmuSignal(NamedTuple):
-    """An input or output. field: its name in a record here."""
+    """Input or output of an FMU. field: name in trimtab's record."""
 
     name: str
     field: str
@@ -41,12 +42,15 @@ class FmuSignal(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Return the count of numbers."""
+        """Return how many numbers the signal has."""
         return int(np.prod(self.shape))
 
 
 class FmuInterface(NamedTuple):
-    """Content of a model description. duration_s, step_s: of the proposed experiment; None if not given."""
+    """Content of an FMU's model description.
+
+    duration_s, step_s: duration and step of its default experiment, or None.
+    """
 
     name: str
     version: str
@@ -59,7 +63,7 @@ class FmuInterface(NamedTuple):
 
 @record
 class FmuVehicle:
-    """An FMU, stepped as it is. Its state here is what it gives out, its input what it takes in, by their own names.
+    """An FMU as a vehicle. Its state consists of the FMU's outputs, its input of the FMU's inputs, by their names.
 
     Frames:  the maker's, unless `motion` says which outputs are a Motion's.
     Valid:   where its maker says. Not modelled: anything but outputs; no derivative, so nothing can be linearised.
@@ -68,16 +72,19 @@ class FmuVehicle:
 
     file: str = option("Path of the FMU.", default="")
     trust_code: bool = option(
-        "True: the program in the FMU may run, with your rights.", default=False, choices=(True, False)
+        "True: the program in the FMU is trusted and may run with your rights.", default=False, choices=(True, False)
     )
     motion_of: tuple[tuple[str, str], ...] = option(
-        'Number of the motion -> output of the FMU, e.g. (("v_WB_B[0]", "speed"),); other numbers are zero.', default=()
+        'Outputs of the FMU that give the motion, e.g. (("v_WB_B[0]", "speed"),). All other numbers are zero.',
+        default=(),
     )
     settings: tuple[tuple[str, float], ...] = option(
-        "Parameter of the FMU -> number, set before it starts.", default=()
+        "Values of the FMU's parameters by name, set before the FMU starts.", default=()
     )
-    digest: str = option("SHA-256 of the file, for logs.", default="")
-    is_stepped: bool = option("True: a host steps the FMU, so the loop doesn't integrate it.", default=False)
+    digest: str = option("SHA-256 of the FMU file, recorded in logs.", default="")
+    is_stepped: bool = option(
+        "True: the program around the loop steps the FMU, so the loop doesn't integrate it.", default=False
+    )
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
 
@@ -90,10 +97,13 @@ class FmuVehicle:
             raise InputError("FMU", problem, fix=fix)
 
     def dynamics(self, t: Any, x: Any, u: Any) -> Any:
-        """Return zero for an FMU stepped by a host. Raise InputError otherwise, as the derivative is unknown."""
+        """Return zero for an FMU that a host program steps.
+
+        Otherwise raise InputError, as the derivative is unknown.
+        """
         if not self.is_stepped:
-            problem = "an FMU is a program that is called step by step: it can't be compiled or differentiated"
-            fix = "use trimtab run, or vehicle and fly: these step an FMU. The others need a vehicle in Python"
+            problem = "an FMU is a program that is called step by step, so it can't be compiled or differentiated"
+            fix = "use trimtab run, vehicle or fly, which step an FMU; other commands need a vehicle in Python"
             raise InputError("world.vehicle", problem, fix=fix)
         return jax.tree.map(jnp.zeros_like, x)
 
@@ -116,16 +126,16 @@ def load(
     motion_of: Mapping[str, str] | None = None,
     settings: Mapping[str, float] | None = None,
 ) -> FmuVehicle:
-    """Return the vehicle of an FMU; nothing of it runs yet.
+    """Return an FMU as a vehicle. The program in the FMU is not run yet.
 
     Args:
-        file: its path.
+        file: path of the FMU.
         trust_code: whether the program in it may run later.
-        motion_of: component of `core.signals.Motion` -> output, e.g. {"v_WB_B[0]": "speed"}; for sensors that feel.
+        motion_of: component of `core.signals.Motion` -> output, e.g. {"v_WB_B[0]": "speed"}; for sensors of the motion.
         settings: parameter of the FMU -> number.
 
     Raises:
-        InputError: no FMU for co-simulation, an output or parameter that it has not, or fmpy is missing.
+        InputError: the file is not an FMU for co-simulation, an output or parameter is unknown, or fmpy is missing.
     """
     interface = read_interface(str(file))
     outputs = {s.name: s for s in interface.outputs}
@@ -148,12 +158,12 @@ def load(
 
 
 def first_state(vehicle: FmuVehicle) -> Any:
-    """Return the record of its outputs, at the values that its description gives; where it gives none, zero."""
+    """Return the record of the FMU's outputs, with the start values of its description, or zero."""
     return _signal_record("FmuState", read_interface(vehicle.file).outputs)
 
 
 def neutral_input(vehicle: FmuVehicle) -> Any:
-    """Return the record of its inputs, at the values that its description gives."""
+    """Return the record of the FMU's inputs, with the start values of its description, or zero."""
     return _signal_record("FmuInput", read_interface(vehicle.file).inputs)
 
 
@@ -161,13 +171,12 @@ def neutral_input(vehicle: FmuVehicle) -> Any:
 def read_interface(file: str) -> FmuInterface:
     """Return the interface in the description of an FMU, without running its program.
 
-    Raises:
-        InputError: it is none, not one for co-simulation, or fmpy, which reads it, is missing.
+    Raises: InputError: the file is not an FMU for co-simulation, or fmpy, which reads FMUs, is missing.
     """
     about = _read_description(file)
     if about.coSimulation is None:
-        problem = "it supports model exchange only, which has no integrator"
-        raise InputError(f"FMU {file!r}", problem, fix="export it for co-simulation")
+        problem = "the FMU supports only model exchange, which has no integrator"
+        raise InputError(f"FMU {file!r}", problem, fix="export the FMU from its tool for co-simulation")
     numbers = [v for v in about.modelVariables if v.type in KINDS and v.causality != "independent"]
 
     def signals(causalities: Iterable[str]) -> tuple[FmuSignal, ...]:
@@ -235,7 +244,9 @@ def _signal_class(name: str, signals: tuple[FmuSignal, ...]) -> Any:
         raise InputError(
             "FMU", f"the variables {twice} have the same name in trimtab", fix="rename one of them in the FMU"
         )
-    return record(type(name, (), {"__annotations__": dict.fromkeys(fields, Any), "__doc__": "Of an FMU.", **fields}))
+    return record(
+        type(name, (), {"__annotations__": dict.fromkeys(fields, Any), "__doc__": "Signal of an FMU.", **fields})
+    )
 
 
 def _find_signal(known: Mapping[str, FmuSignal], name: str, part: str, kind: str) -> FmuSignal:
@@ -261,10 +272,16 @@ def _check_component(component: str) -> None:
 
 
 class FmuInstance:
-    """An FMU that runs: `read` its outputs, `write` its inputs, `step` it. Numbers stand one after another."""
+    """A running FMU with methods to read its outputs, write its inputs and step it.
+
+    All numbers are in one flat list.
+    """
 
     def __init__(self, vehicle: FmuVehicle) -> None:
-        """Unpack, load and initialise it: from here on its program runs. Refused where it is not trusted."""
+        """Unpack, load and initialise the FMU, which runs its program.
+
+        Raise InputError for an FMU that is not trusted.
+        """
         vehicle.check()
         fmpy, self.vehicle, self.file = import_fmpy(), vehicle, vehicle.file
         about, interface = _read_description(vehicle.file), read_interface(vehicle.file)
@@ -284,7 +301,7 @@ class FmuInstance:
             raise InputError(f"FMU {self.file!r}", f"it does not start: {error}", fix=_PLATFORM_FIX) from None
         self._inputs, self._outputs = interface.inputs, interface.outputs
         self.t = 0
-        """Simulated time, 100 ns."""
+        """Simulated time of the FMU (100 ns)."""
 
     def read(self) -> list[float]:
         """Return all outputs, in the order of the state's record."""
@@ -298,7 +315,10 @@ class FmuInstance:
             at += s.size
 
     def step(self, h: int) -> bool:
-        """Step by integer time h, inputs held. Return True if the FMU requests the end. Raise if it fails."""
+        """Step the FMU by integer time h with constant inputs.
+
+        Return True if the FMU requests the end. Raise if the step fails.
+        """
         t, length = self.t * 1e-7, (self.t + h) * 1e-7 - self.t * 1e-7
         try:
             answer = self._fmu.doStep(currentCommunicationPoint=t, communicationStepSize=length)
@@ -307,7 +327,7 @@ class FmuInstance:
                 self.t += h
                 return True
             problem = f"it refused a step of {length:g} s at {t:g} s: {error}"
-            fix = f"try another {argument('settings', '…', 'world.max_step')}; the FMU may need its own step"
+            fix = f"try another {argument('settings', '…', 'world.max_step')}; the FMU may require a certain step"
             raise InputError(f"FMU {self.file!r}", problem, fix=fix) from None
         _, is_over, is_early, reached = answer or (False, False, False, 0.0)
         if is_early and not is_over:
@@ -317,7 +337,7 @@ class FmuInstance:
         return bool(is_over)
 
     def close(self) -> None:
-        """End it, and remove what was unpacked."""
+        """Terminate the FMU, and remove its unpacked files."""
         try:
             self._fmu.terminate()
             self._fmu.freeInstance()
@@ -337,6 +357,6 @@ class FmuInstance:
 
 
 TERMINATED = 3
-"""Value of FMI 2.0's fmi2StatusKind that asks whether the FMU wants to end."""
+"""Value of fmi2StatusKind in FMI 2.0 with which to ask whether the FMU requests the end."""
 _REAL = ("Float64", "Float32", "Real")
 _PLATFORM_FIX = "an FMU with a binary for this machine, and parameters that it takes"

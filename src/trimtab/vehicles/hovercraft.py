@@ -1,4 +1,4 @@
-"""Planar hovercraft with a vectored fan at the tail: sway has no actuator of its own."""
+"""Planar hovercraft with a vectored fan at the tail."""
 
 from typing import Any, ClassVar
 
@@ -10,7 +10,9 @@ from trimtab.core.signals import Motion, PlanarForce
 
 @record
 class HovercraftState:
-    """Velocity in the body and pose on the floor. Frames: W north-east-down, B at the centre of mass.
+    """State of a vehicle on a floor: velocity in body axes, position and heading.
+
+    Frames:  W north-east-down, B at the centre of mass.
 
     Source: [1] eq. 2.11, in velocities instead of momenta: PX = m u, PY = m v, Pi = J r.
     """
@@ -24,7 +26,8 @@ class HovercraftState:
 
 
 def planar_rates(x: HovercraftState, ax: Any, ay: Any, turn: Any) -> HovercraftState:
-    """The derivative of x from accelerations of the centre of mass in W, resolved in B (m/s^2), and yaw (rad/s^2)."""
+    """Return the derivative of x from accelerations of the centre of mass in W, resolved in B (m/s^2), and yaw
+    (rad/s^2)."""
     c, s = jnp.cos(x.heading), jnp.sin(x.heading)
     return HovercraftState(
         surge_velocity=x.sway_velocity * x.yaw_rate + ax,
@@ -37,7 +40,8 @@ def planar_rates(x: HovercraftState, ax: Any, ay: Any, turn: Any) -> HovercraftS
 
 
 def planar_motion(t: Any, x: HovercraftState, ax: Any, ay: Any, turn: Any) -> Motion:
-    """All that a sensor on a level floor can feel, from the same accelerations; t: integer time."""
+    """Return the motion of a vehicle on a level floor, from the accelerations of its centre of mass; t: integer
+    time."""
     o = jnp.zeros_like(ax)
     stack = jnp.stack
     return Motion(
@@ -53,7 +57,7 @@ def planar_motion(t: Any, x: HovercraftState, ax: Any, ay: Any, turn: Any) -> Mo
 
 @record
 class Friction:
-    """Drag of skirt and air that the source leaves out: Coulomb, viscous and quadratic, on force and torque.
+    """Drag of skirt and air, which the thesis leaves out: Coulomb, viscous and quadratic, for force and torque.
 
     F = -(c0 tanh(|v|/v0) + c1 |v| + c2 |v|^2) v/|v|, the same form for the torque with the yaw rate.
 
@@ -63,16 +67,24 @@ class Friction:
     """
 
     force_coulomb: Scalar = quantity("N", "Dry friction.", default=0.0, low=0)
-    force_viscous: Scalar = quantity("N s/m", "Drag per speed.", default=0.0, low=0)
-    force_quadratic: Scalar = quantity("N s^2/m^2", "Drag per speed squared.", default=0.0, low=0)
+    force_viscous: Scalar = quantity("N s/m", "Coefficient c1: viscous drag per speed.", default=0.0, low=0)
+    force_quadratic: Scalar = quantity(
+        "N s^2/m^2", "Coefficient c2: quadratic drag per speed squared.", default=0.0, low=0
+    )
     torque_coulomb: Scalar = quantity("N m", "Dry friction torque.", default=0.0, low=0)
-    torque_viscous: Scalar = quantity("N m s", "Torque per yaw rate.", default=0.0, low=0)
-    torque_quadratic: Scalar = quantity("N m s^2", "Torque per yaw rate squared.", default=0.0, low=0)
-    slip_speed: Scalar = quantity("m/s", "Speed at which dry friction is nearly full.", default=0.01, above=0)
-    slip_rate: Scalar = quantity("rad/s", "Yaw rate at which dry friction is nearly full.", default=0.01, above=0)
+    torque_viscous: Scalar = quantity("N m s", "Viscous friction torque per yaw rate.", default=0.0, low=0)
+    torque_quadratic: Scalar = quantity(
+        "N m s^2", "Quadratic friction torque per yaw rate squared.", default=0.0, low=0
+    )
+    slip_speed: Scalar = quantity(
+        "m/s", "Speed v0 at which dry friction reaches 76 % of its full value.", default=0.01, above=0
+    )
+    slip_rate: Scalar = quantity(
+        "rad/s", "Yaw rate at which the dry friction torque reaches 76 % of its full value.", default=0.01, above=0
+    )
 
     def wrench(self, surge_velocity: Any, sway_velocity: Any, yaw_rate: Any) -> tuple[Any, Any, Any]:
-        """Return force along x and y (N) and torque about z (N m), all in B."""
+        """Return the friction: force along x and y (N) and torque about z (N m), all in B."""
         speed2 = surge_velocity**2 + sway_velocity**2
         moving = speed2 > 0
         speed = jnp.sqrt(jnp.where(moving, speed2, 1.0))
@@ -98,18 +110,23 @@ class Hovercraft:
 
     mass: Scalar = quantity("kg", "Total mass with batteries.", default=2.6, above=0, source="[1] text, 5.7 lb")
     inertia: Scalar = quantity("kg m^2", "Moment of inertia about z.", default=0.096, above=0, source="[1] table 4.2")
-    arm: Scalar = quantity("m", "Centre of mass to rudder pivot.", default=0.32, above=0, source="[1] 12.6 in")
-    friction: Any = part("Friction, or None for the source's frictionless model.", default=None, optional=Friction())
+    arm: Scalar = quantity(
+        "m", "Distance d from the centre of mass to the rudder pivot.", default=0.32, above=0, source="[1] 12.6 in"
+    )
+    friction: Any = part(
+        "Friction of skirt and air. None: no friction, as in the thesis.", default=None, optional=Friction()
+    )
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """Vehicle type that ground stations are given, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def dynamics(self, t: Any, x: HovercraftState, u: PlanarForce) -> HovercraftState:
         """Return the derivative of x (SI) under the force u at the rudder pivot."""
         return planar_rates(x, *self.accelerations(x, u))
 
     def accelerations(self, x: HovercraftState, u: PlanarForce) -> tuple[Any, Any, Any]:
-        """Acceleration of the centre of mass in W, resolved in B (x, y, m/s^2), and yaw acceleration (rad/s^2)."""
+        """Return the acceleration of the centre of mass in W, resolved in B (x, y, m/s^2), and the yaw acceleration
+        (rad/s^2)."""
         FX, FY, torque = u.FX, u.FY, -self.arm * u.FY
         if self.friction is not None:
             dX, dY, dN = self.friction.wrench(x.surge_velocity, x.sway_velocity, x.yaw_rate)
@@ -117,12 +134,13 @@ class Hovercraft:
         return FX / self.mass, FY / self.mass, torque / self.inertia
 
     def motion(self, t: Any, x: HovercraftState, u: PlanarForce) -> Motion:
-        """Return the motion that a sensor feels; t: integer time."""
+        """Return the motion of a sensor on the vehicle; t: integer time."""
         return planar_motion(t, x, *self.accelerations(x, u))
 
     @property
     def percussion_arm(self) -> Any:
-        """Return a (m), from the centre of mass forward to the point that FY does not accelerate: J/(m d)."""
+        """Return the distance a = J/(m d) (m) from the centre of mass forward to the point that FY does not
+        accelerate."""
         return self.inertia / (self.mass * self.arm)
 
     def energy(self, x: HovercraftState) -> Any:

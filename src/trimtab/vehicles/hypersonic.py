@@ -10,12 +10,14 @@ from trimtab.vehicles.hypersonic_aerodynamics import FlexibleModes, Forces, Rigi
 from trimtab.vehicles.imperial import FOOT
 
 STANDARD_GRAVITY = 1.39e16 / (20903500.0 + 85000.0) ** 2
-"""Attraction of the earth at 85000 ft (ft/s^2), 31.5538."""
+"""Acceleration of gravity at 85000 ft, 31.5538 ft/s^2."""
 
 
 @record
 class HypersonicState:
-    """Flight in the vertical plane, and the bending modes. Frames: path angle gamma = theta - alpha, from the horizon.
+    """State of the hypersonic vehicle: flight in the vertical plane, and two bending modes.
+
+    Frames:  path angle gamma = theta - alpha, from the horizon.
 
     The unit of the modal displacements follows from modes of unit mass, whose kinetic energy is eta'^2/2 per width.
 
@@ -43,21 +45,24 @@ class HypersonicInput:
 
 @record
 class Disturbance:
-    """Forces and a moment from outside, constant from `start` for `duration`: a gust, a step, an impulse.
+    """Disturbance by external forces and a moment, constant from `start` for `duration`: a gust, a step or an impulse.
 
     The moment joins M, and so excites the bending modes too; the forces join m V' and m V gamma'.
 
-    Source: the further work that [1] names; sizes are chosen by who uses it.
+    Source: the further work that [1] names; the user chooses the sizes.
     """
 
     moment: Scalar = quantity("lbf ft/ft", "Disturbance moment added to the pitching moment.", default=0.0)
-    along: Scalar = quantity("lbf/ft", "Force along the path, forward.", default=0.0)
-    normal: Scalar = quantity("lbf/ft", "Force normal to the path, up.", default=0.0)
+    along: Scalar = quantity("lbf/ft", "Disturbance force along the flight path, positive forward.", default=0.0)
+    normal: Scalar = quantity("lbf/ft", "Disturbance force normal to the flight path, positive up.", default=0.0)
     start: Scalar = quantity("s", "Start of the disturbance.", default=0.0)
     duration: Scalar = quantity("s", "Duration of the disturbance; by default a permanent step.", default=1e9, low=0)
 
     def activation(self, t: Any) -> Any:
-        """Return 1.0 while the disturbance acts at time t (s), else 0.0; half open, so an impulse keeps its size."""
+        """Return 1.0 while the disturbance acts at time t (s), else 0.0.
+
+        The end is excluded, so an impulse keeps its size.
+        """
         since = t - self.start + 1e-9
         return jnp.where((since >= 0) & (since < self.duration), 1.0, 0.0)
 
@@ -87,13 +92,13 @@ class Hypersonic:
     m: Scalar = quantity("slug/ft", "Mass.", default=300.0, above=0, source="[1], [2]")
     Iyy: Scalar = quantity("slug ft^2/ft", "Moment of inertia in pitch.", default=5e5, above=0, source="[2]")
     g: Scalar = quantity("ft/s^2", "Gravity.", default=STANDARD_GRAVITY, source="reconstructed from [1]'s printed A")
-    forces: RigidForces = part("Air, aerodynamics, propulsion.", default=RigidForces())
+    forces: RigidForces = part("Models of air density, aerodynamics and propulsion.", default=RigidForces())
     modes: FlexibleModes = part("Bending modes and their coupling.", default=FlexibleModes())
-    disturbance: Any = part("Disturbance from outside, or None.", default=None)
+    disturbance: Any = part("External disturbance; None: no disturbance.", default=None)
     gust: Any = part("Gust added to still air; set by a world with turbulence.", default=None)
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
-    """Vehicle type that ground stations are given, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def dynamics(self, t: Any, x: HypersonicState, u: HypersonicInput) -> HypersonicState:
         """Return the derivative of x at time t (s) under fuel ratio and elevator."""
@@ -112,11 +117,11 @@ class Hypersonic:
         )
 
     def in_gust(self, gust: Gust) -> "Hypersonic":
-        """Return the vehicle in air that has this gust."""
+        """Return the vehicle with this gust in the air around it."""
         return replace(self, gust=gust)
 
     def airflow(self, x: HypersonicState) -> tuple[Any, Any]:
-        """Return airspeed (ft/s) and angle of attack (rad), in the air as it moves."""
+        """Return airspeed (ft/s) and angle of attack (rad) relative to the moving air."""
         if self.gust is None:
             return x.V, x.alpha
         forward, _, down = self.gust.velocity / FOOT
@@ -129,7 +134,7 @@ class Hypersonic:
         return self.forces.at(x.h, V, alpha, u.Phi, u.delta_e)
 
     def path_accelerations(self, t: Any, x: HypersonicState, u: HypersonicInput) -> tuple[Any, Any]:
-        """Return V' and V gamma' (ft/s^2): along the path, and normal to it, up."""
+        """Return the accelerations V' along the flight path and V gamma' normal to the path, up (ft/s^2)."""
         f, gamma = self.forces_at(x, u), x.theta - x.alpha
         drag, lift = f.D, f.L
         if self.gust is not None:
@@ -144,7 +149,7 @@ class Hypersonic:
         return along / self.m - self.g * jnp.sin(gamma), normal / self.m - self.g * jnp.cos(gamma)
 
     def coupled_accelerations(self, t: Any, x: HypersonicState, u: HypersonicInput) -> tuple[Any, Any, Any]:
-        """Return Q' (rad/s^2), eta1'' and eta2''."""
+        """Return the accelerations of pitch Q' (rad/s^2) and of the bending modes eta1'', eta2''."""
         M = self.forces_at(x, u).M
         if self.disturbance is not None:
             M = M + self.disturbance.activation(t) * self.disturbance.moment
@@ -153,7 +158,7 @@ class Hypersonic:
         return self.modes.solve_accelerations(self.Iyy, M, N1 + back1, N2 + back2)
 
     def motion(self, t: Any, x: HypersonicState, u: HypersonicInput) -> Motion:
-        """Return the motion that a rigid sensor at the centre of mass feels, in SI units; t: integer time.
+        """Return the motion of a rigid sensor at the centre of mass, in SI units; t: integer time.
 
         The model has no distance flown: north and east stay zero.
         """
@@ -175,6 +180,9 @@ class Hypersonic:
         )
 
     def level_state(self, h: Any, V: Any, alpha: Any, delta_e: Any) -> HypersonicState:
-        """Return level flight at this angle of attack, with bending at rest: a trim if V', gamma' and M vanish too."""
+        """Return the state in level flight at this angle of attack, bending at rest.
+
+        It is a trim if V', gamma' and M are zero.
+        """
         eta1, eta2 = self.modes.static_displacements(alpha, delta_e)
         return HypersonicState(h, V, alpha, alpha, 0.0, eta1, 0.0, eta2, 0.0)

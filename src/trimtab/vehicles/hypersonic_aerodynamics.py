@@ -20,7 +20,7 @@ LIFT, DRAG, MOMENT, THRUST = "[1], [2], lift", "[1], [2], drag", "[1], [2], pitc
 
 
 class Forces(NamedTuple):
-    """Per foot of width: thrust, lift, drag (lbf/ft), pitching moment (lbf ft/ft), dynamic pressure (lbf/ft^2)."""
+    """Forces per foot of width: thrust, lift, drag (lbf/ft), moment (lbf ft/ft); dynamic pressure (lbf/ft^2)."""
 
     T: Any
     L: Any
@@ -31,7 +31,7 @@ class Forces(NamedTuple):
 
 @record
 class ExponentialAtmosphere:
-    """Density that falls by a factor e each scale height.
+    """Air density that falls by a factor e per scale height.
 
         rho = rho0 exp(-(h - h0)/hs)
 
@@ -39,8 +39,10 @@ class ExponentialAtmosphere:
     Source:  [1] eq. 2; [2].
     """
 
-    rho0: Scalar = quantity("slug/ft^3", "Density at h0.", default=6.7429e-5, above=0, source="[1], [2]")
-    h0: Scalar = quantity("ft", "Altitude of rho0.", default=85000.0, source="[1], [2]")
+    rho0: Scalar = quantity(
+        "slug/ft^3", "Air density rho0 at the altitude h0.", default=6.7429e-5, above=0, source="[1], [2]"
+    )
+    h0: Scalar = quantity("ft", "Altitude h0 at which the air density is rho0.", default=85000.0, source="[1], [2]")
     hs: Scalar = quantity("ft", "Scale height.", default=21358.0, above=0, source="[1], [2]")
 
     def density(self, h: Any) -> Any:
@@ -61,21 +63,27 @@ class Aerodynamics:
     Source:  [1] eqs. 2-3; [2].
     """
 
-    S: Scalar = quantity("ft^2/ft", "Reference area per width.", default=17.0, above=0, source="[1], [2]")
+    S: Scalar = quantity("ft^2/ft", "Reference area S per foot of width.", default=17.0, above=0, source="[1], [2]")
     c: Scalar = quantity("ft", "Mean chord.", default=17.0, above=0, source="[1], [2]")
-    CL_a: Scalar = quantity("1/rad", "Lift coefficient per angle of attack.", default=4.6773, source=LIFT)
-    CL_d: Scalar = quantity("1/rad", "Lift coefficient per elevator angle.", default=0.76224, source=LIFT)
-    CL_0: Scalar = quantity("1", "Lift at zero angles.", default=-0.018714, source=LIFT)
-    CD_a2: Scalar = quantity("1/rad^2", "Drag coefficient per angle of attack squared.", default=5.8224, source=DRAG)
+    CL_a: Scalar = quantity("1/rad", "Coefficient of lift per angle of attack.", default=4.6773, source=LIFT)
+    CL_d: Scalar = quantity("1/rad", "Coefficient of lift per elevator angle.", default=0.76224, source=LIFT)
+    CL_0: Scalar = quantity(
+        "1", "Lift coefficient at zero angle of attack and elevator angle.", default=-0.018714, source=LIFT
+    )
+    CD_a2: Scalar = quantity("1/rad^2", "Coefficient of drag per angle of attack squared.", default=5.8224, source=DRAG)
     CD_a: Scalar = quantity("1/rad", "Drag coefficient per angle of attack.", default=-0.045315, source=DRAG)
     CD_d2: Scalar = quantity("1/rad^2", "Drag coefficient per elevator angle squared.", default=0.81993, source=DRAG)
     CD_d: Scalar = quantity("1/rad", "Drag coefficient per elevator angle.", default=2.7699e-4, source=DRAG)
-    CD_0: Scalar = quantity("1", "Drag at zero angles.", default=0.010131, source=DRAG)
+    CD_0: Scalar = quantity(
+        "1", "Drag coefficient at zero angle of attack and elevator angle.", default=0.010131, source=DRAG
+    )
     CM_a2: Scalar = quantity(
         "1/rad^2", "Moment coefficient per angle of attack squared.", default=6.2926, source=MOMENT
     )
     CM_a: Scalar = quantity("1/rad", "Moment coefficient per angle of attack.", default=2.1335, source=MOMENT)
-    CM_0: Scalar = quantity("1", "Moment at zero angles.", default=0.18979, source=MOMENT)
+    CM_0: Scalar = quantity(
+        "1", "Moment coefficient at zero angle of attack and elevator angle.", default=0.18979, source=MOMENT
+    )
     ce: Scalar = quantity("1/rad", "Moment coefficient per elevator angle.", default=-1.2897, source=MOMENT)
 
     def lift(self, qbar: Any, alpha: Any, delta_e: Any) -> Any:
@@ -83,7 +91,10 @@ class Aerodynamics:
         return qbar * self.S * (self.CL_a * alpha + self.CL_d * delta_e + self.CL_0)
 
     def drag(self, qbar: Any, alpha: Any, delta_e: Any) -> Any:
-        """Drag (lbf/ft) at dynamic pressure qbar (lbf/ft^2); quadratic in the elevator, so the model is not affine."""
+        """Return drag (lbf/ft) at dynamic pressure qbar (lbf/ft^2).
+
+        Quadratic in the elevator, so the model is not affine.
+        """
         by_alpha = (self.CD_a2 * alpha + self.CD_a) * alpha
         by_elevator = (self.CD_d2 * delta_e + self.CD_d) * delta_e
         return qbar * self.S * (by_alpha + by_elevator + self.CD_0)
@@ -106,27 +117,38 @@ class Propulsion:
     """
 
     zT: Scalar = quantity("ft", "Arm of the thrust about the centre of mass.", default=8.36, source="[1], [2]")
-    b1: Scalar = quantity("lbf/ft", "Thrust by angle of attack cubed and fuel ratio.", default=-3.7693e5, source=THRUST)
-    b2: Scalar = quantity("lbf/ft", "Thrust by angle of attack cubed.", default=-3.7225e4, source=THRUST)
-    b3: Scalar = quantity(
-        "lbf/ft", "Thrust by angle of attack squared and fuel ratio.", default=2.6814e4, source=THRUST
+    b1: Scalar = quantity(
+        "lbf/ft", "Coefficient b1 of thrust per angle of attack cubed and fuel ratio.", default=-3.7693e5, source=THRUST
     )
-    b4: Scalar = quantity("lbf/ft", "Thrust by angle of attack squared.", default=-1.7277e4, source=THRUST)
-    b5: Scalar = quantity("lbf/ft", "Thrust by angle of attack and fuel ratio.", default=3.5542e4, source=THRUST)
-    b6: Scalar = quantity("lbf/ft", "Thrust by angle of attack.", default=-2.4216e3, source=THRUST)
-    b7: Scalar = quantity("lbf/ft", "Thrust by fuel ratio.", default=6.3785e3, source=THRUST)
+    b2: Scalar = quantity(
+        "lbf/ft", "Coefficient b2 of thrust per angle of attack cubed.", default=-3.7225e4, source=THRUST
+    )
+    b3: Scalar = quantity(
+        "lbf/ft",
+        "Coefficient b3 of thrust per angle of attack squared and fuel ratio.",
+        default=2.6814e4,
+        source=THRUST,
+    )
+    b4: Scalar = quantity(
+        "lbf/ft", "Coefficient b4 of thrust per angle of attack squared.", default=-1.7277e4, source=THRUST
+    )
+    b5: Scalar = quantity(
+        "lbf/ft", "Coefficient b5 of thrust per angle of attack and fuel ratio.", default=3.5542e4, source=THRUST
+    )
+    b6: Scalar = quantity("lbf/ft", "Coefficient b6 of thrust per angle of attack.", default=-2.4216e3, source=THRUST)
+    b7: Scalar = quantity("lbf/ft", "Coefficient b7 of thrust per fuel ratio.", default=6.3785e3, source=THRUST)
     b8: Scalar = quantity("lbf/ft", "Else.", default=-1.0090e2, source=THRUST)
 
     def thrust_without_fuel(self, alpha: Any) -> Any:
-        """Return T0 (lbf/ft)."""
+        """Return T0 (lbf/ft), the thrust at zero fuel ratio."""
         return ((self.b2 * alpha + self.b4) * alpha + self.b6) * alpha + self.b8
 
     def thrust_per_fuel_ratio(self, alpha: Any) -> Any:
-        """Return TP (lbf/ft), thrust per fuel equivalence ratio."""
+        """Return TP (lbf/ft), the thrust per fuel equivalence ratio."""
         return ((self.b1 * alpha + self.b3) * alpha + self.b5) * alpha + self.b7
 
     def thrust(self, alpha: Any, Phi: Any) -> Any:
-        """Return T (lbf/ft)."""
+        """Return the thrust T (lbf/ft)."""
         return self.thrust_without_fuel(alpha) + self.thrust_per_fuel_ratio(alpha) * Phi
 
 
@@ -134,9 +156,9 @@ class Propulsion:
 class RigidForces:
     """All forces and the moment on the rigid vehicle: air, aerodynamics and propulsion. Source: [1] eqs. 2-3."""
 
-    atmosphere: Any = part("Density by altitude.", default=ExponentialAtmosphere())
-    aerodynamics: Any = part("Lift, drag, moment.", default=Aerodynamics())
-    propulsion: Any = part("Thrust and its arm.", default=Propulsion())
+    atmosphere: Any = part("Air density as a function of altitude.", default=ExponentialAtmosphere())
+    aerodynamics: Any = part("Aerodynamics: lift, drag and pitching moment.", default=Aerodynamics())
+    propulsion: Any = part("Propulsion: thrust and its lever arm.", default=Propulsion())
 
     def dynamic_pressure(self, h: Any, V: Any) -> Any:
         """Return rho V^2/2 (lbf/ft^2)."""
@@ -179,22 +201,43 @@ class FlexibleModes:
     psi1: Scalar = quantity("(slug ft)^1/2", "Coupling of mode 1 with pitch.", default=136.82, source=FITTED)
     psi2: Scalar = quantity("(slug ft)^1/2", "Coupling of mode 2 with pitch.", default=329.22, source=FITTED)
     N1_a2: Scalar = quantity(
-        "(slug ft)^1/2/s^2", "Force on mode 1 by alpha squared (rad).", default=1.4013e3, source=UNCERTAIN
+        "(slug ft)^1/2/s^2",
+        "Coefficient of the force on mode 1 per angle of attack squared (rad^2).",
+        default=1.4013e3,
+        source=UNCERTAIN,
     )
-    N1_a: Scalar = quantity("(slug ft)^1/2/s^2", "Force on mode 1 by alpha (rad).", default=4.5737e3, source=FITTED)
+    N1_a: Scalar = quantity(
+        "(slug ft)^1/2/s^2",
+        "Coefficient of the force on mode 1 per angle of attack (rad).",
+        default=4.5737e3,
+        source=FITTED,
+    )
     N1_0: Scalar = quantity("(slug ft)^1/2/s^2", "Constant force on mode 1.", default=1.1752e2, source=UNCERTAIN)
     N2_a2: Scalar = quantity(
-        "(slug ft)^1/2/s^2", "Force on mode 2 by alpha squared (rad).", default=-5.0227e3, source=UNCERTAIN
+        "(slug ft)^1/2/s^2",
+        "Coefficient of the force on mode 2 per angle of attack squared (rad^2).",
+        default=-5.0227e3,
+        source=UNCERTAIN,
     )
-    N2_a: Scalar = quantity("(slug ft)^1/2/s^2", "Force on mode 2 by alpha (rad).", default=2.8633e3, source=FITTED)
-    N2_d: Scalar = quantity("(slug ft)^1/2/s^2", "Force on mode 2 by elevator (rad).", default=1.2465e3, source=FITTED)
+    N2_a: Scalar = quantity(
+        "(slug ft)^1/2/s^2",
+        "Coefficient of the force on mode 2 per angle of attack (rad).",
+        default=2.8633e3,
+        source=FITTED,
+    )
+    N2_d: Scalar = quantity(
+        "(slug ft)^1/2/s^2",
+        "Coefficient of the force on mode 2 per elevator angle (rad).",
+        default=1.2465e3,
+        source=FITTED,
+    )
     N2_0: Scalar = quantity("(slug ft)^1/2/s^2", "Constant force on mode 2.", default=-4.4201e1, source=UNCERTAIN)
     kmode: str = option(
         "Interpretation of the coupling between the modes and the forces.", default="parker", choices=KMODES
     )
 
     def forcing(self, alpha: Any, delta_e: Any) -> tuple[Any, Any]:
-        """Return N1, N2: generalised forces of angle of attack and elevator (rad)."""
+        """Return N1, N2: generalised forces on the modes due to angle of attack and elevator (rad)."""
         N1 = (self.N1_a2 * alpha + self.N1_a) * alpha + self.N1_0
         N2 = (self.N2_a2 * alpha + self.N2_a) * alpha + self.N2_d * delta_e + self.N2_0
         return N1, N2
@@ -211,7 +254,7 @@ class FlexibleModes:
         return N1 / self.w1**2, N2 / self.w2**2
 
     def detune(self, by: Any) -> "FlexibleModes":
-        """Return a copy with both frequencies times `by`: the plant of a filter that has them wrong."""
+        """Return a copy with both frequencies multiplied by `by`, as a plant that differs from the filter's model."""
         return replace(self, w1=self.w1 * by, w2=self.w2 * by)
 
     def solve_accelerations(self, Iyy: Any, M: Any, r1: Any, r2: Any) -> tuple[Any, Any, Any]:

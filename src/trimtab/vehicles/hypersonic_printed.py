@@ -20,7 +20,7 @@ import numpy as np
 from trimtab.vehicles.hypersonic import Hypersonic
 
 ORDER = ("h", "h_rate", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
-"""Order of the errors. It differs from the order of the state of the vehicle."""
+"""Order of the errors in the printed matrices. It differs from the order of the vehicle's state."""
 QUOTED_H, QUOTED_V = 85000.0, 7702.0808
 QUOTED_ALPHA, QUOTED_ELEVATOR = math.radians(1.5153), math.radians(11.4635)
 """The point at which the publication linearised: it trims the model behind the curves, not the curves."""
@@ -37,7 +37,7 @@ A_PRINTED = np.array(
         [0.021, -1.555e-3, 0.1176, -5100.67, 0, 4.90e-5, 1.189e-7, -400, 0.8],
     ]
 )
-"""A as printed, with its signs. Source: [1]."""
+"""Matrix A of the linearisation as printed, with the printed signs. Source: [1]."""
 B_PRINTED = np.array(
     [
         [0, 0],
@@ -51,18 +51,18 @@ B_PRINTED = np.array(
         [18.0596, -1.24],
     ]
 )
-"""B as printed, with its signs. Source: [1]."""
+"""Matrix B of the linearisation as printed, with the printed signs. Source: [1]."""
 K_PRINTED = np.array(
     [
         [-2.919, -4.14, 2.65, -2771.93, -822.22, 0.0153, 0.0017, 0.5, 0.0526],
         [0.848, 0.9295, 4.629, 386.93, 114.79, -0.0033, -0.00027, -0.05, 0.00013],
     ]
 )
-"""The gain as printed; of v = -K e, though [1] writes the other sign. Source: [1]."""
+"""Gain K as printed, for v = -K e, although [1] writes v = +K e. Source: [1]."""
 
 
 class EmulatedLinearisation(NamedTuple):
-    """A (9, 9) and B (9, 2) with the publication's errors repeated, in the order ORDER."""
+    """Return A (9, 9) and B (9, 2) with the errors of the publication repeated, in the order ORDER."""
 
     A: Any
     B: Any

@@ -1,7 +1,7 @@
-"""Units of slug, foot and second in the SI: what a vehicle that was published in them shows at its boundary.
+"""Conversion of slug, foot and second to SI units, for vehicles that were published in these units.
 
 A record declares the unit of each of its quantities; `to_si` reads it and gives values in the SI, `from_si` goes the
-other way. Quantities that are in the SI already, and those without unit, stay as they are.
+other way. Quantities in SI units or without unit are not changed.
 
 Source: the international foot (0.3048 m) and pound-force (0.45359237 kg times 9.80665 m/s^2); the rest follows.
 """
@@ -15,11 +15,11 @@ from trimtab.core.record import Quantity, children, declarations, is_record, rep
 R = TypeVar("R")
 
 FOOT = 0.3048
-"""m."""
+"""Metres in one foot."""
 POUND_FORCE = 0.45359237 * 9.80665
-"""N."""
+"""Newtons in one pound-force."""
 SLUG = POUND_FORCE / FOOT
-"""kg: one pound-force accelerates it by 1 ft/s^2."""
+"""Kilograms in one slug, the mass that one pound-force accelerates by 1 ft/s^2."""
 MODAL = math.sqrt(SLUG * FOOT)
 """(kg m)^1/2 in one (slug ft)^1/2."""
 
@@ -39,7 +39,7 @@ FACTORS: dict[str, float] = {
     "(slug ft)^1/2/s": MODAL,
     "(slug ft)^1/2/s^2": MODAL,
 }
-"""Unit of slug, foot and second -> how many of the SI's make one."""
+"""Size of each slug-foot-second unit in the SI unit."""
 
 
 def factor(unit: str) -> float:
@@ -48,7 +48,7 @@ def factor(unit: str) -> float:
 
 
 def to_si(r: Any) -> dict[str, Any]:
-    """Return field name -> value in the SI, for the quantities of a record, nested records as dictionaries."""
+    """Return the quantities of a record in SI units, by field name. Nested records become dictionaries."""
     values: dict[str, Any] = {}
     for name, value, declared in children(r):
         if isinstance(declared, Quantity):
@@ -59,10 +59,10 @@ def to_si(r: Any) -> dict[str, Any]:
 
 
 def from_si(like: R, **values: Any) -> R:
-    """A copy of a record, whose fields declare their units, with some quantities replaced: name=value in the SI."""
+    """Return a copy of a record with some quantities replaced, given as name=value in SI units."""
     declared = {n: d for n, d in declarations(type(like)).items() if isinstance(d, Quantity)}
     for name in values:
         if name not in declared:
             problem = f"it has no quantity {name!r}"
-            raise InputError(type(like).__name__, problem, choices=declared, fix="name one of these")
+            raise InputError(type(like).__name__, problem, choices=declared, fix="use one of these names")
     return replace(like, **{n: v / factor(declared[n].unit) for n, v in values.items()})

@@ -1,4 +1,4 @@
-"""The Mariner, a cargo ship of 161 m, in surge, sway and yaw: a standard model in books on steering.
+"""The Mariner, a cargo ship of 161 m, in surge, sway and yaw: a standard model of textbooks on ship steering.
 
 [1] is M. S. Chislett, J. Strøm-Tejsen, "Planar motion mechanism tests and full-scale steering and manoeuvring
 predictions for a Mariner class vessel", Hydro- and Aerodynamics Laboratory, report Hy-5, Lyngby 1965, in the form of
@@ -33,7 +33,10 @@ class MarinerControls:
 
 @record
 class MarinerState:
-    """Velocity over the ground and place of the point amidships, heading, rudder. Source: [1]."""
+    """State of the ship: velocity over the ground and position of the point amidships, heading, rudder angle.
+
+    Source:  [1].
+    """
 
     surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B", default=7.7175)
     sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B", default=0.0)
@@ -41,7 +44,7 @@ class MarinerState:
     north: Scalar = quantity("m", "Position along the world's x axis.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Position along the world's y axis.", frame="W", default=0.0)
     heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle", default=0.0)
-    rudder: Scalar = quantity("rad", "Angle of the rudder.", kind="angle", default=0.0)
+    rudder: Scalar = quantity("rad", "Rudder angle.", kind="angle", default=0.0)
 
 
 @record
@@ -66,7 +69,9 @@ class Mariner:
     inertia: Scalar = quantity(
         "1", "Moment of inertia Iz, in units of rho L^5/2.", default=39.2e-5, above=0, source="[1]"
     )
-    centre: Scalar = quantity("1", "Centre of mass ahead of amidships (lengths).", default=-0.023, source="[1]")
+    centre: Scalar = quantity(
+        "1", "Distance of the centre of mass ahead of amidships (ship lengths).", default=-0.023, source="[1]"
+    )
     added_surge: Scalar = quantity("1", "-Xu'.", default=42e-5, source="[1]")
     added_sway: Any = quantity(
         "1", "Added mass in sway: -Yv', -Yr'.", default=(748e-5, 9.354e-5), shape=(2,), source="[1]"
@@ -97,7 +102,7 @@ class Mariner:
     )
     rudder_limit: Scalar = quantity("rad", "Stop of the rudder.", default=40 * DEG, above=0, source="[1]")
     rudder_rate: Scalar = quantity("rad/s", "Maximum rate of the rudder.", default=5 * DEG, above=0, source="[1]")
-    rudder_lag: Scalar = quantity("s", "Time constant of the gear.", default=1.0, above=0)
+    rudder_lag: Scalar = quantity("s", "Time constant of the steering gear.", default=1.0, above=0)
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
     """Type reported to ground stations, see `wire.telemetry`."""
@@ -123,7 +128,7 @@ class Mariner:
         return scale * X / (self.mass + self.added_surge), scale * dv, scale / L * dr
 
     def dynamics(self, t: Any, x: MarinerState, u: MarinerControls) -> MarinerState:
-        """Return the derivative of x (SI) under the command of the gear."""
+        """Return the derivative of x (SI) under a command to the steering gear."""
         du, dv, dr = self.accelerations(x)
         c, s = jnp.cos(x.heading), jnp.sin(x.heading)
         asked = jnp.clip(u.rudder, -self.rudder_limit, self.rudder_limit)
@@ -138,7 +143,7 @@ class Mariner:
         )
 
     def motion(self, t: Any, x: MarinerState, u: MarinerControls) -> Motion:
-        """Return the motion that a sensor at the centre of mass feels; t: integer time."""
+        """Return the motion of a sensor at the centre of mass; t: integer time."""
         du, dv, dr = self.accelerations(x)
         arm, r, o = self.centre * self.length, x.yaw_rate, jnp.zeros_like(du)
         stack = jnp.stack

@@ -1,4 +1,4 @@
-"""A craft on n rotors over flat ground: quadrotor, hexarotor, or any other frame, by its parameters."""
+"""A multirotor with n rotors over flat ground: quadrotor, hexarotor or any other arrangement, set by its parameters."""
 
 from typing import Any, ClassVar
 
@@ -13,14 +13,16 @@ from trimtab.core.signals import Motion
 from trimtab.environment.wind import Wind
 
 SHORTEST_LAG = 0.005
-"""s; without lag the state `rotor_speed` still takes this long, but what acts is what was asked for."""
+"""Time constant (s) of the state `rotor_speed` if the lag is 0. The rotors then act at the commanded speed at once."""
 
 
 @record
 class MultirotorState:
-    """Place, velocity, attitude, rate, and how fast the rotors turn. Frames: W north-east-down, B the body's.
+    """State of a multirotor: position, velocity, attitude, angular rate and rotor speeds.
 
-    The quaternion is put to length one after each step. Source: this module.
+    Frames:  W north-east-down, B the body's.
+
+    The quaternion is normalised after each step. Source: this module.
     """
 
     position: Any = quantity("m", "Position of the centre of mass.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
@@ -39,16 +41,18 @@ class RotorSpeeds:
 
 @record
 class RotorDemand:
-    """Demand of a law for all rotors together. Frame: B. Source: this module."""
+    """Total thrust and moments demanded by a law. Frame: B. Source: this module."""
 
-    thrust: Scalar = quantity("N", "Thrust of all rotors, against the body's z axis.", frame="B")
-    moment: Any = quantity("N m", "Moment in roll, pitch, yaw.", frame="B", shape=(3,))
+    thrust: Scalar = quantity("N", "Total thrust of the rotors, against the body's z axis.", frame="B")
+    moment: Any = quantity("N m", "Demanded moments in roll, pitch and yaw.", frame="B", shape=(3,))
     working: Any = quantity("1", "True for each rotor that is assumed to work (n,).", kind="flag", default=(True,) * 4)
 
 
 @record
 class Rotors:
-    """Where the rotors are, which way they turn, and what they give; each thrusts against the body's z axis.
+    """Rotors of a multirotor: positions, directions of rotation, thrust and torque.
+
+    All thrust against the body's z axis.
 
         T = k w |w|        Q = -s c T about z        on the body, of the rotor's own turning
 
@@ -70,15 +74,19 @@ class Rotors:
         "Direction of rotation of each rotor (n,): 1 clockwise from above, -1 counter-clockwise.",
         default=np.array([1.0, -1, 1, -1]),
     )
-    thrust_coefficient: Scalar = quantity("N s^2/rad^2", "Thrust by speed squared, k.", default=8e-5, above=0)
-    torque_ratio: Scalar = quantity("m", "Torque by thrust, c.", default=8.004e-4, low=0, source="[1] section V")
+    thrust_coefficient: Scalar = quantity(
+        "N s^2/rad^2", "Coefficient k: thrust per rotor speed squared.", default=8e-5, above=0
+    )
+    torque_ratio: Scalar = quantity(
+        "m", "Coefficient c: torque per thrust.", default=8.004e-4, low=0, source="[1] section V"
+    )
     inertia: Scalar = quantity("kg m^2", "Moment of inertia of each rotor about its shaft.", default=0.0, low=0)
 
     def check(self) -> None:
         """Raise InputError if the description of the rotors is incomplete."""
         n = np.size(self.spins)
         if np.shape(self.places) != (n, 3) or np.ndim(self.spins) != 1:
-            problem = f"{n} spins don't fit places of shape {np.shape(self.places)}"
+            problem = f"{n} spins need places of shape ({n}, 3), got {np.shape(self.places)}"
             raise InputError("places", problem, fix=f"give {n} places of three numbers each")
         if not (np.abs(self.spins) == 1).all():
             raise InputError(
@@ -88,7 +96,7 @@ class Rotors:
             )
 
     def effectiveness(self) -> Any:
-        """Return (4, n): thrust and moments about x, y, z per newton of each rotor."""
+        """Return the matrix (4, n) of total thrust and moments about x, y, z per newton of thrust of each rotor."""
         x, y = jnp.asarray(self.places)[:, 0], jnp.asarray(self.places)[:, 1]
         return jnp.stack([jnp.ones_like(x), -y, x, -jnp.asarray(self.spins) * self.torque_ratio])
 
@@ -109,7 +117,9 @@ class Rotors:
 
 @record
 class Multirotor:
-    """A rigid body with n rotors that all thrust against its z axis: position and yaw can be chosen, not the tilt.
+    """Multirotor: a rigid body with n rotors that thrust against its z axis.
+
+    Position and yaw can be controlled, tilt cannot.
 
         p' = v      m v' = m g e3 - T R e3 - R D R.T (v - wind)      q' = q (0, w)/2
         J w' = M - w × (J w + h e3) - D_w w      w_i' = (u_i - w_i)/lag
@@ -140,7 +150,7 @@ class Multirotor:
     lag: Scalar = imperfection("s", "Time constant of each rotor's speed.", "motor-lag")
     drag: Any = quantity(
         "N s/m",
-        "Drag of body and rotors along x, y, z, per speed through the air.",
+        "Coefficients of drag along x, y, z: force per airspeed, for body and rotors together.",
         frame="B",
         shape=(3,),
         default=np.zeros(3),
@@ -149,23 +159,25 @@ class Multirotor:
     )
     turning_drag: Any = quantity(
         "N m s",
-        "Damping of body and rotors about x, y, z, per rate.",
+        "Coefficients of damping about x, y, z: moment per angular rate, for body and rotors together.",
         frame="B",
         shape=(3,),
         default=np.zeros(3),
         low=0,
     )
-    wind: Wind = part("Wind over the ground.", default=Wind(), off={"wind": Wind()})
+    wind: Wind = part("Wind velocity over the ground.", default=Wind(), off={"wind": Wind()})
 
     MAV_TYPE: ClassVar[str] = "QUADROTOR"
     """Type reported to ground stations, see `wire.telemetry`."""
 
     def acting_speed(self, x: MultirotorState, u: RotorSpeeds) -> Any:
-        """Return the speeds of the rotors (n,), rad/s: those of the state, or without lag the commanded ones."""
+        """Return the rotor speeds that act (n,) (rad/s): those of the state, or the commanded speeds if the lag is
+        0."""
         return jnp.where(self.lag > 0, x.rotor_speed, u.speed)
 
     def accelerations(self, x: MultirotorState, u: RotorSpeeds) -> tuple[Any, Any]:
-        """Return acceleration of the centre of mass in W (3,) (m/s^2), and angular acceleration in B (3,) (rad/s^2)."""
+        """Return the acceleration of the centre of mass in W (3,) (m/s^2) and the angular acceleration in B (3,)
+        (rad/s^2)."""
         speed = self.acting_speed(x, u)
         wrench = self.rotors.effectiveness() @ self.rotors.thrusts(speed)
         R = quaternion.to_matrix(x.attitude)
@@ -189,11 +201,11 @@ class Multirotor:
         )
 
     def after_step(self, t: Any, x: MultirotorState) -> MultirotorState:
-        """Return the quaternion put to length one; t: seconds."""
+        """Return the state with its quaternion normalised; t: seconds."""
         return MultirotorState(x.position, x.velocity, quaternion.normalise(x.attitude), x.rate, x.rotor_speed)
 
     def motion(self, t: Any, x: MultirotorState, u: RotorSpeeds) -> Motion:
-        """Return the motion that a sensor feels; t: integer time."""
+        """Return the motion of a sensor on the vehicle; t: integer time."""
         acceleration, turn = self.accelerations(x, u)
         R = quaternion.to_matrix(x.attitude)
         return Motion(

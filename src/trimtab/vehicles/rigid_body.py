@@ -1,4 +1,4 @@
-"""A rigid body over the rotating earth: six degrees of freedom, in the air or above it.
+"""A rigid body over the rotating earth with six degrees of freedom, in the atmosphere or above it.
 
 Its input is a force and a moment in its own axes. With an aerodynamic part, the air acts on it too.
 """
@@ -22,34 +22,38 @@ from trimtab.environment.wind import Wind
 
 @record
 class RigidBodyState:
-    """Place, velocity, attitude and rate of a body. Frames: I inertial, z the earth's axis; B the body's.
+    """State of a rigid body: position, velocity, attitude and angular velocity.
+
+    Frames:  I inertial, z the earth's axis; B the body's.
 
     The quaternion's length does not matter. Source: Stevens, Lewis, Johnson, "Aircraft control and simulation", 1.7.
     """
 
-    position: Any = quantity("m", "Position of the centre of mass from the earth's, p_I.", frame="I", shape=(3,))
-    velocity: Any = quantity("m/s", "Velocity in I.", frame="I", shape=(3,))
+    position: Any = quantity(
+        "m", "Position p_I of the centre of mass relative to the earth's centre.", frame="I", shape=(3,)
+    )
+    velocity: Any = quantity("m/s", "Velocity of the centre of mass in I.", frame="I", shape=(3,))
     attitude: Any = quantity("1", "Quaternion q_IB, scalar first.", frame="IB", shape=(4,))
-    rate: Any = quantity("rad/s", "Angular velocity of B in I.", frame="B", shape=(3,))
+    rate: Any = quantity("rad/s", "Angular velocity of B relative to I.", frame="B", shape=(3,))
 
 
 @record
 class Wrench:
     """A force at the centre of mass and a moment about it. Frame: B. Source: this module."""
 
-    force: Any = quantity("N", "Force forward, to starboard, down.", frame="B", shape=(3,))
-    moment: Any = quantity("N m", "Moment in roll, pitch, yaw.", frame="B", shape=(3,))
+    force: Any = quantity("N", "Force on the body: forward, starboard, down.", frame="B", shape=(3,))
+    moment: Any = quantity("N m", "Moment on the body: roll, pitch, yaw.", frame="B", shape=(3,))
 
 
 NO_WRENCH = Wrench(np.zeros(3), np.zeros(3))
-"""No force and no moment."""
+"""Wrench without force and moment."""
 
 
 class Airflow(NamedTuple):
     """Flow of the air around a body.
 
-    velocity: of the centre of mass through the air, in B (3,) (m/s).  speed: its length.  rate: of the body in
-    the air, which turns with the earth, in B (3,) (rad/s).  air: at its place.
+    velocity: of the centre of mass through the air, in B (3,) (m/s).  speed: airspeed, the length of velocity.  rate:
+    of the body in the air, which turns with the earth, in B (3,) (rad/s).  air: air properties at the body's position.
     """
 
     velocity: Any
@@ -72,8 +76,8 @@ class FlightCondition(NamedTuple):
     """Flight state of a body.
 
     latitude, longitude: geodetic (rad).  height: above the ellipsoid (m).  velocity: over the ground, in local
-    north-east-down (3,) (m/s).  angles: roll, pitch, yaw of B in local north-east-down (3,) (rad).  gravity: of
-    gravitation alone, without the earth's turning (m/s²).  flow: the air about it.
+    north-east-down (3,) (m/s).  angles: roll, pitch, yaw of B in local north-east-down (3,) (rad).  gravity:
+    acceleration of gravitation, without centrifugal acceleration (m/s²). flow: flow of the air around the body.
     """
 
     latitude: Any
@@ -87,7 +91,7 @@ class FlightCondition(NamedTuple):
 
 @record
 class BluntBody:
-    """Aerodynamics of a body without a shape that counts: drag against its way, and moments against its rates.
+    """Aerodynamics of a blunt body: drag against its velocity, and moments against its rates.
 
         F = -q S CD v/|v|        M = q S (b Clp, c Cmq, b Cnr) (p b, q c, r b) / 2V
 
@@ -104,7 +108,7 @@ class BluntBody:
     yaw_damping: Scalar = quantity("1", "Yaw damping coefficient Cnr; negative if it damps.", default=0.0)
 
     def wrench(self, flow: Airflow) -> Wrench:
-        """Return force and moment of the air; neither where there is no wind."""
+        """Return force and moment of the air; zero at zero airspeed."""
         moves = flow.speed > 0
         qS_over_V = flow.air.density * flow.speed / 2 * self.area
         lengths = jnp.stack([self.span, self.chord, self.span]) * jnp.ones(3)
@@ -116,7 +120,7 @@ class BluntBody:
 
 @record
 class RigidBody:
-    """A body of constant mass over the turning earth.
+    """A rigid body of constant mass over the rotating earth.
 
         p_I' = v_I        v_I' = g(p_I) + R_IB F/m        q_IB' = q_IB (0, w)/2        J w' = M - w × J w
 
@@ -136,28 +140,28 @@ class RigidBody:
     )
     products: Any = quantity(
         "kg m^2",
-        "Products of inertia Jxy, Jyz, Jzx: the integrals of x y, …",
+        "Products of inertia Jxy, Jyz, Jzx: the integrals of x y, y z and z x over the mass.",
         frame="B",
         shape=(3,),
         default=np.zeros(3),
     )
     earth: Earth = part("Earth: gravitation and rotation.", default=Earth())
-    wind: Wind = part("Wind over the ground.", default=Wind())
-    aerodynamics: Any = part("Aerodynamic forces, or None: no air.", default=None)
+    wind: Wind = part("Wind velocity over the ground.", default=Wind())
+    aerodynamics: Any = part("Model of the aerodynamic forces. None: no air.", default=None)
     origin: TangentPlane = part("Origin of W on the earth.", default=TangentPlane(0.0, 0.0))
     gust: Any = part("Gust added to the wind; set by a world with turbulence.", default=None)
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
     """Type reported to ground stations, see `wire.telemetry`."""
     QUATERNIONS: ClassVar[tuple[str, ...]] = ("attitude",)
-    """Fields that an integration on the rotation group rotates."""
+    """Quaternion fields of the state, for an integration on the rotation group."""
 
     def check(self) -> None:
-        """Raise InputError for an inertia that no body has."""
+        """Raise InputError for moments and products of inertia that are physically impossible."""
         moments = np.linalg.eigvalsh(np.asarray(self.inertia_matrix()))
         if moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-9):
             problem = f"principal moments of inertia of {np.round(moments, 9).tolist()} are not possible for a body"
-            raise InputError("inertia", problem, fix="each must be above 0, and none greater than the two others' sum")
+            raise InputError("inertia", problem, fix="give moments above 0, none greater than the sum of the other two")
 
     def inertia_matrix(self) -> Any:
         """Return J (3, 3) in B."""
@@ -166,11 +170,11 @@ class RigidBody:
         return jnp.stack([jnp.stack([jnp.asarray(e, float) for e in row]) for row in rows])
 
     def in_gust(self, gust: Gust) -> "RigidBody":
-        """Return the body in air that has this gust besides the wind."""
+        """Return the body with this gust added to the wind."""
         return replace(self, gust=gust)
 
     def flight(self, t: Any, x: RigidBodyState) -> FlightCondition:
-        """Return the state as one flies by it; t: seconds."""
+        """Return the flight state: latitude, longitude, height, velocity, angles and airflow; t: seconds."""
         R_EI = self.earth.to_inertial(t).T
         p_E = R_EI @ x.position
         latitude, longitude, height = self.earth.geodetic(p_E)
@@ -211,7 +215,7 @@ class RigidBody:
         return quaternion.to_matrix(x.attitude) @ force / self.mass, turn
 
     def motion(self, t: Any, x: RigidBodyState, u: Wrench) -> Motion:
-        """Return the motion that a sensor feels, against the tangent plane at `origin`; t: integer time."""
+        """Return the motion of a sensor on the body, relative to the tangent plane at `origin`; t: integer time."""
         seconds = to_seconds(t)
         R_EI = self.earth.to_inertial(seconds).T
         plane = self.origin
@@ -251,8 +255,8 @@ class RigidBody:
             height: above the ellipsoid (m).
             velocity: over the ground, in local north-east-down (3,) (m/s).
             angles: roll, pitch, yaw in local north-east-down (3,) (rad).
-            rate: angular velocity in B (3,) (rad/s): over the ground, or in I.
-            over_ground: which of them.
+            rate: angular velocity in B (3,) (rad/s). over_ground: True if rate is relative to the ground, False if
+            relative to I.
         """
         p = self.earth.place(latitude, longitude, height)
         R_IN = ned_axes(jnp.asarray(latitude, float), jnp.asarray(longitude, float))
@@ -264,11 +268,11 @@ class RigidBody:
         return RigidBodyState(p, v, q, w)
 
     def _turn(self, p_I: Any) -> Any:
-        """Return velocity (3,) of a point that turns with the earth."""
+        """Return the velocity (3,) in I of a point that rotates with the earth."""
         return self.earth.rate * jnp.stack([-p_I[1], p_I[0], jnp.zeros_like(p_I[0])])
 
 
 def _solve_symmetric(J: Any, b: Any) -> Any:
-    """Return J^-1 b (3,) of a symmetric J (3, 3), by its cofactors."""
+    """Return J^-1 b (3,) for a symmetric matrix J (3, 3), by cofactors."""
     rows = (jnp.cross(J[1], J[2]), jnp.cross(J[2], J[0]), jnp.cross(J[0], J[1]))
     return (b[0] * rows[0] + b[1] * rows[1] + b[2] * rows[2]) / (J[0] @ rows[0])

@@ -1,4 +1,4 @@
-"""A motor-driven rotating platform with an arm: the test bench of the thesis's navigation."""
+"""A motor-driven rotating platform with an arm, on which the thesis tested navigation."""
 
 from typing import Any, ClassVar
 
@@ -21,25 +21,27 @@ class PlatformDrive:
 
 @record
 class PlatformState:
-    """Angle and rate of the platform, and the motion of the body at the arm's end that follows from them.
+    """State of the platform: angle, rate, and the motion of the body at the arm's end that follows from them.
 
-    Only heading and yaw_rate count for the motion; the rest is integrated along, so that a log has the truth of all
-    that navigation estimates. `RotatingPlatform.rest` gives a state in which all fit. Source: this module.
+    Only heading and yaw_rate determine the motion. The other fields are integrated too, so that a log has the true
+    values of all that navigation estimates. `RotatingPlatform.rest` gives a consistent state. Source: this module.
     """
 
     heading: Scalar = quantity(
-        "rad", "Heading of the body: the arm's direction plus a quarter turn; unwrapped.", kind="angle"
+        "rad", "Heading of the body: direction of the arm plus a quarter turn; unwrapped.", kind="angle"
     )
     yaw_rate: Scalar = quantity("rad/s", "Rate of turn W, clockwise from above.", frame="B")
-    surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis, arm times rate.", frame="B")
-    sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis: none.", frame="B")
+    surge_velocity: Scalar = quantity(
+        "m/s", "Velocity along the body's x axis: length of the arm times rate of turn.", frame="B"
+    )
+    sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis; always 0.", frame="B")
     north: Scalar = quantity("m", "Position of the body along the world's x axis.", frame="W")
     east: Scalar = quantity("m", "Position of the body along the world's y axis.", frame="W")
 
 
 @record
 class RotatingPlatform:
-    """A platform on a vertical axis, turned by a motor whose rate follows the command like a first-order lag.
+    """A platform on a vertical axis, turned by a motor. Its rate follows the command with a first-order lag.
 
         W' = (rate - W)/tau        al' = W        psi = al + pi/2        p = T R (cos al, sin al, 0)
         v_B = (R W, 0, 0)          a_B = (R W', R W^2, 0)
@@ -54,11 +56,17 @@ class RotatingPlatform:
     """
 
     arm: Scalar = quantity(
-        "m", "Distance from the axis to the body; 0: on the axis.", default=0.3048, low=0, source="[1] 12 in"
+        "m",
+        "Length of the arm from the axis to the body; 0: the body is on the axis.",
+        default=0.3048,
+        low=0,
+        source="[1] 12 in",
     )
-    time_constant: Scalar = quantity("s", "Time constant of the rate's response to the command.", default=0.1, above=0)
+    time_constant: Scalar = quantity("s", "Time constant of the rate's lag behind its command.", default=0.1, above=0)
     tilt: Scalar = quantity("rad", "Angle of the spin axis from the vertical.", default=0.0, low=0, high=0.5)
-    lean: Scalar = quantity("rad", "Direction to which its upper end leans, from north.", default=0.0, kind="angle")
+    lean: Scalar = quantity(
+        "rad", "Direction in which the upper end of the spin axis leans, from north.", default=0.0, kind="angle"
+    )
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
     """Type reported to ground stations, see `wire.telemetry`."""
@@ -79,7 +87,7 @@ class RotatingPlatform:
         )
 
     def motion(self, t: Any, x: PlatformState, u: PlatformDrive) -> Motion:
-        """Return the motion that a sensor at the arm's end feels, from heading, yaw rate, command; t: integer time."""
+        """Return the motion of a sensor at the arm's end, from heading, yaw rate and command; t: integer time."""
         angle = x.heading - QUARTER
         acceleration = (u.rate - x.yaw_rate) / self.time_constant
         o = jnp.zeros_like(acceleration)
@@ -102,6 +110,6 @@ class RotatingPlatform:
         return PlatformState(heading, 0.0, 0.0, 0.0, place[0], place[1])
 
     def _lean_rotation(self) -> Any:
-        """Return the turn T (3, 3) of the upright platform into the leaning one."""
+        """Return the rotation T (3, 3) from the upright to the leaning platform."""
         turn = self.tilt * jnp.stack([jnp.sin(self.lean), -jnp.cos(self.lean), jnp.zeros_like(self.lean * 1.0)])
         return from_rotation_vector(turn)

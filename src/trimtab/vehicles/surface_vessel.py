@@ -16,7 +16,7 @@ from trimtab.environment.current import Current
 from trimtab.environment.wind import Wind
 
 TURN = 2 * np.pi
-"""One turn of a shaft (rad)."""
+"""Angle of one turn of a shaft (rad)."""
 TABLE_1, TABLE_2, TABLE_4 = "[1] table 1", "[1] table 2", "[1] table 4"
 AIR = 1.225
 """Density of air (kg/m^3)."""
@@ -24,7 +24,7 @@ AIR = 1.225
 
 @record
 class VesselControls:
-    """Command of the servos. Source: [1] section 2."""
+    """Command for rudders and propellers. Source: [1] section 2."""
 
     rudder: Scalar = quantity("rad", "Angle of both rudders; positive pushes the stern to starboard.", kind="angle")
     shaft_speed: Scalar = quantity("rad/s", "Speed of both propellers; positive drives ahead.")
@@ -32,7 +32,10 @@ class VesselControls:
 
 @record
 class VesselState:
-    """Velocity over the ground at the centre of mass, pose, and where rudders and shafts are. Source: [1] section 2."""
+    """State of the vessel: velocity over ground of the centre of mass, pose, rudder angle, propeller speed.
+
+    Source:  [1] section 2.
+    """
 
     surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B", default=0.0)
     sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B", default=0.0)
@@ -46,7 +49,7 @@ class VesselState:
 
 @record
 class HullDamping:
-    """Forces of the water on a hull that moves through it, about the origin of [1]: D(nu) nu with its sign turned.
+    """Forces of the water on a moving hull, about the origin of [1]: -D(nu) nu.
 
         X = Xu u + Xuu |u| u + Xuuu u^3
         Y = (Yv + Yvv |v| + Yrv |r|) v + (Yr + Yvr |v| + Yrr |r|) r        N the same
@@ -55,21 +58,51 @@ class HullDamping:
     Source:  [1] tables 2 and 4, in the letters of SNAME.
     """
 
-    Xu: Scalar = quantity("kg/s", "Damping coefficient of the hull in surge.", default=-0.72253, source=TABLE_2)
-    Xuu: Scalar = quantity("kg/m", "Damping coefficient of the hull in surge.", default=-1.32742, source=TABLE_2)
-    Xuuu: Scalar = quantity("kg s/m^2", "Damping coefficient of the hull in surge.", default=-5.86643, source=TABLE_2)
-    Yv: Scalar = quantity("kg/s", "Damping coefficient of the hull in sway.", default=-0.88965, source=TABLE_2)
-    Yvv: Scalar = quantity("kg/m", "Damping coefficient of the hull in sway.", default=-36.47287, source=TABLE_2)
-    Yrv: Scalar = quantity("kg", "Damping coefficient of the hull in sway.", default=-0.805, source=TABLE_4)
-    Yr: Scalar = quantity("kg m/s", "Damping coefficient of the hull in sway.", default=-7.250, source=TABLE_4)
-    Yvr: Scalar = quantity("kg", "Damping coefficient of the hull in sway.", default=-0.845, source=TABLE_4)
-    Yrr: Scalar = quantity("kg m", "Damping coefficient of the hull in sway.", default=-3.450, source=TABLE_4)
-    Nv: Scalar = quantity("kg m/s", "Damping coefficient of the hull in yaw.", default=0.03130, source=TABLE_2)
-    Nvv: Scalar = quantity("kg", "Damping coefficient of the hull in yaw.", default=3.95645, source=TABLE_2)
-    Nrv: Scalar = quantity("kg m", "Damping coefficient of the hull in yaw.", default=0.130, source=TABLE_4)
-    Nr: Scalar = quantity("kg m^2/s", "Damping coefficient of the hull in yaw.", default=-1.900, source=TABLE_4)
-    Nvr: Scalar = quantity("kg m", "Damping coefficient of the hull in yaw.", default=0.080, source=TABLE_4)
-    Nrr: Scalar = quantity("kg m^2", "Damping coefficient of the hull in yaw.", default=-0.750, source=TABLE_4)
+    Xu: Scalar = quantity(
+        "kg/s", "Damping of the hull: coefficient of the surge force per u.", default=-0.72253, source=TABLE_2
+    )
+    Xuu: Scalar = quantity(
+        "kg/m", "Damping of the hull: coefficient of the surge force per |u| u.", default=-1.32742, source=TABLE_2
+    )
+    Xuuu: Scalar = quantity(
+        "kg s/m^2", "Damping of the hull: coefficient of the surge force per u^3.", default=-5.86643, source=TABLE_2
+    )
+    Yv: Scalar = quantity(
+        "kg/s", "Damping of the hull: coefficient of the sway force per v.", default=-0.88965, source=TABLE_2
+    )
+    Yvv: Scalar = quantity(
+        "kg/m", "Damping of the hull: coefficient of the sway force per |v| v.", default=-36.47287, source=TABLE_2
+    )
+    Yrv: Scalar = quantity(
+        "kg", "Damping of the hull: coefficient of the sway force per |r| v.", default=-0.805, source=TABLE_4
+    )
+    Yr: Scalar = quantity(
+        "kg m/s", "Damping of the hull: coefficient of the sway force per r.", default=-7.250, source=TABLE_4
+    )
+    Yvr: Scalar = quantity(
+        "kg", "Damping of the hull: coefficient of the sway force per |v| r.", default=-0.845, source=TABLE_4
+    )
+    Yrr: Scalar = quantity(
+        "kg m", "Damping of the hull: coefficient of the sway force per |r| r.", default=-3.450, source=TABLE_4
+    )
+    Nv: Scalar = quantity(
+        "kg m/s", "Damping of the hull: coefficient of the yaw moment per v.", default=0.03130, source=TABLE_2
+    )
+    Nvv: Scalar = quantity(
+        "kg", "Damping of the hull: coefficient of the yaw moment per |v| v.", default=3.95645, source=TABLE_2
+    )
+    Nrv: Scalar = quantity(
+        "kg m", "Damping of the hull: coefficient of the yaw moment per |r| v.", default=0.130, source=TABLE_4
+    )
+    Nr: Scalar = quantity(
+        "kg m^2/s", "Damping of the hull: coefficient of the yaw moment per r.", default=-1.900, source=TABLE_4
+    )
+    Nvr: Scalar = quantity(
+        "kg m", "Damping of the hull: coefficient of the yaw moment per |v| r.", default=0.080, source=TABLE_4
+    )
+    Nrr: Scalar = quantity(
+        "kg m^2", "Damping of the hull: coefficient of the yaw moment per |r| r.", default=-0.750, source=TABLE_4
+    )
 
     def wrench(self, u: Any, v: Any, r: Any) -> tuple[Any, Any, Any]:
         """Return X, Y (N) and N (N m) at velocities through the water (m/s, rad/s)."""
@@ -82,11 +115,11 @@ class HullDamping:
 
 @record
 class TwinScrew:
-    """Two propellers side by side, turning alike, each with a rudder in its stream.
+    """Two propellers side by side at equal speed, each with a rudder in its stream.
 
-        T = Tnn |n| n - Tnu |n| u        n in turns per second, other numbers astern, none between the two
+        T = Tnn |n| n - Tnu |n| u        n in turns per second; other coefficients astern; T = 0 in between
         U = u + k (sqrt(8 T/(pi rho d^2) + u^2) - u)      past the rudder; U = u where u < 0
-        L = (Ld delta - Ldd |delta| delta) |U| U          other numbers where U < 0
+        L = (Ld delta - Ldd |delta| delta) |U| U          other coefficients where U < 0
 
     Not modelled: drag of the rudders, the bow thruster of [1], which lies still.
     Source:  [1]; thrust of its table 2. Reconstructed: the propeller's diameter and k, from public programs of [1].
@@ -117,11 +150,15 @@ class TwinScrew:
         "kg/m", "Coefficient Ldd of one rudder, flow from astern.", default=2.34356, source="[1]"
     )
     rudder_arm: Scalar = quantity(
-        "m", "Distance from the origin to the rudders, aft.", default=0.549, above=0, source=TABLE_1
+        "m", "Distance of the rudders aft of the origin of [1].", default=0.549, above=0, source=TABLE_1
     )
     diameter: Scalar = quantity("m", "Diameter of a propeller.", default=0.06, above=0)
     induced: Scalar = quantity(
-        "1", "Factor k: share of the propeller stream's extra speed that acts on a rudder.", default=0.5, low=0, high=1
+        "1",
+        "Factor k: fraction of the propeller stream's extra speed that acts on a rudder.",
+        default=0.5,
+        low=0,
+        high=1,
     )
     density: Scalar = quantity("kg/m^3", "Density of the water.", default=1014.0, above=0)
 
@@ -151,24 +188,25 @@ class TwinScrew:
 
 @record
 class WindLoad:
-    """Force of the wind on what stands above the water, about the origin of [1].
+    """Force of the wind on the part of the vessel above the water, about the origin of [1].
 
-        (X, Y, N) = rho V^2/2 (cx A cos(g), cy B sin(g), cn B L sin(2 g))      g: where the relative wind goes, from x
+        (X, Y, N) = rho V^2/2 (cx A cos(g), cy B sin(g), cn B L sin(2 g))      g: angle from x to the direction in which
+        the relative wind blows
 
     Source:  Fossen, "Handbook", 2021, section 10.1, for a vessel that is alike to port and starboard; areas and
              coefficients are this project's, the coefficients in the middle of the ranges given there.
     """
 
-    wind: Wind = part("Wind over the ground, at the height of the water.", default=Wind())
-    frontal_area: Scalar = quantity("m^2", "Area A exposed to wind from ahead.", default=0.04, low=0)
-    lateral_area: Scalar = quantity("m^2", "Area B exposed to wind from the side.", default=0.16, low=0)
-    length: Scalar = quantity("m", "Length L over all.", default=1.255, above=0, source=TABLE_1)
+    wind: Wind = part("Wind velocity over the ground, just above the water.", default=Wind())
+    frontal_area: Scalar = quantity("m^2", "Area A of the vessel exposed to wind from ahead.", default=0.04, low=0)
+    lateral_area: Scalar = quantity("m^2", "Area B of the vessel exposed to wind from the side.", default=0.16, low=0)
+    length: Scalar = quantity("m", "Length L of the vessel over all.", default=1.255, above=0, source=TABLE_1)
     cx: Scalar = quantity("1", "Wind coefficient of the force along the hull.", default=0.7, low=0)
     cy: Scalar = quantity("1", "Wind coefficient of the force across the hull.", default=0.85, low=0)
     cn: Scalar = quantity("1", "Wind coefficient of the yaw moment.", default=0.1)
 
     def wrench(self, x: VesselState) -> tuple[Any, Any, Any]:
-        """Return X, Y (N) and N (N m) on a vessel."""
+        """Return the wind forces X, Y (N) and the yaw moment N (N m) on a vessel."""
         north, east, _ = self.wind.velocity(0.0)
         c, s = jnp.cos(x.heading), jnp.sin(x.heading)
         along = c * north + s * east - x.surge_velocity
@@ -196,7 +234,7 @@ class SurfaceVessel:
     of the centre of mass, x_g ahead of it, and only forces are worked out about that point.
 
     Frames:  W north-east-down, B at the centre of mass, x forward, y starboard.
-    Valid:   calm water without waves; roll, pitch and heave follow no one. Rudders to 35 degrees.
+    Valid:   calm water without waves; no roll, pitch or heave. Rudders to 35 degrees.
     Not modelled: waves, shallow water, the propellers' side force.
     Source:  [1]; current and relative velocity as in Fossen, "Handbook of marine craft hydrodynamics and motion
              control", 2nd ed., 2021, section 10.3. Rates and lags of the actuators are this project's.
@@ -217,8 +255,8 @@ class SurfaceVessel:
     added_yaw: Scalar = quantity("kg m^2", "Added inertia in yaw, -N_r'.", default=1.0, low=0, source=TABLE_1)
     damping: HullDamping = part("Damping of the hull.", default=HullDamping())
     propulsion: TwinScrew = part("Propellers and rudders.", default=TwinScrew())
-    current: Current = part("Current of the water.", default=Current())
-    wind: Any = part("Load of the wind, or None.", default=None, optional=WindLoad())
+    current: Current = part("Water current.", default=Current())
+    wind: Any = part("Wind forces on the vessel. None: no wind.", default=None, optional=WindLoad())
     rudder_limit: Scalar = quantity("rad", "Maximum angle of the rudders.", default=35 * DEG, above=0)
     rudder_rate: Scalar = quantity("rad/s", "Maximum rate of the rudders.", default=30 * DEG, above=0)
     rudder_lag: Scalar = quantity("s", "Time constant of the rudders' servo.", default=0.1, above=0)
@@ -226,7 +264,7 @@ class SurfaceVessel:
     shaft_lag: Scalar = quantity("s", "Time constant of the shafts' drive.", default=0.3, above=0)
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """Vehicle type that ground stations are given, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def input_limits(self) -> dict[str, tuple[Any, Any]]:
         """Return the stops of the rudders (rad) and limits of the shafts (rad/s)."""
@@ -274,7 +312,7 @@ class SurfaceVessel:
         return X, Y, N
 
     def motion(self, t: Any, x: VesselState, u: VesselControls) -> Motion:
-        """Return the motion that a sensor at the centre of mass feels; t: integer time."""
+        """Return the motion of a sensor at the centre of mass; t: integer time."""
         du, dv, dr = self.accelerations(x)
         o, r = jnp.zeros_like(du), x.yaw_rate
         stack = jnp.stack

@@ -1,4 +1,4 @@
-"""A torpedo-shaped underwater vehicle in six degrees of freedom: REMUS, by the coefficients of its first simulation.
+"""A torpedo-shaped underwater vehicle, REMUS, in six degrees of freedom, with the coefficients of its first simulation.
 
 [1] is T. Prestero, "Verification of a six-degree of freedom simulation model for the REMUS autonomous underwater
 vehicle", Massachusetts Institute of Technology and Woods Hole Oceanographic Institution, 2001.
@@ -18,9 +18,9 @@ from trimtab.environment.current import Current
 
 TABLES = "[1] appendix B"
 RPM = np.pi / 30
-"""rad/s."""
+"""Angular speed of one turn per minute (rad/s)."""
 CRUISE = 1500 * RPM
-"""Shaft speed of thrust and torque in [1] (rad/s)."""
+"""Shaft speed at which [1] gives thrust and torque (rad/s)."""
 DOWN = np.array([0.0, 0.0, 1.0])
 
 
@@ -37,7 +37,10 @@ class TorpedoControls:
 
 @record
 class TorpedoState:
-    """Place, attitude, velocity over the ground at the centre of mass, fins and shaft. Source: [1] section 3.2."""
+    """State of the torpedo: position, attitude, velocity over ground of the centre of mass, fin angles, shaft.
+
+    Source:  [1] section 3.2.
+    """
 
     position: Any = quantity("m", "Position: north, east, depth.", frame="W", shape=(3,), default=np.zeros(3))
     attitude: Any = quantity(
@@ -63,64 +66,105 @@ class TorpedoHull:
     Source:  [1] appendix B, as it ran in the simulation there; what it multiplied to fit its flights is in (docs page).
     """
 
-    Xudot: Scalar = quantity("kg", "Added mass, axial.", default=-0.93, source=TABLES)
-    Yvdot: Scalar = quantity("kg", "Added mass across, also -Zwdot.", default=-35.5, source=TABLES)
-    Yrdot: Scalar = quantity("kg m", "Added mass, also Nvdot, -Zqdot and -Mwdot.", default=1.93, source=TABLES)
-    Kpdot: Scalar = quantity("kg m^2", "Added inertia, roll.", default=-0.0704, source=TABLES)
-    Mqdot: Scalar = quantity("kg m^2", "Added inertia, pitch, also Nrdot.", default=-4.88, source=TABLES)
-    Xuu: Scalar = quantity("kg/m", "Axial drag coefficient of the surge force.", default=-1.62, source=TABLES)
-    Xwq: Scalar = quantity("kg", "Added mass coefficient of the surge force.", default=-35.5, source=TABLES)
-    Xqq: Scalar = quantity("kg m", "Added mass coefficient of the surge force.", default=-1.93, source=TABLES)
-    Xvr: Scalar = quantity("kg", "Added mass coefficient of the surge force.", default=35.5, source=TABLES)
-    Xrr: Scalar = quantity("kg m", "Added mass coefficient of the surge force.", default=-1.93, source=TABLES)
-    Yvv: Scalar = quantity("kg/m", "Cross-flow drag coefficient of the sway force.", default=-1310.0, source=TABLES)
-    Yrr: Scalar = quantity("kg m", "Cross-flow drag coefficient of the sway force.", default=0.632, source=TABLES)
-    Yuv: Scalar = quantity("kg/m", "Body and fin lift coefficient of the sway force.", default=-28.6, source=TABLES)
-    Ywp: Scalar = quantity("kg", "Added mass coefficient of the sway force.", default=35.5, source=TABLES)
-    Yur: Scalar = quantity("kg", "Added mass and fin lift coefficient of the sway force.", default=5.22, source=TABLES)
-    Ypq: Scalar = quantity("kg m", "Added mass coefficient of the sway force.", default=1.93, source=TABLES)
+    Xudot: Scalar = quantity("kg", "Added mass along the body's x axis.", default=-0.93, source=TABLES)
+    Yvdot: Scalar = quantity(
+        "kg", "Added mass along y; along z it is equal (Zwdot = Yvdot).", default=-35.5, source=TABLES
+    )
+    Yrdot: Scalar = quantity(
+        "kg m", "Added mass coupling sway and yaw; equal to Nvdot, -Zqdot and -Mwdot.", default=1.93, source=TABLES
+    )
+    Kpdot: Scalar = quantity("kg m^2", "Added moment of inertia in roll.", default=-0.0704, source=TABLES)
+    Mqdot: Scalar = quantity(
+        "kg m^2", "Added moment of inertia in pitch, and in yaw (Nrdot).", default=-4.88, source=TABLES
+    )
+    Xuu: Scalar = quantity(
+        "kg/m", "Coefficient of the surge force per |u| u: axial drag.", default=-1.62, source=TABLES
+    )
+    Xwq: Scalar = quantity("kg", "Coefficient of the surge force per w q: added mass.", default=-35.5, source=TABLES)
+    Xqq: Scalar = quantity("kg m", "Coefficient of the surge force per q^2: added mass.", default=-1.93, source=TABLES)
+    Xvr: Scalar = quantity("kg", "Coefficient of the surge force per v r: added mass.", default=35.5, source=TABLES)
+    Xrr: Scalar = quantity("kg m", "Coefficient of the surge force per r^2: added mass.", default=-1.93, source=TABLES)
+    Yvv: Scalar = quantity(
+        "kg/m", "Coefficient of the sway force per |v| v: cross-flow drag.", default=-1310.0, source=TABLES
+    )
+    Yrr: Scalar = quantity(
+        "kg m", "Coefficient of the sway force per |r| r: cross-flow drag.", default=0.632, source=TABLES
+    )
+    Yuv: Scalar = quantity(
+        "kg/m", "Coefficient of the sway force per u v: body and fin lift.", default=-28.6, source=TABLES
+    )
+    Ywp: Scalar = quantity("kg", "Coefficient of the sway force per w p: added mass.", default=35.5, source=TABLES)
+    Yur: Scalar = quantity(
+        "kg", "Coefficient of the sway force per u r: added mass and fin lift.", default=5.22, source=TABLES
+    )
+    Ypq: Scalar = quantity("kg m", "Coefficient of the sway force per p q: added mass.", default=1.93, source=TABLES)
     Yuudr: Scalar = quantity(
         "kg/(m rad)", "Coefficient of the sway force due to the rudder.", default=9.64, source=TABLES
     )
-    Zww: Scalar = quantity("kg/m", "Cross-flow drag coefficient of the heave force.", default=-131.0, source=TABLES)
-    Zqq: Scalar = quantity("kg m", "Cross-flow drag coefficient of the heave force.", default=-0.632, source=TABLES)
-    Zuw: Scalar = quantity("kg/m", "Body and fin lift coefficient of the heave force.", default=-28.6, source=TABLES)
-    Zuq: Scalar = quantity(
-        "kg", "Added mass and fin lift coefficient of the heave force.", default=-5.22, source=TABLES
+    Zww: Scalar = quantity(
+        "kg/m", "Coefficient of the heave force per |w| w: cross-flow drag.", default=-131.0, source=TABLES
     )
-    Zvp: Scalar = quantity("kg", "Added mass coefficient of the heave force.", default=-35.5, source=TABLES)
-    Zrp: Scalar = quantity("kg m", "Added mass coefficient of the heave force.", default=1.93, source=TABLES)
+    Zqq: Scalar = quantity(
+        "kg m", "Coefficient of the heave force per |q| q: cross-flow drag.", default=-0.632, source=TABLES
+    )
+    Zuw: Scalar = quantity(
+        "kg/m", "Coefficient of the heave force per u w: body and fin lift.", default=-28.6, source=TABLES
+    )
+    Zuq: Scalar = quantity(
+        "kg", "Coefficient of the heave force per u q: added mass and fin lift.", default=-5.22, source=TABLES
+    )
+    Zvp: Scalar = quantity("kg", "Coefficient of the heave force per v p: added mass.", default=-35.5, source=TABLES)
+    Zrp: Scalar = quantity("kg m", "Coefficient of the heave force per r p: added mass.", default=1.93, source=TABLES)
     Zuuds: Scalar = quantity(
         "kg/(m rad)", "Coefficient of the heave force due to the stern planes.", default=-9.64, source=TABLES
     )
-    Kpp: Scalar = quantity("kg m^2", "Rolling drag coefficient of the roll moment.", default=-0.130, source=TABLES)
-    Mww: Scalar = quantity("kg", "Cross-flow drag coefficient of the pitch moment.", default=3.18, source=TABLES)
-    Mqq: Scalar = quantity("kg m^2", "Cross-flow drag coefficient of the pitch moment.", default=-188.0, source=TABLES)
+    Kpp: Scalar = quantity(
+        "kg m^2", "Coefficient of the roll moment per |p| p: rolling drag.", default=-0.130, source=TABLES
+    )
+    Mww: Scalar = quantity(
+        "kg", "Coefficient of the pitch moment per |w| w: cross-flow drag.", default=3.18, source=TABLES
+    )
+    Mqq: Scalar = quantity(
+        "kg m^2", "Coefficient of the pitch moment per |q| q: cross-flow drag.", default=-188.0, source=TABLES
+    )
     Muw: Scalar = quantity(
-        "kg", "Coefficient of the pitch moment: body and fin lift, and Munk's moment.", default=24.0, source=TABLES
+        "kg",
+        "Coefficient of the pitch moment per u w: body and fin lift, and Munk's moment.",
+        default=24.0,
+        source=TABLES,
     )
     Muq: Scalar = quantity(
-        "kg m", "Added mass and fin lift coefficient of the pitch moment.", default=-2.0, source=TABLES
+        "kg m", "Coefficient of the pitch moment per u q: added mass and fin lift.", default=-2.0, source=TABLES
     )
-    Mvp: Scalar = quantity("kg m", "Added mass coefficient of the pitch moment.", default=-1.93, source=TABLES)
-    Mrp: Scalar = quantity("kg m^2", "Added mass coefficient of the pitch moment.", default=4.86, source=TABLES)
+    Mvp: Scalar = quantity("kg m", "Coefficient of the pitch moment per v p: added mass.", default=-1.93, source=TABLES)
+    Mrp: Scalar = quantity(
+        "kg m^2", "Coefficient of the pitch moment per r p: added mass.", default=4.86, source=TABLES
+    )
     Muuds: Scalar = quantity(
         "kg/rad", "Coefficient of the pitch moment due to the stern planes.", default=-6.15, source=TABLES
     )
-    Nvv: Scalar = quantity("kg", "Cross-flow drag coefficient of the yaw moment.", default=-3.18, source=TABLES)
-    Nrr: Scalar = quantity("kg m^2", "Cross-flow drag coefficient of the yaw moment.", default=-94.0, source=TABLES)
+    Nvv: Scalar = quantity(
+        "kg", "Coefficient of the yaw moment per |v| v: cross-flow drag.", default=-3.18, source=TABLES
+    )
+    Nrr: Scalar = quantity(
+        "kg m^2", "Coefficient of the yaw moment per |r| r: cross-flow drag.", default=-94.0, source=TABLES
+    )
     Nuv: Scalar = quantity(
-        "kg", "Coefficient of the yaw moment: body and fin lift, and Munk's moment.", default=-24.0, source=TABLES
+        "kg",
+        "Coefficient of the yaw moment per u v: body and fin lift, and Munk's moment.",
+        default=-24.0,
+        source=TABLES,
     )
     Nur: Scalar = quantity(
-        "kg m", "Added mass and fin lift coefficient of the yaw moment.", default=-2.0, source=TABLES
+        "kg m", "Coefficient of the yaw moment per u r: added mass and fin lift.", default=-2.0, source=TABLES
     )
-    Nwp: Scalar = quantity("kg m", "Added mass coefficient of the yaw moment.", default=-1.93, source=TABLES)
-    Npq: Scalar = quantity("kg m^2", "Added mass coefficient of the yaw moment.", default=-4.86, source=TABLES)
+    Nwp: Scalar = quantity("kg m", "Coefficient of the yaw moment per w p: added mass.", default=-1.93, source=TABLES)
+    Npq: Scalar = quantity("kg m^2", "Coefficient of the yaw moment per p q: added mass.", default=-4.86, source=TABLES)
     Nuudr: Scalar = quantity("kg/rad", "Coefficient of the yaw moment due to the rudder.", default=-6.15, source=TABLES)
 
     def wrench(self, velocity: Any, rate: Any, rudder: Any, stern: Any) -> tuple[Any, Any]:
-        """Return force (3,) (N) and moment (3,) (N m), without what goes with the accelerations."""
+        """Return force (3,) (N) and moment (3,) (N m) of the water, without the added mass terms that contain
+        accelerations."""
         (u, v, w), (p, q, r) = velocity, rate
         av, aw, aq, ar = jnp.abs(v), jnp.abs(w), jnp.abs(q), jnp.abs(r)
         X = self.Xuu * jnp.abs(u) * u + self.Xwq * w * q + self.Xqq * q**2 + self.Xvr * v * r + self.Xrr * r**2
@@ -169,7 +213,7 @@ class Torpedo:
     torque: Scalar = quantity(
         "N m", "Torque of the propeller on the hull at 1500 rpm.", default=-0.543, source="[1] table C.9"
     )
-    current: Current = part("Current of the water.", default=Current())
+    current: Current = part("Water current.", default=Current())
     fin_limit: Scalar = quantity(
         "rad", "Maximum angle of the fins.", default=13.6 * DEG, above=0, source="[1] table 2.2"
     )
@@ -179,11 +223,11 @@ class Torpedo:
     shaft_lag: Scalar = quantity("s", "Time constant of the shaft's drive.", default=0.3, above=0)
 
     MAV_TYPE: ClassVar[str] = "SUBMARINE"
-    """Vehicle type that ground stations are given, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     @property
     def mass(self) -> Any:
-        """kg."""
+        """Mass of the vehicle (kg)."""
         return self.weight / 9.81
 
     def input_limits(self) -> dict[str, tuple[Any, Any]]:
@@ -224,7 +268,8 @@ class Torpedo:
         return dv - jnp.cross(w, water) + jnp.cross(dw, arm), dw
 
     def wrench(self, x: TorpedoState, v: Any, R_BW: Any) -> tuple[Any, Any]:
-        """Force (3,) (N) and moment (3,) (N m) about the centre of buoyancy, at v (3,) through the water there."""
+        """Return force (3,) (N) and moment (3,) (N m) about the centre of buoyancy, which moves at v (3,) through the
+        water."""
         force, moment = self.hull.wrench(v, x.rate, x.rudder, x.stern)
         down = R_BW[:, 2]
         force = force + (self.weight - self.buoyancy) * down
@@ -234,7 +279,7 @@ class Torpedo:
         return force + self.thrust * ahead, moment + self.torque * ahead
 
     def _solve(self, force: Any, moment: Any) -> tuple[Any, Any]:
-        """Return v' (3,), w' (3,): the equations of [1] with added mass fall into (u, w, q) and (v, p, r)."""
+        """Return the accelerations v' (3,), w' (3,). With added mass, (u, w, q) and (v, p, r) are solved separately."""
         m, h, mz = self.mass, self.hull, self.mass * self.lowered
         (Ix, Iy, Iz), o = self.inertia, 0.0
         across = m - h.Yvdot
@@ -249,11 +294,11 @@ class Torpedo:
         return jnp.stack([du, dv, dw]), jnp.stack([dp, dq, dr])
 
     def after_step(self, t: Any, x: TorpedoState) -> TorpedoState:
-        """Return the state with an attitude of length one."""
+        """Return the state with its quaternion normalised."""
         return replace(x, attitude=quaternion.normalise(x.attitude))
 
     def motion(self, t: Any, x: TorpedoState, u: TorpedoControls) -> Motion:
-        """Return the motion that a sensor at the centre of mass feels; t: integer time."""
+        """Return the motion of a sensor at the centre of mass; t: integer time."""
         dv, dw = self.accelerations(x)
         return Motion(
             t=t,

@@ -27,14 +27,14 @@ Start = Annotated[
     Literal["dive", "inverted"],
     {
         "dive": "27 degrees nose down, 22.5 degrees of bank",
-        "inverted": "a degree nose down, inverted: 162 degrees of bank",
+        "inverted": "inverted: 162 degrees of bank, one degree nose down",
     },
 ]
 Gains = Annotated[
     Literal["actuators", "published"],
     {
-        "actuators": "designed for surfaces that lag, and for the delay of the loop",
-        "published": "those of AeroBenchVV, designed without: with surfaces that lag the roll loop is unstable",
+        "actuators": "gains designed for the lag of the control surfaces and the delay of the loop",
+        "published": "gains of AeroBenchVV, designed without the surfaces' lag, with which the roll loop is unstable",
     },
 ]
 SURFACES = {"elevator": (25.0, 60.0), "aileron": (21.5, 80.0), "rudder": (30.0, 120.0)}

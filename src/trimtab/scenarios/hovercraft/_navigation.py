@@ -42,12 +42,12 @@ Navigation = Annotated[
     {
         "errors": "the thesis's model of its navigation errors",
         "ins": "IMU, fixes of the ultrasonic network, dual filters with feedback of the estimated errors",
-        "ins-magnetometer": "ins with the heading from the magnetometer, not from two units",
+        "ins-magnetometer": "ins with the heading from the magnetometer instead of two ultrasonic units",
         "ins-coupled": "one filter for heading and motion, so that positions also correct the heading",
         "ins-feedforward": "the dual filters as in the thesis: errors are subtracted outside the navigation",
         "ins-direct": "dual filters of the state itself, not of its errors",
         "tight": "tightly coupled: each raw range goes into one filter with the IMU",
-        "particle": "a particle filter on raw ranges and IMU",
+        "particle": "a particle filter that uses raw ranges and the IMU",
     },
 ]
 FORMS: dict[str, Any] = {

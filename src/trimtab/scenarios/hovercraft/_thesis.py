@@ -31,21 +31,21 @@ Links = Annotated[
     {
         "chain": "the constant delays of the thesis's simulation, 36 ms down and 40 ms up",
         "measured": "random latencies with the statistics of the thesis's Bluetooth table",
-        "none": "processing on board: wires instead of a link",
+        "none": "no radio link: the autopilot is on board",
     },
 ]
 Craft = Annotated[
     Literal["thesis", "lighter"],
     {
         "thesis": "the thesis's craft, 2.6 kg",
-        "lighter": "half a pound less of electronics, 2.37 kg, with the same radius of gyration",
+        "lighter": "craft without half a pound of electronics: 2.37 kg, with an equal radius of gyration",
     },
 ]
 Fan = Annotated[
     Literal["reversible", "variable-pitch"],
     {
-        "reversible": "the thesis's fan: a brake of 150 ms out of reverse, and less than half the thrust in reverse",
-        "variable-pitch": "no brake, and equal thrust in reverse and forward",
+        "reversible": "the thesis's fan: braked for 150 ms out of reverse, less than half the thrust in reverse",
+        "variable-pitch": "variable-pitch fan: no brake, equal thrust in reverse and forward",
     },
 ]
 Supervision = Literal["none", "automatic"]

@@ -34,7 +34,7 @@ SLOW = Pose(
 PoseLaw = Annotated[
     Literal["swing", "steps"],
     {
-        "swing": "this project's: brake, aim, go, then hold by a swing of the nose",
+        "swing": "trimtab's law: brake, aim, go, then hold the pose by swinging the nose",
         "steps": "the thesis's six steps, repeated",
     },
 ]

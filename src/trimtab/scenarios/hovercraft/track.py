@@ -20,21 +20,21 @@ Path = Annotated[
     {
         "circle": "radius 1.5 m, a round in 20 s",
         "eight": "5 m by 1.5 m, in 30 s; the thrust reverses at its crossing",
-        "waypoints": "three legs of 3 m at 0.4 m/s, from rest to rest",
+        "waypoints": "three straight legs of 3 m at 0.4 m/s, with rest at both ends",
     },
 ]
 Progress = Annotated[
     Literal["time", "path"],
     {
-        "time": "the path's time is the clock's",
+        "time": "the path advances with the clock",
         "path": "the path waits for the craft, and advances faster when the craft is ahead",
     },
 ]
 TrackingLaw = Annotated[
     Literal["lyapunov", "horizon"],
     {
-        "lyapunov": "thrust along the nose, the nose turned to the needed thrust; proven without limits",
-        "horizon": "the best plan for 2.6 s within the limits of fan and rudder, planned again each 20 ms",
+        "lyapunov": "turns the nose to the needed thrust direction; proven stable without limits of fan and rudder",
+        "horizon": "predictive control: optimal plan for 2.6 s within the limits of fan and rudder, each 20 ms",
     },
 ]
 NEAR = 0.2

@@ -30,13 +30,14 @@ Trajectory = Annotated[
         "circle": "radius 1.5 m, a round in 5 s",
         "eight": "5 m by 1.5 m, in 8 s",
         "helix": "helix of the publication, at half its pace, the nose to the north",
-        "place": "one position, from half a metre away",
-        "recovery": "one position, from upside down",
+        "place": "hover at a position, from a start half a metre away",
+        "recovery": "hover at a position, from a start upside down",
     },
 ]
 MotorFault = Annotated[
     Literal["works", "1-fails", "2-fails", "3-fails", "4-fails"],
-    {"works": "all four turn"} | {f"{k}-fails": f"rotor {k} stops at 2 s, for ever" for k in range(1, 5)},
+    {"works": "all four rotors work"}
+    | {f"{k}-fails": f"rotor {k} fails at 2 s and stays stopped" for k in range(1, 5)},
 ]
 LawChoice = Annotated[
     Literal["geometric", "neural"],

@@ -28,8 +28,8 @@ Route = Annotated[
 Start = Annotated[
     Literal["rows", "swapped"],
     {
-        "rows": "from rows, 2.4 m apart, each from a suitable place",
-        "swapped": "each from the place across the formation, so that all cross paths",
+        "rows": "craft start in rows, 2.4 m apart, each near its place in the formation",
+        "swapped": "each craft starts opposite its place in the formation, so that all paths cross",
     },
 ]
 SPACING = 3.0

@@ -36,7 +36,11 @@ Links = Annotated[
 ]
 Weather = Annotated[
     Literal["current", "breeze", "calm"],
-    {"current": "0.14 m/s from the north-east", "breeze": "current, and wind of 4 m/s", "calm": "neither"},
+    {
+        "current": "a current of 0.14 m/s from the north-east",
+        "breeze": "the current, and a wind of 4 m/s",
+        "calm": "neither",
+    },
 ]
 TICK = ms(50)
 PLACES = ((0.0, 0.0), (12.0, 0.0), (18.0, 8.0), (60.0, 8.0))
