@@ -29,8 +29,8 @@ def open_console(address: ConsoleAddress, describe: Callable[[ConsoleLine], Mapp
     """Run a console during a flight.
 
     Args:
-        address: to listen on.
-        describe: makes the first message to the pages, see `hello.describe_flight`.
+        address: address to listen on.
+        describe: function that makes the first message to the pages, see `hello.describe_flight`.
     """
     address.check()
     own, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)

@@ -58,5 +58,5 @@ class RefusalAnswers:
 
 
 def describe_lead(lead: float) -> str:
-    """Return the direction of a clock's difference from its lead (s)."""
+    """Return "ahead of" or "behind" for the lead of a clock (s)."""
     return "ahead of" if lead > 0 else "behind"

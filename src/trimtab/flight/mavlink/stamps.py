@@ -65,7 +65,7 @@ def running_clock(clock: Clock = SYSTEM_CLOCK) -> Callable[[], float]:
 
 
 class _Stream:
-    """Stamps accepted from one sender, as far back as they matter."""
+    """Stamps accepted from one sender, kept as long as a stamp this old could still be accepted."""
 
     def __init__(self, floor: int) -> None:
         self.newest = self.ordered = floor
@@ -119,7 +119,7 @@ class Stamps:
         return self.last
 
     def store_ahead(self) -> None:
-        """Store ahead if half the margin is used up. Call it now and then where waiting does no harm."""
+        """Store ahead if half the margin is used up. Call this regularly, where waiting for the disk does no harm."""
         if self._file is not None and self.last + STORE_MARGIN // 2 > self._ceiling:
             self._write_store()
 
