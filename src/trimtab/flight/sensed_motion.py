@@ -17,7 +17,7 @@ FENCE, ENVELOPE = "fence", "envelope"
 
 
 class SensedQuantity(NamedTuple):
-    """Quantity, and the sensor fields whose length it is, the best ones first."""
+    """Quantity of the motion. fields: sensor fields whose vector length is the quantity, the best fields first."""
 
     kind: str
     unit: str
@@ -47,7 +47,7 @@ class _SensedSlots(NamedTuple):
 
 
 class SensedMotion:
-    """Newest samples of a vehicle's sensors, as quantities."""
+    """Motion of a vehicle from the newest samples of its sensors."""
 
     def __init__(self, body: VirtualVehicle, limits: VehicleLimits) -> None:
         """Find the sensor of each quantity. Raise InputError for a limit on a quantity without a sensor."""
@@ -98,7 +98,7 @@ class SensedMotion:
     def mean_motion(self) -> tuple[float, float]:
         """Return mean speed and turn rate over the rest time; infinite while the record is shorter.
 
-        NaN where no sensor measures it.
+        A quantity without a sensor is NaN.
         """
         if not self._moments:
             return math.inf, math.inf

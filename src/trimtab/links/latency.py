@@ -1,4 +1,5 @@
-"""A packet link whose latency is drawn from a measured distribution, and those of five pairs of Bluetooth modules.
+"""A packet link with latencies drawn from a measured distribution, and the distributions of five pairs of Bluetooth
+modules.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -101,7 +102,8 @@ def normal_scores() -> np.ndarray[Any, np.dtype[np.float64]]:
 
 
 def gamma_table(mean: float, sd: float, shift: float) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return latencies (NODES,) (s) of a gamma distribution moved up by `shift`, with this mean and deviation (s).
+    """Return a table of latencies (NODES,) (s): a gamma distribution moved up by `shift`, with this mean and deviation
+    (s).
 
         k = ((mean - shift) / sd)^2,   scale = sd^2 / (mean - shift),   latency(z) = shift + scale Q_k(ndtr(z))
 
@@ -134,7 +136,7 @@ def mean_latency(table: Any) -> float:
 
 
 class Latencies(NamedTuple):
-    """One row of the table, in milliseconds."""
+    """Latencies of one path in the measured table, in milliseconds."""
 
     mean_ms: float
     sd_ms: float
@@ -203,7 +205,10 @@ def bluetooth_link(
     if path not in SEND_PERIODS:
         why = ": it is two links, not one" if path == "round trip" else ""
         raise InputError(
-            "bluetooth", f"no path {path!r}{why}", choices=SEND_PERIODS, fix="make one link for each direction"
+            "bluetooth",
+            f"the table has no path {path!r}{why}",
+            choices=SEND_PERIODS,
+            fix="make one link for each direction",
         )
     row = TABLE[pair][path]
     table = gamma_table(row.mean_ms / 1e3, row.sd_ms / 1e3, (row.min_ms - BELOW_MIN_MS) / 1e3)

@@ -1,4 +1,4 @@
-"""Content of an MCAP file, up to its end or to a cut. Damaged chunks are left out and named.
+"""Content of an MCAP file, which may be truncated. Damaged chunks are left out and named.
 
 A cut chunk is decompressed as far as possible. After a damaged part, reading goes on at the next chunk that is
 compressed by zstd, as all chunks of trimtab's own logs are.

@@ -277,11 +277,11 @@ OTHER_SPELLINGS = {
     "states": 'log["truth.NAME"]',
     "shape": "len(log), len(log.paths)",
 }
-"""Members that users of other libraries expect of a log -> what to write."""
+"""Attribute that users of other libraries expect of a log -> the expression to write instead."""
 
 
 def _other_spelling(log: Log, name: str) -> str:
-    """Return what to write for a member that a log does not have; "" if nothing is near."""
+    """Return the expression to write instead of an attribute that a log does not have; "" if none is similar."""
     signals = log.__dict__.get("signals", {})
     below = [path for path in signals if path.startswith(f"{name}.")]
     if name in OTHER_SPELLINGS:
@@ -299,7 +299,7 @@ def _other_spelling(log: Log, name: str) -> str:
 
 
 def check_log(log: Any, call: str) -> None:
-    """Raise InputError for what is not a log. call: what to write, with {} for the log."""
+    """Raise InputError for a value that is not a log. call: the call to suggest, with {} in place of the log."""
     if not isinstance(log, Log):
         source = "read_log({!r})" if str(log).endswith(".mcap") else "simulate({!r})"
         own = source.format(log) if isinstance(log, str) else 'read_log("run.mcap")'

@@ -55,7 +55,7 @@ VEHICLE = "vehicle"
 BLOCK_ROWS = 4096
 """Number of rows that are converted to text at a time."""
 SAMPLE_ROWS, SAMPLES = 250, 4
-"""Consecutive rows, and number of such samples, for an estimate of a log's size."""
+"""Number of consecutive rows in a sample, and number of samples, for an estimate of a log's size."""
 
 
 @explain_call()
@@ -185,7 +185,7 @@ def _write_rows(writer: "Writer", log: Log, channels: list[tuple[int, Fields]], 
 
 
 def _missing_content(contents: Contents) -> str:
-    """Describe the fault of a file without its own description."""
+    """Describe what is wrong with a file that lacks the metadata records of a trimtab log."""
     if not contents.is_truncated:
         return "is an MCAP file, but not a log of trimtab"
     known = {key: load_json(text) for key, text in contents.metadata.get(RUN, {}).items()}

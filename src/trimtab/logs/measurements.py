@@ -25,19 +25,20 @@ from trimtab.core.units import UNITS, find_size
 from trimtab.core.user_file import read_user_text
 
 TRIAL = "trial"
-"""Column that distinguishes equal readings."""
+"""Column that numbers repeated measurements, so that equal lines are accepted."""
 
 
 NEIGHBOURS = 2
-"""Number of readings on either side that are compared with a spike."""
+"""Number of readings on each side with which a reading is compared, to find spikes."""
 SPIKE = 12.0
-"""Deviation from the surrounding readings, in usual deviations, beyond which a reading is a spike."""
+"""A reading is a spike if its deviation from the surrounding readings exceeds this multiple of the usual deviation."""
 
 
 class MeasuredColumn(NamedTuple):
     """Column of a procedure.
 
-    low, high: valid range, in its unit.  most: smallest plausible maximum.  usual: unit in which it is usually written.
+    low, high: valid range, in its unit.  most: smallest plausible maximum of the column. usual: unit in which the
+    quantity is usually written.
     """
 
     name: str
@@ -82,7 +83,7 @@ class Measurements:
         return Measurements(self.file, self.lines[chosen], {n: v[chosen] for n, v in self.values.items()})
 
     def name_lines(self, chosen: Any) -> str:
-        """Format the lines of a mask's rows, e.g. "lines 4, 7 and 12"."""
+        """Format the line numbers of selected rows, e.g. "lines 4, 7 and 12"."""
         return name_lines([int(n) for n in self.lines[chosen]])
 
 

@@ -76,7 +76,7 @@ def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict
 
 
 def mode_switches(log: Log) -> int:
-    """Return how often the law switched its mode: the last ``law.switches``, or 0 for a law that does not count."""
+    """Return how often the law switched its mode: the last ``law.switches``, or 0 for a law without this signal."""
     if "law.switches" in log and len(log):
         return int(log["law.switches"][-1])
     return 0

@@ -37,7 +37,7 @@ PENDING, HOLDS, VIOLATED = range(3)
 VERDICTS = ("pending", "holds", "violated")
 """Verdicts on a formula in flight."""
 OPPOSITE = {"historically": "always", "once": "eventually", "since": "until"}
-"""Future counterparts of the words about the past, for reversed time."""
+"""Operator about the past -> operator about the future, which is evaluated in reversed time."""
 
 
 class Assessment(NamedTuple):
@@ -58,7 +58,7 @@ class Assessment(NamedTuple):
 
 
 def format_robustness(assessment: Assessment) -> str:
-    """Format the robustness with its unit; that of equal numbers is 0."""
+    """Format the robustness with its unit. A comparison of equal numbers shows 0."""
     value = 0.0 if abs(assessment.robustness) <= EQUALITY_ROBUSTNESS else assessment.robustness
     return f"{value:.4g}" + (f" {assessment.unit}" if assessment.unit != "1" else "")
 

@@ -22,7 +22,7 @@ from trimtab.logs.log import Log
 BLOCK = "csv"
 """Block name before each signal's name: ``csv.gyro_z``."""
 GAPS_MAX = 0.01
-"""Largest number of gaps, relative to the number of samples, between which a stretch is used."""
+"""Largest ratio of gaps to samples with which the longest stretch without gaps is used."""
 PERIOD_MIN = 2e-5
 """Shortest period of a sensor's samples (s) that is plausible."""
 PERIOD_MAX = 2.0

@@ -157,7 +157,7 @@ class TimeSync:
         return self._applied + self._turn * min(since, HORIZON) + self._after * max(since - HORIZON, 0)
 
     def show_local(self, remote: int) -> int:
-        """Convert a time of the other clock like `to_local`, but keep no state, because the time may still be rejected."""
+        """Convert a time of the other clock like `to_local`, but keep no state: the time may still be rejected."""
         local = round(remote - self._offset_at(remote))
         return local if self._not_before is None else max(local, self._not_before)
 

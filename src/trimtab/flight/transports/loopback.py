@@ -36,7 +36,9 @@ def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:
     except OSError as error:
         listener.close()
         os.close(lock)
-        raise address.input_error(f"cannot listen there ({error})", "use another name, or a shorter TMPDIR") from None
+        raise address.input_error(
+            f"cannot listen there ({error})", "use another name, or set TMPDIR to a shorter path"
+        ) from None
 
     def release() -> None:
         place.unlink(missing_ok=True)

@@ -13,7 +13,9 @@ GONE_MS = 5000
 
 
 def open_tcp(address: Address, *, listen: bool = False) -> StreamLink:
-    """Connect to a peer, present or not yet; or listen for one at a time, on this machine only without a host."""
+    """Connect to a peer, present or not yet; or listen for one peer at a time, on this machine only unless a host is
+    given.
+    """
     address.validate_options()
     family, place = resolve_host(address, socket.SOCK_STREAM)
     if not listen:
@@ -46,7 +48,7 @@ def bind_socket(address: Address, s: socket.socket, place: Any) -> socket.socket
 
 
 def _configure_tcp(s: socket.socket) -> socket.socket:
-    """Disable delayed sending, and enable detection of a vanished peer. Return the socket."""
+    """Set a socket to send without delay and to detect a vanished peer. Return the socket."""
     with contextlib.suppress(OSError, AttributeError):
         s.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         s.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)

@@ -15,7 +15,7 @@ from trimtab.logs.foreign.tables import Table
 from trimtab.logs.samples import SampleSeries
 
 DISORDER = UNITS_PER_SECOND
-"""Age of a row relative to an earlier one (100 ns) from which the clock was restarted, not merely out of order."""
+"""A time that falls by more than this (100 ns) means that the clock restarted. A smaller fall is a row out of order."""
 EQUATOR, FLATTENING = 6378137.0, 1 / 298.257223563
 """WGS 84: radius at the equator (m), flattening."""
 
@@ -72,7 +72,7 @@ def _column(where: str, table: Table, name: str, key: str) -> Any:
     if column.dtype.kind not in "biuf":
         choices = [n for n, c in table.columns.items() if np.asarray(c).dtype.kind in "biuf"]
         problem = table.problems.get(name, f"its column {name!r} holds no numbers")
-        raise InputError(where, problem, choices=choices, fix=f"in {key} use another column")
+        raise InputError(where, problem, choices=choices, fix=f"name another column in {key}")
     return column
 
 

@@ -49,7 +49,7 @@ class TimeMap(NamedTuple):
 class FieldMap(NamedTuple):
     """Mapping of one field of a sensor: (sign * column + offset) in its unit, then converted to SI.
 
-    columns: one for each component; none for a constant.  unit: as written, None if missing.
+    columns: one for each component; empty for a constant.  unit: as written, None if missing.
     sign, offset: (k,) or one for all.  single: True if a value is a number, not a list of k.
     quaternion: the columns are w, x, y, z of a rotation, whose yaw is the field.  constant: value for every row.
     unwrap: True to count full turns.  doc: meaning of the field.
@@ -111,7 +111,9 @@ def read_mapping(path: str | os.PathLike[str]) -> LogMapping:
     except OSError as error:
         raise InputError(where, f"cannot be read: {error.strerror or error}", fix="check the path") from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(where, f"is not TOML: {error}", fix="correct that line; an example is in docs/logs") from None
+        raise InputError(
+            where, f"is not TOML: {error}", fix="correct the line that TOML names; an example is in docs/logs"
+        ) from None
     return parse_mapping(content, where)
 
 
