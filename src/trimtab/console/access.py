@@ -65,7 +65,7 @@ class Access:
             if hmac.compare_digest(token.encode(), own.encode()):
                 return self._session_cookie(role)
         self._wrong.append(now)
-        self._note(f"console: wrong token, {len(self._wrong)} recently")
+        self._note(f"console: wrong token; {len(self._wrong)} wrong tokens recently")
         return None
 
     def role(self, headers: Mapping[str, str]) -> str | None:

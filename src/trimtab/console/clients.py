@@ -58,7 +58,7 @@ MESSAGES: Mapping[str, Mapping[str, Check]] = {
     "set": {"path": _is_name, "slot": _is_count, "value": _is_number, **ANSWERED},
     "save": ANSWERED,
 }
-"""Type of a message -> its other fields with their checks."""
+"""Type of a message -> the further fields of the message, each with the function that checks its value."""
 OBSERVED = ("ping", "acknowledge")
 """Types that an observer may send."""
 
@@ -136,15 +136,15 @@ class Client:
                 packet = await self._socket.receive()
                 if packet["type"] == "websocket.disconnect":
                     too_large = packet.get("code") == 1009
-                    return f"a message of more than {LARGEST_MESSAGE} bytes" if too_large else ""
+                    return f"the page sent a message of more than {LARGEST_MESSAGE} bytes" if too_large else ""
                 if self._is_flooding():
-                    return f"more than {MOST_MESSAGES} messages a second"
+                    return f"the page sent more than {MOST_MESSAGES} messages a second"
                 text = packet.get("text")
                 if text is None:
-                    return "a binary message"
+                    return "the page sent a binary message"
                 handle(self, parse_message(text, self.role))
         except (ValueError, RecursionError) as error:
-            return f"an invalid message: {error}"
+            return f"the page sent an invalid message: {error}"
         except (WebSocketDisconnect, RuntimeError, OSError):
             return ""
 

@@ -69,7 +69,7 @@ def start_server(
     said = process.stdout.readline()
     if not said:
         end_server(process)
-        raise InputError(argument_name("console"), "the server did not start", fix="see its output above")
+        raise InputError(argument_name("console"), "the server did not start", fix="read the server's output above")
     return process, json.loads(said)
 
 

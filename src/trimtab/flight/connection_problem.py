@@ -11,7 +11,7 @@ from trimtab.flight.mavlink.stamps import MOST_LEAD, PER_SECOND
 from trimtab.flight.station.identity import SettingDifference
 
 VEHICLE_CLOCK, COMPUTER_CLOCK, STORED_CLOCK = "vehicle", "computer", "stored"
-"""Clock by which an end signs: the other end's, this computer's, or the stored one continued."""
+"""Clock by which an end signs: the other end's clock, this computer's clock, or the stored time stamp continued."""
 
 
 MOST_SHOWN = 8

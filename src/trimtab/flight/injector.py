@@ -97,7 +97,7 @@ class Injector:
             return result
         counts = self.endpoint.counts
         problem = f"no vehicle answers ({what}); frames accepted {counts.accepted}, refused {counts.refusals}"
-        fix = "start it: trimtab vehicle SCENARIO --listen URI; then give its address, scenario, settings and key here"
+        fix = "start the vehicle: trimtab vehicle SCENARIO --listen URI; give its address, scenario, settings, key here"
         raise InputError(argument_name("link"), problem, fix=fix)
 
     def read_vehicle_time(self) -> int:

@@ -24,7 +24,7 @@ from trimtab.flight.real_time import RealTimeGrant, real_time
 from trimtab.flight.transports.open_link import open_link
 
 STORE_PERIOD_S = 1.0
-"""Period of storing time stamps ahead (s)."""
+"""Period (s) of storing a future time stamp, from which a restarted program continues."""
 
 
 SAME_KEYPRESS_S = 0.3
@@ -59,7 +59,7 @@ def catch_interrupts(clock: Clock = SYSTEM_CLOCK) -> Iterator[Callable[[], bool]
 
 @contextlib.contextmanager
 def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
-    """Store the time stamps of an endpoint ahead, in another thread, so that the loop waits for no disk."""
+    """Store future time stamps of an endpoint in another thread, so that the loop waits for no disk."""
     done = threading.Event()
 
     def keep() -> None:
@@ -79,7 +79,7 @@ def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
 def list_stamp_problems(endpoint: Endpoint) -> list[str]:
     """Return the problem of time stamps that could not be stored beside the key, if there is one."""
     failed = 0 if endpoint.stamps is None else endpoint.stamps.unsaved
-    fix = "free space on its disk, else old packets may be accepted after a restart"
+    fix = "free space on the disk of the key, else old packets may be accepted after a restart"
     return [f"the time stamps beside the key could not be stored (failed attempts: {failed}): {fix}"] if failed else []
 
 
@@ -129,7 +129,7 @@ class Machine(NamedTuple):
     catch_interrupts: Callable[[], AbstractContextManager[Callable[[], bool]]] = catch_interrupts
     """Turns a signal that asks the program to end into a flag."""
     store_stamps_ahead: Callable[[Endpoint], AbstractContextManager[None]] = store_stamps_ahead
-    """Stores the time stamps of an endpoint ahead, and closes the endpoint at the end."""
+    """Stores future time stamps of an endpoint, and closes the endpoint at the end."""
     write_lines: Callable[[Callable[[str], object]], AbstractContextManager[LineSink]] = write_lines
     """Writes lines for the user in a thread, so that the program never waits for the terminal."""
     typed_words: Callable[[], Sequence[str]] = lambda: sys.argv[1:]

@@ -107,11 +107,7 @@ def start_outputs_process(orders: OutputsOrders) -> OutputsProcess:
         process.kill()
         process.wait()
         line.close()
-        where = (
-            ""
-            if orders.folder is None
-            else f"; it must be able to create {PORT_FILE} and {LOG_FILE} in {orders.folder}"
-        )
+        where = "" if orders.folder is None else f"; the process creates {PORT_FILE} and {LOG_FILE} in {orders.folder}"
         raise InputError(
             "outputs",
             f"the process of the outputs did not start{where}",

@@ -30,7 +30,7 @@ CHECK_PERIOD, TIMING_PERIOD = ms(500), seconds(1)
 
 
 class NoPilot:
-    """Flight without a console. It arms as soon as it may."""
+    """Flight without a console. The vehicle is armed as soon as all checks pass."""
 
     wants_arming, shows_checks, has_stopped = True, False, False
     end_reason = ""

@@ -204,7 +204,7 @@ class ArmingGuard:
         return [*checks, *self._check_bounds(), *self._check_program(t), *self._check_after_failsafe()]
 
     def _check_bounds(self) -> list[ArmingCheck]:
-        advice = {"fence": "bring it back inside the fence", "envelope": "let it come to rest"}
+        advice = {"fence": "bring the vehicle back inside the fence", "envelope": "let the vehicle come to rest"}
         bounds = [(name, QUANTITIES[name], bound) for name, bound in self.motion.bounds.items()]
         return [
             ArmingCheck(f"{q.kind} {name}", self.motion.value(name), bound, q.unit, advice[q.kind])
@@ -229,7 +229,7 @@ class ArmingGuard:
         if not self._has_failed_safe:
             return []
         speed, rate = self.motion.mean_motion()
-        advice = "let it come to rest, or restart the vehicle"
+        advice = "let the vehicle come to rest, or restart it"
         confirm = "type --rearm at fly; in a ground station disarm, then arm"
         return [
             ArmingCheck("speed after failsafe", speed, float(self._limits.rest_speed), "m/s", advice),

@@ -68,7 +68,7 @@ class Preflight:
         self._loss.follow(now)
         self._remote.wants_checks = not self._remote.arming.is_asking  # otherwise one request would overtake the other
         if self._remote.arming.is_asking and now - self._began >= PATIENCE:
-            self.refusal = "arming refused by the vehicle, or no answer; see its messages"
+            self.refusal = "arming refused by the vehicle, or no answer; see the vehicle's messages"
         if self._remote.arming.is_asking or now < self._next:
             return False
         self._next = now + CHECK_PERIOD
@@ -139,8 +139,8 @@ class Preflight:
             for name, (at, unit) in self._sigmas.items()
         ]
         return [
-            ArmingCheck("estimate valid", read("estimate.valid"), 1, "", "check its sensors", at_least=True),
-            ArmingCheck("estimate age", read("estimate.age"), self._stale_age, "s", "check its sensors"),
+            ArmingCheck("estimate valid", read("estimate.valid"), 1, "", "check the vehicle's sensors", at_least=True),
+            ArmingCheck("estimate age", read("estimate.age"), self._stale_age, "s", "check the vehicle's sensors"),
             *sigmas,
             ArmingCheck("supervisor's objections", float(check > 0), 0, "", f"reason: {CHECKS[check]}"),
             ArmingCheck(

@@ -86,7 +86,7 @@ class RemoteVehicle:
             lost = "" if traffic.connected else ": there is no connection"
             return ConnectionProblem(f"no vehicle answers{lost}", start)
         if counts.checksum or counts.unknown:
-            problem = f"wrong scenario: {counts.checksum + counts.unknown} frames do not match its messages"
+            problem = f"wrong scenario: {counts.checksum + counts.unknown} frames do not match this scenario's messages"
             return ConnectionProblem(problem, start)
         return ConnectionProblem("a vehicle answers, but its clock is not known yet", start)
 

@@ -145,6 +145,6 @@ class ScenarioComparison:
             self.is_told = True
             self._remarks += [f"accepted: {difference}" for difference in identity.differences()]
             if identity.is_unanswered:
-                self._remarks.append("the vehicle does not report its scenario: only its messages were compared")
+                self._remarks.append("the vehicle does not report its scenario: only the messages were compared")
             for remark in self._remarks:
                 self._tell(remark)

@@ -56,10 +56,8 @@ class SensedMotion:
         self.bounds = {name: bound for name in QUANTITIES if (bound := float(getattr(limits, name))) < NO_LIMIT}
         for name in self.bounds:
             if name not in self._slots:
-                problem = f"no sensor of this vehicle measures its {name}"
-                fix = (
-                    f"leave it out; this vehicle's sensors measure {', '.join(self._slots) or 'nothing of its motion'}"
-                )
+                problem = f"no sensor of this vehicle measures the {name}"
+                fix = f"remove the limit; the sensors measure {', '.join(self._slots) or 'nothing of its motion'}"
                 raise InputError(f"limits.{name}", problem, choices=self._slots, fix=fix)
         self._outside_since: dict[str, int] = {}
         self._moments: deque[tuple[int, float, float]] = deque()

@@ -305,7 +305,7 @@ class VirtualTime:
         self._spins = self._spins + 1 if self._spin_time == self.now else 0
         self._spin_time = self.now
         if self._spins > MOST_HAND_OVERS:
-            self._error = VirtualTimeError(f"{program.name} hangs at {self.seconds:.6f} s: it never waits")
+            self._error = VirtualTimeError(f"{program.name} hangs at {self.seconds:.6f} s: the program never waits")
             program.is_killed = True
             raise KilledError
 

@@ -151,7 +151,7 @@ def check_ring(name: str, capacity: int, longest: float, send_period: int, perio
         raise InputError(
             f"{name}.send_period",
             f"{format_time(send_period)} is shorter than the link's period, {format_time(period)}: "
-            "it would send between instants",
+            "packets would be sent between instants",
             fix=f"set send_period to {format_time(period)} or more, or period to {format_time(send_period)} or less",
         )
     needed = required_slots(longest, send_period, period)

@@ -61,7 +61,7 @@ class MeasuredLatency:
                 "MeasuredLatency.latency",
                 f"{np.array2string(table, threshold=6, precision=4)} s, of shape {table.shape}, must be"
                 f" {NODES} rising latencies, at least 0",
-                fix="make it with gamma_table(mean, sd, shift), or from measured quantiles at ndtr(normal_scores())",
+                fix="use gamma_table(mean, sd, shift), or measured quantiles at ndtr(normal_scores())",
             )
         check_ring("MeasuredLatency", self.capacity, float(table[-1]), self.send_period, self.period)
 
@@ -203,7 +203,7 @@ def bluetooth_link(
             "bluetooth", f"the table has no pair {pair!r}", choices=TABLE, fix=f"write {near[0]!r}" if near else ""
         )
     if path not in SEND_PERIODS:
-        why = ": it is two links, not one" if path == "round trip" else ""
+        why = ": a round trip is two links, not one" if path == "round trip" else ""
         raise InputError(
             "bluetooth",
             f"the table has no path {path!r}{why}",

@@ -144,7 +144,7 @@ def refuse_spikes(data: Measurements, name: str) -> None:
         problem = (
             f"line {data.lines[k]}, column {name!r}: {values[k]:.6g} is {off[k]:.3g} off the surrounding readings{more}"
         )
-        raise InputError(f"file {data.file!r}", problem, fix="correct it, or leave the line out")
+        raise InputError(f"file {data.file!r}", problem, fix="correct the value, or leave the line out")
 
 
 def describe_columns(columns: Iterable[MeasuredColumn]) -> str:
@@ -189,7 +189,7 @@ def _match_headings(
     names = [re.split(r"\s*[\[(]", cell)[0].strip().lower().replace(" ", "_") for cell in head]
     for i, (name, cell) in enumerate(zip(names, head, strict=True)):
         if name in at:
-            raise InputError(where, f"line {line} has column {name!r} twice", fix="leave one of them out")
+            raise InputError(where, f"line {line} has column {name!r} twice", fix="remove one of the two columns")
         column = next((c for c in columns if c.name == name), None)
         if column is not None:
             match = re.search(r"[\[(](.*?)[\])]", cell)
@@ -212,7 +212,7 @@ def _unit_factor(where: str, line: int, column: MeasuredColumn, unit: str | None
         raise InputError(where, problem, choices=known, fix=f"write {column.heading()}, or another of the choices")
     size = find_size(unit or "", column.unit)
     if size is None:
-        problem = f"line {line}: column {column.name!r} is in {unit!r}, which does not fit it ({column.meaning})"
+        problem = f"line {line}: column {column.name!r} is in {unit!r}, not a unit of this quantity ({column.meaning})"
         raise InputError(where, problem, choices=known, fix=f"write {column.heading()}")
     return size
 

@@ -98,7 +98,9 @@ class Ring:
         try:
             memory = _open_memory(name)
         except FileNotFoundError:
-            raise InputError("ring", f"no ring named {name!r} exists", fix="create it first") from None
+            raise InputError(
+                "ring", f"no ring named {name!r} exists", fix="create the ring first: Ring.create"
+            ) from None
         with _buffer(memory)[:HEAD].cast("q") as head:
             sizes = head[COLUMNS], head[ROWS], head[EVENTS]
         return cls(memory, sizes)

@@ -87,8 +87,8 @@ def check_length(formula: Formula, duration: int) -> None:
     """Raise InputError for a formula that looks beyond the end of a run of this duration (100 ns)."""
     needed = least_length(formula.root)
     if needed > duration:
-        problem = f"it looks {format_time(needed)} ahead, but the run lasts {format_time(duration)}"
-        fix = f"{argument('settings', format_time(needed), 'duration')}, or end its intervals earlier"
+        problem = f"the formula looks {format_time(needed)} ahead, but the run lasts {format_time(duration)}"
+        fix = f"{argument('settings', format_time(needed), 'duration')}, or end the formula's intervals earlier"
         raise InputError(f"formula {formula.text!r}", problem, fix=fix)
 
 

@@ -291,6 +291,6 @@ def _instruction_counts(said: HarnessOutput, board: BoardTarget) -> NDArray[np.i
 
     known, found = [2 * n + 1 for n, _ in said.loops], count([ticks for _, ticks in said.loops]).tolist()
     if found != known:
-        problem = f"counts {found} instructions for loops of {known}: its timer does not run as expected"
+        problem = f"counts {found} instructions for loops of {known}: the board's timer does not run as expected"
         raise InputError(EMULATOR, problem, fix="use QEMU 7.2 or newer")
     return count([ticks for ticks, _ in said.steps])

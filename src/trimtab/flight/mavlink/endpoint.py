@@ -341,7 +341,7 @@ class Endpoint:
         self._rest = b""
 
     def store_stamps(self) -> None:
-        """Store time stamps ahead. Call it every few seconds where waiting for a disk does no harm."""
+        """Store future time stamps. Call this every few seconds, where waiting for a disk does no harm."""
         if self.stamps is not None:
             self.stamps.store_ahead()
 

@@ -55,7 +55,7 @@ class TimeSync:
     """Estimate of the other end's clock. All times are integers of 100 ns."""
 
     def __init__(self) -> None:
-        """Start without exchanges."""
+        """Start before the first exchange."""
         self._asked: deque[int] = deque(maxlen=16)
         self._exchanges: deque[TimeSyncExchange] = deque(maxlen=EXCHANGES_MAX)
         self._line = OffsetLine(0, 0.0, 0.0)
@@ -81,7 +81,10 @@ class TimeSync:
         return self._doubtful is not None
 
     def is_open(self, ts1: int) -> bool:
-        """Return whether a TIMESYNC's `ts1` was asked here and is unanswered. Its answer is then live, not replayed."""
+        """Return True if this end asked with this `ts1` and has no answer yet.
+
+        An answer is then current, not replayed.
+        """
         return ts1 // NS_PER_UNIT in self._asked
 
     @property

@@ -59,7 +59,7 @@ class ArduPilotPhysics:
     def __init__(
         self, scenario: Scenario, vehicle: PulsedVehicle, link: UdpLink, *, seed: int = 0, clock: Clock = SYSTEM_CLOCK
     ) -> None:
-        """Prepare one `serve`.
+        """Prepare one run of `serve`.
 
         Args:
             scenario: scenario of the vehicle, for its log.

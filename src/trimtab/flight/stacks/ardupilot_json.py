@@ -57,16 +57,16 @@ class PhysicsState(NamedTuple):
 def parse_servos(packet: bytes) -> PulsePacket | str:
     """Return the content of a packet of ArduPilot, or a text that says why it is not valid."""
     if len(packet) < HEAD.size:
-        return f"{len(packet)} bytes are too few for an ArduPilot frame"
+        return f"a packet of {len(packet)} bytes is too short for an ArduPilot frame"
     magic, rate, count = HEAD.unpack_from(packet)
     channels = CHANNELS_OF.get(magic)
     if channels is None:
-        return f"it starts with {magic}; ArduPilot frames start with {' or '.join(map(str, CHANNELS_OF))}"
+        return f"the packet starts with {magic}; ArduPilot frames start with {' or '.join(map(str, CHANNELS_OF))}"
     length = HEAD.size + 2 * channels
     if len(packet) != length:
         return f"{len(packet)} bytes; a frame of {channels} channels must have {length}"
     if rate == 0:
-        return "its frame rate is zero; set ArduPilot's SIM_RATE_HZ"
+        return "the frame rate is zero; set ArduPilot's SIM_RATE_HZ"
     return PulsePacket(rate, count, struct.unpack_from(f"<{channels}H", packet, HEAD.size))
 
 

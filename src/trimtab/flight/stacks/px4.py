@@ -96,7 +96,7 @@ class Px4Simulator:
         seed: int = 0,
         clock: Clock = SYSTEM_CLOCK,
     ) -> None:
-        """Prepare one `serve`.
+        """Prepare one run of `serve`.
 
         Args:
             scenario: scenario of the vehicle, for its log.

@@ -48,7 +48,7 @@ NO_STORE = "no file (--parameters FILE)"
 
 
 class Parameter(NamedTuple):
-    """One number: its name on the wire, its leaf and index, and its declaration."""
+    """One parameter: name on the wire, path and index of the number, and declaration."""
 
     name: str
     path: str
@@ -177,7 +177,7 @@ def _refusal(declared: Quantity, value: float, bounds: tuple[float, float]) -> s
     if not math.isfinite(value):
         return "is not a number"
     if 0 < abs(value) < SMALLEST:
-        return "is smaller than any normal number of 32 bits: send it as REAL32"
+        return "is smaller than any normal number of 32 bits: send the value as REAL32"
     if declared.kind not in ("real", "angle") and value != int(value):
         return "must be a whole number"
     if declared.kind == "flag" and value not in (0, 1):

@@ -42,7 +42,7 @@ def bind_socket(address: Address, s: socket.socket, place: Any) -> socket.socket
         s.bind(place)
     except (OSError, OverflowError) as error:
         s.close()
-        fix = f"use another port, or find its user: ss -lnp | grep {place[1]}"
+        fix = f"use another port, or find the program that uses it: ss -lnp | grep {place[1]}"
         raise address.input_error(f"cannot listen there ({error})", fix) from None
     return s
 
