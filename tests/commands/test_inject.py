@@ -127,5 +127,5 @@ def test_where_nobody_answers_it_says_what_to_give(monkeypatch):
     done = inject("uplink off")
     assert done.exit_code == 2
     assert "no vehicle answers" in done.output
-    assert "start it: trimtab vehicle SCENARIO --listen URI" in done.output
+    assert "start the vehicle: trimtab vehicle SCENARIO --listen URI" in done.output
     assert "Fix:" in done.output

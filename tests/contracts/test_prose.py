@@ -38,7 +38,7 @@ LIMITS = {
         "anew": 1,
         "so many": 0,
         "is no": 52,
-        "there is none": 26,
+        "there is none": 20,
         "fares": 0,
         "first words": 0,
     },

@@ -82,7 +82,7 @@ SEARCHED = {
     "is not HOST:PORT with a port from 1 to 65535": "reference/messages",
     "does not settle": "reference/messages",
     "the solver Clarabel is not installed": "reference/messages",
-    "its ticks do not rise, or are not whole numbers": "reference/messages",
+    "the ticks do not rise, or are not whole numbers": "reference/messages",
     "neither sector was ever used": "reference/messages",
     "JAX finds no GPU, only": "reference/messages",
 }

@@ -112,5 +112,5 @@ def test_a_damaged_file_is_refused_by_name(tmp_path, text):
 def test_a_file_of_another_scenario_is_refused(tmp_path):
     file = tmp_path / "kept.json"
     ParameterStore(file, "b").write({"world.vehicle.mass": [3.0]})
-    with pytest.raises(InputError, match="belong to 'b', not to 'a'"):
+    with pytest.raises(InputError, match="belong to the scenario 'b', not to 'a'"):
         read_parameters(file, "a")

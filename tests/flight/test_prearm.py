@@ -127,7 +127,7 @@ def test_after_a_failsafe_it_must_rest_and_be_confirmed(craft):
     assert craft.guard.confirmation_problem
     craft.run(seconds(2), "disarmed")
     assert craft.guard.problem.startswith("speed after failsafe: ")
-    assert "let it come to rest" in craft.guard.problem
+    assert "let the vehicle come to rest" in craft.guard.problem
     assert craft.guard.confirmation_problem.startswith("confirmation: 0, at least 1; type --rearm")
     craft.guard.confirm()
     craft.run(ms(200))
@@ -165,7 +165,7 @@ def test_beyond_its_envelope_for_long_enough_it_says_so(craft):
 
 
 def test_a_limit_that_no_sensor_can_tell_is_refused(craft):
-    with pytest.raises(InputError, match="no sensor of this vehicle measures its distance") as refused:
+    with pytest.raises(InputError, match="no sensor of this vehicle measures the distance") as refused:
         craft.limit(distance=5.0)
     assert refused.value.choices == ("speed", "rate")
 

@@ -78,7 +78,7 @@ def test_nothing_is_armed_on_an_estimate_that_is_not_valid(flyer):
     step = flyer.live.autopilot_end.step
     step.outputs[step.writes["estimate.valid"]] = 0
     assert not flyer.run(seconds(3), WELL)
-    assert flyer.preflight.obstacle == "estimate valid: 0, at least 1; check its sensors"
+    assert flyer.preflight.obstacle == "estimate valid: 0, at least 1; check the vehicle's sensors"
     assert flyer.preflight.refusal == ""
     flyer.run(seconds(8), WELL)
     assert flyer.preflight.refusal == f"arming refused: {flyer.preflight.obstacle}"

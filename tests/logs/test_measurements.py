@@ -16,7 +16,7 @@ BAD = {
     "headings only": ("rudder [deg],speed [rpm],force [N]\n", "no measurement"),
     "missing column": ("rudder [deg],force [N]\n0,1\n", "no column 'speed'"),
     "no unit": ("rudder,speed [rpm],force [N]\n0,6000,1\n", "has no unit"),
-    "unknown unit": ("rudder [deg],speed [knots],force [N]\n0,6000,1\n", "which does not fit it"),
+    "unknown unit": ("rudder [deg],speed [knots],force [N]\n0,6000,1\n", "not a unit of this quantity"),
     "wrong unit": ("rudder [deg],speed [rpm],force [N]\n0,6000,40\n0,8000,720\n", "line 3"),
     "degrees as radians": ("rudder [rad],speed [rpm],force [N]\n20,6000,1\n", "outside -1.5708 to 1.5708"),
     "swapped axes": ("rudder [deg],force [N],speed [rpm]\n0,6000,0.4\n0,8000,0.7\n", "column 'force'"),

@@ -32,7 +32,7 @@ class Access:
     """Tokens of a console for pilots and observers, and the cookies for which they are exchanged."""
 
     def __init__(self, host: str, port: int, is_encrypted: bool, note: Callable[[str], None]) -> None:
-        """note: called with a line for each refused attempt."""
+        """note: function that is called with a message for each refused attempt."""
         self._note = note
         self._tokens = {role: secrets.token_urlsafe(TOKEN_BYTES) for role in (PILOT, OBSERVER)}
         self._sessions = {role: secrets.token_urlsafe(TOKEN_BYTES) for role in (PILOT, OBSERVER)}
@@ -57,7 +57,7 @@ class Access:
         return scheme == self._scheme and self.is_own_host(host)
 
     def exchange(self, token: str) -> str | None:
-        """Return the cookie for a token; None for a wrong token, or after too many wrong ones."""
+        """Return the cookie for a token; None for a wrong token, or after too many wrong tokens."""
         now = time.monotonic()
         if len(self._wrong) == MOST_WRONG_TOKENS and now - self._wrong[0] < WRONG_PERIOD:
             return None
@@ -65,11 +65,11 @@ class Access:
             if hmac.compare_digest(token.encode(), own.encode()):
                 return self._session_cookie(role)
         self._wrong.append(now)
-        self._note(f"console: wrong token, {len(self._wrong)} recently")
+        self._note(f"console: wrong token; {len(self._wrong)} wrong tokens recently")
         return None
 
     def role(self, headers: Mapping[str, str]) -> str | None:
-        """Return the role of a request by its cookie; None without a valid one."""
+        """Return the role of a request by its cookie; None without a valid cookie."""
         cookies: SimpleCookie = SimpleCookie()
         try:
             cookies.load(headers.get("cookie", ""))

@@ -15,7 +15,7 @@ NEEDS = ("starlette", "uvicorn", "websockets")
 class ConsoleAddress(NamedTuple):
     """Address on which a console listens.
 
-    certificate, private_key: files for TLS; without them only this machine is served.  opens: open a browser.
+    certificate, private_key: files for TLS; without them only this machine is served.  opens: True to open a browser.
     """
 
     host: str = "127.0.0.1"
@@ -32,7 +32,9 @@ class ConsoleAddress(NamedTuple):
             raise InputError("the console", problem, fix=install_command("console"))
         if (self.certificate is None) != (self.private_key is None):
             raise InputError(
-                argument_name("certificate"), "a certificate needs its private key, and vice versa", fix="give both"
+                argument_name("certificate"),
+                "the certificate and its private key must be given together",
+                fix="give both",
             )
         if self.certificate is None and not self._is_loopback:
             problem = f"anyone on the network path to {self.host} could read the token and fly the craft"
@@ -45,7 +47,7 @@ class ConsoleAddress(NamedTuple):
 
     @property
     def files(self) -> dict[str, str | None]:
-        """Return the TLS files by name."""
+        """Return the paths of the TLS certificate and private key by option name."""
         own = {"certificate": self.certificate, "private_key": self.private_key}
         return {name: None if file is None else str(file) for name, file in own.items()}
 

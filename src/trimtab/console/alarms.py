@@ -16,10 +16,11 @@ ALARM, WARNING = "alarm", "warning"
 MUTE = 0.5
 """Time without a row (s) after which the autopilot counts as not responding."""
 WARN_SHARE = 0.7
-"""Fraction of an age's limit from which a warning is shown."""
+"""Fraction of the maximum age of data above which a warning is shown."""
 LOSS_WINDOW = 2.0
 OVERRUN_WINDOW, MOST_OVERRUNS = 2.0, 20
-"""Time window (s) and maximum overruns in it without a warning; a general-purpose computer has one now and then."""
+"""Time window (s), and maximum number of overruns in it without a warning: ordinary computers overrun occasionally.
+"""
 
 
 class Alarm(NamedTuple):
@@ -31,7 +32,7 @@ class Alarm(NamedTuple):
 
 
 class Flight:
-    """State of a flight as known to a console: the newest row, by path."""
+    """State of a flight as known to a console: the newest value of each signal, by path."""
 
     def __init__(self, hello: Mapping[str, Any]) -> None:
         """hello: first message to the pages."""
@@ -113,7 +114,7 @@ class Flight:
         return [Alarm("overrun", WARNING, text)]
 
     def explain_requests(self) -> dict[str, dict[str, Any]]:
-        """Return for each request if it is allowed, and the reason if not."""
+        """Return for each request whether it is allowed, and the reason if it is not."""
         mode, check = self._read_mode("supervisor.mode"), self._read_mode("supervisor.check")
         armed = bool(self.read("vehicle.armed") == 1)
         if mode is None:
@@ -126,7 +127,7 @@ class Flight:
         return {request: {"allowed": not text, "why": text} for request, text in why.items()}
 
     def describe_link(self, timing: Mapping[str, Any]) -> dict[str, Any]:
-        """Return statistics of the link; unknown numbers are null."""
+        """Return statistics of the link. An unknown number becomes null."""
         ages = [self.read(a["path"]) for a in self._ages if a["path"].startswith("downlink.") and a["label"] != "stick"]
         down = min((a for a in ages if not math.isnan(a)), default=math.nan)
         now = (self.clock, self.read("link.samples"), self.read("link.lost"))

@@ -1,6 +1,6 @@
-"""Campaign on a page: its runs as points, and any run repeated beside the nominal one.
+"""Page of a campaign: each run is a point, and any run can be repeated and shown beside the nominal run.
 
-A store is data, not trusted code: only scenarios of the catalogue are run because a store names them.
+A store is untrusted data: the scenario that it names is run only if it is in the catalogue.
 Source: docs page, Protocol of the console.
 """
 
@@ -33,7 +33,7 @@ class CampaignFeed:
     """Data of a campaign's store for the pages."""
 
     def __init__(self, folder: Path) -> None:
-        """folder: of the store. InputError if its scenario is not in the catalogue."""
+        """folder: folder of the store. Raises InputError if the store's scenario is not in the catalogue."""
         attributes, self._columns = read_store(folder)
         plan = attributes["plan"]
         if plan["scenario"] not in scenario_names():

@@ -1,4 +1,4 @@
-"""Connected pages: each gets the newest row that it can keep up with; its messages are checked and rate-limited.
+"""Connected pages. A slow page skips rows and gets the newest. Messages from pages are checked and rate-limited.
 
 A page that receives nothing for LONGEST_SEND is closed, and so is one that sends invalid, too large or too frequent
 messages. Only messages of known types with values of known kinds reach the flight.
@@ -58,7 +58,7 @@ MESSAGES: Mapping[str, Mapping[str, Check]] = {
     "set": {"path": _is_name, "slot": _is_count, "value": _is_number, **ANSWERED},
     "save": ANSWERED,
 }
-"""Type of a message -> its other fields with their checks."""
+"""Type of a message -> the further fields of the message, each with the function that checks its value."""
 OBSERVED = ("ping", "acknowledge")
 """Types that an observer may send."""
 
@@ -67,7 +67,7 @@ def parse_message(text: str, role: str) -> dict[str, Any]:
     """Parse a page's message; raise ValueError, with the reason, if it is invalid."""
     message = json.loads(text)
     if not isinstance(message, dict):
-        raise ValueError("not an object")
+        raise ValueError("not a JSON object")
     kind = message.get("type")
     fields = MESSAGES.get(kind) if isinstance(kind, str) else None
     if fields is None:
@@ -102,7 +102,7 @@ class Client:
         self._wake.set()
 
     async def serve(self, handle: Callable[["Client", dict[str, Any]], None]) -> str:
-        """Serve the page until it is closed; return the reason, empty if the page left."""
+        """Serve the page until it is closed; return why it was closed, or "" if the page left."""
         tasks = [asyncio.create_task(self._read(handle)), asyncio.create_task(self._feed())]
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         await asyncio.wait(tasks, timeout=LAST_READ)  # the reading task knows why a socket broke
@@ -126,7 +126,7 @@ class Client:
                 if row is not None:
                     await asyncio.wait_for(self._socket.send_bytes(row), LONGEST_SEND)
         except TimeoutError:
-            return f"it received nothing for {LONGEST_SEND:g} s"
+            return f"the page received nothing for {LONGEST_SEND:g} s"
         except (WebSocketDisconnect, RuntimeError, OSError):
             return ""
 
@@ -136,15 +136,15 @@ class Client:
                 packet = await self._socket.receive()
                 if packet["type"] == "websocket.disconnect":
                     too_large = packet.get("code") == 1009
-                    return f"a message of more than {LARGEST_MESSAGE} bytes" if too_large else ""
+                    return f"the page sent a message of more than {LARGEST_MESSAGE} bytes" if too_large else ""
                 if self._is_flooding():
-                    return f"more than {MOST_MESSAGES} messages a second"
+                    return f"the page sent more than {MOST_MESSAGES} messages a second"
                 text = packet.get("text")
                 if text is None:
-                    return "a binary message"
+                    return "the page sent a binary message"
                 handle(self, parse_message(text, self.role))
         except (ValueError, RecursionError) as error:
-            return f"an invalid message: {error}"
+            return f"the page sent an invalid message: {error}"
         except (WebSocketDisconnect, RuntimeError, OSError):
             return ""
 

@@ -24,7 +24,7 @@ class FlightNumbers:
     """Derived signals appended to the rows of a flight; none if its estimate has no attitude in the world frame."""
 
     def __init__(self, signals: Sequence[Mapping[str, Any]]) -> None:
-        """signals: of a row, in order, as in the hello."""
+        """signals: signals of a row, in order, as the first message to a page (hello) describes them."""
         own = [s for s in signals if not s["path"].startswith(FLIGHT)]
         slots: dict[str, list[int]] = {}
         declared: dict[str, Quantity] = {}
@@ -35,7 +35,7 @@ class FlightNumbers:
                 declared[number[1]] = Quantity(signal["unit"], signal["meaning"], signal["frame"], signal["kind"])
         found = find_spatial({path: (len(at),) for path, at in slots.items()}, declared)
         self.found = found if found is not None and found.frame == "W" else None
-        """Signals of the estimate from which they are derived, or None."""
+        """Signals of the estimate from which the appended signals are derived, or None."""
         self._slots = {path: slots[path] for path in (self.found or ())[:4] if path}
         order = {signal["path"]: k for k, signal in enumerate(own)}
         self._named = {} if self.found else {n: order[p] for n, p in find_named(order, ESTIMATE).items()}

@@ -33,7 +33,7 @@ LENGTH = 0.6
 
 
 def describe_flight(autopilot: LiveAutopilot, line: ConsoleLine) -> dict[str, Any]:
-    """Return the description of a live flight for the page, and choose the signals that the line sends."""
+    """Return the description of a live flight for the page, and choose the signals that are sent."""
     scenario, step = autopilot.scenario, autopilot.autopilot_end.step
     rows = FlightRows(autopilot.autopilot_end.log_sources(), FLIGHT_SIGNALS)
     signals = [describe_signal(s.path, s.declared) for s in line.set_rows(rows)]
@@ -56,7 +56,7 @@ def describe_flight(autopilot: LiveAutopilot, line: ConsoleLine) -> dict[str, An
 
 
 def shorten_hash(choices: Any) -> str:
-    """Return the short hash of the calibration of a scenario; "" without one."""
+    """Return the short hash of a scenario's calibration; "" if the scenario has no calibration."""
     used = choices.get("calibration") if choices else None
     return "" if used is None else str(used["sha256"])[:8]
 
@@ -136,7 +136,7 @@ def _describe_fence(scenario: Scenario) -> dict[str, list[float]] | None:
 
 
 def list_set_points(scenario: Scenario, paths: Sequence[str]) -> dict[str, float | str]:
-    """Return the set-points of signals: the scenario's targets, also for the estimate, or the law's own signals."""
+    """Return the set-point of each true or estimated signal: a target's value, or the path of a signal of the law."""
     found: dict[str, float | str] = {}
     for target in scenario.targets:
         name = target.path.removeprefix(TRUTH)
@@ -167,7 +167,7 @@ def _describe_pilot(
 
 
 def _list_ages(scenario: Scenario, paths: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the ages to show, with their limits."""
+    """Return the ages of data that the page shows, each with its limit."""
     supervisor = scenario.autopilot.supervisor
     stale = STALE_AGE if supervisor is None else float(supervisor.stale_age)
     ages = [("estimate.age", "estimate", stale), ("link.silence", "link", to_seconds(SILENCE))]

@@ -25,10 +25,13 @@ MUTABLE = ("request", "stop", "set", "save")
 
 
 class LiveFeed:
-    """The console's end of a flight."""
+    """Console's side of the connection to a flight."""
 
     def __init__(self, end: socket.socket, hello: dict[str, Any], ended: Callable[[], None]) -> None:
-        """end: of a socket pair whose other end the flight has.  ended: called when the flight has ended."""
+        """end: one end of a socket pair; the flight has the other end.
+
+        ended: function that is called at the end of the flight.
+        """
         end.setblocking(False)
         self._end, self._ended, self.hello = end, ended, hello
         self._flight, self._numbers = Flight(hello), FlightNumbers(hello["signals"])
@@ -64,7 +67,7 @@ class LiveFeed:
         return self._count
 
     def note(self, text: str) -> None:
-        """Send a line to the flight's log; it comes back as an event."""
+        """Send a line to the flight's log. The flight returns the line as an event."""
         self._tell({"type": "note", "text": text})
 
     def handle(self, client: Client, message: dict[str, Any]) -> None:
@@ -180,7 +183,7 @@ class LiveFeed:
             client.send(message)
 
     def _update_alarms(self) -> None:
-        """Update the alarms; each start and end is an event, and a line of the flight's log."""
+        """Update the alarms; report each start and end as an event and in the flight's log."""
         now = {a.id: a for a in self._flight.list_alarms(time.monotonic())}
         for id in [id for id in self._alarms if id not in now]:
             self.note(f"console: cleared: {self._alarms.pop(id)['text']}")

@@ -29,8 +29,8 @@ def open_console(address: ConsoleAddress, describe: Callable[[ConsoleLine], Mapp
     """Run a console during a flight.
 
     Args:
-        address: to listen on.
-        describe: makes the first message to the pages, see `hello.describe_flight`.
+        address: address to listen on.
+        describe: function that makes the first message to the pages, see `hello.describe_flight`.
     """
     address.check()
     own, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -69,7 +69,7 @@ def start_server(
     said = process.stdout.readline()
     if not said:
         end_server(process)
-        raise InputError(argument_name("console"), "the server did not start", fix="see its output above")
+        raise InputError(argument_name("console"), "the server did not start", fix="read the server's output above")
     return process, json.loads(said)
 
 

@@ -28,7 +28,10 @@ from trimtab.scenarios.recorded import rebuild_scenario
 
 
 class Recording(NamedTuple):
-    """Recorded flight. rows: each float64 time, then float32 for each signal.  about: its entry in the hello."""
+    """Recorded flight.
+
+    rows: bytes of all rows; a row is a float64 time and a float32 for each signal. about: description.
+    """
 
     about: Mapping[str, Any]
     rows: bytes
@@ -39,9 +42,9 @@ def record_flight(log: Log, title: str, file: str = "", scenario: Scenario | Non
     """Convert a log for the pages, with at most the row rate of a live flight.
 
     Args:
-        log: of a run or a flight.
-        title: on the page.
-        file: of the log.
+        log: log of a run or a flight.
+        title: title on the page.
+        file: path of the log.
         scenario: for beacons, fence and set-points; None if unknown.
     """
     if not len(log):
@@ -105,7 +108,7 @@ class RecordingFeed:
     """Data for pages without a live flight: a hello, and recorded flights by number."""
 
     def __init__(self, hello: Mapping[str, Any], flights: Sequence[Recording]) -> None:
-        """hello: without its flights."""
+        """hello: first message to a page, without the list of flights."""
         self._hello, self.flights = hello, list(flights)
         self.clients: list[Client] = []
         self._count = 0
@@ -152,6 +155,6 @@ def describe_recordings(flights: Sequence[Recording]) -> dict[str, Any]:
 
 
 def _blank(about: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the drawn parts of a recording, and empty entries for those of a live flight."""
+    """Return the parts of the first message that draw the craft; the entries for control of a live flight are empty."""
     drawn = {name: about[name] for name in ("signals", "row_period", "view", "set_points")}
     return drawn | {"parameters": [], "supervisor": None, "pilot": None, "ages": []}

@@ -140,7 +140,10 @@ async def serve(
     run: Callable[[], Awaitable[Any]],
     over: asyncio.Event,
 ) -> None:
-    """Serve until `over` is set. files: certificate and private_key of TLS, or None.  run: task to run beside."""
+    """Serve until `over` is set.
+
+    files: certificate and private_key of TLS, or None.  run: task that runs beside the server.
+    """
     config = uvicorn.Config(
         app,
         log_level="critical",
@@ -165,7 +168,7 @@ async def serve(
 
 
 async def serve_here(address: ConsoleAddress, feed: Any, routes: list[BaseRoute], tell: Callable[[str], None]) -> None:
-    """Serve without a live flight, until interrupted. tell: called with the addresses."""
+    """Serve without a live flight, until interrupted. tell: function that is called with the addresses."""
     over = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, over.set)

@@ -9,10 +9,10 @@ from trimtab.flight.station.standard_services import Station
 
 
 class Announcer:
-    """Sender of lines to everybody."""
+    """Sender of lines to ground stations, the user and the log."""
 
     def __init__(self, station: Station, reporter: Reporter) -> None:
-        """station: sends them to ground stations.  reporter: to the user and to the log."""
+        """station: sends lines to ground stations.  reporter: sends lines to the user and to the log."""
         self._station, self._reporter = station, reporter
 
     def announce(self, severity: Severity, text: str) -> None:

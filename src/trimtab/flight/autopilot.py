@@ -29,7 +29,7 @@ COUNT, HALT = "count", "halt"
 OVERRUN_POLICIES = (COUNT, HALT)
 """Policies for an overrun, that is, for a period whose work ends after the next deadline."""
 PATIENCE_FACTOR = 3
-"""Factor on the patience for the vehicle's clock, where frames do arrive."""
+"""Factor by which the wait for the vehicle's clock is longer while frames do arrive."""
 DISARM_TIMEOUT = seconds("0.5")
 """Time to wait for the answer to a disarm request."""
 
@@ -53,7 +53,7 @@ class LiveAutopilot:
         Args:
             scenario: scenario of the autopilot.  link: link to the vehicle.
             endpoint: makes the autopilot's end for a dialect.
-            seed: seed of the random numbers.  step: the compiled autopilot, if there is one.
+            seed: seed of the random numbers.  step: the compiled autopilot; None: compile it here.
             options: what the user asked for.
             machine: the computer that the autopilot runs on.
         """
@@ -74,7 +74,7 @@ class LiveAutopilot:
         """Wait for the vehicle and for its clock. Raise InputError if no vehicle answers within `patience` seconds.
 
         If frames do arrive, the link may be one that loses most heartbeats: the patience is then three times as long.
-        follows_clock: sign by the vehicle's clock where the two clocks differ by too much.
+        follows_clock: sign by the vehicle's clock if the two clocks differ by too much.
         tell: receives the messages for the user. It must not wait.
         """
         clock, remote = self._machine.clock, self.remote

@@ -47,7 +47,7 @@ class EstimatedPose:
 
     @functools.cached_property
     def _spatial_slots(self) -> tuple[Any, Any] | None:
-        """Slots of position and attitude in the estimate of a vehicle in space, over a fixed world."""
+        """Slots of position and attitude in the outputs, if the estimate is spatial and in the world frame W."""
         signals = [s for s in FlightRows(step_sources(self._step), {}).signals if s[0].startswith(ESTIMATE)]
         declared = {path: d for path, _, _, d in signals if d is not None}
         found = find_spatial({path: shape for path, shape, _, _ in signals}, declared)
@@ -127,7 +127,7 @@ class AutopilotEnd:
             queue.set_inputs(self.step.inputs, t, to_local)
 
     def log_sources(self) -> list[LogSource]:
-        """Return what the autopilot's log contains of its step."""
+        """Return the vectors of the autopilot's step whose numbers are logged."""
         return step_sources(self.step)
 
     @property
@@ -147,11 +147,11 @@ def scenario_dialect(scenario: Scenario) -> Dialect:
 
 
 def step_sources(step: CompiledBlock) -> list[LogSource]:
-    """Return the logged numbers of an autopilot's step."""
+    """Return the vectors of an autopilot's step whose numbers are logged."""
     inputs = LogSource(step.inputs, step.text.inputs, frame_log_path)
     return [inputs, LogSource(step.outputs, step.text.outputs, lambda p: p)]
 
 
 def frame_log_path(path: str) -> str | None:
-    """Return the log path of an input of the autopilot's step; None for the time, which every row has."""
+    """Return the log path of an input of the autopilot's step; None for the time, because every row has its time."""
     return None if path == "t" else f"downlink{path.removeprefix('samples')}"

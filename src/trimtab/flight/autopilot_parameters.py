@@ -73,7 +73,7 @@ class AutopilotParameters:
     """The autopilot's side. Times `now` are this end's, in 100 ns."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock, endpoint: Endpoint, store: ParameterStore) -> None:
-        """step: the compiled autopilot of this scenario.  store: where the parameters are kept."""
+        """step: the compiled autopilot of this scenario.  store: file in which changed parameters are stored."""
         self._endpoint, self._step = endpoint, step
         held = {f"{PREFIX}.{path}" for path in step.parameters}
         self._parameters = Parameters(scenario.autopilot, PREFIX, only=held)
@@ -84,7 +84,7 @@ class AutopilotParameters:
         self._texts, self._storage = TextQueue(endpoint), 0
 
     def handle_message(self, message: Message) -> bool:
-        """Handle a request about parameters. Return whether the message was one for this end."""
+        """Handle a request about parameters. Return True if the message was for this end."""
         own = self._endpoint.system, self._endpoint.component
         if message.name not in REQUESTS or (message.get("target_system"), message.get("target_component")) != own:
             return False
@@ -118,7 +118,7 @@ class AutopilotParameters:
         return None if index is None else self._parameters.values[index]
 
     def change(self, path: str, slot: int, value: float) -> str:
-        """Change a parameter from the next step on. Return why not, or an empty string."""
+        """Change a parameter from the next step on. Return the reason for a refusal, or an empty string."""
         index = self._parameters.index_of(path, slot)
         if index is None:
             return f"no parameter {path!r}, number {slot}"
@@ -128,7 +128,7 @@ class AutopilotParameters:
         return f"{path} {refusal}" if refusal else ""
 
     def ask_storage(self) -> str:
-        """Ask to store the parameters at the end of the flight. Return why not, or an empty string."""
+        """Ask to store the parameters at the end of the flight. Return the reason for a refusal, or an empty string."""
         self._storage = WRITE_STORAGE if self._store.is_there else 0
         return "" if self._storage else NO_STORE
 

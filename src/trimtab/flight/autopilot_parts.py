@@ -32,10 +32,10 @@ from trimtab.run.blocks import compile_autopilot
 class AutopilotOptions(NamedTuple):
     """Options of the autopilot's end.
 
-    typed: the command that the user typed, for the commands that messages suggest.
+    typed: the command that the user typed; messages suggest changes to it.
     takes_over: True takes the vehicle over from another autopilot that flies it; False refuses such a vehicle.
     confirms: True confirms that the vehicle may be armed again after a failsafe.
-    accepts: paths at or below which the vehicle may differ from this end.
+    accepts: paths of settings that may differ between vehicle and autopilot; a path includes all settings below it.
     store: where parameters are stored when a ground station asks for it; None: they are not stored.
     """
 
@@ -47,7 +47,7 @@ class AutopilotOptions(NamedTuple):
 
 
 class AutopilotParts(NamedTuple):
-    """Parts of the autopilot's end. Each has been handed those that it uses."""
+    """Parts of the autopilot's end. Each part holds references to the parts that it uses."""
 
     scenario: Scenario
     """The scenario, with the sensors of a pilot's requests and stick."""
@@ -81,7 +81,7 @@ def build_parts(
     options: AutopilotOptions,
     machine: Machine,
 ) -> AutopilotParts:
-    """Compile the autopilot and connect its parts. Arguments as of `LiveAutopilot`."""
+    """Compile the autopilot and connect its parts. The arguments are those of `LiveAutopilot`."""
     scenario.check()
     dialect = scenario_dialect(scenario)
     flown, end, reporter = add_stick_sensor(add_pilot_sensor(scenario)), endpoint(dialect), Reporter()

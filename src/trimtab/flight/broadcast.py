@@ -28,7 +28,7 @@ class Broadcast:
         self._autopilot_time = -2 * AUTOPILOT_TIMEOUT
 
     def accept_sender(self, messages: Sequence[Message], now: int) -> None:
-        """Note the sender of the last messages. Without accepted messages nothing is noted."""
+        """Store the sender of the last messages, unless no message was accepted."""
         if not messages:
             return
         own = self._endpoint.system
@@ -47,7 +47,7 @@ class Broadcast:
             self._link.send(packet, Audience.PRIVATE)
 
     def forward(self, message: Message) -> None:
-        """Forward a message of the autopilot to all others."""
+        """Forward a message of the autopilot to all other peers."""
         if self._link.has_audience(Audience.PUBLIC):
             self._link.send(self._endpoint.forward(message), Audience.PUBLIC)
 

@@ -54,9 +54,11 @@ class RefusalAnswers:
         if untimely is None:
             self._tell(f"refused: {self._strangers} frames so far were unsigned or signed with another key")
         else:
-            self._tell(f"refused: the clock of {system}/{component} is {abs(untimely.lead):.1f} s {what} this one")
+            self._tell(
+                f"refused: the clock of {system}/{component} is {abs(untimely.lead):.1f} s {what} this computer's clock"
+            )
 
 
 def describe_lead(lead: float) -> str:
-    """Return the direction of a clock's difference from its lead (s)."""
+    """Return "ahead of" or "behind" for the lead of a clock (s)."""
     return "ahead of" if lead > 0 else "behind"

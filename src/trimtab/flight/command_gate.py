@@ -46,7 +46,7 @@ class CommandGate:
         self.leading_commands = 0
 
     def admits(self, message: Message, now: int) -> bool:
-        """Return whether a COMMAND is to be obeyed."""
+        """Return True if a COMMAND must be obeyed."""
         sender = command_sender(message)
         if not self._authority.accepts_command(sender):
             self._report(now, "without authority", sender, f"owner is {self._authority.owner}")
@@ -57,7 +57,7 @@ class CommandGate:
         lead = message.get(TIME) - now
         if lead > MOST_COMMAND_LEAD:
             self.leading_commands += 1
-            self._report(now, "of another clock", sender, f"{lead * 1e-7:.3g} s ahead of the vehicle's")
+            self._report(now, "of another clock", sender, f"{lead * 1e-7:.3g} s ahead of the vehicle's clock")
             return False
         return True
 

@@ -10,7 +10,10 @@ from trimtab.flight.mavlink.time_sync import TimeSync
 
 
 class CommandSender:
-    """Sender of the commands of one flight. Their times increase: a vehicle takes none that is older than its last."""
+    """Sender of the commands of one flight.
+
+    Their times increase, because a vehicle rejects a command that is older than its last one.
+    """
 
     def __init__(self, end: AutopilotEnd, endpoint: Endpoint, link: Link, sync: TimeSync) -> None:
         """Start without a command. sync: offset of the vehicle's clock."""
@@ -18,7 +21,7 @@ class CommandSender:
         self._last_time = self._jumps = 0
 
     def send(self, t: int, ahead: int) -> None:
-        """Send the current command. t: time of the loop.  ahead: from the loop's time to the vehicle's.
+        """Send the current command. t: time of the loop.  ahead: the vehicle's time minus the loop's time.
 
         Times increase even if the vehicle's clock turns out earlier, unless it is another clock.
         """

@@ -11,7 +11,7 @@ from trimtab.flight.mavlink.stamps import MOST_LEAD, PER_SECOND
 from trimtab.flight.station.identity import SettingDifference
 
 VEHICLE_CLOCK, COMPUTER_CLOCK, STORED_CLOCK = "vehicle", "computer", "stored"
-"""Clock by which an end signs: the other end's, this computer's, or the stored one continued."""
+"""Clock by which an end signs: the other end's clock, this computer's clock, or the stored time stamp continued."""
 
 
 MOST_SHOWN = 8
@@ -35,7 +35,7 @@ def signing_problem(is_signed: bool, typed: str) -> ConnectionProblem:
     """Return the problem that only one end signs. is_signed: whether this end signs."""
     if is_signed:
         problem = "wrong key: the vehicle does not sign, and this end accepts signed frames only"
-        return ConnectionProblem(problem, f"{typed} --unsigned   or start the vehicle without it")
+        return ConnectionProblem(problem, f"{typed} --unsigned   or start the vehicle without --unsigned")
     problem = "wrong key: the vehicle accepts signed frames only, and this end has no key"
     return ConnectionProblem(problem, typed.replace(" --unsigned", ""))
 
@@ -54,13 +54,13 @@ def scenario_problem(differences: Sequence[SettingDifference], typed: str) -> Co
     if name is not None and name.theirs and name.ours in typed:
         return ConnectionProblem(problem, typed.replace(name.ours, name.theirs, 1))
     if any(d.path in ("messages", "version") for d in differences):
-        return ConnectionProblem(problem, "the same trimtab, the same scenario and the same --set on both ends")
+        return ConnectionProblem(problem, "use the same trimtab, the same scenario and the same --set on both ends")
     settings = " ".join(f"--set {d.path}={d.theirs}" for d in differences)
     if len(differences) <= MOST_SHOWN and all(d.theirs and " " not in d.theirs for d in differences):
         other = " ".join((_without_settings(typed, [d.path for d in differences]), settings))
         return ConnectionProblem(problem, f"{other}   or, if intended, --accept {differences[0].path}")
     accepts = " ".join(f"--accept {root}" for root in sorted({".".join(d.path.split(".")[:2]) for d in differences}))
-    return ConnectionProblem(problem, f"the same --set on both ends; or, if intended,  {typed} {accepts}")
+    return ConnectionProblem(problem, f"use the same --set on both ends; or, if intended,  {typed} {accepts}")
 
 
 def _without_settings(typed: str, paths: Sequence[str]) -> str:

@@ -22,7 +22,7 @@ MOST_PACKETS = 16
 
 
 class ShownSignal(NamedTuple):
-    """Number of a row. slot: its index among the numbers of the flight's rows."""
+    """Number that is shown on the page. slot: its index in a row of the flight."""
 
     path: str
     declared: Quantity | None
@@ -42,10 +42,10 @@ def list_shown(rows: FlightRows) -> list[ShownSignal]:
 
 
 class ConsoleLine:
-    """Rows and messages of one flight to its console, and messages back."""
+    """Connection from a flight to its console: it sends rows and messages, and receives requests."""
 
     def __init__(self, end: socket.socket, clock: Clock = SYSTEM_CLOCK) -> None:
-        """end: one of a pair of sockets that keep packets apart; the console has the other.  clock: of this process."""
+        """end: one end of a pair of packet sockets; the console has the other end. clock: clock of this process."""
         end.setblocking(False)
         self._end, self._clock = end, clock
         self._rows: FlightRows | None = None
@@ -62,7 +62,7 @@ class ConsoleLine:
         return shown
 
     def send_row(self, t: float, own: Sequence[float]) -> None:
-        """Send the row of time t (s). own: the numbers that come with it."""
+        """Send the row of time t (s). own: numbers of the row that no compiled step holds."""
         assert self._rows is not None
         self._rows.fill(self._numbers, own)
         HEAD.pack_into(self._packet, len(ROW), t, self._clock.monotonic_ns() / NS_PER_SECOND)

@@ -14,6 +14,6 @@ HEAD = struct.Struct("<dd")
 """Head of a row: time and clock (s)."""
 LARGEST_PACKET = 65536
 LONGEST_VECTOR = 12
-"""Longest signal that is shown. A longer one, such as a covariance, is not."""
+"""Maximum number of elements of a signal that is shown. Longer signals, such as a covariance, are left out."""
 END_SILENCE = seconds(3)
-"""Silence of a stick that a pilot holds, after which the flight is ended and the stick is free."""
+"""Time without data from a stick in use, after which the flight is ended and another pilot may take the stick."""

@@ -23,7 +23,7 @@ from trimtab.flight.station.streams import pack_text
 MOST_PACKETS = 64
 """Maximum number of packets taken in one period, so that a flood cannot stop the loop."""
 SERVO_FRAME = ms(20)
-"""Shortest time between two commands: a servo takes no more."""
+"""Shortest time between two commands: a servo accepts no faster commands."""
 
 
 class ControlLoop:
@@ -104,7 +104,7 @@ class ControlLoop:
         return self._parts.remote.arming.list_problems(was_armed, self.silence.is_silent, now, self._pilot.has_stopped)
 
     def _receive_until(self, k: int) -> int:
-        """Handle packets until deadline k. Return the time when that ended (ns)."""
+        """Handle packets until deadline k. Return the time at the end of this work (ns)."""
         packets = 0
         while True:
             left = self.deadlines.remaining(k)
@@ -116,7 +116,7 @@ class ControlLoop:
                 return self._parts.clock.monotonic_ns()
 
     def _set_inputs(self, t: int) -> None:
-        """Set the inputs of the step at integer time t: the pilot's, changed parameters, samples, requests."""
+        """Set the inputs of the step at integer time t: the pilot's stick, changed parameters, samples, requests."""
         self._pilot.update(t)
         for change in self._parts.parameters.apply_changes(t):
             self._parts.reporter.report(str(change))

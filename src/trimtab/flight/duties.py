@@ -44,12 +44,14 @@ STATION_MODES = {COMPUTER_MODE: "computer", MANUAL_MODE: "manual", HOLD_MODE: "h
 The numbers are those of ArduPilot's GUIDED, MANUAL and HOLD of rovers and boats, by which ground stations name them.
 """
 RESEND_PERIOD, REQUEST_TIMEOUT, AUTOPILOT_TIMEOUT = ms(100), seconds(2), seconds(5)
-"""Time until a request is repeated; until it is given up; and without heartbeats until the autopilot counts as gone."""
+"""Time until a request is repeated; time until a request is given up; time without heartbeats until the autopilot
+counts as gone.
+"""
 NO_AUTOPILOT_PROBLEM = "no supervised autopilot on the link"
 
 
 class CommandSource(NamedTuple):
-    """Source of the commands, and the cause."""
+    """Mode of the vehicle, which names the source of its commands, and the cause of the last change of mode."""
 
     mode: str
     cause: str
@@ -113,7 +115,7 @@ class Duties:
         self.breach = BREACHES[0]
         """Kind of the limit that is violated, for the next step."""
         self.is_ending = False
-        """True at the vehicle's own end, for which it is disarmed."""
+        """True while the vehicle disarms because its own run ends."""
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
         """Keep a request for the next step."""
@@ -152,7 +154,7 @@ class Duties:
 
 
 def _input_slots(step: CompiledBlock) -> dict[str, Any]:
-    """Return the slots of time and input of a block, the input's by its own paths."""
+    """Return path -> slot for the inputs of a block, without the prefix "input."."""
     return {path.removeprefix("input."): at for path, at in step.reads.items()}
 
 

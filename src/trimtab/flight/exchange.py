@@ -16,7 +16,7 @@ from trimtab.flight.mavlink.dialect import COMMAND, TIME, Dialect
 from trimtab.flight.mavlink.endpoint import Endpoint
 
 MOST_INCOMPLETE = 8
-"""Maximum number of incomplete samples: on some links packets overtake one another."""
+"""Maximum number of incomplete samples that are kept: on some links packets overtake one another."""
 T = TypeVar("T")
 Where = Callable[[str], int | slice]
 """Path of a leaf -> its slot in a vector."""
@@ -97,13 +97,13 @@ def slot_indices(where: Mapping[str, Any], paths: Iterable[str], size: int) -> A
 
 
 def sample_groups(dialect: Dialect, where: Where) -> dict[str, MessageGroup]:
-    """Return sensor -> its group."""
+    """Return the group of messages of each sensor, by name."""
     prefix = "samples."
     return {g[len(prefix) :]: MessageGroup(dialect, g, where) for g in dialect.groups if g.startswith(prefix)}
 
 
 def command_group(dialect: Dialect, where: Where) -> MessageGroup:
-    """Return the group of the command."""
+    """Return the group of messages that carry the command."""
     return MessageGroup(dialect, COMMAND, where)
 
 
@@ -125,9 +125,9 @@ def request_answer(
     resend_period: float,
     clock: Clock = SYSTEM_CLOCK,
 ) -> T | None:
-    """Send packets, made again each time, until a message answers them; return None after `patience` seconds.
+    """Send packets repeatedly until a message answers them; return None after `patience` seconds.
 
-    answer: returns the content of an answer; None for any other message.
+    packets: makes the packets of each attempt. answer: returns the content of an answer; None for any other message.
     """
     deadline = clock.monotonic_ns() + patience * NS_PER_SECOND
     while clock.monotonic_ns() < deadline:

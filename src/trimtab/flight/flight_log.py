@@ -54,7 +54,9 @@ def count_frames(counts: FrameCounts) -> tuple[int, int, int, int]:
 
 
 class FlightRows:
-    """Contents of a row of a flight: numbers of compiled steps' vectors, then those that come with each row."""
+    """Contents of a row of a flight: numbers from vectors of compiled steps, then numbers that the caller gives for the
+    row.
+    """
 
     def __init__(self, sources: Sequence[LogSource], own: Mapping[str, tuple[str, Quantity]]) -> None:
         """Define the layout of a row.
@@ -81,12 +83,12 @@ class FlightRows:
 
 
 class FlightRecorder(Protocol):
-    """The log of a live end. Only `await_room` waits."""
+    """Log of a live end. Only the method `await_room` waits."""
 
     pose: Any
     """Pose of the vehicle, as in `logs.frames`. Each row holds the pose that was set last."""
     unread_rows: int
-    """Number of rows that the process that wrote it had not taken at its death."""
+    """Number of rows that the writer's process had not read when it died."""
 
     def start_clock(self, start: int, clock: Clock) -> None:
         """Set time zero to a time of the monotonic clock (ns). Call it before the first row."""
@@ -105,12 +107,12 @@ class FlightRecorder(Protocol):
         ...
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
-        """End the log. None: the process that wrote it had died, or wrote nothing any more."""
+        """End the log. Return None if the writer's process had died or had stopped writing."""
         ...
 
 
 class FlightLog:
-    """Rows into a ring: a few microseconds each, without waiting except in `await_room`."""
+    """Log that puts each row into a ring buffer within a few microseconds. Only the method `await_room` waits."""
 
     def __init__(
         self,
@@ -131,7 +133,7 @@ class FlightLog:
         """
         self._rows, stop = rows, 1 + rows.width
         self.pose: Any = no_pose() if frame else np.zeros(0)
-        """Pose as in `logs.frames`. Set it in place; each row holds it until it is set again."""
+        """Pose as in `logs.frames`. Change its elements in place; each row holds the last values."""
         self._row = np.zeros(stop + len(self.pose))
         self._numbers, self._poses = self._row[1:stop], self._row[stop:]
         self._ring = Ring.create(columns=len(self._row), rows=ROWS)
@@ -144,7 +146,7 @@ class FlightLog:
             raise
 
     def write_row(self, t: int, own: Sequence[float] = ()) -> None:
-        """Write a row: the vectors as they are now."""
+        """Write a row: the current numbers of the vectors."""
         self._row[0] = t
         self._rows.fill(self._numbers, own)
         self._poses[:] = self.pose
@@ -179,7 +181,7 @@ class FlightLog:
 def close_flight_log(
     log: FlightRecorder | None, lost_lines: int, final: Mapping[str, Any] | None = None
 ) -> LogFileSummary | None:
-    """End a log, after a line about lines for the user that a terminal or a pipe did not take.
+    """End a log. If lines for the user were lost, first write their number into the log.
 
     Args:
         log: the log; None: no log.
@@ -208,7 +210,7 @@ def list_log_problems(log: FlightRecorder | None, summary: LogFileSummary | None
 
 
 class Disk(Protocol):
-    """A disk for the logs of live ends: this machine's, or one of virtual time."""
+    """Disk for the logs of live ends: the disk of this machine, or a disk in virtual time."""
 
     def free_bytes(self, folder: Path) -> int:
         """Return the free space (bytes) on the disk of a folder."""
@@ -222,19 +224,20 @@ class Disk(Protocol):
 
 
 LOOK_S = 1.0
-"""Time (s) between two looks at the free space."""
+"""Time (s) between two measurements of the free space."""
 
 
 class SystemDisk:
-    """The disk of this machine. A process of its own writes each log."""
+    """The disk of this machine. A separate process writes each log."""
 
     def __init__(self) -> None:
         self._free: dict[Path, int] = {}
 
     def free_bytes(self, folder: Path) -> int:
-        """Return the free space (bytes) on the disk of a folder, as a thread last saw it; 0 where the folder is gone.
+        """Return the free space (bytes) on the disk of a folder, as a thread last measured it; 0 if the folder is
+        missing.
 
-        The first call for a folder looks by itself. A disk that hangs does not hold up later calls.
+        The first call for a folder measures directly. A disk that hangs does not hold up later calls.
         """
         if folder not in self._free:
             self._free[folder] = _look_at_space(folder)

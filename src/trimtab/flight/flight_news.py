@@ -12,7 +12,7 @@ class FlightNews:
     """Changes since the last period, reported once each."""
 
     def __init__(self, parts: AutopilotParts, silence: SilenceWatch) -> None:
-        """Start without news. silence: of the vehicle."""
+        """Start without news. silence: watch for silence of the vehicle."""
         self._parts, self._silence = parts, silence
         self._backward_sensors: list[str] = []
 

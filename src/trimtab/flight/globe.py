@@ -37,7 +37,9 @@ def parse_origin(text: str) -> Place:
     place = Place(math.radians(latitude), math.radians(longitude), height)
     if not is_on_globe(place):
         raise InputError(
-            argument_name("origin"), f"{text!r} is not a place on the globe", fix="degrees north and east, then metres"
+            argument_name("origin"),
+            f"{text!r} is not a place on the globe",
+            fix="give degrees north, degrees east, metres",
         )
     return place
 
@@ -54,7 +56,10 @@ class Globe:
     names: Collection[str] = (SET_ORIGIN,)
 
     def __init__(self, endpoint: Endpoint, motion: Callable[[], VehicleMotion], origin: Place | None = None) -> None:
-        """Compile the block of the place. motion: returns the motion now.  origin: of W; None: not known yet."""
+        """Compile the block that computes the place.
+
+        motion: returns the current motion. origin: place of W's origin, or None.
+        """
         self._endpoint, self._motion = endpoint, motion
         self._block = compile_block(place_block())
         self._position: Any = self._block.reads["p_WB"]
@@ -73,7 +78,7 @@ class Globe:
         return Place(*(float(self._block.result(name)) for name in Place._fields))
 
     def mark_home(self) -> None:
-        """Set home to the place of now."""
+        """Set home to the current place."""
         self.home = self._motion()
 
     def position_fields(self, now: int) -> Mapping[str, Any] | None:
@@ -93,7 +98,10 @@ class Globe:
         return None if self.origin is None else telemetry.global_origin(now, self.origin)
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
-        """Handle a request for another origin, if disarmed. Return the current origin, and why it was not changed."""
+        """Handle a request for another origin, if disarmed.
+
+        Return the current origin, and the reason if it was not changed.
+        """
         latitude, longitude = (math.radians(message.get(n) * DEGREES) for n in ("latitude", "longitude"))
         place = Place(latitude, longitude, message.get("altitude") * 1e-3)
         problem = "the vehicle is armed" if is_armed else "" if is_on_globe(place) else "not a place on the globe"
@@ -104,7 +112,7 @@ class Globe:
         return ([] if fields is None else [self._endpoint.pack("GPS_GLOBAL_ORIGIN", fields)]) + said
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return nothing: all its messages are telemetry streams."""
+        """Return no packets: all messages of this service are telemetry streams."""
         return []
 
     def _home(self, motion: VehicleMotion) -> VehicleMotion:

@@ -25,7 +25,10 @@ T = TypeVar("T")
 PATIENCE, RESEND_PERIOD = 10.0, 0.3
 """Time to wait for an answer (s), and time until a question is sent again (s)."""
 FAULT_NUMBERS = ("start", "duration", "severity", "bias", "word")
-"""Numbers of a fault that are sent. The word comes last, since it makes the fault act."""
+"""Numbers of a fault that are sent, in order.
+
+`word`, the kind of the fault, comes last, since it makes the fault act.
+"""
 
 
 def add_idle_faults(scenario: Scenario) -> Scenario:
@@ -41,7 +44,7 @@ class FaultPlan(NamedTuple):
 
 
 def fault_parameter_names(scenario: Scenario) -> dict[str, str]:
-    """Return path -> parameter name for the numbers of the vehicle that flies a scenario."""
+    """Return path -> parameter name for the numbers of the vehicle of a scenario."""
     table = Parameters(add_idle_faults(scenario).world, "world").table()
     return {path: name for name, (path, _) in table.items()}
 
@@ -94,7 +97,7 @@ class Injector:
             return result
         counts = self.endpoint.counts
         problem = f"no vehicle answers ({what}); frames accepted {counts.accepted}, refused {counts.refusals}"
-        fix = "start it: trimtab vehicle SCENARIO --listen URI; then give its address, scenario, settings and key here"
+        fix = "start the vehicle: trimtab vehicle SCENARIO --listen URI; give its address, scenario, settings, key here"
         raise InputError(argument_name("link"), problem, fix=fix)
 
     def read_vehicle_time(self) -> int:

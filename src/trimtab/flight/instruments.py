@@ -145,7 +145,7 @@ class Instruments:
 
 
 class SensorSlots(NamedTuple):
-    """Slots of a sensor's newest sample in a world's outputs. at: quantity -> slot."""
+    """Slots of a sensor's newest sample in a world's outputs. at: quantity -> its slot in the outputs."""
 
     name: str
     at: Mapping[str, Any]

@@ -48,7 +48,7 @@ BITS_PER_BYTE = 10
 QUICKEST_SHARE = 0.05
 """Share of the round trips from which the offset of two clocks is taken."""
 LEAST_SD = 1e-5
-"""Spread (s) in a model of a link without spread."""
+"""Standard deviation (s) in the model of a link whose measured delays do not vary."""
 
 
 class LinkTestPlan(NamedTuple):
@@ -76,7 +76,7 @@ class Delays(NamedTuple):
     up: np.ndarray[Any, Any]
     down: np.ndarray[Any, Any]
     lost_up: int
-    """Requests that did not arrive. The others without a reply were lost on the way down."""
+    """Number of requests that did not arrive. Further requests without a reply were lost on the way down."""
     has_one_clock: bool
     """True if one clock measured both ways; otherwise only the sum of up and down is certain."""
     data_rates: tuple[float, float]
@@ -95,7 +95,7 @@ class LoadPace:
         self._size, self._due, self.rate = size, 0.0, 0.0
 
     def wait(self, t: float) -> float:
-        """Return the time from t (s) until the next message is due; an hour without load."""
+        """Return the time from t (s) until the next message is due; one hour if no load is wanted."""
         return max(self._due - t, 0.0) if self.rate > 0 else 3600.0
 
     def due(self, t: float) -> bool:
@@ -119,7 +119,8 @@ def echo_requests(
     clock: Clock = SYSTEM_CLOCK,
     boot: bytes | None = None,
 ) -> int:
-    """Answer until `stop`, looked at ten times a second. Returns the number of requests echoed.
+    """Answer requests until stop() returns True; it is called ten times a second. Returns the number of requests
+    echoed.
 
     Args:
         link: link to the measuring end.
@@ -200,7 +201,9 @@ class _DelayMeasurement:
         return self._exchange.shared is not None
 
     def ask(self) -> None:
-        """Send requests at irregular times, in step with no periodic task, and send the load between them."""
+        """Send requests at irregular times, so that they do not coincide with a periodic task, and send the load
+        between them.
+        """
         draw, pace = random.Random(self._plan.seed), LoadPace(len(LOAD_UP))
         pace.rate = self._plan.up * 1e3 / BITS_PER_BYTE
         at = hello_at = self._seconds()
@@ -254,7 +257,7 @@ class _DelayMeasurement:
 
 
 def clock_offset(up: np.ndarray[Any, Any], trip: np.ndarray[Any, Any]) -> float:
-    """Return the lead of the far clock (s), if the quickest round trips took as long up as down."""
+    """Return the lead of the far clock (s), assuming that the quickest round trips took as long up as down."""
     quickest = np.argsort(trip)[: max(1, int(QUICKEST_SHARE * len(trip)))]
     return float(np.median((up - trip / 2)[quickest]))
 
@@ -262,8 +265,8 @@ def clock_offset(up: np.ndarray[Any, Any], trip: np.ndarray[Any, Any]) -> float:
 def link_traces(delays: Delays) -> dict[str, Trace]:
     """Return recordings of both ways, for LatencyTrace.
 
-    For a request without a reply it is unknown which way lost it. As many as the far end has missed count as lost on
-    the way up, at even distances.
+    For a request without a reply it is unknown which way lost it. The number that the far end missed counts as lost on
+    the way up, spread evenly over these requests.
     """
     missing = np.flatnonzero(~delays.has_reply)
     lost_up = np.zeros(len(delays.send_times), bool)

@@ -32,11 +32,11 @@ RESEND_PERIOD = 0.2
 PATIENCE = 10.0
 """Silence after which the other end is given up (s)."""
 START_PATIENCE = 120.0
-"""Longest start of the other end (s): it may have to be compiled."""
+"""Longest time that the start of the other end may take (s), including its compilation."""
 
 
 class NoAnswerError(Exception):
-    """The other end has not answered for too long."""
+    """Error: the other end did not answer in time."""
 
 
 def lead_lockstep(
@@ -76,7 +76,7 @@ def _await_command(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, t: i
         link, endpoint, packets, answer, patience=patience, resend_period=RESEND_PERIOD, clock=clock
     )
     if command is None:
-        raise NoAnswerError(f"no command for {patience:g} s")
+        raise NoAnswerError(f"the autopilot has sent no command for {patience:g} s")
     return command
 
 
@@ -119,14 +119,14 @@ def follow_lockstep(
             for packet in autopilot_end.command_packets(endpoint) if t == done else ():
                 link.send(packet)
         if now() > deadline:
-            raise NoAnswerError(f"no instant after {done * 1e-7:g} s")
+            raise NoAnswerError(f"the vehicle has sent no instant after {done * 1e-7:g} s")
 
 
 MakeEndpoint = Callable[[Dialect], Endpoint]
 
 
 class LockstepVehicle:
-    """Vehicle's end, which leads."""
+    """Vehicle's end in lockstep. It sends each instant and waits for the command."""
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
         """Compile the world. endpoint: makes the vehicle's end for a dialect."""
@@ -137,7 +137,7 @@ class LockstepVehicle:
         self.body = VirtualVehicle(scenario, dialect, world)
 
     def run(self, link: Link, log: Path | None = None, log_period: int = ms(1)) -> LogFileSummary | None:
-        """Lead through the scenario's duration. Raise NoAnswerError if no autopilot follows."""
+        """Run for the scenario's duration. Raise NoAnswerError if no autopilot follows."""
         body = self.body
         flight_log = open_flight_log(
             log, body.log_sources(), {}, self.scenario, side="vehicle", seed=self.seed, log_period=log_period
@@ -155,7 +155,7 @@ class LockstepVehicle:
 
 
 class LockstepAutopilot:
-    """Autopilot's end, which follows."""
+    """Autopilot's end in lockstep. It answers each instant with a command."""
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
         """Compile the autopilot. endpoint: makes its end for a dialect."""
@@ -166,7 +166,7 @@ class LockstepAutopilot:
         self.autopilot_end = AutopilotEnd(scenario, dialect, compile_autopilot(scenario, seed=seed))
 
     def run(self, link: Link, log: Path | None = None) -> LogFileSummary | None:
-        """Follow through the scenario's duration. Raise NoAnswerError if no vehicle leads."""
+        """Answer instants for the scenario's duration. Raise NoAnswerError if no vehicle leads."""
         period = self.scenario.autopilot.period
         sources = self.autopilot_end.log_sources()
         flight_log = open_flight_log(

@@ -24,7 +24,7 @@ from trimtab.flight.real_time import RealTimeGrant, real_time
 from trimtab.flight.transports.open_link import open_link
 
 STORE_PERIOD_S = 1.0
-"""Period of storing time stamps ahead (s)."""
+"""Period (s) of storing a future time stamp, from which a restarted program continues."""
 
 
 SAME_KEYPRESS_S = 0.3
@@ -59,7 +59,7 @@ def catch_interrupts(clock: Clock = SYSTEM_CLOCK) -> Iterator[Callable[[], bool]
 
 @contextlib.contextmanager
 def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
-    """Store the time stamps of an endpoint ahead, in another thread, so that the loop waits for no disk."""
+    """Store future time stamps of an endpoint in another thread, so that the loop waits for no disk."""
     done = threading.Event()
 
     def keep() -> None:
@@ -79,7 +79,7 @@ def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
 def list_stamp_problems(endpoint: Endpoint) -> list[str]:
     """Return the problem of time stamps that could not be stored beside the key, if there is one."""
     failed = 0 if endpoint.stamps is None else endpoint.stamps.unsaved
-    fix = "free space on its disk, else old packets may be accepted after a restart"
+    fix = "free space on the disk of the key, else old packets may be accepted after a restart"
     return [f"the time stamps beside the key could not be stored (failed attempts: {failed}): {fix}"] if failed else []
 
 
@@ -87,17 +87,20 @@ class LineSink(Protocol):
     """Receiver of lines for the user. Only `settle` waits."""
 
     def settle(self) -> int:
-        """Wait a little for the lines that are not written yet. Return the number of lost lines, those included."""
+        """Wait briefly for lines that are not written yet.
+
+        Return the number of lost lines, including lines still unwritten.
+        """
         ...
 
     def put(self, text: str) -> None:
-        """Take a line."""
+        """Queue a line for the user."""
         ...
 
 
 @contextlib.contextmanager
 def write_lines(write: Callable[[str], object]) -> Iterator[LineSink]:
-    """Write lines by a thread, and those that still wait at the end, for a second at most."""
+    """Write lines in a thread. At the end, wait at most one second for the remaining lines."""
     writer = LineWriter(write)
     try:
         yield writer
@@ -106,7 +109,7 @@ def write_lines(write: Callable[[str], object]) -> Iterator[LineSink]:
 
 
 class OpenLink(Protocol):
-    """Opens a link, see `links.open_link.open_link`."""
+    """Function that opens a link, see `links.open_link.open_link`."""
 
     def __call__(self, uri: str, *, listen: bool = False) -> Link:
         """Open the link of an address."""
@@ -124,15 +127,15 @@ class Machine(NamedTuple):
     real_time: Callable[[bool], AbstractContextManager[RealTimeGrant]] = real_time
     """Asks for real-time scheduling and locked memory."""
     catch_interrupts: Callable[[], AbstractContextManager[Callable[[], bool]]] = catch_interrupts
-    """Turns a request to end into a flag."""
+    """Turns a signal that asks the program to end into a flag."""
     store_stamps_ahead: Callable[[Endpoint], AbstractContextManager[None]] = store_stamps_ahead
-    """Stores the time stamps of an endpoint ahead, and closes the endpoint at the end."""
+    """Stores future time stamps of an endpoint, and closes the endpoint at the end."""
     write_lines: Callable[[Callable[[str], object]], AbstractContextManager[LineSink]] = write_lines
-    """Writes lines for the user, so that nobody waits for the terminal."""
+    """Writes lines for the user in a thread, so that the program never waits for the terminal."""
     typed_words: Callable[[], Sequence[str]] = lambda: sys.argv[1:]
     """Returns the words of the command line after the program's name."""
     draw_session: Callable[[], int] = draw_session
-    """Draws the number of a session."""
+    """Draws a random session number."""
 
 
 SYSTEM_MACHINE = Machine()

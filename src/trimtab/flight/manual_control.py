@@ -33,7 +33,7 @@ class ManualControl:
         Args:
             failsafe: failsafe whose limits are the ends of the sticks.
             inputs: inputs of the failsafe's step.
-            slots: name -> slot of each.
+            slots: name of an input -> its slot.
         """
         self._inputs, self._slots = inputs, slots
         self._low, self._range = command_ranges(failsafe)
@@ -91,7 +91,7 @@ class ManualControl:
 
 
 def command_ranges(failsafe: Failsafe) -> tuple[Any, Any]:
-    """Return lowest value and range of each number of a command; the range is NaN where there is none."""
+    """Return lowest value and range of each number of a command; the range is NaN for a number without limits."""
     low, high = (
         np.concatenate([np.zeros(0), *(np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r))])
         for r in (failsafe.low, failsafe.high)

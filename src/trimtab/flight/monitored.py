@@ -11,7 +11,7 @@ from trimtab.loop.scenario import Scenario
 
 
 class _Watched(NamedTuple):
-    """Formula. robustness, verdict: their slots in the outputs of the step."""
+    """Monitored formula. robustness, verdict: slots of these two numbers in the outputs of the step."""
 
     name: str
     text: str
@@ -38,7 +38,7 @@ class CompiledMonitor:
         self._broken: set[str] = set()
 
     def describe_changes(self) -> list[str]:
-        """Return a message for each formula that is violated, or holds again, since the last call."""
+        """Return a message for each formula that became violated, or became satisfied again, since the last call."""
         lines, outputs = [], self._step.outputs
         for watched in self._watched:
             is_broken = int(outputs[watched.verdict]) == VIOLATED

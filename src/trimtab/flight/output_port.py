@@ -1,4 +1,4 @@
-"""Port of the outputs: the row that acts now, in shared memory, for the driver of servos and motors.
+"""Port of the outputs: the row in force, in shared memory, for the driver of servos and motors.
 
     struct, little-endian     number of the write (u64, odd during a write), time of the write, time stamp of life,
                               delay of the lift fan (ns each, i64), number of values n (u16), state (u8), lift (u8)
@@ -44,7 +44,10 @@ class OutputRow(NamedTuple):
 
 
 def memory_folder() -> Path:
-    """Return this user's folder in shared memory, else in the temporary folder. PermissionError: others can enter."""
+    """Return this user's folder in shared memory, else in the temporary folder.
+
+    PermissionError: other users have access to the folder.
+    """
     user = os.getuid() if hasattr(os, "getuid") else 0
     folder = (SHARED_MEMORY if SHARED_MEMORY.is_dir() else Path(tempfile.gettempdir())) / f"trimtab-{user}"
     with contextlib.suppress(FileExistsError):
@@ -56,12 +59,12 @@ def memory_folder() -> Path:
 
 
 def port_path(process: int) -> Path:
-    """Return the file of the port of a process, by its number."""
+    """Return the file name of the port of a process, by the process number."""
     return memory_folder() / f"outputs-{process}.bin"
 
 
 class OutputPort:
-    """The writing side of the port."""
+    """Writing side of the port, in the process of the outputs."""
 
     def __init__(self, path: Path, safe: Sequence[float], lift_delay: int) -> None:
         """Make the port, with the safe values acting.
@@ -94,12 +97,12 @@ class OutputPort:
         struct.pack_into("<q", self._memory, LIFE_OFFSET, now)
 
     def close(self) -> None:
-        """Remove the name of the port. Who has it open sees its stamp of life age."""
+        """Remove the file of the port. A driver that has the port open finds its stamp of life too old."""
         self.path.unlink(missing_ok=True)
 
 
 class OutputReader:
-    """The reading side of the port, with the rule that a driver has to follow."""
+    """Reading side of the port, for a driver, with the rule that a driver must follow."""
 
     def __init__(self, path: Path) -> None:
         """path: the file `outputs.bin` of a vehicle."""
@@ -111,7 +114,7 @@ class OutputReader:
 
     @property
     def safe_values(self) -> tuple[float, ...]:
-        """The values that make the craft safe."""
+        """Values of the outputs that make the craft safe."""
         return self._numbers.unpack_from(self._memory, PORT_HEAD.size + self._numbers.size)
 
     def read(self) -> tuple[int, OutputRow]:

@@ -22,10 +22,12 @@ from trimtab.core.errors import InputError, argument_name
 from trimtab.flight.output_port import LIFE_TIMEOUT, port_path
 
 HEARTBEAT = 5_000_000
-"""Longest time (ns) between two rows, changed or not."""
+"""Longest time (ns) between two rows. An unchanged row is sent again after this time."""
 START_S, END_S = 10.0, 5.0
 HEAD = struct.Struct("<q??")
-"""Head of a row: time of the hand-over (ns, monotonic clock), True if a command is in force, True if the lift turns."""
+"""Head of a row: time of the hand-over (ns, monotonic clock), True if a command is in force, True if the lift fan
+turns.
+"""
 READY, TRIPPED, END, ECHO = b"ready", b"tripped ", b"end", b"echo"
 DIED, FROZEN = "the outputs' process died", "the outputs' process is frozen"
 PORT_FILE, LOG_FILE = "outputs.bin", "outputs.txt"
@@ -52,12 +54,12 @@ class RowSocket(Protocol):
 
 
 class OutputsProcess(NamedTuple):
-    """A process of outputs that has started."""
+    """Process of the outputs, once it has started."""
 
     line: RowSocket
     pid: int
     end: Callable[[], None]
-    """Waits until the process has ended; kills it where it does not end."""
+    """Function that waits until the process has ended, and kills a process that does not end."""
 
 
 class OutputsOrders(NamedTuple):
@@ -105,9 +107,11 @@ def start_outputs_process(orders: OutputsOrders) -> OutputsProcess:
         process.kill()
         process.wait()
         line.close()
-        where = "" if orders.folder is None else f" over {PORT_FILE} and {LOG_FILE} in {orders.folder}"
+        where = "" if orders.folder is None else f"; the process creates {PORT_FILE} and {LOG_FILE} in {orders.folder}"
         raise InputError(
-            "outputs", f"their process did not start{where}", fix=f"{argument_name('out')} with a new folder"
+            "outputs",
+            f"the process of the outputs did not start{where}",
+            fix=f"{argument_name('out')} with a folder that does not exist yet",
         )
     line.setblocking(False)
 
@@ -124,17 +128,17 @@ def start_outputs_process(orders: OutputsOrders) -> OutputsProcess:
 
 
 class Outputs:
-    """Outputs as the vehicle sees them. They take rows and never wait.
+    """Connection of the vehicle to the process of its outputs. It hands rows over and never waits.
 
     Args:
         safe: the row that makes the craft safe.
-        timeout: silence (ns) after which the safe row acts.
-        lift_delay: time (ns) that the lift fan turns on after the safe row began to act.
-        latch: silence (ns) after which the safe row acts until the vehicle is disarmed.
+        timeout: silence (ns) after which the safe row is applied.
+        lift_delay: time (ns) for which the lift fan keeps turning after the safe row takes effect.
+        latch: silence (ns) after which the safe row stays in force until the vehicle is disarmed.
         folder: where the port and the log of the outputs are kept.
         wanted_real_time: ask the system for real-time scheduling.
         clock: clock of the vehicle's process.
-        start: starts the process.
+        start: function that starts the process.
     """
 
     def __init__(
@@ -166,7 +170,7 @@ class Outputs:
         return not self.problem
 
     def hand_over(self, is_commanded: bool, lift: bool, values: Sequence[float]) -> int:
-        """Hand a row over. Return the silence (ns) that had made the outputs safe, mostly 0."""
+        """Hand a row over. Return the silence (ns) after which the outputs had gone safe; 0 if they had not."""
         now = self._clock.monotonic_ns()
         content = HEAD.pack(0, is_commanded, lift)[8:] + self._numbers.pack(*values)
         if content == self._content and now - self._stamp < HEARTBEAT:
@@ -189,14 +193,14 @@ class Outputs:
         return silence
 
     def _take_answer(self, answer: bytes, now: int) -> int:
-        """Take a packet of the process. Return the silence (ns) that it reports, else 0."""
+        """Handle a packet of the process. Return the silence (ns) that the packet reports, else 0."""
         if not answer:
             raise BrokenPipeError
         self._echo = now
         return int(answer.removeprefix(TRIPPED)) if answer.startswith(TRIPPED) else 0
 
     def close(self) -> None:
-        """End the outputs, safe."""
+        """Make the outputs safe and end their process."""
         with contextlib.suppress(OSError):
             self._line.send(END)
         self._line.close()

@@ -37,7 +37,7 @@ from trimtab.flight.watchdog import Watchdog
 PRIORITY = 41
 """Real-time priority, above that of the vehicle's loop."""
 EXITING = 0x4
-"""Flag of a process that is ending, as Linux shows it in /proc."""
+"""Flag of Linux in /proc/PID/stat for a process that is ending."""
 GONE = "the vehicle's process is gone"
 STOPPED = "the vehicle's process is stopped"
 HANGS = "the vehicle's process hangs or is starved"
@@ -143,7 +143,7 @@ class OutputsLoop:
         return self._next_life if check is None else min(check, self._next_life)
 
     def _show_life(self, now: int) -> None:
-        """Show the driver and the vehicle, once a period, that this process works."""
+        """Signal to the driver and to the vehicle, once a period, that this process works."""
         if now < self._next_life:
             return
         self._next_life = now + LIFE_PERIOD
@@ -154,7 +154,7 @@ class OutputsLoop:
                 self._line.send(ECHO)
 
     def _take_rows(self) -> None:
-        """Take all waiting rows. Note whether the vehicle's end is closed, and whether the vehicle announced it."""
+        """Take all waiting rows. Note whether the vehicle has closed its end, and whether it had announced that."""
         while not self._is_gone:
             try:
                 data = self._line.recv(HEAD.size + self._numbers.size)
@@ -178,7 +178,7 @@ class OutputsLoop:
             self._unreported_silence = max(self._unreported_silence, silence)
 
     def _report_silence(self) -> None:
-        """Tell the vehicle that its outputs had gone safe; later if the line has no room, as after a long stop."""
+        """Report to the vehicle that its outputs had gone safe. If the connection is full, report later."""
         if self._unreported_silence:
             with contextlib.suppress(OSError):
                 self._line.send(TRIPPED + str(self._unreported_silence).encode())

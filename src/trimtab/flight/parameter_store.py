@@ -20,14 +20,14 @@ LARGEST_FILE = 1_000_000
 
 
 def read_parameters(file: Path | None, scenario: str) -> dict[str, str]:
-    """Return the settings in a file, as text by path; none if there is no file yet.
+    """Return the settings in a file, as text by path; empty if the file does not exist yet.
 
     Raises InputError for a file that is damaged, or belongs to another scenario.
     """
     if file is None or not file.exists():
         return {}
     part = f"parameters '{file}'"
-    fix = "give another file, or remove it to use the scenario's parameters"
+    fix = "give another file, or remove the file to use the scenario's parameters"
     try:
         content = json.loads(read_user_text(file, largest=LARGEST_FILE))
         owner, parameters = content["scenario"], dict(content["parameters"])
@@ -35,7 +35,9 @@ def read_parameters(file: Path | None, scenario: str) -> dict[str, str]:
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise InputError(part, f"cannot be read: {error}", fix=fix) from None
     if owner != scenario:
-        raise InputError(part, f"belong to {owner!r}, not to {scenario!r}", fix="use one file per scenario")
+        raise InputError(
+            part, f"belong to the scenario {owner!r}, not to {scenario!r}", fix="use one file per scenario"
+        )
     return settings
 
 
@@ -60,7 +62,7 @@ class ParameterStore:
         return self._file is not None
 
     def write(self, values: ChangedValues | None) -> str:
-        """Store numbers by path, besides those in the file; None: clear the file. Return why not, or ""."""
+        """Add numbers by path to the file; None: clear the file. Return the problem, or ""."""
         if self._file is None:
             return NO_STORE
         try:

@@ -23,14 +23,14 @@ from trimtab.flight.supervised import REQUEST_MODES, CompiledSupervisor
 from trimtab.loop.supervisor import ENDED, HOLD
 
 HOLD_SILENCE = ms(500)
-"""Silence of a stick that a pilot holds, after which the supervisor is asked to hold. After END_SILENCE the flight
+"""Time without data from a stick in use, after which the supervisor is asked to hold. After END_SILENCE the flight
 ends.
 """
 CHECK_PERIOD, TIMING_PERIOD = ms(500), seconds(1)
 
 
 class NoPilot:
-    """Flight without a console. It arms as soon as it may."""
+    """Flight without a console. The vehicle is armed as soon as all checks pass."""
 
     wants_arming, shows_checks, has_stopped = True, False, False
     end_reason = ""
@@ -75,7 +75,7 @@ class Piloting:
         ended it.
         """
         self.end_reason = ""
-        """Reason why the loop must end: a pilot stopped it, and no supervisor can hold it ended."""
+        """Reason why the loop must end, or "". A pilot's stop ends the loop only if there is no supervisor."""
         self._t = 0
         self._pilot: int | None = None
         self._stick_time = 0
@@ -106,7 +106,7 @@ class Piloting:
         return may_arm and self.wants_arming and not refusal
 
     def note_command(self) -> None:
-        """Note that a command was sent, to measure the latency from the console's server to the link."""
+        """Record that a command was sent, to measure the latency from the console's server to the link."""
         now = self._clock.monotonic_ns() / NS_PER_SECOND
         self._latencies += [now - clock for clock in self._stick_clocks]
         self._stick_clocks.clear()
@@ -161,7 +161,10 @@ class Piloting:
         self._line.send("answer", id=wish.get("id"), client=wish["client"], ok=not refusal, text=refusal or done)
 
     def _ask(self, request: str) -> str:
-        """Pass a pilot's request to the supervisor, or a request to arm to the vehicle. Return which one is asked."""
+        """Pass a pilot's request to the supervisor, or a request to arm to the vehicle.
+
+        Return who got the request, as text.
+        """
         asks_vehicle = request == "arm" and not self._remote.arming.has_authority
         if asks_vehicle:
             self._remote.arming.confirms |= self.has_stopped
@@ -192,7 +195,7 @@ class Piloting:
         self._supervised.request("hold")
 
     def _watch_stick(self, t: int) -> None:
-        """Apply the dead man's rule."""
+        """Hold the flight, and later end it, if the stick in use sends no data (dead man's switch)."""
         silence = t - self._stick_time
         if self._pilot is None or silence < HOLD_SILENCE:
             return

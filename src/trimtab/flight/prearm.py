@@ -29,15 +29,15 @@ from trimtab.loop.vehicle_limits import VehicleLimits
 
 CHECK_PERIOD = ms(100)
 LONGEST_SILENCE, LONGEST_PERIODS = ms(250), 5
-"""Silence of a sensor that fails the check: at least this time, and at least this number of its periods.
+"""A sensor fails its check if it is silent for longer than this time plus this number of its periods.
 
-Some sensors measure often but give samples seldom, such as a network of beacons: the median of this number of
-intervals counts, too.
+Some sensors give fewer samples than their period suggests, such as a network of beacons. For them the median of the
+last intervals replaces the period.
 """
 MOST_LOSS, LEAST_FRAMES, LOSS_WINDOW = 50.0, 20, seconds(1)
-"""Largest share of frames lost in transit (%), of at least this number of frames; with fewer in the window: unknown."""
+"""Largest share of lost frames (%); minimum number of frames for a known share; time window of the share."""
 LONGEST_LINE_SILENCE = 3.0
-"""Largest silence of the link (s): three heartbeats of a ground station."""
+"""Largest time without data on the link (s): three periods of a ground station's heartbeat."""
 LONGEST_RADIO_SILENCE = 0.5
 LEAST_SPACE = 100.0
 """Least free space for the log (MB): ten minutes of a vehicle's log."""
@@ -46,7 +46,7 @@ MEGABYTE = 1e6
 
 
 class FrameLoss:
-    """Share of frames that a link has lost recently. Frames before the first received one do not count."""
+    """Share of frames that a link has lost recently. Frames lost before the first received frame do not count."""
 
     def __init__(self, counts: FrameCounts) -> None:
         """counts: frame counters of the receiving end."""
@@ -57,7 +57,7 @@ class FrameLoss:
         """Share in the last window (%); NaN where too few frames have arrived."""
 
     def follow(self, now: int) -> None:
-        """End the window once it has enough frames or its time is over."""
+        """Start a new window when the current one has enough frames or its time is over."""
         accepted, lost = self._counts.accepted, self._counts.lost
         if self._first is None:
             self._first = accepted
@@ -89,7 +89,7 @@ class _SensorWatch:
         self._intervals: deque[int] = deque([period] * LONGEST_PERIODS, maxlen=LONGEST_PERIODS)
 
     def follow(self) -> None:
-        """Note a new sample."""
+        """Record the time of a new sample."""
         time = int(self._outputs[self._time])
         if time != self._last:
             self._intervals.append(time - self._last)
@@ -167,7 +167,7 @@ class ArmingGuard:
             self.checks = self._make_checks(t)
 
     def confirm(self) -> None:
-        """Note that the user has disarmed the vehicle since the failsafe."""
+        """Record that the user has disarmed the vehicle since the failsafe."""
         self._is_confirmed = True
 
     @property
@@ -204,7 +204,7 @@ class ArmingGuard:
         return [*checks, *self._check_bounds(), *self._check_program(t), *self._check_after_failsafe()]
 
     def _check_bounds(self) -> list[ArmingCheck]:
-        advice = {"fence": "bring it back inside the fence", "envelope": "let it come to rest"}
+        advice = {"fence": "bring the vehicle back inside the fence", "envelope": "let the vehicle come to rest"}
         bounds = [(name, QUANTITIES[name], bound) for name, bound in self.motion.bounds.items()]
         return [
             ArmingCheck(f"{q.kind} {name}", self.motion.value(name), bound, q.unit, advice[q.kind])
@@ -229,7 +229,7 @@ class ArmingGuard:
         if not self._has_failed_safe:
             return []
         speed, rate = self.motion.mean_motion()
-        advice = "let it come to rest, or restart the vehicle"
+        advice = "let the vehicle come to rest, or restart it"
         confirm = "type --rearm at fly; in a ground station disarm, then arm"
         return [
             ArmingCheck("speed after failsafe", speed, float(self._limits.rest_speed), "m/s", advice),

@@ -1,4 +1,4 @@
-"""Checks of `fly` before it asks a vehicle to arm, the time it waits for them, and its refusal.
+"""Checks of `fly` before it asks a vehicle to arm: how long `fly` waits for them, and when it gives up.
 
 The estimate is checked here. The vehicle checks its own state, and decides again when it is asked to arm. Both results
 are shown, and logged, as one table.
@@ -26,7 +26,7 @@ CHECK_PERIOD, PATIENCE = ms(100), seconds(10)
 """Period of the checks, and longest wait for a check that can pass by waiting."""
 LONGEST_SILENCE = 0.25
 STALE_AGE = 0.4
-"""Largest age of an estimate (s) if there is no supervisor; the supervisor's own default."""
+"""Largest age of an estimate (s) if there is no supervisor; equals the supervisor's default."""
 MOST_SIGMA = {"m": 1.0, "m/s": 0.5, "rad": 0.35, "rad/s": 0.2}
 """Largest standard deviation, by unit, of the estimated quantities that the law reads."""
 STATE = "estimate.state."
@@ -57,7 +57,7 @@ class Preflight:
         self._theirs = 0
         self.is_decided = False
         self.obstacle = ""
-        """Check that is waited for now; empty for the first second if no check fails."""
+        """Check that the flight waits for; empty during the first second if no check fails."""
         self.refusal = ""
         """Reason for giving up the flight; empty while there is none."""
 
@@ -68,7 +68,7 @@ class Preflight:
         self._loss.follow(now)
         self._remote.wants_checks = not self._remote.arming.is_asking  # otherwise one request would overtake the other
         if self._remote.arming.is_asking and now - self._began >= PATIENCE:
-            self.refusal = "arming refused by the vehicle, or no answer; see its messages"
+            self.refusal = "arming refused by the vehicle, or no answer; see the vehicle's messages"
         if self._remote.arming.is_asking or now < self._next:
             return False
         self._next = now + CHECK_PERIOD
@@ -139,8 +139,8 @@ class Preflight:
             for name, (at, unit) in self._sigmas.items()
         ]
         return [
-            ArmingCheck("estimate valid", read("estimate.valid"), 1, "", "check its sensors", at_least=True),
-            ArmingCheck("estimate age", read("estimate.age"), self._stale_age, "s", "check its sensors"),
+            ArmingCheck("estimate valid", read("estimate.valid"), 1, "", "check the vehicle's sensors", at_least=True),
+            ArmingCheck("estimate age", read("estimate.age"), self._stale_age, "s", "check the vehicle's sensors"),
             *sigmas,
             ArmingCheck("supervisor's objections", float(check > 0), 0, "", f"reason: {CHECKS[check]}"),
             ArmingCheck(

@@ -1,8 +1,9 @@
 """Real time on an ordinary machine: absolute deadlines, rights granted by the system, statistics of the deadlines.
 
-A control period k ends at start + k * period, whatever happened before: lateness never adds up. A period whose work
+A control period k ends at start + k * period, whatever happened before: delays do not accumulate. A period whose work
 ended after the next deadline is an overrun. If the thread itself used the processor for longer than a period, the
-overrun counts as its own, otherwise as the scheduler's. Periods made up afterwards without a wait count like the first.
+overrun counts as its own, otherwise as the scheduler's. A period that runs late, without a wait, to catch up is counted
+in the same way.
 
 Times are counted as they come, in a fixed table: a few hundred nanoseconds each, nothing allocated.
 Source: G. Tene, HdrHistogram (buckets of constant relative width); docs page, Vehicle.
@@ -25,11 +26,11 @@ NS = 100
 MOST_PACKETS = 64
 """Maximum number of packets taken at one instant, so that a flood cannot stop the clock."""
 DISCARD_LIMIT = 10_000
-"""Maximum number of packets thrown away."""
+"""Maximum number of packets that `discard_packets` removes."""
 LONGEST_DELAY = seconds("0.5")
-"""A loop that is late by less than this catches up. A loop that is later skips periods."""
+"""A loop with a smaller delay catches up. A loop with a larger delay skips periods."""
 SUB_BUCKET_BITS = 5
-"""Number of bits for the buckets of a doubling: 2**SUB_BUCKET_BITS buckets, each 3 % wide."""
+"""Each doubling of the time has 2**SUB_BUCKET_BITS buckets, each 3 % wide."""
 BUCKETS = (64 - SUB_BUCKET_BITS) << SUB_BUCKET_BITS
 FIRST_DOUBLING, LAST_DOUBLING = 10, 30
 """Powers of two (ns) of the first and last edge of the coarse histogram."""
@@ -44,7 +45,7 @@ class WallClock:
         self._clock, self.start = clock, clock.monotonic_ns()
 
     def restart(self) -> None:
-        """Count from now on."""
+        """Restart the clock: the time is zero now."""
         self.start = self._clock.monotonic_ns()
 
     def now(self) -> int:
@@ -52,7 +53,10 @@ class WallClock:
         return (self._clock.monotonic_ns() - self.start) // NS
 
     def wait(self, t: int, link: Link, hear: Callable[[bytes], None]) -> int:
-        """Handle packets until integer time t: one read at least, MOST_PACKETS late at most. Return the time (ns)."""
+        """Handle packets until integer time t: at least one read, and at most MOST_PACKETS after t.
+
+        Return the time (ns).
+        """
         due = self.start + t * NS
         late = 0
         while True:
@@ -98,7 +102,7 @@ class Histogram:
         self.counts[min((shift << SUB_BUCKET_BITS) + (ns >> shift), BUCKETS - 1)] += 1
 
     def quantile(self, share: float) -> float:
-        """Return the time (s) that this share of all times does not exceed; 0 if there are none."""
+        """Return the quantile (s): the time that this share of all times does not exceed; 0 before the first time."""
         rank, below = share * sum(self.counts), 0
         for bucket, count in enumerate(self.counts):
             below += count

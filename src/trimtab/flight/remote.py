@@ -40,13 +40,13 @@ class RemoteVehicle:
     ) -> None:
         """Start without a vehicle.
 
-        typed: the command that messages tell the user to type again, with what was missing.
-        identity, accepts: as of `ScenarioComparison`.  confirms: as of `RemoteArming`.
+        typed: the command that messages tell the user to type again, with what was missing. identity, accepts: see
+        `ScenarioComparison`. confirms: see `RemoteArming`.
         tell: receives the messages for the user and for the log.
         """
         self._endpoint, self._link, self.typed, self._tell = endpoint, link, typed, tell
         self.remarks: list[str] = []
-        """Differences and another clock that the user accepted before the flight. They are also logged."""
+        """Remarks on accepted problems: settings that differ, and a clock that differs. They are also logged."""
         self.clock = VehicleClock(endpoint, tell, self.remarks)
         self.comparison = ScenarioComparison(endpoint, identity, accepts, tell, self.remarks)
         self.arming = RemoteArming(endpoint, self.comparison, confirms, tell)
@@ -58,12 +58,12 @@ class RemoteVehicle:
         self._texts = TextAssembly()
 
     def is_of_vehicle(self, message: Message) -> bool:
-        """Return whether a message comes from the vehicle that was received first."""
+        """Return True if a message comes from the vehicle whose message was received first."""
         return self.heartbeat_time is not None and (message.system, message.component) == (self.system, self.component)
 
     @property
     def is_ready(self) -> bool:
-        """True if there is a vehicle whose clock is known, and whose scenario fits."""
+        """True if a vehicle answers, its clock is known, and its scenario fits."""
         return self.heartbeat_time is not None and self.clock.is_known and self.comparison.is_complete
 
     def find_problem(self, scenario: str) -> ConnectionProblem:
@@ -86,7 +86,7 @@ class RemoteVehicle:
             lost = "" if traffic.connected else ": there is no connection"
             return ConnectionProblem(f"no vehicle answers{lost}", start)
         if counts.checksum or counts.unknown:
-            problem = f"wrong scenario: {counts.checksum + counts.unknown} frames do not match its messages"
+            problem = f"wrong scenario: {counts.checksum + counts.unknown} frames do not match this scenario's messages"
             return ConnectionProblem(problem, start)
         return ConnectionProblem("a vehicle answers, but its clock is not known yet", start)
 

@@ -16,7 +16,7 @@ from trimtab.flight.station.standard_services import OWNED_COMMANDS
 ARM_PERIOD, DISARM_PERIOD = ms(500), ms(100)
 """Time until an unanswered request to arm or disarm is repeated."""
 COMMON_END = seconds(1)
-"""Longest time between the vehicle's own end and the flight's end at which both count as one end."""
+"""The vehicle's own end counts as the normal end of the flight if the two are at most this time apart."""
 
 
 class RemoteArming:
@@ -37,7 +37,7 @@ class RemoteArming:
         self.armed = self.has_failed_safe = self.is_in_failsafe = False
         """armed: the vehicle reports that it is armed.  has_failed_safe: it was in failsafe while this end owned it."""
         self._end_time: int | None = None
-        """Time at which the vehicle reported that it is disarmed because of its own end."""
+        """Time at which the vehicle reported that it had disarmed because its own run ended."""
         self.owner = 0
         """Session of the autopilot that flies the vehicle, as last reported; 0: none, or not reported."""
         self.has_authority = self._takes_over = False
@@ -109,7 +109,7 @@ class RemoteArming:
             self._request = None  # it belongs to another autopilot, which ends its own flight
 
     def _follow_owner(self, owner: int) -> None:
-        """Note the owner of the vehicle. Give up authority if the owner is another autopilot."""
+        """Store the owner of the vehicle. Give up authority if the owner is another autopilot."""
         self.owner = owner
         if self.has_authority and owner not in (0, self._endpoint.session):
             self.has_authority = False
@@ -139,6 +139,9 @@ class RemoteArming:
 def pack_command(
     endpoint: Endpoint, system: int, command: CommandCode, first: float, others: Mapping[str, float] | None = None
 ) -> bytes:
-    """Return the packet of a command. system: its receiver.  first, others: its parameters."""
+    """Return the packet of a command.
+
+    system: system that receives the command. first, others: parameters of the command.
+    """
     fields = {"command": command, "param1": first, "target_system": system, "target_component": 0}
     return endpoint.pack("COMMAND_LONG", fields | dict(others or {}))

@@ -9,7 +9,7 @@ from trimtab.flight.flight_log import FlightRecorder
 
 
 class Reporter:
-    """Receivers of the messages of one end. The parts of that end report through it."""
+    """Distributor of messages: the parts of one end report through this object to the user and the log."""
 
     def __init__(self) -> None:
         """Start without a receiver: messages are lost."""
@@ -17,11 +17,14 @@ class Reporter:
         self._log: FlightRecorder | None = None
 
     def begin(self, log: FlightRecorder | None, *tells: Callable[[str], None]) -> None:
-        """Report to these receivers from now on. log: log of the flight.  tells: they must not wait."""
+        """Report to these receivers from now on.
+
+        log: log of the flight. tells: functions that take a message without waiting.
+        """
         self._tells, self._log = tells, log
 
     def end_log(self) -> None:
-        """Report no longer to the log, which is about to be closed."""
+        """Stop reporting to the log, which is about to be closed."""
         self._log = None
 
     @property
@@ -30,7 +33,7 @@ class Reporter:
         return self._log is not None
 
     def log(self, text: str) -> None:
-        """Write a message into the log alone."""
+        """Write a message into the log only."""
         if self._log is not None:
             self._log.write_event(text)
 

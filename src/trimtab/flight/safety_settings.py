@@ -18,7 +18,7 @@ WATCHDOG = "watchdog"
 
 
 class SafetyLimit(NamedTuple):
-    """Largest value of a setting that needs no confirmation."""
+    """Limit of a safety setting. A larger value needs the user's confirmation."""
 
     largest: float
     unit: str
@@ -49,7 +49,7 @@ def check_confirmations(names: Collection[str]) -> frozenset[str]:
 def safety_checks(
     failsafe: Failsafe, limits: VehicleLimits, watchdog: int | None, confirmed: Collection[str] = ()
 ) -> list[ArmingCheck]:
-    """Return a check for each setting. A confirmed one passes with any value.
+    """Return a check for each setting. A confirmed setting passes with any value.
 
     Args:
         failsafe: failsafe of the vehicle.
@@ -68,7 +68,7 @@ def safety_checks(
     }
     checks = []
     for name, limit in LIMITS.items():
-        remedy = "a shorter --watchdog" if name == WATCHDOG else f"remove --set {name}"
+        remedy = "give a shorter --watchdog" if name == WATCHDOG else f"remove --set {name}"
         largest = math.inf if name in confirmed else limit.largest
         advice = f"{remedy}, or type --confirm {name}"
         checks.append(ArmingCheck(name, values[name], largest, limit.unit, advice, heals=False))

@@ -10,9 +10,9 @@ from trimtab.flight.real_time import NS
 from trimtab.flight.reporter import Reporter
 
 LONGEST_SAMPLE_AGE, MOST_SAMPLE_LEAD = seconds(2), ms(200)
-"""Largest age and lead of a sample. Beyond these the sample is rejected: its clock is not the known one.
+"""Largest age and largest lead of a sample. A sample beyond these limits is rejected: it comes from another clock.
 
-A sample was measured before it arrived. An apparent lead is an error of the offset: at most half of a round trip.
+A sample cannot be newer than its arrival. An apparent lead is an error of the clock offset, at most half a round trip.
 """
 REPORT_PERIOD = seconds(10)
 """Shortest time between two reports of rejected samples."""
@@ -33,7 +33,7 @@ class SampleClock:
         self._start = self._report_time = 0
 
     def start_loop(self, start: int) -> None:
-        """Count the loop's time from now on from a time of the monotonic clock (ns)."""
+        """Set time zero of the loop to a time of the monotonic clock (ns)."""
         self._start = start // NS
 
     def to_local(self, t: int) -> int:
@@ -47,6 +47,6 @@ class SampleClock:
         is_recent = -LONGEST_SAMPLE_AGE <= lead <= MOST_SAMPLE_LEAD
         if self._reporter.has_log and not is_recent and now >= self._report_time:
             self._report_time = now + REPORT_PERIOD
-            why = "the clocks differ" if lead > 0 else "the clocks differ, or it was delayed that long"
+            why = "the clocks differ" if lead > 0 else "the clocks differ, or the sample was delayed that long"
             self._reporter.report(f"sample rejected: its time is {to_seconds(lead):+.3f} s from now, {why}")
         return is_recent

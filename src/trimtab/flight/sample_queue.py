@@ -12,12 +12,15 @@ from trimtab.core.time import SECONDS_PER_UNIT, ms
 from trimtab.flight.exchange import GroupSample
 
 LONGEST_QUEUE = 64
-"""Maximum number of waiting samples of one sensor. They come in bursts after a silence, and are fused one per step."""
+"""Maximum number of waiting samples of one sensor.
+
+Samples arrive in bursts after a silence, and one is fused per step.
+"""
 LONGEST_BACKLOG, FEWEST_STEPS = ms(320), 8
 """Time and number of steps after which waiting samples are dropped. Otherwise the queue of a sensor that is as fast as
 the steps would never empty."""
 LONGEST_OVERTAKING = ms(500)
-"""Largest lag behind the newest sample of a sensor that counts as overtaken. No estimator fuses an older sample."""
+"""A sample that lags the newest one by at most this time counts as overtaken. No estimator fuses an older sample."""
 OTHER_CLOCK = 8
 """Number of consecutive samples beyond LONGEST_OVERTAKING after which the vehicle is assumed to have restarted."""
 MOST_FALLS = 8
@@ -32,14 +35,14 @@ class SampleCounts:
     dropped: int = 0
     """Samples dropped from a full or old queue."""
     implausible: int = 0
-    """Samples rejected because their time is too far from now."""
+    """Samples rejected because their time is too far from the current time."""
     overtaken: int = 0
     backward: int = 0
     """Samples of sensors with decreasing time stamps. All of them are rejected."""
 
 
 class SampleQueue:
-    """Waiting samples of one sensor, and the times of those before."""
+    """Waiting samples of one sensor, and the times of earlier samples."""
 
     def __init__(
         self, sensor: str, reads: Mapping[str, Any], counts: SampleCounts, period: int, any_order: bool
@@ -104,7 +107,10 @@ class SampleQueue:
         return self.runs_backwards
 
     def set_inputs(self, inputs: Any, t: int, to_local: Callable[[int], int] | None) -> None:
-        """Set the sensor's inputs of the step at integer time t. to_local: from the sample's clock to that of t."""
+        """Set the sensor's inputs of the step at integer time t.
+
+        to_local: converts a time of the sample's clock to the clock of t.
+        """
         time, age, fresh = self._slots
         inputs[fresh] = bool(self._waiting)
         if self._waiting:

@@ -12,12 +12,15 @@ from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.station.identity import IdentityComparison, SettingDifference
 
 MOST_ASKS = 4
-"""Number of unanswered questions after which the vehicle counts as one that cannot answer them."""
+"""Number of unanswered questions after which the vehicle counts as unable to report its scenario."""
 ASK_PERIOD = ms(500)
 
 
 class ScenarioComparison:
-    """The vehicle's scenario, as far as it is known. Times `now` are this end's, in 100 ns."""
+    """Comparison of what is known of the vehicle's scenario with this end's scenario.
+
+    Times `now` are this end's, in 100 ns.
+    """
 
     def __init__(
         self,
@@ -39,7 +42,10 @@ class ScenarioComparison:
         self._endpoint, self._identity, self._accepts = endpoint, identity, tuple(accepts)
         self._tell, self._remarks = tell, remarks
         self.misfit = self.dialect_problem = ""
-        """misfit: reason why the vehicle cannot be flown; empty if there is none.  dialect_problem: its messages."""
+        """misfit: reason why the vehicle cannot be flown; empty if it can.
+
+        dialect_problem: difference of the dialects, or empty.
+        """
         self.is_told = self._is_dialect_known = False
         """is_told: the settings have been compared, and the accepted differences reported."""
         self._asks = self._next = self.vehicle_session = 0
@@ -74,7 +80,7 @@ class ScenarioComparison:
 
     @property
     def identity_number(self) -> int:
-        """Number of the vehicle's settings as they were compared, for requests to arm; 0: not compared."""
+        """Hash number of the vehicle's compared settings, sent in requests to arm; 0: not compared."""
         return 0 if self._identity is None else self._identity.number
 
     def asks_version(self, now: int) -> bool:
@@ -107,7 +113,7 @@ class ScenarioComparison:
         self.vehicle_session = session
 
     def note_second_vehicle(self, message: Message, by: str) -> None:
-        """Note that two vehicles answer. message: of one of them.  by: how that was found."""
+        """Note that two vehicles answer. message: message of one vehicle.  by: numbers that differ, as text."""
         self.misfit = f"two vehicles answer on this link as {message.system}/{message.component}: {by}"
 
     def handle_identity(self, message: Message) -> None:
@@ -116,7 +122,10 @@ class ScenarioComparison:
             self._identity.handle_message(message)
 
     def due(self, now: int, system: int, component: int) -> list[bytes]:
-        """Return the questions for the vehicle's settings that are due now, and compare what is known."""
+        """Return the questions for the vehicle's settings that are due now.
+
+        Compare the settings if they are complete.
+        """
         if self._identity is None:
             return []
         packets = self._identity.due(now, system, component)
@@ -136,6 +145,6 @@ class ScenarioComparison:
             self.is_told = True
             self._remarks += [f"accepted: {difference}" for difference in identity.differences()]
             if identity.is_unanswered:
-                self._remarks.append("the vehicle does not report its scenario: only its messages were compared")
+                self._remarks.append("the vehicle does not report its scenario: only the messages were compared")
             for remark in self._remarks:
                 self._tell(remark)

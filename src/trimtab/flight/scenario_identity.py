@@ -36,19 +36,19 @@ def scenario_identity(scenario: Scenario, dialect: Dialect) -> dict[str, str]:
 
 
 def format_setting(value: Any, declared: Quantity | Option) -> str:
-    """Return a setting as text for `--set`: periods in seconds, whole numbers without a point."""
+    """Return a setting as text for `--set`: periods in seconds, integers without a decimal point."""
     if isinstance(declared, Option) and declared.kind == "period":
         return repr(float(to_seconds(value)))
     return str(value) if isinstance(declared, Option) and isinstance(value, int) else format_value(value)
 
 
 def identity_path(path: str) -> str:
-    """Return the path in an identity for a number of a vehicle that has inactive faults in its parts."""
+    """Return the identity's path for a number of a vehicle with inactive faults: its path without the faults."""
     return path.replace(".inner.", ".")
 
 
 def setting_path(path: str) -> str | None:
-    """Return the path of the setting of such a number; None for a fault's number, which belongs to one flight."""
+    """Return the path of the setting for a number of a vehicle with inactive faults; None for a number of a fault."""
     return None if ".fault." in path else identity_path(path)
 
 

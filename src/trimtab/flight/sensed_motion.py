@@ -17,7 +17,7 @@ FENCE, ENVELOPE = "fence", "envelope"
 
 
 class SensedQuantity(NamedTuple):
-    """Quantity, and the sensor fields whose length it is, the best ones first."""
+    """Quantity of the motion. fields: sensor fields whose vector length is the quantity, the best fields first."""
 
     kind: str
     unit: str
@@ -47,7 +47,7 @@ class _SensedSlots(NamedTuple):
 
 
 class SensedMotion:
-    """Newest samples of a vehicle's sensors, as quantities."""
+    """Motion of a vehicle from the newest samples of its sensors."""
 
     def __init__(self, body: VirtualVehicle, limits: VehicleLimits) -> None:
         """Find the sensor of each quantity. Raise InputError for a limit on a quantity without a sensor."""
@@ -56,10 +56,8 @@ class SensedMotion:
         self.bounds = {name: bound for name in QUANTITIES if (bound := float(getattr(limits, name))) < NO_LIMIT}
         for name in self.bounds:
             if name not in self._slots:
-                problem = f"no sensor of this vehicle measures its {name}"
-                fix = (
-                    f"leave it out; this vehicle's sensors measure {', '.join(self._slots) or 'nothing of its motion'}"
-                )
+                problem = f"no sensor of this vehicle measures the {name}"
+                fix = f"remove the limit; the sensors measure {', '.join(self._slots) or 'nothing of its motion'}"
                 raise InputError(f"limits.{name}", problem, choices=self._slots, fix=fix)
         self._outside_since: dict[str, int] = {}
         self._moments: deque[tuple[int, float, float]] = deque()
@@ -98,7 +96,7 @@ class SensedMotion:
     def mean_motion(self) -> tuple[float, float]:
         """Return mean speed and turn rate over the rest time; infinite while the record is shorter.
 
-        NaN where no sensor measures it.
+        A quantity without a sensor is NaN.
         """
         if not self._moments:
             return math.inf, math.inf

@@ -19,7 +19,7 @@ class SilenceWatch:
         """True once silence has been reported and has not ended."""
 
     def restart(self, now: int) -> None:
-        """Count from now on."""
+        """Restart the measurement of silence now."""
         self._heard_time = now
 
     def length(self, now: int) -> int:
@@ -31,7 +31,7 @@ class SilenceWatch:
         return self._counts.accepted != self._accepted or self.length(now) < SHORT_SILENCE
 
     def update(self, now: int) -> str:
-        """Note new frames. Return a message when silence starts or ends, otherwise an empty string."""
+        """Look for new frames. Return a message when silence starts or ends, otherwise an empty string."""
         length, news = self.length(now), ""
         if self._counts.accepted != self._accepted:
             if self.is_silent:

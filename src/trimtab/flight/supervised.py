@@ -12,7 +12,7 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import ENDED, FLYING, HOLD, LINK, LOST, REQUESTS, STANDBY
 
 REQUEST_MODES = {"arm": FLYING, "hold": HOLD, "resume": FLYING, "end": ENDED, "clear": STANDBY}
-"""Mode that a request leads to. A request is not repeated in that mode, e.g. after a lost acknowledgement."""
+"""Mode that each request leads to. A request that comes in that mode, e.g. after a lost acknowledgement, is ignored."""
 
 
 class CompiledSupervisor:
@@ -48,7 +48,7 @@ class CompiledSupervisor:
         return self._request is not None
 
     def request(self, request: str) -> None:
-        """Make a request in the next step, unless it would change nothing."""
+        """Make a request in the next step, unless the supervisor is already in the requested mode."""
         self._request = None if self.mode in (None, REQUEST_MODES[request]) else request
 
     def set_inputs(self, t: int) -> None:
@@ -74,9 +74,11 @@ class CompiledSupervisor:
 def explain_change(
     supervised: CompiledSupervisor, remote: RemoteVehicle, backward_sensors: Sequence[str] | None, was_armed: bool
 ) -> str:
-    """Return what a supervisor, which sees samples only, cannot know of link and vehicle; empty if nothing.
+    """Return an explanation of a supervisor's decision from the state of link and vehicle, which the supervisor does
+    not know; or "".
 
-    backward_sensors: sensors with decreasing time stamps; None without data, when the supervisor is right.
+    backward_sensors: sensors with decreasing time stamps; None: no data arrives, so that the supervisor is right about
+    the link.
     """
     if supervised.cause == LINK and supervised.mode == LOST and backward_sensors is not None:
         names = ", ".join(backward_sensors)

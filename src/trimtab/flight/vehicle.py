@@ -37,11 +37,11 @@ from trimtab.loop.scenario import Scenario
 
 OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     "firmware.held": ("?", Quantity("1", "The vehicle is held in place: it has not been armed yet.", kind="flag")),
-    "firmware.late": ("f8", Quantity("s", "Delay of the work at this instant.")),
+    "firmware.late": ("f8", Quantity("s", "Delay of the simulation behind the clock at this instant.")),
     **frame_signals("wire"),
     **AUTHORITY_SIGNALS,
 }
-"""Signals of the vehicle's log besides those of the world and the failsafe."""
+"""Signals of the vehicle's log, in addition to the signals of the world and the failsafe."""
 DISARM_DELAY = ms(50)
 """Time for which the vehicle keeps running after it was disarmed at its end: two servo frames and a little."""
 
@@ -80,7 +80,7 @@ class VehicleRows:
 
 
 class LiveVehicle:
-    """World, duties and end of a link. `serve` runs them."""
+    """Virtual vehicle on a link: world, duties and the vehicle's end of the link. `serve` runs it."""
 
     def __init__(
         self,

@@ -12,9 +12,9 @@ from trimtab.flight.mavlink.time_sync import TimeSync
 
 SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
 QUICK_ANSWERS = 8
-"""Number of answers after which the vehicle's clock counts as known, and is asked for less often."""
+"""Number of answers after which the vehicle's clock counts as known. Questions then become less frequent."""
 QUICK_ROUND_TRIP = ms(300)
-"""Longest round trip of the quickest answer: an answer that waited in a queue says little about a clock."""
+"""Maximum round trip of the quickest answer for a known clock: an answer that waited in a queue is inaccurate."""
 
 
 class VehicleClock:

@@ -1,4 +1,4 @@
-"""Outputs' process of a vehicle in flight: the rows handed to it, and what follows from its reports.
+"""Outputs of a vehicle in flight: it hands rows to their process, and announces what the process reports.
 
 Source: docs page, Vehicle (Watchdog).
 """
@@ -70,5 +70,5 @@ class VehicleOutputs:
         self._parts.announcer.announce(Severity.CRITICAL, text)
 
     def close(self) -> None:
-        """End the outputs, safe."""
+        """Make the outputs safe and end their process."""
         self._outputs.close()

@@ -1,4 +1,4 @@
-"""Parts of a virtual vehicle in wall-clock time. Each has been handed those that it uses.
+"""Parts of a virtual vehicle in wall-clock time. Each part holds references to the parts that it uses.
 
 Source: docs page, Vehicle.
 """
@@ -79,7 +79,7 @@ def build_vehicle_parts(
     options: StationOptions,
     machine: Machine,
 ) -> VehicleParts:
-    """Compile the vehicle and connect its parts. Arguments as of `LiveVehicle`."""
+    """Compile the vehicle and connect its parts. The arguments are those of `LiveVehicle`."""
     uplink, bare = scenario.world.uplink, replace(scenario, world=replace(scenario.world, uplink=Wire()))
     world, frame, command = prepare_world(bare, seed=seed)
     check_pace(world, bare)

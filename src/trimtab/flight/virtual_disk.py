@@ -24,7 +24,7 @@ from trimtab.logs.messages import EPOCH
 from trimtab.logs.stream import COUNTER_SIGNALS, END_S, LogFileSummary
 
 LOOK_S = 0.001
-"""Time between two looks at whether a disk that hung takes rows again (s)."""
+"""Time between two checks whether a disk that hung takes rows again (s)."""
 FREE_BYTES = 10_000_000_000
 NUMBER_BYTES = 8
 NO_SPACE = os.strerror(errno.ENOSPC)

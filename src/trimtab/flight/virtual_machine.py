@@ -23,7 +23,7 @@ from trimtab.flight.virtual_terminal import VirtualLines, VirtualTerminal
 from trimtab.flight.virtual_time import VirtualClock, VirtualProgram, VirtualTime
 
 LOOK_S = 0.001
-"""Time between two looks at whether a process has ended (s)."""
+"""Time between two checks whether a process has ended (s)."""
 
 
 class VirtualMachine:
@@ -35,16 +35,16 @@ class VirtualMachine:
         self.disks: list[VirtualDisk] = []
         self.programs: list[VirtualProgram] = []
         self.outputs: list[VirtualProgram] = []
-        """Programs of outputs that were started here."""
+        """Programs of outputs that were started on this computer."""
         self.interrupts = 0
         """Number of requests to end that the running program received."""
         self.tell: Callable[[str], None] = lambda _: None
-        """Is given lines that the outputs print."""
+        """Function that receives the lines that the outputs print."""
         self.terminal = VirtualTerminal(time)
         self.port_folder: Path | None = None
         """Folder for the ports of outputs; None: outputs have no port."""
         self.start_driver: Callable[[Path, VirtualProgram, VirtualProgram], object] = lambda *_: None
-        """Is called with each new port, the program of the vehicle, and that of its outputs."""
+        """Function that is called with each new port, the vehicle's program, and the program of its outputs."""
         self._sessions = time.random(f"sessions of {name}")
 
     @property
@@ -76,7 +76,7 @@ class VirtualMachine:
         self.time.freeze(self.program, seconds)
 
     def kill(self) -> None:
-        """End the program without a word, as SIGKILL does."""
+        """End the program at once, without its clean-up, as SIGKILL does."""
         self.disk.is_dead = True
         self.time.kill(self.program)
 
@@ -161,13 +161,13 @@ class VirtualMachine:
 
 @contextlib.contextmanager
 def _schedule(is_wanted: bool = True) -> Iterator[RealTimeGrant]:
-    """Nothing is kept waiting in virtual time."""
+    """Do nothing: virtual time needs no real-time scheduling."""
     yield RealTimeGrant("virtual", False)
 
 
 @contextlib.contextmanager
 def _keep_stamps(program: VirtualProgram, endpoint: Endpoint) -> Iterator[None]:
-    """Close the endpoint at the end. Where its program was killed, nothing more is stored."""
+    """Close the endpoint at the end. If its program was killed, nothing more is stored."""
     try:
         yield
     finally:

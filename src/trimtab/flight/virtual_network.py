@@ -13,7 +13,7 @@ from trimtab.core.clock import NS_PER_SECOND
 from trimtab.flight.virtual_time import PACKET, VirtualProgram, VirtualTime
 
 MOST_WAITING = 256
-"""Packets that wait in a socket. A kernel of Linux keeps about as many small ones; more are lost."""
+"""Maximum number of packets that wait in a socket, as in a Linux kernel for small packets. Further packets are lost."""
 FIRST_PORT = 40_000
 
 
@@ -31,11 +31,11 @@ class Path:
         self.delay, self.jitter = 0.0002, 0.0
         """Delay of a packet (s), and the width of the random delay that is added (s)."""
         self.loss = self.double = 0.0
-        """Share of packets that are lost, and that come twice."""
+        """Share of packets that are lost, and share of packets that arrive twice."""
         self.keeps_order = True
         """True if packets arrive in the order in which they were sent."""
         self.cut_until = 0
-        """Time (ns) until which nothing passes."""
+        """Time (ns) until which all packets are lost."""
         self._draw, self._last = draw, 0
 
     def transit(self, now: int) -> list[int]:
@@ -95,18 +95,18 @@ class VirtualNetwork:
         return made
 
     def answer_at(self, address: Host, take: Callable[[bytes, Host], None]) -> None:
-        """Have a function called with each packet that arrives at an address, and its sender: a relay, say."""
+        """Call a function with each packet that arrives at an address, and with its sender, e.g. for a relay."""
         self._sockets[address] = _Answerer(take)
 
     def connect_pair(self, near: VirtualProgram) -> tuple["VirtualPair", "VirtualPair"]:
-        """Return two ends of a connection that keeps packets apart and takes no time. The far one has no owner yet."""
+        """Return two ends of a connection that keeps packets apart and takes no time. The far end has no owner yet."""
         a, b = (VirtualPair(self.time, next(self._descriptors)) for _ in range(2))
         a.other, b.other = b, a
         a.give_to(near)
         return a, b
 
     def send(self, sender: Host, receiver: Host, packet: bytes) -> None:
-        """Send a packet, also under another one's address, as an attacker does."""
+        """Send a packet from any address, even a forged one, as an attacker does."""
         time = self.time
         time.note("packet", *sender, *receiver, packet)
         for at in self.path(sender.host, receiver.host).transit(time.now):
@@ -121,7 +121,7 @@ class VirtualNetwork:
         self.time.add_event(at, PACKET, known.number if known else 0, arrive)
 
     def forget(self, socket: "VirtualSocket") -> None:
-        """Give the address of a socket back."""
+        """Release the address of a socket."""
         if self._sockets.get(socket.address) is socket:
             del self._sockets[socket.address]
 
@@ -147,7 +147,7 @@ class VirtualSocket:
         self._descriptor = descriptor
         self._waiting: deque[tuple[bytes, Host]] = deque()
         self.overflowed = 0
-        """Packets that were lost because too many waited."""
+        """Number of packets that were lost because too many waited in the socket."""
 
     def has_data(self) -> bool:
         """Return whether a packet waits."""
@@ -205,7 +205,7 @@ class VirtualPair:
         self._waiting: deque[bytes] = deque()
 
     def give_to(self, program: VirtualProgram) -> None:
-        """Make a program the owner, with whom the end is closed."""
+        """Make a program the owner. The end is closed when the program ends."""
         self._program = program
         program.closers.append(self.close)
 

@@ -13,7 +13,7 @@ from trimtab.core.line_writer import CLOSE_S, ROOM
 from trimtab.flight.virtual_time import VirtualTime
 
 LOOK_S = 0.001
-"""Time between two looks at whether the terminal takes lines again (s)."""
+"""Time between two checks whether the terminal takes lines again (s)."""
 
 
 class VirtualTerminal:

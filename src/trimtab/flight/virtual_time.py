@@ -55,11 +55,11 @@ class VirtualProgram:
         self.ready: Any
         self.frozen_until: float = 0
         self.work = self.cpu = 0
-        """Own work that is still to be done, and processor time so far (ns)."""
+        """Remaining work of the program, and its processor time so far (ns)."""
         self.busy_until = 0
-        """Time (ns) until which the program does own work."""
+        """Time (ns) until which the program is kept busy with its own work."""
         self.closers: list[Callable[[], None]] = []
-        """Close its sockets, as the system does when a process dies."""
+        """Functions that close the program's sockets, as the system does when a process dies."""
         self.gate = threading.Lock()
         self.gate.acquire()
         self.run = run
@@ -131,11 +131,11 @@ class VirtualTime:
         self._done.acquire()
 
     def random(self, name: str) -> random.Random:
-        """Return a random generator of this run. The name tells it from others; draws of one change no other."""
+        """Return a random generator of this run. Generators with different names are independent."""
         return random.Random(f"{self.seed}/{name}")
 
     def note(self, *fields: Any) -> None:
-        """Add what happens now to the trace."""
+        """Add an event at the current time to the trace."""
         self._trace.update(repr((self.now, *fields)).encode())
 
     @property
@@ -230,7 +230,7 @@ class VirtualTime:
         self.add_event(self.now, WAKE, program.number, lambda: self._thaw(program))
 
     def kill(self, program: VirtualProgram) -> None:
-        """End a program without a word, as SIGKILL does."""
+        """End a program at once, without its clean-up, as SIGKILL does."""
         if program.has_ended or program.is_killed:
             return
         program.is_killed, program.frozen_until = True, 0
@@ -239,7 +239,7 @@ class VirtualTime:
         self._wait_until(program, None, self.now)
 
     def keep_busy(self, program: VirtualProgram, seconds: float) -> None:
-        """Have a program work for some seconds from its next look at the clock on."""
+        """Keep a program busy for some seconds, starting when it next reads the clock."""
         program.work += round(seconds * NS_PER_SECOND)
 
     def step_clock(self, program: VirtualProgram, seconds: float) -> None:
@@ -272,7 +272,7 @@ class VirtualTime:
         return program.is_waiting and program.ready is ready and program.frozen_until <= self.now
 
     def wake(self, program: VirtualProgram) -> VirtualProgram:
-        """Let a program that waits go on. It holds the baton then."""
+        """Wake a waiting program. It holds the baton then."""
         program.is_waiting, program.turn = False, program.turn + 1
         self.running = program
         return program
@@ -305,12 +305,12 @@ class VirtualTime:
         self._spins = self._spins + 1 if self._spin_time == self.now else 0
         self._spin_time = self.now
         if self._spins > MOST_HAND_OVERS:
-            self._error = VirtualTimeError(f"{program.name} hangs at {self.seconds:.6f} s: it never waits")
+            self._error = VirtualTimeError(f"{program.name} hangs at {self.seconds:.6f} s: the program never waits")
             program.is_killed = True
             raise KilledError
 
     def _pass_on(self, program: VirtualProgram | None) -> None:
-        """Hand the baton to whoever is next, and wait for it."""
+        """Hand the baton to the next program, and wait until the baton returns."""
         self._hand_over()
         following = self._next_program()
         if following is program and program is not None:

@@ -20,14 +20,14 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.cosimulation import SteppedWorld
 
 ACTUATION_PREFIXES = ("uplink.", "actuators.")
-"""Prefixes of the outputs of a world that belong to the time before an instant."""
+"""Prefixes of a world's outputs that are the values just before an instant."""
 NO_TIME = np.iinfo(np.int64).min
 PACE, PACED_INSTANTS = 0.5, 200
 """Largest share of the shortest of the first instants' intervals that a step of an FMU may take."""
 
 
 class VirtualVehicle:
-    """Compiled world, independent of clocks and transports. The first `advance` is to time 0."""
+    """Compiled world, independent of clocks and transports. The first call of `advance` must be to time 0."""
 
     def __init__(self, scenario: Scenario, dialect: Dialect, world: CompiledBlock) -> None:
         """world: the compiled world of this scenario."""
@@ -42,7 +42,9 @@ class VirtualVehicle:
         self._sent_times: dict[str, Any] = dict.fromkeys(self.samples, NO_TIME)
         self.t = self.row_t = 0
         self.row: Any = np.zeros(len(world.outputs))
-        """Row of the instant `row_t` before t, actuation included, as in a log of `simulate`."""
+        """Row of the log for the instant `row_t`, the last one before t, including the actuation, as `simulate` logs
+        it.
+        """
         paths = [p for p in writes if p.startswith(ACTUATION_PREFIXES)]
         self._actuation_slots = slot_indices(writes, paths, len(world.outputs))
         self._last_outputs: Any = np.zeros(len(world.outputs))
@@ -74,7 +76,7 @@ class VirtualVehicle:
         return [LogSource(self.row, self.world.text.outputs, lambda p: p)]
 
     def final_truth(self) -> dict[str, Any]:
-        """Return the state now, the last one of a log that ends."""
+        """Return the current state, as the final values of a log."""
         return {p: np.array(self.world.outputs[at]) for p, at in self.world.writes.items() if p.startswith("truth.")}
 
     def changed_sensors(self) -> list[str]:

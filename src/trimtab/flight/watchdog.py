@@ -13,7 +13,8 @@ class Watchdog:
     """Choice of the row that is applied, by the received rows and the time. Times are in ns of one clock."""
 
     def __init__(self, safe: Sequence[float], timeout: int, lift_delay: int, latch: int) -> None:
-        """timeout: silence after which the safe row acts.  latch: silence after which it stays until disarmed.
+        """timeout: silence after which the safe row is applied. latch: silence after which it stays until the vehicle
+        is disarmed.
 
         lift_delay: time for which the lift fan keeps turning after the safe row starts.
         """
@@ -22,7 +23,10 @@ class Watchdog:
         self._stamp = self._lift_until = 0
 
     def take_row(self, stamp: int, is_commanded: bool, lift: bool, values: tuple[float, ...]) -> None:
-        """Take a row handed over at a time. A latched safe row stays until the vehicle is no longer commanded."""
+        """Take a row that was handed over at a given time.
+
+        A latched safe row stays until the vehicle is no longer commanded.
+        """
         state, lift_now = self.row.state, self.row.lift and self.row.state != DRIVEN
         latched = state == LATCHED or (state != WAITING and stamp - self._stamp >= self._latch)
         self._stamp = stamp

@@ -1,8 +1,8 @@
 """Delivery in order: packets that take a random latency each, and never overtake one another.
 
-A ring has one slot per send instant. A slot without a packet, or with a lost one, repeats the slot before. So arrival
-times never fall along the ring, and the newest packet that has arrived is found by counting those that have not. The
-slot numbers depend only on the time, so a batch of runs shares them.
+A ring buffer has one slot per send instant. A slot without a packet, or with a lost one, repeats the slot before. So
+arrival times never fall along the ring, and the newest packet that has arrived is found by counting those that have
+not. The slot numbers depend only on the time, so a batch of runs shares them.
 """
 
 import math
@@ -81,7 +81,7 @@ def measurement_time(sample: Sample) -> Any:
 
 
 def receive_sample(now: Any, value: Any, measured: Any, held: Any) -> Sample:
-    """Return the sample at the receiving end; it is fresh if it replaces one measured at another time `held`.
+    """Return the sample at the receiving end. It is fresh if its measurement time differs from `held`.
 
     Before the first arrival it is not valid, and its age counts from the start of the run.
     """
@@ -99,7 +99,8 @@ def deliver(
 
     Args:     t: now, integer time.    sample: sample at the sending end.
               draw: returns the latency (s, not negative) of a packet sent now, and True if it is lost.
-              send_period: at most one packet in each, at its first instant.    period: time since the last call.
+              send_period: at most one packet is sent in each such period, at its first instant.  period: time between
+                  two calls.
     """
     number, before = t // send_period, (t - period) // send_period
     # The time alone decides, so that a batch of runs has a real branch here.
@@ -136,7 +137,7 @@ def _send(t: Any, number: Any, fifo: Fifo, sample: Sample, latency: Any, lost: A
 
 
 def required_slots(longest: float, send_period: int, period: int) -> int:
-    """Return the smallest ring that cannot overflow with latencies up to `longest` (s)."""
+    """Return the smallest capacity (slots) of a ring that cannot overflow with latencies up to `longest` (s)."""
     return 1 + math.ceil((round(longest * UNITS_PER_SECOND) + period) / send_period)
 
 
@@ -150,7 +151,7 @@ def check_ring(name: str, capacity: int, longest: float, send_period: int, perio
         raise InputError(
             f"{name}.send_period",
             f"{format_time(send_period)} is shorter than the link's period, {format_time(period)}: "
-            "it would send between instants",
+            "packets would be sent between instants",
             fix=f"set send_period to {format_time(period)} or more, or period to {format_time(send_period)} or less",
         )
     needed = required_slots(longest, send_period, period)

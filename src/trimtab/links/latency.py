@@ -1,4 +1,5 @@
-"""A packet link whose latency is drawn from a measured distribution, and those of five pairs of Bluetooth modules.
+"""A packet link with latencies drawn from a measured distribution, and the distributions of five pairs of Bluetooth
+modules.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -60,7 +61,7 @@ class MeasuredLatency:
                 "MeasuredLatency.latency",
                 f"{np.array2string(table, threshold=6, precision=4)} s, of shape {table.shape}, must be"
                 f" {NODES} rising latencies, at least 0",
-                fix="make it with gamma_table(mean, sd, shift), or from measured quantiles at ndtr(normal_scores())",
+                fix="use gamma_table(mean, sd, shift), or measured quantiles at ndtr(normal_scores())",
             )
         check_ring("MeasuredLatency", self.capacity, float(table[-1]), self.send_period, self.period)
 
@@ -101,7 +102,8 @@ def normal_scores() -> np.ndarray[Any, np.dtype[np.float64]]:
 
 
 def gamma_table(mean: float, sd: float, shift: float) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return latencies (NODES,) (s) of a gamma distribution moved up by `shift`, with this mean and deviation (s).
+    """Return a table of latencies (NODES,) (s): a gamma distribution moved up by `shift`, with this mean and deviation
+    (s).
 
         k = ((mean - shift) / sd)^2,   scale = sd^2 / (mean - shift),   latency(z) = shift + scale Q_k(ndtr(z))
 
@@ -134,7 +136,7 @@ def mean_latency(table: Any) -> float:
 
 
 class Latencies(NamedTuple):
-    """One row of the table, in milliseconds."""
+    """Latencies of one path in the measured table, in milliseconds."""
 
     mean_ms: float
     sd_ms: float
@@ -201,9 +203,12 @@ def bluetooth_link(
             "bluetooth", f"the table has no pair {pair!r}", choices=TABLE, fix=f"write {near[0]!r}" if near else ""
         )
     if path not in SEND_PERIODS:
-        why = ": it is two links, not one" if path == "round trip" else ""
+        why = ": a round trip is two links, not one" if path == "round trip" else ""
         raise InputError(
-            "bluetooth", f"no path {path!r}{why}", choices=SEND_PERIODS, fix="make one link for each direction"
+            "bluetooth",
+            f"the table has no path {path!r}{why}",
+            choices=SEND_PERIODS,
+            fix="make one link for each direction",
         )
     row = TABLE[pair][path]
     table = gamma_table(row.mean_ms / 1e3, row.sd_ms / 1e3, (row.min_ms - BELOW_MIN_MS) / 1e3)

@@ -59,7 +59,7 @@ class LatencyTrace:
             raise InputError(
                 "LatencyTrace.latency",
                 f"latencies of shape {latency.shape} and losses of shape {lost.shape} must be two lists of one length",
-                fix="make it with LatencyTrace.of(read_trace(path))",
+                fix="make the link with LatencyTrace.of(read_trace(path))",
             )
         if not np.isfinite(latency).all() or latency.min() < 0:
             k = int(np.argmin(np.isfinite(latency) & (latency >= 0)))
@@ -126,7 +126,7 @@ def read_trace(path: str | Path) -> Trace:
         fix = f"record one: trimtab link-test URI --out DIR; or write CSV text, first line {HEADER}"
         raise InputError(f"{path}", "file not found", fix=fix) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}", f"it cannot be read as text ({error})", fix="give a CSV text file") from None
+        raise InputError(f"{path}", f"the file cannot be read as text ({error})", fix="give a CSV text file") from None
     return _parse_trace(str(path), text.splitlines())
 
 

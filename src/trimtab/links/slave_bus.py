@@ -46,10 +46,12 @@ class SlaveBus:
 
     bit_rate: Scalar = quantity("1/s", "Bits per second.", default=100e3, above=0)
     slot: int = period("Time between pieces.", default=ms(10))
-    piece: int = option("Maximum bytes in a piece.", default=10)
+    piece: int = option("Maximum number of bytes in a piece.", default=10)
     overhead: int = option("Bytes of a message besides its numbers: header, name, length, time.", default=5)
     size: int = option("Bytes of a message; 0: computed from the sample.", default=0)
-    queue: int = period("Longest time that a message may be in transit.", default=ms(200))
+    queue: int = period(
+        "Longest time that a message may be in transit; a message that would take longer is dropped.", default=ms(200)
+    )
     period: int = period("Polling period of the receiving end.", default=ms(1))
     capacity: int = option("Slots of the ring, one per period.", default=256)
     limited: bool = switch("True: the bus takes time; false: messages arrive at once.", "delay")

@@ -22,9 +22,9 @@ CONSISTENT, OPTIMISTIC, PESSIMISTIC, UNDECIDED = "consistent", "optimistic", "pe
 HONEST, TELLING = 1.1, 2.0
 """Limits of a factor: up to the first it counts as 1; a verdict `consistent` excludes factors above the second."""
 FEW = 10
-"""Number of draws below which the only possible verdict is that errors are too large."""
+"""Number of draws below which the verdict can only be `optimistic` or `undecided`."""
 WINDOW = 6
-"""Range over which correlations are summed, in correlation times."""
+"""Longest lag at which correlations are summed, in correlation times."""
 
 
 class Consistency(NamedTuple):
@@ -66,7 +66,7 @@ class Whiteness(NamedTuple):
     """Autocorrelation of innovations.
 
     correlation: at lags 1, 2, … (lags,).  bound: for a white sequence at one lag.  inside: share of lags within it.
-    statistic: of Ljung and Box over all lags.  p: its probability for a white sequence.
+    statistic: of Ljung and Box over all lags.  p: probability of a larger statistic for a white sequence.
     white: True if p is above 1 - probability.
     """
 

@@ -1,4 +1,4 @@
-"""Content of an MCAP file, up to its end or to a cut. Damaged chunks are left out and named.
+"""Content of an MCAP file, which may be truncated. Damaged chunks are left out and named.
 
 A cut chunk is decompressed as far as possible. After a damaged part, reading goes on at the next chunk that is
 compressed by zstd, as all chunks of trimtab's own logs are.
@@ -169,7 +169,7 @@ def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
 def _verify_check_sum(data: bytes, start: int) -> None:
     (wanted,) = struct.unpack_from("<I", data, start)
     if wanted and wanted != zlib.crc32(memoryview(data)[: start - RECORD.size]):
-        raise _DamagedFileError("its check sum is wrong")
+        raise _DamagedFileError("the check sum of the chunk is wrong")
 
 
 def _decompress_chunk(content: bytes) -> bytes:
@@ -180,7 +180,7 @@ def _decompress_chunk(content: bytes) -> bytes:
 
     size = CHUNK_HEAD.unpack_from(content)[2]
     if size > LARGEST_CHUNK:
-        raise _DamagedFileError(f"it states a size of {size} bytes")
+        raise _DamagedFileError(f"the chunk states a size of {size} bytes")
     stream, length = get_chunk_data_stream(Chunk.read(ReadDataStream(BytesIO(content))), validate_crc=True)
     return stream.read(length)
 

@@ -105,7 +105,10 @@ def read_table(path: str | os.PathLike[str], *, gaps: bool = False) -> CsvTable:
             problem = f"line {line} has {len(row)} columns, but there are {len(head)} names"
             fix = "give one cell for each name, and quote text with commas inside"
             if len(row) == 2 * len(head):
-                problem, fix = f"{problem}: it seems to have decimal commas", "write a decimal point: 1.5, not 1,5"
+                problem, fix = (
+                    f"{problem}: the file seems to have decimal commas",
+                    "write a decimal point: 1.5, not 1,5",
+                )
             raise InputError(where, problem, fix=fix)
     columns = [
         _parse_column(name, cells, lines, gaps) for name, cells in zip(head, zip(*rows, strict=True), strict=True)

@@ -169,7 +169,9 @@ def _encode_record(items: Sequence[Any]) -> bytes:
 
 
 def _message_indices(messages: Sequence[Message], parts: list[bytes], at: int) -> tuple[list[bytes], dict[int, int]]:
-    """Return the index of each channel in a chunk, and its future place in the file; at: place of the first."""
+    """Return the index of each channel in a chunk, and its future position in the file; at: position of the first
+    index.
+    """
     channels = np.array([m[0] for m in messages])
     starts = np.cumsum([0, *map(len, parts[:-1])])
     pairs = np.stack([np.array([m[2] for m in messages], np.uint64), starts.astype(np.uint64)], axis=1)

@@ -277,11 +277,11 @@ OTHER_SPELLINGS = {
     "states": 'log["truth.NAME"]',
     "shape": "len(log), len(log.paths)",
 }
-"""Members that users of other libraries expect of a log -> what to write."""
+"""Attribute that users of other libraries expect of a log -> the expression to write instead."""
 
 
 def _other_spelling(log: Log, name: str) -> str:
-    """Return what to write for a member that a log does not have; "" if nothing is near."""
+    """Return the expression to write instead of an attribute that a log does not have; "" if none is similar."""
     signals = log.__dict__.get("signals", {})
     below = [path for path in signals if path.startswith(f"{name}.")]
     if name in OTHER_SPELLINGS:
@@ -299,7 +299,7 @@ def _other_spelling(log: Log, name: str) -> str:
 
 
 def check_log(log: Any, call: str) -> None:
-    """Raise InputError for what is not a log. call: what to write, with {} for the log."""
+    """Raise InputError for a value that is not a log. call: the call to suggest, with {} in place of the log."""
     if not isinstance(log, Log):
         source = "read_log({!r})" if str(log).endswith(".mcap") else "simulate({!r})"
         own = source.format(log) if isinstance(log, str) else 'read_log("run.mcap")'
@@ -327,7 +327,7 @@ def to_plain(part: str, value: Any) -> Any:
             return array.tolist()
     choices = ("str", "float", "int", "bool", "None", "list", "dict", "array of numbers")
     problem = f"{value!r} of type {type(value).__name__} cannot be written as JSON"
-    raise InputError(part, problem, choices=choices, fix="pass its numbers or its name instead")
+    raise InputError(part, problem, choices=choices, fix="pass numbers or a name instead of the object")
 
 
 def _check_key(part: str, key: Any) -> str:
@@ -357,7 +357,9 @@ def _check_numbers(part: str, values: Any) -> np.ndarray:
     array = _freeze(np.asarray(values))
     if array.dtype.kind not in "biuf" or array.dtype.itemsize > 8:
         choices = ("bool", "int8..int64", "uint8..uint64", "float16..float64")
-        raise InputError(part, f"holds values of type {array.dtype}", choices=choices, fix="convert it to one of these")
+        raise InputError(
+            part, f"holds values of type {array.dtype}", choices=choices, fix="convert the values to one of these types"
+        )
     return array
 
 
@@ -365,7 +367,7 @@ def _check_signal(path: str, values: Any, n: int) -> np.ndarray:
     array = _check_numbers(f"log signal {path!r}", values)
     if array.ndim not in (1, 2) or len(array) != n:
         problem = f"has shape {array.shape}, but the log has {n} instants"
-        raise InputError(f"log signal {path!r}", problem, fix=f"give it shape ({n},) or ({n}, k)")
+        raise InputError(f"log signal {path!r}", problem, fix=f"give the array the shape ({n},) or ({n}, k)")
     return array
 
 
@@ -386,4 +388,4 @@ def _check_paths(signals: Mapping[str, Any]) -> None:
         clash = next((p for p in above if p in signals), None)
         if clash:
             problem = f"{clash!r} is a signal, and also the group of {path!r}"
-            raise InputError("log", problem, fix=f"rename one of them, e.g. '{clash}.value'")
+            raise InputError("log", problem, fix=f"rename one of the two signals, e.g. '{clash}.value'")

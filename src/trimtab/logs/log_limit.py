@@ -42,18 +42,18 @@ def parse_size(text: str) -> int:
 
 
 def format_size(size: int) -> str:
-    """Format a size in bytes for reading."""
+    """Format a size in bytes with a readable unit."""
     unit = max((u for u, n in UNITS.items() if size >= n), key=UNITS.__getitem__, default="kB")
     return f"{size / UNITS[unit]:g} {unit}"
 
 
 def round_size(size: float) -> str:
-    """Format a size with two digits, for estimates."""
+    """Format a size with two significant digits, for estimates."""
     return format_size(int(float(f"{size:.2g}")))
 
 
 def numbered_file(first: Path, number: int) -> Path:
-    """Return the path of the n-th file of a log, from 1 on."""
+    """Return the path of the n-th file of a log; n starts at 1."""
     return first if number == 1 else first.with_name(f"{first.stem}-{number}{first.suffix}")
 
 

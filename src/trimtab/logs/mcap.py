@@ -55,7 +55,7 @@ VEHICLE = "vehicle"
 BLOCK_ROWS = 4096
 """Number of rows that are converted to text at a time."""
 SAMPLE_ROWS, SAMPLES = 250, 4
-"""Consecutive rows, and number of such samples, for an estimate of a log's size."""
+"""Number of consecutive rows in a sample, and number of samples, for an estimate of a log's size."""
 
 
 @explain_call()
@@ -133,12 +133,12 @@ def read_mcap(path: str | os.PathLike[str]) -> Log:
     written = contents.metadata[LAYOUT].get("format")
     if written != FORMAT:
         problem = f"has format {written}, but this version reads {FORMAT}"
-        raise InputError(f"log file '{path}'", problem, fix="read it with the version of trimtab that wrote it")
+        raise InputError(f"log file '{path}'", problem, fix="read the file with the version of trimtab that wrote it")
     try:
         return _build_log(contents)
     except Exception as error:  # foreign tools may change anything; the answer names the file
         problem = f"is damaged: {getattr(error, 'problem', error)}"
-        raise InputError(f"log file '{path}'", problem, fix="make it again") from None
+        raise InputError(f"log file '{path}'", problem, fix="write the log again") from None
 
 
 @contextmanager
@@ -185,13 +185,13 @@ def _write_rows(writer: "Writer", log: Log, channels: list[tuple[int, Fields]], 
 
 
 def _missing_content(contents: Contents) -> str:
-    """Describe the fault of a file without its own description."""
+    """Describe what is wrong with a file that lacks the metadata records of a trimtab log."""
     if not contents.is_truncated:
         return "is an MCAP file, but not a log of trimtab"
     known = {key: load_json(text) for key, text in contents.metadata.get(RUN, {}).items()}
     rest = [f"{key} {known[key]}" for key in ("scenario", "seed") if key in known]
     said = f"; the rest of the file gives {', '.join(rest)}" if rest else ""
-    return f"is cut before its first sample, within its own description{said}"
+    return f"is cut before the first sample, within the description of the log{said}"
 
 
 def _build_log(contents: Contents) -> Log:

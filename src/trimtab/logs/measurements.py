@@ -25,19 +25,20 @@ from trimtab.core.units import UNITS, find_size
 from trimtab.core.user_file import read_user_text
 
 TRIAL = "trial"
-"""Column that distinguishes equal readings."""
+"""Column that numbers repeated measurements, so that equal lines are accepted."""
 
 
 NEIGHBOURS = 2
-"""Number of readings on either side that are compared with a spike."""
+"""Number of readings on each side with which a reading is compared, to find spikes."""
 SPIKE = 12.0
-"""Deviation from the surrounding readings, in usual deviations, beyond which a reading is a spike."""
+"""A reading is a spike if its deviation from the surrounding readings exceeds this multiple of the usual deviation."""
 
 
 class MeasuredColumn(NamedTuple):
     """Column of a procedure.
 
-    low, high: valid range, in its unit.  most: smallest plausible maximum.  usual: unit in which it is usually written.
+    low, high: valid range, in its unit.  most: smallest plausible maximum of the column. usual: unit in which the
+    quantity is usually written.
     """
 
     name: str
@@ -82,7 +83,7 @@ class Measurements:
         return Measurements(self.file, self.lines[chosen], {n: v[chosen] for n, v in self.values.items()})
 
     def name_lines(self, chosen: Any) -> str:
-        """Format the lines of a mask's rows, e.g. "lines 4, 7 and 12"."""
+        """Format the line numbers of selected rows, e.g. "lines 4, 7 and 12"."""
         return name_lines([int(n) for n in self.lines[chosen]])
 
 
@@ -143,7 +144,7 @@ def refuse_spikes(data: Measurements, name: str) -> None:
         problem = (
             f"line {data.lines[k]}, column {name!r}: {values[k]:.6g} is {off[k]:.3g} off the surrounding readings{more}"
         )
-        raise InputError(f"file {data.file!r}", problem, fix="correct it, or leave the line out")
+        raise InputError(f"file {data.file!r}", problem, fix="correct the value, or leave the line out")
 
 
 def describe_columns(columns: Iterable[MeasuredColumn]) -> str:
@@ -188,7 +189,7 @@ def _match_headings(
     names = [re.split(r"\s*[\[(]", cell)[0].strip().lower().replace(" ", "_") for cell in head]
     for i, (name, cell) in enumerate(zip(names, head, strict=True)):
         if name in at:
-            raise InputError(where, f"line {line} has column {name!r} twice", fix="leave one of them out")
+            raise InputError(where, f"line {line} has column {name!r} twice", fix="remove one of the two columns")
         column = next((c for c in columns if c.name == name), None)
         if column is not None:
             match = re.search(r"[\[(](.*?)[\])]", cell)
@@ -211,7 +212,7 @@ def _unit_factor(where: str, line: int, column: MeasuredColumn, unit: str | None
         raise InputError(where, problem, choices=known, fix=f"write {column.heading()}, or another of the choices")
     size = find_size(unit or "", column.unit)
     if size is None:
-        problem = f"line {line}: column {column.name!r} is in {unit!r}, which does not fit it ({column.meaning})"
+        problem = f"line {line}: column {column.name!r} is in {unit!r}, not a unit of this quantity ({column.meaning})"
         raise InputError(where, problem, choices=known, fix=f"write {column.heading()}")
     return size
 

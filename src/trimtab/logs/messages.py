@@ -24,7 +24,7 @@ NOTE = "One message an instant. In numbers null stands for NaN, 1e999 for infini
 RUN, LAYOUT, FORMAT = "trimtab", "trimtab.layout", "1"
 """Names of two metadata records, and the version of the format."""
 CLOCK, EPOCH = "trimtab.clock", "epoch_ns"
-"""Name of the record with the time of day at time zero (ns since 1970), and of its number; default: 0."""
+"""Name of the record with the time of day at time zero (ns since 1970), and name of its number."""
 EVENTS = "/events"
 """Topic of texts with a time; Foxglove shows its schema as a log."""
 EVENT_SCHEMA = {

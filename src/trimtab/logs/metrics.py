@@ -47,7 +47,7 @@ def target_path(log: Log, target: Target) -> str:
         near = (*error.choices, *log.paths)[0] if log.paths else "truth.yaw_rate"
         fix = f"Target({near!r}, {target.value:g}, band={target.band:g})"
         part = f"target of {target.path!r}"
-        raise InputError(part, "its signal is not in this log", choices=error.choices, fix=fix) from None
+        raise InputError(part, "the target's signal is not in this log", choices=error.choices, fix=fix) from None
     return path
 
 
@@ -69,14 +69,14 @@ def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict
     for target in targets:
         path = target_path(log, target)
         if path in by_path:
-            raise InputError("metrics", f"there are two targets for {path!r}", fix="keep one of them")
+            raise InputError("metrics", f"there are two targets for {path!r}", fix="keep one target for each signal")
         by_path[path] = target
     with np.errstate(over="ignore", invalid="ignore"):  # a diverged run gives None, not a warning
         return {name: _merits(log, full_path(name), by_path.get(full_path(name))) for name in signals}
 
 
 def mode_switches(log: Log) -> int:
-    """Return how often the law switched its mode: the last ``law.switches``, or 0 for a law that does not count."""
+    """Return how often the law switched its mode: the last ``law.switches``, or 0 for a law without this signal."""
     if "law.switches" in log and len(log):
         return int(log["law.switches"][-1])
     return 0
@@ -96,7 +96,7 @@ def nearest_target_value(log: Log, target: Target) -> float:
 def _merits(log: Log, path: str, target: Target | None) -> dict[str, float | None]:
     if log[path].ndim != 1:
         problem = f"signal {path!r} has {log[path].shape[1]} components"
-        raise InputError("metrics", problem, choices=log.numbers(path), fix=f"use one of them, e.g. {path}[0]")
+        raise InputError("metrics", problem, choices=log.numbers(path), fix=f"use one component, e.g. {path}[0]")
     t, x = log.t, log[path].astype(np.float64)
     numbers: dict[str, float | None] = {"settling_s": None, "first_reach_s": None, "overshoot": None}
     if target is not None and len(t):

@@ -22,13 +22,13 @@ from trimtab.logs.consistency import (
 from trimtab.logs.log import Log
 
 BY_POSITION = ("surge_velocity", "sway_velocity", "north", "east", "forward_bias", "starboard_bias")
-"""States that only positions, or ranges, correct."""
+"""States that only position or range measurements correct."""
 BY_HEADING = ("heading", "gyro_bias")
-"""States that headings correct, and positions through the motion."""
+"""States that heading measurements correct directly, and position measurements through the motion."""
 
 
 SETTLED = 1.5
-"""Ratio to its largest value in the second half of the run below which a sigma has settled."""
+"""A sigma has settled below this multiple of its largest value in the second half of the run."""
 LAGS = 20
 GROUPS = {
     "heading": ("heading",),
@@ -56,11 +56,10 @@ class AidingUpdates(NamedTuple):
 
 
 class Aiding(NamedTuple):
-    """Result of one aiding sensor's measurements.
-
-    updates: measurements in the log, including rejected ones.  refused: rejected by the gate.  unseen: between two rows
-    of the log, with another update after them.  nis: verdict on NIS.  white: True if its innovations are white, None if
-    too few.  p: probability of such a correlation in a white sequence.
+    """Verdict on the measurements of one aiding sensor. updates: measurements in the log, including rejected ones.
+    refused: rejected by the gate.  unseen: between two rows of the log, with another update after them.  nis: verdict
+    on NIS.  white: True if its innovations are white, None if too few.  p: probability of such a correlation in a white
+    sequence.
     """
 
     updates: int
@@ -197,7 +196,7 @@ def fix_paths(log: Log) -> dict[str, str]:
 
 
 def flag_signal(log: Log, path: str, otherwise: bool) -> Any:
-    """Return a signal (rows,) as booleans; a constant if the log lacks it."""
+    """Return a signal (rows,) as booleans; `otherwise` in every row if the log lacks the signal."""
     return log[path].astype(bool) if path in log else np.full(len(log), otherwise)
 
 

@@ -1,7 +1,8 @@
 """Bounded ring buffer in shared memory: rows of numbers, and short texts, from one process to another.
 
-The writing side never waits: when the ring is full, a row is dropped and counted, and the gap in the sequence numbers
-shows the reading side its place. Either side may end at any moment; rows already in the ring stay readable.
+The writing side never waits: when the ring is full, a row is dropped and counted, and a gap in the sequence numbers
+shows the reading side where rows are missing. Either side may end at any moment; rows already in the ring stay
+readable.
 """
 
 import math
@@ -32,9 +33,7 @@ SHARED = Path("/dev/shm")
 
 
 class TextEvent(NamedTuple):
-    """Text.
-
-    before: sequence number of the first row put after it.
+    """Text in the ring. before: sequence number of the first row put after the text.
     newest: first number of the newest row when the text was put, such as its time; NaN before the first row.
     """
 
@@ -99,7 +98,9 @@ class Ring:
         try:
             memory = _open_memory(name)
         except FileNotFoundError:
-            raise InputError("ring", f"no ring named {name!r} exists", fix="create it first") from None
+            raise InputError(
+                "ring", f"no ring named {name!r} exists", fix="create the ring first: Ring.create"
+            ) from None
         with _buffer(memory)[:HEAD].cast("q") as head:
             sizes = head[COLUMNS], head[ROWS], head[EVENTS]
         return cls(memory, sizes)
@@ -120,7 +121,7 @@ class Ring:
         return self._head[ROWS_WRITTEN] - self._head[ROWS_READ]
 
     def write_row(self, row: Any) -> bool:
-        """Write a row, float64 (columns,), without waiting; return False if it had to be dropped."""
+        """Write a row, float64 (columns,), without waiting; return False if the row had to be dropped."""
         head, n, sequence = self._head, self._written, self._sequence
         self._sequence = sequence + 1
         if n - head[ROWS_READ] >= self.rows:
@@ -133,7 +134,7 @@ class Ring:
         return True
 
     def write_text(self, text: str) -> bool:
-        """Write a text, cut at TEXT_BYTES; return False if it had to be dropped."""
+        """Write a text of at most TEXT_BYTES bytes, else its beginning; return False if the text had to be dropped."""
         head = self._head
         n = head[TEXTS_WRITTEN]
         if n - head[TEXTS_READ] >= self.events:

@@ -37,7 +37,7 @@ PENDING, HOLDS, VIOLATED = range(3)
 VERDICTS = ("pending", "holds", "violated")
 """Verdicts on a formula in flight."""
 OPPOSITE = {"historically": "always", "once": "eventually", "since": "until"}
-"""Future counterparts of the words about the past, for reversed time."""
+"""Operator about the past -> operator about the future, which is evaluated in reversed time."""
 
 
 class Assessment(NamedTuple):
@@ -58,7 +58,7 @@ class Assessment(NamedTuple):
 
 
 def format_robustness(assessment: Assessment) -> str:
-    """Format the robustness with its unit; that of equal numbers is 0."""
+    """Format the robustness with its unit. A comparison of equal numbers shows 0."""
     value = 0.0 if abs(assessment.robustness) <= EQUALITY_ROBUSTNESS else assessment.robustness
     return f"{value:.4g}" + (f" {assessment.unit}" if assessment.unit != "1" else "")
 
@@ -87,8 +87,8 @@ def check_length(formula: Formula, duration: int) -> None:
     """Raise InputError for a formula that looks beyond the end of a run of this duration (100 ns)."""
     needed = least_length(formula.root)
     if needed > duration:
-        problem = f"it looks {format_time(needed)} ahead, but the run lasts {format_time(duration)}"
-        fix = f"{argument('settings', format_time(needed), 'duration')}, or end its intervals earlier"
+        problem = f"the formula looks {format_time(needed)} ahead, but the run lasts {format_time(duration)}"
+        fix = f"{argument('settings', format_time(needed), 'duration')}, or end the formula's intervals earlier"
         raise InputError(f"formula {formula.text!r}", problem, fix=fix)
 
 

@@ -25,7 +25,7 @@ TYPES = {"odom": "nav_msgs/msg/Odometry", "tf": "tf2_msgs/msg/TFMessage", "imu":
 HALF = math.sqrt(0.5)
 NED_IN_ENU, FLU_IN_FRD = (0.0, HALF, HALF, 0.0), (0.0, 1.0, 0.0, 0.0)
 NO_ORIENTATION = -1.0
-"""First number of a covariance for a missing measurement (sensor_msgs/Imu)."""
+"""First element of a covariance that marks a missing measurement in sensor_msgs/Imu."""
 BAG_VERSION = 9
 
 
@@ -103,7 +103,10 @@ class RosMessages:
         self._epoch = epoch
 
     def encode(self, kind: str, rows: Any, *, is_measured: bool) -> list[tuple[int, bytes]]:
-        """Return time (ns) and bytes of each message. is_measured: by an IMU, which has no attitude."""
+        """Return time (ns) and bytes of each message.
+
+        is_measured: True for samples of an IMU, which have no attitude.
+        """
         times = (rows.ticks * NS_PER_TICK + self._epoch).tolist()
         if kind == "imu":
             pose = None if is_measured else convert_pose(rows.position, rows.attitude)

@@ -22,7 +22,7 @@ from trimtab.logs.log import Log
 BLOCK = "csv"
 """Block name before each signal's name: ``csv.gyro_z``."""
 GAPS_MAX = 0.01
-"""Largest number of gaps, relative to the number of samples, between which a stretch is used."""
+"""Largest ratio of gaps to samples with which the longest stretch without gaps is used."""
 PERIOD_MIN = 2e-5
 """Shortest period of a sensor's samples (s) that is plausible."""
 PERIOD_MAX = 2.0
@@ -111,10 +111,10 @@ def _check_series(name: str, series: SampleSeries) -> None:
     ticks = np.asarray(series.ticks)
     if ticks.ndim != 1 or not len(ticks) or ticks.dtype.kind not in "iu" or (np.diff(ticks) <= 0).any():
         fix = "give whole numbers of 100 ns, sorted, each once: np.round(seconds * 1e7).astype(np.int64)"
-        raise InputError(f"sensor {name!r}", "its ticks do not rise, or are not whole numbers", fix=fix)
+        raise InputError(f"sensor {name!r}", "the ticks do not rise, or are not whole numbers", fix=fix)
     for field, values in series.values.items():
         if len(values) != len(ticks):
-            problem = f"its field {field!r} has {len(values)} values, but there are {len(ticks)} ticks"
+            problem = f"the field {field!r} has {len(values)} values, but there are {len(ticks)} ticks"
             raise InputError(f"sensor {name!r}", problem, fix="give one value for each tick")
 
 
@@ -134,7 +134,7 @@ def samples(log: Log, path: str, *, longest: bool = False) -> Samples:
         first = np.diff(ticks, prepend=-1) != 0
         values, ticks = values[first], ticks[first]
     if len(ticks) < 3:
-        raise InputError(f"signal {path!r}", f"has only {len(ticks)} samples in this log", fix="log it for longer")
+        raise InputError(f"signal {path!r}", f"has only {len(ticks)} samples in this log", fix="record a longer log")
     gaps = np.diff(ticks)
     settings = log.metadata.get("parameters", {})
     period = settings.get(f"world.{sample}.period") if isinstance(settings, dict) else None
@@ -164,7 +164,9 @@ def sample_path(log: Log, path: str) -> str | None:
 
 def _refuse_gaps(log: Log, path: str, ticks: Any, uneven: Any, usual: float, *, rows_hide: bool) -> None:
     at, gap = ticks[uneven[0]], np.diff(ticks)[uneven[0]]
-    problem = f"its samples are not evenly spaced: usually {format_time(round(usual))}, but {format_time(int(gap))} at"
+    problem = (
+        f"the samples are not evenly spaced: usually every {format_time(round(usual))}, but {format_time(int(gap))} at"
+    )
     problem += f" {at / UNITS_PER_SECOND:.4f} s, and {len(uneven) - 1} more such gaps"
     fix = "cut the log to a stretch without gaps, or log again"
     rows = float(np.median(np.diff(log.ticks)))
@@ -192,7 +194,7 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
     chosen = [n for n in names if (n == wanted if time else time_unit(n) is not None)]
     if not chosen:
         problem = f"has no column {wanted!r}" if time else "has no column of times"
-        fix = f"name it time (in seconds), or give its name: {argument('time', 'NAME')}"
+        fix = f"name the column of times 'time' (in seconds), or give its name: {argument('time', 'NAME')}"
         raise InputError(where, problem, choices=names, fix=fix)
     paths = _signal_paths(where, names, chosen[0])
     clock = table.column(chosen[0])
@@ -208,7 +210,7 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
     declared = {paths[c.name]: Quantity(c.unit or "1", f"Column {c.name}.") for c in good}
     if (np.diff(ticks) <= 0).any():
         at = int(np.argmax(np.diff(ticks) <= 0))
-        problem = f"its times must rise, but after line {table.lines[at]}: {clock.values[at]}, then"
+        problem = f"the times must rise, but after line {table.lines[at]}: {clock.values[at]}, then"
         problem += f" {clock.values[at + 1]}"
         fix = "sort the file, remove repeated rows, and write times with a resolution of at least 100 ns"
         raise InputError(where, problem, fix=fix)
@@ -224,16 +226,16 @@ def _time_scale(where: str, clock: CsvColumn, unit: str) -> float:
     said = unit or clock.unit or time_unit(clock.name) or ""
     scale = find_size(said or "s", "s")
     if scale is None:
-        problem = f"its column of times {clock.name!r} is in {said!r}"
-        fix = f"convert it to seconds and name it {clock.name}, or {clock.name} [s]"
+        problem = f"the column of times {clock.name!r} is in {said!r}"
+        fix = f"convert the times to seconds and name the column {clock.name}, or {clock.name} [s]"
         raise InputError(where, problem, choices=UNITS["s"], fix=fix)
     period = usual_period(clock.values)
     if period * scale < PERIOD_MIN or (not said and period > PERIOD_MAX):
         taken = f"{said}, as written" if said else "s, as no unit is given"
-        problem = f"its column of times {clock.name!r} has a row every {period:.6g} {taken}; no sensor has that period"
+        problem = f"the column of times {clock.name!r} has a row every {period:.6g} {taken}; no sensor has that period"
         likely = next((u for u in ("s", "ms", "us", "ns") if period * UNITS["s"][u] <= PERIOD_LIKELY), "ns")
         heading = f"{clock.name} [{likely}]"
-        fix = f"write its unit in the heading, e.g. {heading}, or {argument('time', heading)}"
+        fix = f"write the unit in the heading, e.g. {heading}, or {argument('time', heading)}"
         raise InputError(where, problem, choices=UNITS["s"], fix=fix)
     return scale
 
@@ -252,7 +254,9 @@ def _signal_paths(where: str, names: list[str], time: str) -> dict[str, str]:
         same = next((n for n, p in paths.items() if p == path), None)
         if same is not None or name in names[:i]:
             problem = f"columns {same or name!r} and {name!r} have the same signal, {path}"
-            raise InputError(where, problem, fix=f"give them names that differ in letters or digits, e.g. {name}_2")
+            raise InputError(
+                where, problem, fix=f"give the columns names that differ in letters or digits, e.g. {name}_2"
+            )
         if name != time:
             paths[name] = path
     return paths

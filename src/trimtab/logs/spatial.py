@@ -38,7 +38,7 @@ DECLARED: Mapping[str, Quantity] = {
     "east": Quantity("m", "Distance east of the origin of W.", "W"),
     "ground_speed": Quantity("m/s", "Horizontal speed over the ground."),
     "climb": Quantity("m/s", "Upwards.", "W"),
-    "air_speed": Quantity("m/s", "Speed through the air, with the wind of the settings."),
+    "air_speed": Quantity("m/s", "Speed through the air, relative to the wind in the settings."),
 }
 """Derived signals, in display order."""
 FLIGHT_DECLARED: Mapping[str, Quantity] = {FLIGHT + name: declared for name, declared in DECLARED.items()}

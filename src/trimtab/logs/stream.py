@@ -132,7 +132,7 @@ def start_writer(
     target, empty = Path(path), _empty_log(signals, metadata)
     width = 1 + sum(int(np.prod(shape)) for _, shape, _, _ in signals) + (POSE_COLUMNS if frame else 0)
     if width != ring.columns:
-        problem = f"its rows have {ring.columns} numbers, but the time and these signals have {width}"
+        problem = f"the rows of the ring have {ring.columns} numbers, but the time and these signals have {width}"
         raise InputError("ring", problem, fix=f"Ring.create(columns={width})")
     about = {"path": str(target), "ring": ring.name, "run": run_record(empty), "layout": layout_record(empty)}
     orders = about | {"frame": frame, "limit": limit}
@@ -152,7 +152,7 @@ def _empty_log(signals: Sequence[Signal], metadata: Mapping[str, Any]) -> Log:
     taken = [path for path, _, _, _ in signals if path.startswith(("log.", f"{EVENTS[1:]}."))]
     if taken:
         problem = f"signal {taken[0]!r} has a name reserved for the log"
-        raise InputError("log", problem, fix=f"name it e.g. 'flight.{taken[0]}'")
+        raise InputError("log", problem, fix=f"give the signal another name, e.g. 'flight.{taken[0]}'")
     arrays = {path: np.empty((0, *shape), dtype) for path, shape, dtype, _ in signals}
     declared = {path: quantity for path, _, _, quantity in signals if quantity is not None}
     began = {"started": datetime.now(UTC).isoformat(timespec="seconds")}
@@ -176,7 +176,11 @@ def _await_start(process: "subprocess.Popen[bytes]", about: bytes) -> None:
         process.stdin.flush()
         if select.select([process.stdout], [], [], START_S)[0]:
             said = process.stdout.readline()
-    answer = json.loads(said) if said else {"part": "log", "problem": "its writer did not start", "fix": ""}
+    answer = (
+        json.loads(said)
+        if said
+        else {"part": "log", "problem": "the process that writes the log did not start", "fix": ""}
+    )
     if answer:
         process.kill()
         process.communicate()

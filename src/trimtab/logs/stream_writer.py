@@ -144,7 +144,7 @@ class Recorder:
             self._follow_limit(self._limit)
         try:
             if self._limit is not None and self._file.size >= self._limit.size:
-                raise OSError(errno.EFBIG, f"its limit of {format_size(self._limit.size)} is reached")
+                raise OSError(errno.EFBIG, f"the limit of {format_size(self._limit.size)} is reached")
             self._file.write(messages)
         except OSError as error:
             self._count_failure(error, len(rows))

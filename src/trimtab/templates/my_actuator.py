@@ -19,7 +19,11 @@ class MyActuator:  # its fields are settings: --set world.actuators.stages.force
 
     # `off=` is the value with --without my-friction
     friction: Any = quantity(
-        "1", "Size up to which a command has no effect.", default=0.2, low=0, off={"my-friction": 0.0}
+        "1",
+        "Static friction: a command of at most this size has no effect.",
+        default=0.2,
+        low=0,
+        off={"my-friction": 0.0},
     )
     time_constant: Any = quantity("s", "Time constant of the lag.", default=0.03, above=0)
     low: Any = quantity("1", "Stop.", default=-10.0)

@@ -16,7 +16,7 @@ class MyEstimatorState:  # kept from one step to the next
     """The last estimate. Source: this file."""
 
     pose: PlanarPoseState = part("Velocity in B, rate of turn, heading and position.")
-    begun: Any = quantity("1", "True once there was a measurement.", kind="flag")
+    begun: Any = quantity("1", "True after the first measurement.", kind="flag")
 
 
 @record
@@ -24,7 +24,13 @@ class MyEstimator:  # its fields are settings: --set autopilot.estimator.share=1
     """Low-pass filter of measured velocities; all other measurements pass unchanged. Source: this file."""
 
     sensor: str = option("Name of the sensor.", default="navigation")
-    share: Any = quantity("1", "Weight of a new measurement; 1: no filter.", default=0.3, above=0, high=1)
+    share: Any = quantity(
+        "1",
+        "Weight of a new measurement in the filter; 1 passes measurements unfiltered.",
+        default=0.3,
+        above=0,
+        high=1,
+    )
 
     @property
     def listens(self) -> tuple[str, ...]:

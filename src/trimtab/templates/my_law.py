@@ -15,7 +15,7 @@ from trimtab.vehicles.surface_vessel import VesselControls
 class MyLawOutput:  # all of it is logged: law.demand.rudder, law.off_course
     """Demand of the law, and its error. Source: this file."""
 
-    demand: VesselControls = part("Rudder (rad) and shafts (rad/s); for another vehicle, its own input.")
+    demand: VesselControls = part("Rudder (rad) and shafts (rad/s). For another vehicle, use that vehicle's input.")
     off_course: Scalar = quantity("rad", "Heading minus wanted heading.", frame="WB", kind="angle")
 
 

@@ -27,7 +27,7 @@ def test_friction_blocks_small_commands():
 
 
 def test_lag_does_not_depend_on_the_step():
-    """1 - exp(-t/T), in steps of 10 ms and of 1 ms."""
+    """The response to a constant command is 1 - exp(-t/T), in steps of 10 ms and of 1 ms."""
     wanted = (2.0 - MOTOR.friction) * (1 - np.exp(-0.03 / MOTOR.time_constant))
     np.testing.assert_allclose([hold(2.0, 0.03)[0], hold(2.0, 0.03, dt=1e-3)[0]], wanted, rtol=1e-9)
 

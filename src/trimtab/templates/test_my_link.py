@@ -38,7 +38,7 @@ def test_loss_rate_is_as_declared():
 
 
 def test_total_loss_gives_no_output():
-    """The output is never valid."""
+    """If every packet is lost, the output is never valid."""
     assert not carry(replace(LINK, loss=1.0), 20).valid.any()
 
 

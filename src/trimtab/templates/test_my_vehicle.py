@@ -19,7 +19,7 @@ def rates(x: Any, u: Any) -> Any:
 
 
 def test_upright_is_an_equilibrium():
-    """All derivatives are zero."""
+    """All derivatives are zero for an upright bicycle with a straight handlebar."""
     assert not rates(UPRIGHT, REST).any()
 
 

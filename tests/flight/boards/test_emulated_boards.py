@@ -191,7 +191,7 @@ def test_a_timer_at_another_speed_is_refused(tmp_path, monkeypatch):
     """Calibration on the known loops: with the wrong clock they don't come out."""
     folder = exported(tmp_path / "sample")
     monkeypatch.setitem(TARGETS, "cortex-m7", TARGETS["cortex-m7"]._replace(clock=20_000_000))
-    with pytest.raises(InputError, match="its timer does not run as expected"):
+    with pytest.raises(InputError, match="the board's timer does not run as expected"):
         emulate(folder, "cortex-m7", steps=2)
 
 

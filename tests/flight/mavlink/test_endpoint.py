@@ -43,7 +43,7 @@ def test_stamps_that_cannot_be_stored_are_a_problem_to_report(dialect, clock, tm
     end.store_stamps()
     end.pack("HEARTBEAT")
     (problem,) = list_stamp_problems(end)
-    assert "could not be stored (failed attempts: 1): free space on its disk" in problem
+    assert "could not be stored (failed attempts: 1): free space on the disk of the key" in problem
     end.close()
 
 

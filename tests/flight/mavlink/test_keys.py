@@ -63,7 +63,7 @@ def test_a_file_without_a_key_is_refused(tmp_path, content):
 
 
 def test_what_is_not_there_or_no_file_is_refused(tmp_path):
-    with pytest.raises(InputError, match="make one by create_key"):
+    with pytest.raises(InputError, match="make a key by create_key"):
         load_key(tmp_path / "none.key")
     with pytest.raises(InputError, match="is not a file"):
         load_key(tmp_path)

@@ -80,5 +80,5 @@ def test_unknown_pairs_and_paths_are_refused_with_the_choices():
     assert caught.value.choices == tuple(TABLE)
     with pytest.raises(InputError, match=r"Fix: write 'free2move/linksys 2\.9/22\.0'"):
         bluetooth_link("free2move/linksys 2.9/22", "up")
-    with pytest.raises(InputError, match=r"no path 'round trip': it is two links.*\nChoices: up, down"):
+    with pytest.raises(InputError, match=r"no path 'round trip': a round trip is two links.*\nChoices: up, down"):
         bluetooth_link("free2move/linksys 2.9/22.0", "round trip")

@@ -17,7 +17,7 @@ def test_loopback_is_the_owners_alone(runtime, monkeypatch):
     (folder / "mine.link").write_text("left behind")  # as after kill -9
     open_link("loopback://mine", listen=True).close()
     folder.chmod(0o755)
-    with pytest.raises(InputError, match=r"only its owner may have access to it.*\nFix: chmod 700"):
+    with pytest.raises(InputError, match=r"other users have access to the folder.*\nFix: chmod 700"):
         open_link("loopback://mine")
     monkeypatch.delenv("XDG_RUNTIME_DIR")
     monkeypatch.setattr("tempfile.tempdir", str(runtime))

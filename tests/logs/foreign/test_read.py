@@ -76,7 +76,7 @@ WRONG_CSV = {
     "semicolons": ("t;x\n0,5;1,5\n", r"semicolons(.|\n)*decimal point"),
     "decimal commas": (
         "t,x\n0,5,1,5\n",
-        r"line 2 has 4 columns, but there are 2 names: it seems to have decimal commas",
+        r"line 2 has 4 columns, but there are 2 names: the file seems to have decimal commas",
     ),
     "words": ("t,x\n0,up\n", r"line 2, column 'x': 'up' is not a number"),
     "no rows": ("t,x\n", r"has no rows"),

@@ -54,5 +54,5 @@ def test_json_in_mcap_with_gaps(tmp_path):
 def test_other_encodings_are_refused_by_name(tmp_path):
     file = write_json_mcap(tmp_path / "a.mcap", "/gyro", [(0, 1)], encoding="protobuf")
     assert list_topics(file)[0].fields == ()
-    with pytest.raises(InputError, match=r"topic '/gyro': its messages are neither JSON nor ROS 2 CDR"):
+    with pytest.raises(InputError, match=r"topic '/gyro': the messages are neither JSON nor ROS 2 CDR"):
         read_foreign(file, mapping("/gyro", x=gyro("x")))

@@ -23,7 +23,7 @@ MOST_PULSES = 4
 
 
 class FlightRecord(NamedTuple):
-    """Record: ten a second while armed, and one at each change of mode."""
+    """Record of the black box. The firmware writes ten a second while armed, and one at each change of mode."""
 
     t: float
     """Time since the start of the board (s)."""
@@ -35,10 +35,10 @@ class FlightRecord(NamedTuple):
     pulses: Mapping[str, float]
     """Pulse widths (s) by output: each number of the vehicle's command, or the outputs of a fan drive."""
     wanted_rpm: int | None
-    """Measured by a fan drive only, as is the next."""
+    """Wanted speed of the fan (rpm). It and `speed_rpm` are None for a board without a fan drive."""
     speed_rpm: int | None
     command_age: float
-    """Age of the newest command (s); 65.535 stands for that or more."""
+    """Age of the newest command (s). 65.535 means at least 65.535 s."""
     late: int
     """Late ticks since the start."""
 
@@ -82,7 +82,7 @@ def read_black_box(
 
 
 def _crc(crc: int, *words: int) -> int:
-    """Return the CRC-32 as the firmware continues it: its state, not inverted."""
+    """Continue a CRC-32 as the firmware does: without the final inversion."""
     return zlib.crc32(struct.pack(f"<{len(words)}I", *words), crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 

@@ -69,7 +69,7 @@ REALS = {"single": "f32", "double": "f64"}
 FIRMWARE_BOARDS = {name: REALS[target.real] for name, target in TARGETS.items()} | {"stm32f405": REALS["single"]}
 """Boards that the firmware runs on -> type of numbers of their FPU."""
 MOST_OUTPUTS_OF = {"stm32f405": 4}
-"""Number of outputs, for boards that have fewer than the message of the servos' outputs."""
+"""Maximum number of outputs of a board, for boards with fewer outputs than the MAVLink message of servo outputs."""
 FAN_OUTPUTS = [
     "output 1: rudder servo, the command's pulse, safe 1.500 ms",
     "output 2: thrust fan's speed controller, duty -1 to 1 by 1.000 to 2.000 ms, safe 1.500 ms",
@@ -179,7 +179,9 @@ def identity_source(identity: Mapping[str, str], mav_type: int) -> str:
 
 
 def replace_hardware(scenario: Scenario) -> Scenario:
-    """Return the scenario with a world for emulated hardware: wires for links, servo frames left to the firmware."""
+    """Return the scenario with a world for emulated hardware: wires replace the links, and the firmware makes the servo
+    frames.
+    """
     scenario.check()
     scenario, actuators = replace_links(scenario), scenario.world.actuators
     if isinstance(actuators, FanDrive):
@@ -216,7 +218,7 @@ def _find_real(board: str) -> str:
 
 
 def drive_texts(scenario: Scenario, command: Command, board: str) -> tuple[str, dict[str, str], list[str]]:
-    """Return a scenario's drive in the folder `drives`, its texts, and a line for each output."""
+    """Return the name of a scenario's drive in the folder `drives`, its files by path, and a line for each output."""
     if isinstance(scenario.world.actuators, FanDrive):
         return "fan", {}, FAN_OUTPUTS
     outputs = find_outputs(scenario, command, MOST_OUTPUTS_OF.get(board, MOST_OUTPUTS))
@@ -229,12 +231,12 @@ def drive_texts(scenario: Scenario, command: Command, board: str) -> tuple[str, 
 
 
 def driven_fan(scenario: Scenario) -> RegulatedFan:
-    """Return the scenario's regulator, motor and battery, or the firmware's default ones, always full."""
+    """Return the scenario's regulator, motor and battery, or the firmware's defaults, whose battery is always full."""
     return getattr(scenario.world.actuators, "fan", None) or without(RegulatedFan(), "battery-sag")
 
 
 def motor_block(fan: RegulatedFan) -> BlockDefinition:
-    """Define motor and encoder on their battery, as the regulator's timers see them: duty in, speed and count out."""
+    """Define the block of motor, encoder and battery, as the regulator sees them: duty in, speed and count out."""
 
     def turn(p: Any, s: Any, now: StepInput) -> Any:
         state, speed_rpm, _ = p.turn(now.t, s, now.input)
@@ -259,14 +261,16 @@ def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[Blo
 
 
 def refuse_workspaces(blocks: list[BlockText]) -> None:
-    """Raise InputError for blocks that need memory besides the stack: the firmware's sources have none."""
+    """Raise InputError for blocks that need memory besides the stack: the firmware provides the stack only."""
     for block in blocks:
         if block.workspace:
             problem = (
                 f"block {block.name!r} needs a workspace of {block.workspace} bytes, which the firmware does not have"
             )
             raise InputError(
-                "firmware", problem, fix="smaller arrays, or trimtab export, whose caller provides the memory"
+                "firmware",
+                problem,
+                fix="use smaller arrays, or trimtab export: the caller of its code provides the memory",
             )
 
 

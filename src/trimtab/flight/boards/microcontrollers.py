@@ -41,15 +41,15 @@ class BoardTarget(NamedTuple):
     processor: tuple[str, ...]
     """The compiler's flags for processor and FPU."""
     real: str
-    """Precision of its FPU, and so of the export: single or double."""
+    """Precision of the processor's FPU and of the exported code: single or double."""
     flash: tuple[int, int] = (0x0000_0000, 0x40_0000)
-    """First address and bytes of the memory for code."""
+    """First address and size (bytes) of the memory for code."""
     ram: tuple[int, int] = (0x2000_0000, 0x40_0000)
-    """First address and bytes of the memory for data."""
+    """First address and size (bytes) of the memory for data."""
     timer: int = 0x4000_0004
     """Address of the value of a 32-bit timer that counts down."""
     clock: int = 25_000_000
-    """Frequency of that timer in Hz."""
+    """Frequency of the timer (Hz)."""
 
 
 TARGETS = {
@@ -69,21 +69,24 @@ class EmulationResult(NamedTuple):
     names: tuple[str, ...]
     """Names of the outputs, from the header of vectors.csv."""
     instructions: NDArray[np.int64]
-    """Instructions of each call of autopilot_step, its return included."""
+    """Number of instructions of each call of autopilot_step, including its return."""
     flash_bytes: int
-    """Code and constants of autopilot.c."""
+    """Size (bytes) of the code and constants of autopilot.c."""
     library_bytes: int
-    """Code and constants that it needs from the C, mathematics and compiler libraries."""
+    """Size (bytes) of the code and constants that autopilot.c needs from the C, mathematics and compiler libraries."""
     ram_bytes: int
-    """The four structures, the workspace, and static data of the libraries; autopilot.c itself must have none."""
+    """Size (bytes) of the four structures, the workspace, and the libraries' static data.
+
+    autopilot.c has no static data.
+    """
     stack_bytes: int
-    """Depth of the stack that defaults, init and the steps wrote, by a painted stack."""
+    """Largest depth of the stack (bytes) during defaults, init and the steps, measured with a painted stack."""
     image_bytes: int
-    """Flash of the whole image: autopilot, harness and inputs."""
+    """Flash (bytes) of the whole image: autopilot, harness and inputs."""
 
     @property
     def instructions_per_step(self) -> tuple[int, int, int]:
-        """Return least, median and most instructions per step."""
+        """Return smallest, median and largest number of instructions per step."""
         return int(self.instructions.min()), int(np.median(self.instructions)), int(self.instructions.max())
 
 
@@ -161,7 +164,7 @@ def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.
 
 
 def read_vectors(folder: Path, steps: int = STEPS) -> BoardVectors:
-    """Return the first steps of a folder's vectors.csv, divided as its vectors.h defines."""
+    """Return the first steps of a folder's vectors.csv; vectors.h defines which columns are inputs and outputs."""
     try:
         header = (folder / "vectors.h").read_text()
         with open(folder / "vectors.csv") as file:
@@ -277,7 +280,10 @@ def _parse_output(said: str, folder: Path) -> HarnessOutput:
 
 
 def _instruction_counts(said: HarnessOutput, board: BoardTarget) -> NDArray[np.int64]:
-    """Return the ticks of each step as instructions, less the empty measurement, plus its 1 instruction."""
+    """Convert the timer ticks of each step to instructions.
+
+    The empty measurement, less its 1 instruction, is subtracted.
+    """
     ticks_per_instruction = board.clock * 2**NS_PER_INSTRUCTION_LOG2 / 1e9
 
     def count(ticks: list[int]) -> NDArray[np.int64]:
@@ -285,6 +291,6 @@ def _instruction_counts(said: HarnessOutput, board: BoardTarget) -> NDArray[np.i
 
     known, found = [2 * n + 1 for n, _ in said.loops], count([ticks for _, ticks in said.loops]).tolist()
     if found != known:
-        problem = f"counts {found} instructions for loops of {known}: its timer does not run as expected"
+        problem = f"counts {found} instructions for loops of {known}: the board's timer does not run as expected"
         raise InputError(EMULATOR, problem, fix="use QEMU 7.2 or newer")
     return count([ticks for ticks, _ in said.steps])

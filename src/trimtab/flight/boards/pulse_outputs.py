@@ -23,7 +23,7 @@ SHORTEST_FRAME, LONGEST_FRAME = ms(3), ms(20)
 def frame_of(scenario: Scenario) -> int:
     """Return the time between pulses (100 ns), in whole milliseconds: the shortest frame that all servos accept.
 
-    Without a known frame it is the actuators' period.
+    If no servo declares a frame, it is the period of the actuators.
     """
     actuators = scenario.world.actuators
     rows = actuators.stages.values() if isinstance(actuators, ActuatorBank) else ()
@@ -45,14 +45,14 @@ def outputs_header(outputs: list[PulseOutput], frame: int) -> str:
 enum {{ CHANNELS = {len(outputs)}, FRAME = {frame} }}; /* FRAME: between pulses, in units of 100 ns */
 enum {{ DRIVE_PARAMETERS = 0 }};
 
-/* At rest, in counts: where nobody commands. */
+/* Pulses at rest, in counts: sent while no command is valid. */
 static const uint16_t SAFE_PULSES[CHANNELS] = {{{safe}}};
 #endif
 """
 
 
 def outputs_source(outputs: list[PulseOutput]) -> str:
-    """Return the tables, and the numbers of the failsafe's command for the outputs."""
+    """Return C with the tables of pulses, and with functions that read and set the failsafe's command."""
     lines = [LICENCE_NOTE, '#include "output_table.h"\n']
     for k, o in enumerate(outputs):
         values, counts = np.asarray(o.pulse.values), np.asarray(o.pulse.widths) * COUNTS_PER_SECOND
@@ -88,7 +88,7 @@ COMMAND_HEADER = f"""{LICENCE_NOTE}
 #include "dialect.h"
 #include "failsafe.h"
 
-/* The newest command, as the line brought it. */
+/* Take the newest command that was received from the link. */
 void command_take(failsafe_in *in, const mavlink_command_t *c);
 #endif
 """

@@ -22,16 +22,16 @@ def samples_header(sensors: Mapping[str, int]) -> str:
 #include "rearm.h"
 #include "world.h"
 
-/* The scenario's sensors, and how often each measures, in units of 100 ns. */
+/* Period of each sensor of the scenario, in units of 100 ns. */
 {periods}
 
-/* Send what the sensors measured at this instant; how many samples that were. */
+/* Send the samples that were measured at this instant. Return their number. */
 int samples_send(link *l, const world_out *out);
 
-/* The newest speed and rate of turn that the sensors have measured. */
+/* Return the newest measured speed and rate of turn. */
 motion samples_motion(const world_out *out);
 
-/* Keep the newest sample of each sensor, fresh if one of them was; now is NULL: they have all been sent. */
+/* Keep the newest sample of each sensor until it is sent. now = NULL: all kept samples have been sent. */
 void samples_merge(world_out *kept, const world_out *now);
 #endif
 """
@@ -70,7 +70,7 @@ def rest_header(limits: VehicleLimits) -> str:
 
 
 def _motion_lines(dialect: Dialect) -> list[str]:
-    """Return C that computes speed and rate of turn of the sensors that `trimtab vehicle` takes for them."""
+    """Return C that computes speed and rate of turn from the same sensors as `trimtab vehicle`."""
     lines = ["motion samples_motion(const world_out *out)", "{", "    motion m = {NAN, NAN};"]
     for name in ("speed", "rate"):
         sensor, slots = _find_measured(name, dialect)
@@ -81,7 +81,9 @@ def _motion_lines(dialect: Dialect) -> list[str]:
 
 
 def _find_measured(name: str, dialect: Dialect) -> tuple[str, list[str]]:
-    """Return the sensor of a quantity of the motion, and the slots in C whose length is the quantity."""
+    """Return the sensor that measures a quantity of the motion, and the C numbers of a vector whose length is the
+    quantity.
+    """
     slots: dict[str, list[int]] = {}
     for place in chain.from_iterable(dialect.places.values()):
         slots.setdefault(place.path, []).append(place.slot)
@@ -100,7 +102,7 @@ def _find_measured(name: str, dialect: Dialect) -> tuple[str, list[str]]:
 
 
 def _merging_lines(frame: Frame) -> list[str]:
-    """A function that keeps the newest samples for a line that does not take each at its instant."""
+    """Return the C function that keeps the newest samples, for a link that cannot send each sample at its instant."""
     lines = ["void samples_merge(world_out *kept, const world_out *now)", "{"]
     for sensor in map(identifier, frame.samples):
         old, new = f"kept->sensors.{sensor}", f"now->sensors.{sensor}"

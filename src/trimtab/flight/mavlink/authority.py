@@ -27,7 +27,7 @@ MOST_SESSIONS = 2**24
 
 
 def draw_session() -> int:
-    """Draw a number for a program's run on a link, from 1 on."""
+    """Draw a random session number, from 1 on, for one run of a program on a link."""
     return 1 + secrets.randbelow(MOST_SESSIONS - 1)
 
 
@@ -59,7 +59,7 @@ class Authority:
     """Owner of a vehicle. The vehicle sets `is_armed`, and calls `end_flight` when it is disarmed."""
 
     def __init__(self, session: int, system: int = 1) -> None:
-        """session, system: the vehicle's own."""
+        """session, system: numbers of the vehicle."""
         self.session, self.system = session, system
         self.owner: Sender | None = None
         self.is_armed = False
@@ -94,7 +94,8 @@ class Authority:
     def accepts_command(self, sender: Sender) -> bool:
         """Return whether a sender's command is obeyed.
 
-        The owner's is, and after a ground station has armed, the first of the vehicle's own system.
+        The owner's commands are obeyed. If a ground station has armed the vehicle, the first command of the vehicle's
+        own system makes its sender the owner.
         """
         if not self.is_armed:
             return True

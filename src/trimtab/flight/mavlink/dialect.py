@@ -81,7 +81,10 @@ class Dialect(NamedTuple):
 
 
 class _FieldPiece(NamedTuple):
-    """Planned field: numbers start to start + numbers of the leaf at path; scalar for a leaf of one number."""
+    """Part of a leaf that becomes one field: `numbers` numbers from index `start` on.
+
+    scalar: the leaf is a single number.
+    """
 
     path: str
     start: int
@@ -106,8 +109,8 @@ def derive_dialect(frame_like: Frame, command_like: Command) -> Dialect:
     """
     parts_of = {f"samples.{s}": _split_parts(sample, f"samples.{s}") for s, sample in frame_like.samples.items()}
     parts_of[COMMAND] = _split_parts(command_like, COMMAND, room=MAX_PAYLOAD - SIZES[SESSION_TYPE])
-    now = _FieldPiece(TIME, 0, 1, True, "int64_t", "100 ns", "The instant that is complete.")
-    count = _FieldPiece("samples", 0, 1, True, "int32_t", "1", "How many samples belong to it.")
+    now = _FieldPiece(TIME, 0, 1, True, "int64_t", "100 ns", "Time of the completed instant.")
+    count = _FieldPiece("samples", 0, 1, True, "int32_t", "1", "Number of samples of this instant.")
     parts_of[INSTANT] = [[now, count]]
     standard = STANDARD.read_text("utf-8")
     used_names = {name.lower() for name in read_definitions(standard)}
@@ -120,7 +123,7 @@ def derive_dialect(frame_like: Frame, command_like: Command) -> Dialect:
         contents |= dict(zip(groups[group], parts, strict=True))
     if len(contents) > MOST_MESSAGES:
         problem = f"{len(contents)} messages exceed the {MOST_MESSAGES} numbers reserved for them"
-        raise InputError("dialect", problem, fix="measure with fewer sensors, or combine several into one")
+        raise InputError("dialect", problem, fix="use fewer sensors, or combine several sensors into one")
     return _make_dialect(standard, groups, contents)
 
 
@@ -188,7 +191,10 @@ def _message_xml(name: str, number: int, group: str, fields: dict[str, _FieldPie
         unit = "" if p.unit == "1" else f' units="{plain_text(p.unit)}"'
         lines.append(f'      <field type="{kind}" name="{own}"{unit}>{plain_text(p.doc)}</field>')
     if group == COMMAND:
-        lines += ["      <extensions/>", f'      <field type="{SESSION_TYPE}" name="{SESSION}">Who sends it.</field>']
+        lines += [
+            "      <extensions/>",
+            f'      <field type="{SESSION_TYPE}" name="{SESSION}">Session of the sender.</field>',
+        ]
     return [*lines, "    </message>"]
 
 

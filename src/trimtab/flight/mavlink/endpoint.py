@@ -30,7 +30,7 @@ from trimtab.flight.mavlink.stamps import MOST_STREAMS, Refusal, Stamps
 
 @dataclasses.dataclass
 class FrameCounts:
-    """Frames, or bytes where stated, since the end was opened."""
+    """Counters since the end was opened, of frames unless another unit is stated."""
 
     sent: int = 0
     accepted: int = 0
@@ -39,9 +39,9 @@ class FrameCounts:
     disordered: int = 0
     """Frames of a sender whose sequence numbers jump about, so that its losses are unknown."""
     checksum: int = 0
-    """Wrong checksum: damaged, or from a sender with other definitions."""
+    """Frames with a wrong checksum: damaged, or from a sender with other definitions."""
     unknown: int = 0
-    """No such message in this dialect."""
+    """Frames with a message that this dialect does not have."""
     unsigned: int = 0
     downgraded: int = 0
     """Frames of MAVLink 1, which cannot be signed."""
@@ -49,11 +49,11 @@ class FrameCounts:
     """Signed frames accepted by an end without a key to check them."""
     wrong_signature: int = 0
     replayed: int = 0
-    """Valid signature but replayed."""
+    """Replayed frames with a valid signature."""
     stale: int = 0
-    """Valid signature by a clock that is behind: from before this end's start, or over a minute old."""
+    """Frames with a valid signature but an old time stamp: from before this end's start, or over a minute old."""
     leading: int = 0
-    """Valid signature by a clock that is far ahead."""
+    """Frames with a valid signature whose time stamp is too far ahead."""
     reflected: int = 0
     """This end's own frames, sent back."""
     garbage: int = 0
@@ -77,7 +77,7 @@ class UntimelyMessage(NamedTuple):
 
 
 class Numbering(NamedTuple):
-    """Sequence of frames that are numbered together: of a component, and for a group of receivers.
+    """Sequence numbers of the frames that one component sends to one group of receivers.
 
     A receiver that does not get all of a component's frames counts gaps as losses, unless they are numbered separately.
     """
@@ -336,12 +336,12 @@ class Endpoint:
         self.counts.disordered += disordered
 
     def begin_anew(self) -> None:
-        """Take the next frame of each sender for its first: frames thrown away in between are not losses."""
+        """Treat the next frame of each sender as its first, so that discarded frames do not count as losses."""
         self._gaps.clear()
         self._rest = b""
 
     def store_stamps(self) -> None:
-        """Store time stamps ahead. Call it every few seconds where waiting for a disk does no harm."""
+        """Store future time stamps. Call this every few seconds, where waiting for a disk does no harm."""
         if self.stamps is not None:
             self.stamps.store_ahead()
 
@@ -365,7 +365,10 @@ def checksum(data: bytes, extra: int) -> bytes:
 
 
 def _open_stamps(key: SigningKey, name: str, clock: Callable[[], float] | None, is_reset: bool) -> Stamps:
-    """Return the time stamps of an end. name: tells its file beside the key from those of other ends."""
+    """Return the time stamps of an end.
+
+    name: distinguishes the file of these stamps, beside the key, from those of other ends.
+    """
     store = None if key.path is None else key.path.with_name(f"{key.path.name}.{name}.time")
     return Stamps(store, clock, is_reset=is_reset)
 

@@ -81,7 +81,7 @@ def write_c_headers(dialect: Dialect, folder: Path) -> Path:
 
 
 def load_generator() -> Any:
-    """Return MAVLink's own generator, from an extra. Raise InputError if it is not installed."""
+    """Return MAVLink's own generator, an optional dependency. Raise InputError if it is not installed."""
     try:
         from pymavlink.generator import mavgen
     except ImportError:

@@ -68,7 +68,7 @@ def create_key(path: Path, passphrase: str = "") -> SigningKey:
             os.fsync(file.fileno())
     except FileExistsError:
         problem = "already exists; packets signed with it would no longer be accepted"
-        raise InputError(f"key file '{path}'", problem, fix=f"use it, or  rm '{path}'  first") from None
+        raise InputError(f"key file '{path}'", problem, fix=f"use this key, or  rm '{path}'  first") from None
     except OSError as error:
         problem = f"cannot be written: {error.strerror or error}"
         raise InputError(f"key file '{path}'", problem, fix="choose a folder of yours") from None
@@ -81,7 +81,7 @@ def load_key(path: Path) -> SigningKey:
     try:
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     except OSError as error:
-        fix = f"make one by create_key(Path({str(path)!r})) on one end, and copy the file to the other by hand"
+        fix = f"make a key by create_key(Path({str(path)!r})) on one end, and copy the file to the other end by hand"
         raise InputError(where, f"cannot be read: {error.strerror or error}", fix=fix) from None
     try:
         _check_key_file(where, path, os.fstat(descriptor))
@@ -94,7 +94,9 @@ def load_key(path: Path) -> SigningKey:
         return passphrase_key(text.decode("ascii").strip(), path)
     except (UnicodeDecodeError, InputError):
         problem = f"holds no key: one line of {SHORTEST_PASSPHRASE} or more printable ASCII characters expected"
-        raise InputError(where, problem, fix="copy it again from the other end, or make a new one on both") from None
+        raise InputError(
+            where, problem, fix="copy the key file again from the other end, or make a new key for both ends"
+        ) from None
 
 
 def _check_key_file(where: str, path: Path, about: os.stat_result) -> None:

@@ -9,7 +9,10 @@ Source: https://mavlink.io/en/guide/serialization.html, packet sequence.
 
 CONFIRMING = 6
 SMALL_GAP = 32
-"""Largest small gap. One random number in eight is this close to the last; six in a row occur once in 200 000."""
+"""Largest gap that counts as small.
+
+One random number in eight is this close to the last; six in a row occur once in 200 000.
+"""
 MOST_JUMPS = 3
 """Number of unconfirmed jumps after which the pending gaps are dropped."""
 NUMBERS = 256
@@ -27,7 +30,10 @@ class SequenceGaps:
         self._late_run = self._late_start = self._late_last = self._late_gap = self._taken_back = 0
 
     def follow(self, sequence: int) -> tuple[int, int]:
-        """Take the number of the next frame. Return lost frames, less one if this one was late; and disordered ones."""
+        """Take the number of the next frame.
+
+        Return the change of the number of lost frames (-1 for a late frame), and the number of disordered frames.
+        """
         last, self._last = self._last, sequence
         if last is None:
             return 0, 0
@@ -51,7 +57,8 @@ class SequenceGaps:
         return 0, 0
 
     def _handle_late_frame(self, sequence: int, missed: int) -> tuple[int, int]:
-        """Cancel the loss counted for a late frame. While the order is in doubt, it adds to the doubt.
+        """Cancel the loss counted for a late frame. While a jump is unconfirmed, the frame counts as disordered
+        instead.
 
         Several frames in a row, in order, are not late: at least half of the numbers were lost before them.
         """

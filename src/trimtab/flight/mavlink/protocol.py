@@ -16,20 +16,26 @@ from trimtab.flight.mavlink.definitions import Message
 
 
 class ArmRequest(NamedTuple):
-    """Request to arm or disarm. Arming comes only if all checks pass. by_hand: a person at a ground station asks."""
+    """Request to arm or disarm.
+
+    A request to arm is passed on only if all checks pass. by_hand: the request comes from a person at a ground station.
+    """
 
     arm: bool
     by_hand: bool = False
 
 
 class ModeRequest(NamedTuple):
-    """Request to change to a mode, by its number. Only known and open modes come."""
+    """Request to change to a mode, by its number. Only requests for known modes that can be entered are passed on."""
 
     mode: int
 
 
 class FlightRequest(NamedTuple):
-    """Request for the autopilot to "hold", to "resume" or to "end" its flight. Without an autopilot it never comes."""
+    """Request for the autopilot to "hold", to "resume" or to "end" its flight.
+
+    It is never passed on without an autopilot.
+    """
 
     request: str
 
@@ -147,9 +153,9 @@ PAUSES: dict[float, str] = {0: HOLD, 1: RESUME}
 CHANNELS = 18
 NAN = float("nan")
 ABSENT = {"RC_CHANNELS": (65535,), "RC_CHANNELS_OVERRIDE": (0, 65534, 65535)}
-"""Values that mean: no such channel; unchanged; released to the receiver."""
+"""Pulse widths with a special meaning: channel does not exist; channel unchanged; channel released to the receiver."""
 SHORTEST_PULSE, LONGEST_PULSE = 800, 2200
-"""Range of the pulses (µs) that a receiver sends. Other pulses carry nothing."""
+"""Range of the pulses (µs) that a receiver sends. Other pulses are ignored."""
 RELEASED = 0
 FIRST_CHANNELS = 8
 """Number of channels that a station gives back by RELEASED."""

@@ -65,7 +65,7 @@ def running_clock(clock: Clock = SYSTEM_CLOCK) -> Callable[[], float]:
 
 
 class _Stream:
-    """Stamps accepted from one sender, as far back as they matter."""
+    """Stamps accepted from one sender, kept as long as a stamp this old could still be accepted."""
 
     def __init__(self, floor: int) -> None:
         self.newest = self.ordered = floor
@@ -94,7 +94,8 @@ class Stamps:
     def __init__(
         self, store: Path | None = None, clock: Callable[[], float] | None = None, *, is_reset: bool = False
     ) -> None:
-        """Start above the stored stamp and above now; `store` None keeps nothing. The file stays locked until close().
+        """Start above the stored stamp and above the current time. store: file of the stamp; None: nothing is stored.
+        The file stays locked until close().
 
         is_reset: start with now, whatever is stored, after a wrong clock stored a stamp far ahead.
         """
@@ -119,7 +120,10 @@ class Stamps:
         return self.last
 
     def store_ahead(self) -> None:
-        """Store ahead if half the margin is used up. Call it now and then where waiting does no harm."""
+        """Store a future stamp if half of the margin is used up.
+
+        Call this regularly, where waiting for the disk does no harm.
+        """
         if self._file is not None and self.last + STORE_MARGIN // 2 > self._ceiling:
             self._write_store()
 
@@ -216,7 +220,7 @@ def _open_store(store: Path) -> int:
     except OSError:
         os.close(file)
         problem = "another process uses this key, system, component and link; each would refuse the other's packets"
-        raise InputError(where, problem, fix="end the other process (Ctrl-C), then start this one again") from None
+        raise InputError(where, problem, fix="end the other process (Ctrl-C), then start this program again") from None
     return file
 
 

@@ -20,19 +20,19 @@ NS_PER_UNIT = 100
 WINDOW = seconds(60)
 LONGEST_WAIT = seconds(10)
 JUMP = seconds("0.5")
-"""Excess over the bound of the error that means another clock, or a clock that was set."""
+"""Change of the offset, beyond its error bound, from which the other clock counts as set or replaced."""
 SLEW = 1e-3
 """Fastest change of the applied offset (s/s)."""
 HORIZON = seconds(1)
 FLOOR = 0.1, ms("0.01")
-"""Excess that counts as none: part of the shortest round trip, and a time."""
+"""Excess round trip that is treated as zero: a fraction of the shortest round trip, plus a time."""
 DRIFT = 1e-4
-"""Standard deviation of the drift of clocks, a priori."""
+"""Assumed standard deviation of the drift between two clocks."""
 EXCHANGES_MAX = 600
 
 
 class TimeSyncExchange(NamedTuple):
-    """Exchange: the other end's time, the offset it shows, and its round trip."""
+    """One exchange: time of the other clock, measured offset, and round trip."""
 
     remote: int
     offset: float
@@ -40,7 +40,7 @@ class TimeSyncExchange(NamedTuple):
 
 
 class OffsetLine(NamedTuple):
-    """offset(r) = offset + drift (r - at)."""
+    """Line through the offsets: offset(r) = offset + drift (r - at)."""
 
     at: int
     offset: float
@@ -55,20 +55,23 @@ class TimeSync:
     """Estimate of the other end's clock. All times are integers of 100 ns."""
 
     def __init__(self) -> None:
-        """Start without exchanges."""
+        """Start before the first exchange."""
         self._asked: deque[int] = deque(maxlen=16)
         self._exchanges: deque[TimeSyncExchange] = deque(maxlen=EXCHANGES_MAX)
         self._line = OffsetLine(0, 0.0, 0.0)
         self._from, self._applied, self._turn, self._after = 0, 0.0, 0.0, 0.0
         self.doubles = 0
-        """Questions that got answers of two clocks. A question or an answer that came twice shows one clock."""
+        """Number of questions that two different clocks answered.
+
+        Duplicate packets come from one clock and do not count.
+        """
         self._answered: tuple[int, int, int] = -1, 0, 0
         self._doubtful: TimeSyncExchange | None = None
         self._last: int | None = None
         self._latest: int | None = None
         self._not_before: int | None = None
         self.refused = 0
-        """Answers without a question, or too late."""
+        """Number of answers without a question, or too late."""
         self.jumps = 0
         """Number of times that the other clock changed. Two exchanges in a row must agree on it."""
 
@@ -78,7 +81,10 @@ class TimeSync:
         return self._doubtful is not None
 
     def is_open(self, ts1: int) -> bool:
-        """Return whether a TIMESYNC's `ts1` was asked here and is unanswered. Its answer is then live, not replayed."""
+        """Return True if this end asked with this `ts1` and has no answer yet.
+
+        An answer is then current, not replayed.
+        """
         return ts1 // NS_PER_UNIT in self._asked
 
     @property
@@ -88,12 +94,12 @@ class TimeSync:
 
     @property
     def offset(self) -> float:
-        """Estimate of their clock less ours at the newest exchange (100 ns)."""
+        """Estimate of the other clock minus this clock at the newest exchange (100 ns)."""
         return self._line.offset
 
     @property
     def drift(self) -> float:
-        """Drift of their clock against ours (s/s)."""
+        """Drift of the other clock relative to this clock (s/s)."""
         return self._line.drift
 
     @property
@@ -149,17 +155,18 @@ class TimeSync:
         self._after = drift
 
     def _offset_at(self, remote: int) -> float:
-        """Return the applied offset: it moves for one horizon, and drifts on from there."""
+        """Return the applied offset: it approaches the line for one HORIZON, then follows its drift."""
         since = remote - self._from
         return self._applied + self._turn * min(since, HORIZON) + self._after * max(since - HORIZON, 0)
 
     def show_local(self, remote: int) -> int:
-        """Return their time as `to_local` would, without a trace, so that the time may still be rejected."""
+        """Convert a time of the other clock like `to_local`, but keep no state: the time may still be rejected."""
         local = round(remote - self._offset_at(remote))
         return local if self._not_before is None else max(local, self._not_before)
 
     def to_local(self, remote: int) -> int:
-        """Return their time, once accepted, as this end's. Increasing times stay increasing, even if their clock jumps.
+        """Convert an accepted time of the other clock to this clock. Increasing times stay increasing, even if a clock
+        jumps.
 
         While nothing is known the time is returned unchanged.
         """
@@ -170,7 +177,7 @@ class TimeSync:
         return local
 
     def to_remote(self, local: int) -> int:
-        """Return this end's time as theirs, the inverse of `to_local`."""
+        """Convert a time of this clock to the other clock, the inverse of `to_local`."""
         near = local + self._offset_at(local + round(self._applied))
         return round(local + self._offset_at(round(near)))
 

@@ -1,8 +1,8 @@
 """Virtual vehicle as the physics of ArduPilot's SITL: it moves by ArduPilot's frames, and answers with its motion.
 
 Virtual time stands still between two frames, so that neither side waits for a clock. A repeated frame gets the same
-answer again. Lost frames are flown with the pulses before them. A frame count that restarts begins another flight.
-Source: docs page, ArduPilot.
+answer again. During lost frames the vehicle flies with the last pulses. A frame count that restarts begins another
+flight. Source: docs page, ArduPilot.
 """
 
 from collections.abc import Callable, Mapping
@@ -24,18 +24,21 @@ LISTEN_S = 0.1
 SILENCE_S = 2.0
 """Time without a frame (s) after which another sender is accepted: ArduPilot uses a new port after a restart."""
 LATE_FRAMES, FIRST_COUNTS = 16, 2
-"""Largest step back of the count that counts as a late packet. A larger step, or one to these first counts, is a
-restart.
+"""A frame count that falls by at most this number is a late packet. A larger fall, or a fall to these first counts, is
+a restart.
 """
 
 OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
-    "firmware.held": ("?", Quantity("1", "The vehicle is held in place: its pulses are still at rest.", kind="flag")),
+    "firmware.held": (
+        "?",
+        Quantity("1", "The vehicle is held in place until its servo pulses leave their rest position.", kind="flag"),
+    ),
     "ardupilot.frame": ("i8", Quantity("1", "Number of the ArduPilot frame in force.", kind="count")),
     "ardupilot.missed": ("i8", Quantity("1", "Frames missed so far, by their numbers.", kind="count")),
     "ardupilot.repeated": ("i8", Quantity("1", "Repeated frames so far.", kind="count")),
     "ardupilot.refused": ("i8", Quantity("1", "Packets refused so far: invalid, or of another sender.", kind="count")),
 }
-"""Signals of the log besides the world's."""
+"""Signals of the log besides those of the world."""
 
 
 @dataclass
@@ -56,7 +59,7 @@ class ArduPilotPhysics:
     def __init__(
         self, scenario: Scenario, vehicle: PulsedVehicle, link: UdpLink, *, seed: int = 0, clock: Clock = SYSTEM_CLOCK
     ) -> None:
-        """Prepare one `serve`.
+        """Prepare one run of `serve`.
 
         Args:
             scenario: scenario of the vehicle, for its log.
@@ -142,12 +145,15 @@ class ArduPilotPhysics:
         return True
 
     def _move(self, frame: PulsePacket, ahead: int) -> None:
-        """Advance by this number of frames, the last of which arrived. A gap counts as one second at most."""
+        """Advance by this number of frames, the last of which arrived.
+
+        A gap advances the time by at most one second.
+        """
         vehicle, step, lost = self.vehicle, UNITS_PER_SECOND // frame.rate, max(ahead - 1, 0)
         self.tally.frames += 1
         self.tally.missed += lost
         if lost:
-            self._flights.report_once("ArduPilot frames were lost: flown with the pulses before them")
+            self._flights.report_once("ArduPilot frames were lost: the last pulses were kept")
         for _ in range(min(lost, frame.rate)):
             vehicle.advance(vehicle.body.t + step, self._write_row)
         self._last = frame

@@ -20,11 +20,14 @@ CHANNELS_OF: Mapping[int, int] = {18458: 16, 29569: 32}
 MOST_CHANNELS = 32
 HEAD = struct.Struct("<HHI")
 COUNTS = 2**32
-"""Number of frame counts before the count is zero again."""
+"""Number of values of the frame count, which starts again at zero."""
 
 
 class PulsePacket(NamedTuple):
-    """Packet of ArduPilot. rate: of frames (Hz); number: of this frame; pulses: of each channel (µs), 0: none."""
+    """Packet of ArduPilot.
+
+    rate: frame rate (Hz); number: frame count; pulses: pulse width of each channel (µs), 0: no pulse.
+    """
 
     rate: int
     number: int
@@ -32,7 +35,10 @@ class PulsePacket(NamedTuple):
 
 
 class PhysicsState(NamedTuple):
-    """Motion for ArduPilot. Position and velocity in W, attitude roll, pitch, yaw (rad), the rest in B; SI units."""
+    """Motion for ArduPilot.
+
+    Position and velocity in W, attitude as roll, pitch, yaw (rad), other vectors in B; SI units.
+    """
 
     specific_force: Sequence[float]
     angular_rate: Sequence[float]
@@ -51,21 +57,21 @@ class PhysicsState(NamedTuple):
 def parse_servos(packet: bytes) -> PulsePacket | str:
     """Return the content of a packet of ArduPilot, or a text that says why it is not valid."""
     if len(packet) < HEAD.size:
-        return f"{len(packet)} bytes are too few for an ArduPilot frame"
+        return f"a packet of {len(packet)} bytes is too short for an ArduPilot frame"
     magic, rate, count = HEAD.unpack_from(packet)
     channels = CHANNELS_OF.get(magic)
     if channels is None:
-        return f"it starts with {magic}; ArduPilot frames start with {' or '.join(map(str, CHANNELS_OF))}"
+        return f"the packet starts with {magic}; ArduPilot frames start with {' or '.join(map(str, CHANNELS_OF))}"
     length = HEAD.size + 2 * channels
     if len(packet) != length:
         return f"{len(packet)} bytes; a frame of {channels} channels must have {length}"
     if rate == 0:
-        return "its frame rate is zero; set ArduPilot's SIM_RATE_HZ"
+        return "the frame rate is zero; set ArduPilot's SIM_RATE_HZ"
     return PulsePacket(rate, count, struct.unpack_from(f"<{channels}H", packet, HEAD.size))
 
 
 def format_state(t: float, state: PhysicsState) -> bytes:
-    """Return the answer: the motion at t (s)."""
+    """Return the answer to ArduPilot, a line of JSON with the motion at t (s)."""
     roll, pitch, yaw = state.attitude
     content = {
         "timestamp": t,

@@ -1,4 +1,4 @@
-"""Flights of a vehicle under another make's autopilot: a log for each, and messages for the user."""
+"""Flights of a vehicle under another maker's autopilot: one log per flight, and messages for the user."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -31,7 +31,10 @@ class PhysicsSummary(NamedTuple):
 
 
 class PhysicsFlights:
-    """Flights so far. summary: of the last log.  problems: of the logs, and those given to `add_problem`."""
+    """Flights so far.
+
+    summary: summary of the last log. problems: problems of all logs, and those given to `add_problem`.
+    """
 
     def __init__(
         self,
@@ -44,7 +47,10 @@ class PhysicsFlights:
         period: int = ms(1),
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """signals: signals besides the world's.  file: of the first flight, then NAME-2.  period: of rows (100 ns)."""
+        """signals: signals besides those of the world.
+
+        file: log of the first flight; the second is NAME-2. period: time between rows (100 ns).
+        """
         self.scenario, self.vehicle, self.signals, self.seed = scenario, vehicle, signals, seed
         self.file, self.period, self.tell = file, period, tell
         self.count = 0
@@ -53,7 +59,10 @@ class PhysicsFlights:
         self.summary: LogFileSummary | None = None
 
     def prepare(self, file: Path | None, tell: Callable[[str], None], period: int | None = None) -> None:
-        """Prepare for the first flight. file: its log.  tell: receives the messages.  period: of rows (100 ns)."""
+        """Prepare for the first flight.
+
+        file: path of its log. tell: receives the messages. period: time between rows (100 ns).
+        """
         self.file, self.tell, self.period = file, tell, self.period if period is None else period
 
     def begin(self, text: str) -> None:
@@ -74,7 +83,7 @@ class PhysicsFlights:
         return self.file.with_name(f"{self.file.stem}-{self.count}{self.file.suffix}")
 
     def write_row(self, t: int, values: Sequence[Any]) -> None:
-        """Write the row of the instant before t, if one is due. values: of `signals`."""
+        """Write the row of the instant before t, if one is due. values: values of `signals`."""
         body = self.vehicle.body
         if self._log is None or not t or body.row_t % self.period:
             return
@@ -95,7 +104,7 @@ class PhysicsFlights:
             self._log.write_event(text)
 
     def report_once(self, text: str) -> None:
-        """Report a line, but no line twice."""
+        """Report a line once; a repeated line is not reported again."""
         if text not in self._told and len(self._told) < MOST_TOLD:
             self._told.add(text)
             self.report(text)

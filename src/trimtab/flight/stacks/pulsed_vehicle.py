@@ -1,8 +1,7 @@
-"""Virtual vehicle moved by servo pulses, for an autopilot of another make, and its motion as that autopilot gets it.
+"""Virtual vehicle moved by servo pulses, for an autopilot of another maker, and its motion as sent to that autopilot.
 
-The vehicle is held in place until its pulses leave their rest, since no vehicle here has a ground to stand on. After
-the release it continues from the scenario's first state.
-Source: docs pages, ArduPilot and PX4.
+The vehicle is held in place until its pulses leave their rest position, because the model has no ground to stand on.
+After the release it continues from the scenario's first state. Source: docs pages, ArduPilot and PX4.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -35,7 +34,7 @@ FORCE, RATE = "specific_force", "angular_rate"
 
 
 class PulsedVehicle:
-    """Compiled world, moved by pulses. The first `advance` is to time 0.
+    """Compiled world, moved by servo pulses. The first call of `advance` must be to time 0.
 
     Args:
         scenario: scenario of the vehicle.
@@ -105,7 +104,10 @@ class PulsedVehicle:
         return bool((widths >= self._release).any())
 
     def advance(self, t: int, tell_row: Callable[[int], None] = lambda _: None) -> None:
-        """Advance to integer time t through all instants at which something is due. tell_row: called with each."""
+        """Advance to integer time t through all instants at which something is due.
+
+        tell_row: function that is called with each instant.
+        """
         while self._due <= t:
             self._step(self._due)
             tell_row(self._due)

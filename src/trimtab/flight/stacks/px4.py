@@ -47,29 +47,35 @@ from trimtab.run.command_pulses import PulseOutput
 ORIGIN = "38.9897,-76.9378,20"
 """Origin of W. PX4 derives the earth's field from the place, so this is the place where COLLEGE_PARK is the field."""
 STEP, SLOW_SAMPLES, FIX_SAMPLES = ms(4), 5, 25
-"""Time between samples of the inertial unit, as in PX4's own simulators; other sensors and fixes, counted in
-samples.
+"""Time between samples of the inertial unit, as in PX4's own simulators; periods of the slower sensors and of position
+fixes, in samples.
 """
 START = ms(1000)
-"""Time of the first sample, which PX4 takes for its own time. 0 would count as no time."""
+"""Time of the first sample. PX4 adopts this time, and treats 0 as an unknown time."""
 LISTEN_S, SILENCE_S = 0.1, 1.0
 """Time to wait for a connection before looking for a request to end; time to wait for an answer before going on (s)."""
 RATE_NOISE, FORCE_NOISE, FIELD_NOISE, PRESSURE_NOISE = np.radians(2000 / 32768), 9.80665 / 2048, 1e-7, 1.0
-"""Standard deviations (rad/s, m/s², T, Pa). The first two are one step of PX4's simulated converters; the others are
-reconstructed. PX4 treats a sensor with constant samples as dead."""
+"""Standard deviations of the sensor noise (rad/s, m/s², T, Pa). The first two are one step of PX4's simulated
+converters; the others are reconstructed. PX4 treats a sensor with constant samples as dead."""
 SYSTEM, COMPONENT = 1, 200
 
 OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
-    "firmware.held": ("?", Quantity("1", "The vehicle is held in place: its pulses are still at rest.", kind="flag")),
+    "firmware.held": (
+        "?",
+        Quantity("1", "The vehicle is held in place until its servo pulses leave their rest position.", kind="flag"),
+    ),
     "px4.armed": ("?", Quantity("1", "PX4 is armed.", kind="flag")),
-    "px4.unanswered": ("i8", Quantity("1", "Samples so far without an answer of PX4 in time.", kind="count")),
+    "px4.unanswered": ("i8", Quantity("1", "Samples so far that PX4 did not answer in time.", kind="count")),
 }
-"""Signals of the log besides the world's."""
+"""Signals of the log besides those of the world."""
 
 
 @dataclass
 class AnswerTally:
-    """Counts of samples sent and of answers. unanswered: samples after which time went on without PX4."""
+    """Counts of samples sent and of answers.
+
+    unanswered: samples that PX4 did not answer in time, so that the simulation continued without an answer.
+    """
 
     samples: int = 0
     answers: int = 0
@@ -90,7 +96,7 @@ class Px4Simulator:
         seed: int = 0,
         clock: Clock = SYSTEM_CLOCK,
     ) -> None:
-        """Prepare one `serve`.
+        """Prepare one run of `serve`.
 
         Args:
             scenario: scenario of the vehicle, for its log.
@@ -154,11 +160,11 @@ class Px4Simulator:
         return duration is not None and release is not None and self.vehicle.body.t - release >= duration
 
     def _now(self) -> int:
-        """Return the time as sent to PX4."""
+        """Return the current time in the units and with the start that are sent to PX4."""
         return START + self.vehicle.body.t
 
     def _send_sample(self) -> None:
-        """Send the sensor samples of now."""
+        """Send the current sensor samples."""
         state, t = self.vehicle.state(), self._now()
         if not state.is_finite:
             problem = f"the motion is not finite, {to_seconds(self.vehicle.body.t):g} s into the flight"
@@ -274,7 +280,10 @@ class Px4Simulator:
 
 
 def pulse_span(o: PulseOutput) -> tuple[float, float, float]:
-    """Return the widths (s) of the controls 0, -1 and 1: rest and ends. A motor that rests at one end has one way."""
+    """Return the widths (s) of the controls 0, -1 and 1: rest and ends.
+
+    A motor whose rest is at one end turns in one direction only.
+    """
     return o.safe, min(o.pulse.widths), max(o.pulse.widths)
 
 

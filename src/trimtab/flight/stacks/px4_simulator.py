@@ -24,7 +24,7 @@ CHANNELS = 16
 INERTIAL, MAGNETIC, PRESSURES = 0b111_111, 0b111 << 6, 0b1111 << 9
 """Bits of fields_updated: acceleration and rate; field; static pressure, dynamic pressure, height, temperature."""
 ARMED, LOCKSTEP = 128, 1
-"""Bit of the mode, and bit of the flags."""
+"""Bit of `mode` that means armed, and bit of `flags` that means lockstep."""
 GAUSS, HECTOPASCAL, ICE = 1e-4, 100.0, 273.15
 PER_MICROSECOND = UNITS_PER_SECOND // 1_000_000
 FIX_3D, SATELLITES, ACCURACY = 3, 12, 100
@@ -32,7 +32,7 @@ FIX_3D, SATELLITES, ACCURACY = 3, 12, 100
 
 
 class ControlFrame(NamedTuple):
-    """Answer of PX4. time: PX4's (µs); controls: of its 16 outputs; is_locked: PX4 waits for the next sample."""
+    """Answer of PX4. time: PX4's (µs); controls: values of its 16 outputs; is_locked: PX4 waits for the next sample."""
 
     time: int
     controls: tuple[float, ...]

@@ -32,13 +32,17 @@ MOST_ASKS = 10
 UNBOUNDED = 1e9
 """Smallest number shown as infinite: the age of data that never arrived, or a limit that was not set."""
 CONFIRMATION = 21196
-"""Second parameter of the command to arm with which MAVLink's ground stations force it. Here it only confirms."""
+"""Second parameter of the command to arm with which MAVLink's ground stations force it.
+
+The vehicle takes it only as a confirmation.
+"""
 
 
 class ArmingCheck(NamedTuple):
-    """One check: `value` must be at most `limit`, or at least. A NaN value is not measured, and passes.
+    """One check: `value` must be at most `limit`, or at least `limit` if `at_least` is True. A NaN value passes: not
+    measured.
 
-    advice: what to do if it fails.  heals: it can pass by waiting, without any action.
+    advice: what to do if it fails.  heals: True if the check can pass by waiting, without any action.
     """
 
     name: str
@@ -67,7 +71,7 @@ class ArmingCheck(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """Problem and advice: the same text for pilot, ground station and log."""
+        """Text of the problem and the advice, for pilot, ground station and log."""
         return f"{self.name}: {self.value_text}, {self.limit_text}; {self.advice}"
 
     @property
@@ -100,7 +104,10 @@ def pack_checks(endpoint: Endpoint, asker: Message, checks: Sequence[ArmingCheck
 
 
 class RemoteChecks:
-    """The autopilot's side: its questions, and the vehicle's checks. Times `now` are this end's, in 100 ns."""
+    """The autopilot's side of the checks: its questions, and the vehicle's answers.
+
+    Times `now` are this end's, in 100 ns.
+    """
 
     def __init__(self) -> None:
         """Start without checks."""
@@ -135,6 +142,6 @@ class RemoteChecks:
         self._checks[index] = check, now
 
     def current(self, now: int) -> list[ArmingCheck]:
-        """Return the vehicle's checks, all of the last second; empty while some are missing."""
+        """Return all checks of the vehicle, none older than a second; empty while a check is missing."""
         recent = [check for k, (check, t) in sorted(self._checks.items()) if k < self._count and now - t <= LONGEST_AGE]
         return recent if len(recent) == self._count else []

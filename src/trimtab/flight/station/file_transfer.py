@@ -28,11 +28,11 @@ IDLE_TIME = seconds(30)
 LONGEST_BURST = 200
 """Maximum number of packets before the reader must ask for more, so that a burst without a reader ends."""
 FLYING_SHARE = 0.05
-"""Share of the rate while the vehicle is armed."""
+"""Fraction of the maximum rate that may be used while the vehicle is armed."""
 
 
 class Operation(IntEnum):
-    """Requested operations, and the two kinds of answer."""
+    """Codes of requested operations, and of the two kinds of answer."""
 
     NONE = 0
     TERMINATE = 1
@@ -78,7 +78,10 @@ class _Session(NamedTuple):
 
 
 class _Burst(NamedTuple):
-    """Packets still to be sent. number: of the packet before.  left: packets."""
+    """Burst that is being sent.
+
+    number: sequence number of the last packet. left: number of packets still to be sent.
+    """
 
     owner: tuple[int, int]
     session: int
@@ -97,7 +100,7 @@ class _RefusedError(Exception):
 
 
 class FileTransferService:
-    """The vehicle's side. Times `now` are the vehicle's, in 100 ns."""
+    """The vehicle's side of file transfer. Times `now` are the vehicle's, in 100 ns."""
 
     names: Collection[str] = (FILE_TRANSFER,)
 
@@ -153,7 +156,7 @@ class FileTransferService:
         return [packet]
 
     def _follow(self, request: _Request, owner: tuple[int, int], now: int, is_armed: bool) -> bytes | None:
-        """Return the data of an answer, after the number of a new session; None if a burst answers."""
+        """Carry out a request. Return the data of its answer, or None if a burst of packets is the answer."""
         operation = request.operation
         if operation == Operation.NONE:
             return b""

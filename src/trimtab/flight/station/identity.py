@@ -26,7 +26,7 @@ REQUEST_TYPE, LINE_TYPE = 0xF474, 0xF475
 REQUEST, LINE = struct.Struct("<H"), struct.Struct("<HH8s")
 PAYLOAD = 128
 MOST_NUMBERS = 4
-"""Maximum count of numbers shown as such; longer tables are compared, and shown, by their hash."""
+"""Maximum length of a table whose numbers are shown; a longer table is compared, and shown, by its hash."""
 MOST_LINES = 4096
 ASK_PERIOD, LINES_PERIOD, LINES_AT_ONCE = ms(500), ms(100), 5
 MOST_ASKS = 4
@@ -58,7 +58,7 @@ def identity_digest(entries: Mapping[str, str]) -> bytes:
 
 
 class IdentityService:
-    """The vehicle's side: it sends its identity line by line."""
+    """The vehicle's side: it sends the identity of its scenario line by line."""
 
     def __init__(self, endpoint: Endpoint, entries: Mapping[str, str]) -> None:
         """entries: text by path."""
@@ -73,7 +73,7 @@ class IdentityService:
 
     @property
     def number(self) -> int:
-        """Number of the identity as it is now, for requests to arm."""
+        """Hash number of the current identity, for requests to arm."""
         return digest_number(self._digest)
 
     def answer(self, message: Message) -> list[bytes]:
@@ -99,7 +99,10 @@ class SettingDifference(NamedTuple):
 
 
 class IdentityComparison:
-    """The autopilot's side: it asks, and lists the differences. Times `now` are this end's, in 100 ns."""
+    """The autopilot's side: it asks for the vehicle's identity, and lists the settings that differ.
+
+    Times `now` are this end's, in 100 ns.
+    """
 
     def __init__(self, endpoint: Endpoint, entries: Mapping[str, str]) -> None:
         """entries: text by path."""
@@ -109,7 +112,7 @@ class IdentityComparison:
         self._count, self._asks, self._next = 0, 0, 0
         self._theirs = self._known = b""
         self.is_known = False
-        """True while the vehicle's identity is known completely, or known to be the same."""
+        """True while the vehicle's identity is known completely, or known to equal this end's identity."""
 
     @property
     def is_unanswered(self) -> bool:
@@ -118,11 +121,16 @@ class IdentityComparison:
 
     @property
     def number(self) -> int:
-        """Number of the vehicle's identity as it was compared, for requests to arm; 0 if the vehicle has none."""
+        """Hash number of the vehicle's compared identity, for requests to arm; 0 if the vehicle does not report an
+        identity.
+        """
         return digest_number(self._known)
 
     def due(self, now: int, system: int, component: int) -> list[bytes]:
-        """Return the questions to the vehicle that are due now. One asks now and then whether a setting has changed."""
+        """Return the questions to the vehicle that are due now.
+
+        Even after the comparison, one question is repeated regularly, because a setting may change.
+        """
         if self.is_unanswered or now < self._next:
             return []
         if self.is_known:

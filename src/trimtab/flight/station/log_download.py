@@ -24,7 +24,7 @@ class _Download(NamedTuple):
 
 
 class LogService:
-    """The vehicle's side. Times `now` are the vehicle's, in 100 ns."""
+    """The vehicle's side of log download. Times `now` are the vehicle's, in 100 ns."""
 
     names: Collection[str] = ("LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_ERASE", "LOG_REQUEST_END")
 

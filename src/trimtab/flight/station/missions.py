@@ -36,7 +36,7 @@ LIST_REQUEST = "MISSION_REQUEST_LIST"
 
 
 class MissionService:
-    """The vehicle's side."""
+    """The vehicle's answers to requests about missions."""
 
     names: Collection[str] = (LIST_REQUEST, *RESULTS)
 
@@ -56,5 +56,5 @@ class MissionService:
         return [self._endpoint.pack("MISSION_ACK", {"type": result} | to)]
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return nothing: there are only answers."""
+        """Return no packets: this service sends answers only."""
         return []

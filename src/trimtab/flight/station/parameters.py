@@ -39,16 +39,16 @@ SMALLEST = 2.0**-126
 LARGEST_FACTOR = 10.0
 """Factor by which a number may differ from its value at the start, where its declaration has no bound."""
 FAULT = "fault"
-"""Part of the path of a fault's numbers: an inactive fault has zeros, so its start bounds nothing."""
+"""Part of the path of a fault's numbers. Their values at the start are zeros, which give no bounds."""
 
 
 ChangedValues = Mapping[str, list[float]]
-"""Path of a leaf -> all its numbers."""
+"""Path of a leaf of the records -> all numbers of the leaf."""
 NO_STORE = "no file (--parameters FILE)"
 
 
 class Parameter(NamedTuple):
-    """One number: its name on the wire, its leaf and index, and its declaration."""
+    """One parameter: name on the wire, path and index of the number, and declaration."""
 
     name: str
     path: str
@@ -74,7 +74,7 @@ class Parameters:
         self.listed = tuple(Parameter(n, w, s or 0, d) for n, (w, s, d, _) in zip(names, numbers, strict=True))
         self.values = [value for *_, value in numbers]
         self.defaults = tuple(self.values)
-        """Values at the start."""
+        """Values of all parameters at the start."""
         self._changed = set[str]()
         self._index = {p.name: k for k, p in enumerate(self.listed)}
         self._places = {(p.path, p.slot): k for k, p in enumerate(self.listed)}
@@ -105,7 +105,7 @@ class Parameters:
         return index if index < len(self.listed) else None
 
     def index_of(self, path: str, slot: int) -> int | None:
-        """Return the index of a number of a leaf; None if there is none."""
+        """Return the parameter index of a number of a leaf; None if the number is not a parameter."""
         return self._places.get((path, slot))
 
     def bounds(self, index: int) -> tuple[float, float]:
@@ -127,7 +127,7 @@ class Parameters:
         return low, start + span if declared.high is None else declared.high
 
     def change_value(self, index: int, value: float) -> str:
-        """Set a value if its declaration allows it. Return why not, or an empty string.
+        """Set a value if its declaration allows it. Return the reason for a refusal, or an empty string.
 
         A value that reads the same on the wire stays as it is, with all its digits.
         """
@@ -166,7 +166,7 @@ def _hash_name(path: str) -> str:
 
 
 def round_to_float32(value: float) -> float:
-    """Return a number as 32 bits hold it."""
+    """Return a number rounded to a float of 32 bits."""
     try:
         return FLOAT.unpack(FLOAT.pack(value))[0]
     except OverflowError:
@@ -177,7 +177,7 @@ def _refusal(declared: Quantity, value: float, bounds: tuple[float, float]) -> s
     if not math.isfinite(value):
         return "is not a number"
     if 0 < abs(value) < SMALLEST:
-        return "is smaller than any normal number of 32 bits: send it as REAL32"
+        return "is smaller than any normal number of 32 bits: send the value as REAL32"
     if declared.kind not in ("real", "angle") and value != int(value):
         return "must be a whole number"
     if declared.kind == "flag" and value not in (0, 1):
@@ -202,7 +202,7 @@ class ParameterService:
     """Service for the parameters of one vehicle. Times are the vehicle's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, parameters: Parameters) -> None:
-        """Start without a request."""
+        """Start with no list requested."""
         self._endpoint, self._parameters = endpoint, parameters
         self._listing: deque[int | None] = deque()
         self._sent_at: int | None = None
@@ -221,7 +221,7 @@ class ParameterService:
         return [self._hash_packet() if index is None else self.value(index)]
 
     def read(self, message: Message) -> list[bytes]:
-        """Return the value that a PARAM_REQUEST_READ asks for; empty if there is none."""
+        """Return the value that a PARAM_REQUEST_READ asks for; empty if there is no such parameter."""
         if message.get("param_index") < 0 and message.get("param_id") == HASH:
             return [self._hash_packet()]
         index = self._parameters.find_index(message.get("param_id"), message.get("param_index"))

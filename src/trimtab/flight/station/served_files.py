@@ -41,7 +41,7 @@ class OpenFile:
     """File that is being read."""
 
     def __init__(self, data: bytes | int, size: int) -> None:
-        """data: all of it, or a descriptor, which this object then owns."""
+        """data: content of the file, or an open descriptor, which this object then owns."""
         self._data, self.size = data, size
 
     @property
@@ -68,7 +68,7 @@ class OpenFile:
 
 
 class ServedFiles:
-    """Files of one vehicle."""
+    """Files that one vehicle serves."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class ServedFiles:
         folder: Path | None = None,
         patience: float = PATIENCE_S,
     ) -> None:
-        """Open nothing yet.
+        """Start without open files.
 
         Args:
             documents: name -> content.
@@ -150,16 +150,16 @@ class Pace:
         self._rate, self._next = rate, 0
 
     def is_due(self, now: int) -> bool:
-        """Return whether a packet may leave. Times in 100 ns."""
+        """Return whether a packet may be sent now. Times in 100 ns."""
         return now >= self._next
 
     def count(self, size: int, now: int, share: float = 1.0) -> None:
-        """Count a packet of this size that leaves now. share: share of the rate that is available."""
+        """Count a packet of this size that is sent now. share: share of the rate that is available."""
         self._next = now + int(size / (self._rate * share) * UNITS_PER_SECOND)
 
 
 def _split_path(path: str) -> list[str] | None:
-    """Return the names in a path; None if it leads up or is not a path."""
+    """Return the names in a path; None if the path leads to a parent folder or is not valid."""
     if "\0" in path or len(path) > LARGEST_NAME:
         return None
     parts = [part for part in path.split("/") if part not in ("", ".")]

@@ -41,7 +41,7 @@ from trimtab.vehicles.vehicle_type import VehicleType
 
 HEARTBEAT_PERIOD = seconds(1)
 LISTENING_TIME = seconds(10)
-"""Time since the last heartbeat for which another system counts as listening."""
+"""Another system counts as listening for this time after its last heartbeat."""
 VERSION_REQUEST = CommandCode.REQUEST_MESSAGE, VERSION_MESSAGE
 
 
@@ -57,7 +57,7 @@ class Status(NamedTuple):
     arming_problem: why it cannot be armed, empty if it can.  confirmation_problem: why it cannot be armed without a
     confirmation of the user.  closed_modes: mode -> why it cannot be entered now.
     autopilot_problem: why its autopilot cannot be asked to hold, resume or end; empty if it can.
-    identity: number of its settings, see `identity.digest_number`.
+    identity: hash number of its settings, see `identity.digest_number`.
     """
 
     mode: int = 0
@@ -71,7 +71,7 @@ class Status(NamedTuple):
 
 
 class StationResponse(NamedTuple):
-    """Result of a message: packets to send, and requests to the vehicle."""
+    """Result of handling a message: packets to send, and requests to the vehicle."""
 
     replies: list[bytes]
     events: list[VehicleEvent]
@@ -99,7 +99,7 @@ def _arming_sender(message: Message) -> Sender:
 
 
 class Station:
-    """Vehicle's end. Set `status` whenever it changes. All times `now` are the vehicle's, in 100 ns.
+    """Vehicle's end. Set `status` whenever the vehicle's status changes. All times `now` are the vehicle's, in 100 ns.
 
     Args:
         endpoint: endpoint that packs the replies; pass the messages it accepts to `handle_message`.
@@ -109,7 +109,8 @@ class Station:
         streams: telemetry, sent while another system (a ground station) is listening.
         authority: owner of the vehicle; None: no owner yet.
         services: services for further messages.
-        store: stores changed parameters for the next start, or None to clear them; returns why not.
+        store: stores changed parameters for the next start, or None to clear them; returns the reason for a failure, or
+            "".
         tell: receives the messages on arming and control, for the vehicle's own log.
         arming_checks: returns the checks before arming.
     """
@@ -312,7 +313,10 @@ class Station:
         return CommandResult.ACCEPTED
 
     def _has_changed(self, identity: float) -> bool:
-        """Return whether a request to arm was made for other settings. A request without a number asks for no check."""
+        """Return True if a request to arm was made for other settings.
+
+        A request without a settings number is not checked.
+        """
         own = self.status.identity
         return not self.status.armed and own != 0 and math.isfinite(identity) and identity not in (0, own)
 
@@ -335,7 +339,7 @@ class Station:
         return CommandResult.ACCEPTED
 
     def _change_mode(self, flags: int, mode: float, response: StationResponse, part: float = 0.0) -> CommandResult:
-        """Enter a mode if there is one of this number. part: sub-mode as in PX4; there are none here."""
+        """Enter a mode if there is one of this number. part: sub-mode as in PX4; this vehicle has no sub-modes."""
         has_parts = part == part and part != 0  # NaN means not given
         if not flags & ModeFlag.CUSTOM or mode not in self._modes or has_parts:
             known = ", ".join(f"{number} {name}" for number, name in self._modes.items())

@@ -21,7 +21,7 @@ PIECE = 50
 WAITING_TEXTS_MAX = 20
 """Maximum number of waiting text messages."""
 FASTEST = ms(20)
-"""Shortest period of a message, whatever is asked for."""
+"""Shortest period of a message, even if a station asks for a shorter one."""
 SLOWEST = seconds(60)
 ALL_STREAMS = 0
 STREAMS: Mapping[int, frozenset[str]] = {
@@ -32,12 +32,12 @@ STREAMS: Mapping[int, frozenset[str]] = {
     10: frozenset({"ATTITUDE"}),
     11: frozenset({"VFR_HUD"}),
 }
-"""Messages of REQUEST_DATA_STREAM by its numbers."""
+"""Number of a stream in REQUEST_DATA_STREAM -> messages of the stream."""
 INTERVAL, HOME = "MESSAGE_INTERVAL", "HOME_POSITION"
 
 
 class TextQueue:
-    """Lines that wait to be sent. `dropped` counts the lines without room."""
+    """Lines that wait to be sent. `dropped` counts the lines that were lost because the queue was full."""
 
     def __init__(self, endpoint: Endpoint) -> None:
         """Start without lines."""
@@ -82,7 +82,9 @@ class TextAssembly:
         self._number = 0
 
     def join(self, message: Message) -> str | None:
-        """Return the line that a STATUSTEXT completes, with ? for unprintable characters; None if more is to come."""
+        """Return the line that a STATUSTEXT completes, with ? for unprintable characters; None while pieces are
+        missing.
+        """
         piece, number, place = (message.get(n) for n in ("text", "id", "chunk_seq"))
         if not number:
             return _make_printable(piece)

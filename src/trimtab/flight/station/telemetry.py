@@ -1,4 +1,4 @@
-"""State of a vehicle as fields of the standard messages that ground stations show. Nothing here has a state.
+"""State of a vehicle as fields of the standard messages that ground stations show. All functions are stateless.
 
 Times `now` are the vehicle's, in 100 ns; all else is in SI units, as in `core.signals.Motion`.
 Source: https://mavlink.io/en/messages/common.html.
@@ -30,7 +30,7 @@ CAPABILITIES = Capability.COMMAND_INT | Capability.FILES | Capability.MAVLINK2 |
 
 
 class Health(IntFlag):
-    """MAV_SYS_STATUS_SENSOR: bits of the parts that a vehicle has, and of those that are healthy."""
+    """Bits of MAV_SYS_STATUS_SENSOR: parts of a vehicle."""
 
     GYRO = 1
     ACCELEROMETER = 2

@@ -1,4 +1,4 @@
-"""Dialer of a listening socket: several peers may connect, and the one that sends good packets holds the line."""
+"""Dialer of a listening socket: several peers may connect, and the peer that sends good packets keeps the link."""
 
 import contextlib
 import os
@@ -9,11 +9,11 @@ from collections.abc import Callable
 from trimtab.flight.transports.reconnecting_stream import configure_socket
 
 MOST_WAITING = 16
-"""Number of connections that wait for the line. One more closes the oldest of them."""
+"""Maximum number of connections that wait for the link. A further connection closes the oldest."""
 
 
 class AcceptingDialer:
-    """Dialer that accepts peers from a listening socket. One peer holds the line, and the others wait.
+    """Dialer that accepts peers from a listening socket. One peer has the link, and the others wait.
 
     A waiting peer that has sent something comes before the peers that have sent nothing.
 
@@ -34,7 +34,7 @@ class AcceptingDialer:
         listener.listen(MOST_WAITING)
 
     def dial(self) -> int:
-        """Return the connection of the peer that speaks, or that waits longest; -1 without a peer."""
+        """Return the connection of a peer that has sent data, else of the peer that waits longest; -1: no peer."""
         self._accept_waiting()
         speakers = self._find_speakers()
         if not self._waiting:
@@ -44,7 +44,10 @@ class AcceptingDialer:
         return fd
 
     def exchange(self, fd: int) -> int:
-        """Return the connection of a waiting peer that speaks, and let this one wait; -1 without such a peer."""
+        """Return the connection of a waiting peer that has sent data; the given one waits.
+
+        Return -1 without such a peer.
+        """
         self._accept_waiting()
         speakers = self._find_speakers()
         if not speakers:
@@ -66,7 +69,7 @@ class AcceptingDialer:
                 os.close(self._waiting.pop(0))
 
     def _find_speakers(self) -> list[int]:
-        """Return the waiting connections with data, in the order of their coming; close those that have ended."""
+        """Return the waiting connections with data, in the order of arrival; close connections that have ended."""
         heard = {fd: _count_waiting_bytes(fd) for fd in self._waiting}
         for fd, count in heard.items():
             if count == 0:
@@ -88,7 +91,7 @@ class AcceptingDialer:
 
 
 def _count_waiting_bytes(fd: int) -> int | None:
-    """Return 1 if a connection has bytes that nobody has read, 0 if it has ended, None if its peer is silent."""
+    """Return 1 if a connection has unread bytes, 0 if it has ended, None if its peer is silent."""
     s = socket.socket(fileno=fd)
     try:
         return len(s.recv(1, socket.MSG_PEEK))

@@ -36,7 +36,9 @@ def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:
     except OSError as error:
         listener.close()
         os.close(lock)
-        raise address.input_error(f"cannot listen there ({error})", "use another name, or a shorter TMPDIR") from None
+        raise address.input_error(
+            f"cannot listen there ({error})", "use another name, or set TMPDIR to a shorter path"
+        ) from None
 
     def release() -> None:
         place.unlink(missing_ok=True)
@@ -54,8 +56,10 @@ def socket_folder() -> Path:
         folder.mkdir(mode=0o700, parents=True)
     status = folder.lstat()
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != user or status.st_mode & 0o077:
-        problem = "only its owner may have access to it"
-        raise InputError(f"folder of loopback links '{folder}'", problem, fix=f"chmod 700 {folder}, or remove it")
+        problem = "other users have access to the folder"
+        raise InputError(
+            f"folder of loopback links '{folder}'", problem, fix=f"chmod 700 {folder}, or remove the folder"
+        )
     return folder
 
 

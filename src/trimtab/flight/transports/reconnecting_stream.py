@@ -17,15 +17,15 @@ SEND_BUFFER_BYTES = 32 * 1024
 FIRST_WAIT, LONGEST_WAIT = 0.05, 2.0
 """First and longest time between two attempts to connect (s): doubled after each failure."""
 STEADY = 1.0
-"""Duration of a connection (s) after which the waiting time starts from the first again."""
+"""Duration of a connection (s) after which the next attempts to connect start with the shortest waiting time again."""
 SLICE = 0.2
 """Longest single wait (s), so that a link closed by another thread is noticed."""
 PIECE = 65536
 """Maximum bytes that one call reads."""
 LONGEST_MUTE = 3.0
-"""Longest time (s) without an accepted packet from a peer that holds the line, while another peer speaks."""
+"""Time (s) without an accepted packet after which the peer that has the link loses it to another peer that sends."""
 TRIAL = 0.3
-"""Time (s) in which a new peer has to send an accepted packet, while another peer speaks."""
+"""Time (s) in which a new peer must send an accepted packet, if another peer is sending."""
 UNFIT = (errno.EMSGSIZE, errno.EINVAL, errno.ENOBUFS, errno.ENOMEM)
 """Error numbers that concern one packet, not the connection."""
 
@@ -42,7 +42,10 @@ class Dialer(Protocol):
         ...
 
     def exchange(self, fd: int) -> int:
-        """Return the connection of another peer that has sent something; -1: no such peer. The given one waits."""
+        """Return the connection of another peer that has sent something; -1: no such peer.
+
+        The given connection then waits.
+        """
         ...
 
     def close(self) -> None:
@@ -150,7 +153,7 @@ class StreamLink:
         self._counts.connections += 1
 
     def _change_speaker(self) -> None:
-        """Give the line to another peer that speaks, if this one has sent no accepted packet for too long."""
+        """Give the link to another peer that sends, if the current peer has sent no accepted packet for too long."""
         if self._fd < 0 or self._seconds() - self._vouched < (LONGEST_MUTE if self._is_accepted else TRIAL):
             return
         with self._lock:
@@ -186,7 +189,7 @@ class StreamLink:
         self._fd, self._rest = -1, b""
 
     def _read(self, connection: int) -> bytes | None:
-        """Return received bytes, or None without any, or if the connection (its number) has changed."""
+        """Return received bytes; None if no bytes came, or if the connection number has changed."""
         with self._lock:
             if self._fd < 0 or connection != self._counts.connections:
                 return None

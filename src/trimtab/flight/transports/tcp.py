@@ -13,7 +13,9 @@ GONE_MS = 5000
 
 
 def open_tcp(address: Address, *, listen: bool = False) -> StreamLink:
-    """Connect to a peer, present or not yet; or listen for one at a time, on this machine only without a host."""
+    """Connect to a peer, present or not yet; or listen for one peer at a time, on this machine only unless a host is
+    given.
+    """
     address.validate_options()
     family, place = resolve_host(address, socket.SOCK_STREAM)
     if not listen:
@@ -40,13 +42,13 @@ def bind_socket(address: Address, s: socket.socket, place: Any) -> socket.socket
         s.bind(place)
     except (OSError, OverflowError) as error:
         s.close()
-        fix = f"use another port, or find its user: ss -lnp | grep {place[1]}"
+        fix = f"use another port, or find the program that uses it: ss -lnp | grep {place[1]}"
         raise address.input_error(f"cannot listen there ({error})", fix) from None
     return s
 
 
 def _configure_tcp(s: socket.socket) -> socket.socket:
-    """Disable delayed sending, and enable detection of a vanished peer. Return the socket."""
+    """Set a socket to send without delay and to detect a vanished peer. Return the socket."""
     with contextlib.suppress(OSError, AttributeError):
         s.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         s.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)

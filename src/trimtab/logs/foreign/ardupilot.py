@@ -58,8 +58,8 @@ def read_bin(path: Path, topics: Iterable[str]) -> dict[str, Table]:
     tables = {}
     for name in wanted:
         if name not in messages:
-            problem = f"its messages {name!r} can't be read"
-            raise InputError(name_file(path), problem, choices=messages, fix="copy it again from the card")
+            problem = f"the messages {name!r} can't be read"
+            raise InputError(name_file(path), problem, choices=messages, fix="copy the file again from the card")
         columns, values = messages[name]
         units = getattr(formats[name], "units", None) or []
         said = {n: u.replace("µ", "u") for n, u in zip(columns, units, strict=False) if u}
@@ -99,7 +99,7 @@ def _open(path: Path) -> Iterator[Any]:
         refuse_damage(where, "a .BIN of ArduPilot", error)
     try:
         if not getattr(reader, "name_to_id", None):
-            raise InputError(where, "holds no message of ArduPilot", fix="copy it again from the card")
+            raise InputError(where, "holds no message of ArduPilot", fix="copy the file again from the card")
         yield reader
     finally:
         reader.data_map.close()

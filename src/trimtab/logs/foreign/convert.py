@@ -15,7 +15,7 @@ from trimtab.logs.foreign.tables import Table
 from trimtab.logs.samples import SampleSeries
 
 DISORDER = UNITS_PER_SECOND
-"""Age of a row relative to an earlier one (100 ns) from which the clock was restarted, not merely out of order."""
+"""A time that falls by more than this (100 ns) means that the clock restarted. A smaller fall is a row out of order."""
 EQUATOR, FLATTENING = 6378137.0, 1 / 298.257223563
 """WGS 84: radius at the equator (m), flattening."""
 
@@ -45,7 +45,7 @@ def convert_table(where: str, table: Table, mapping: TopicMap) -> Conversion:
     ticks = _read_ticks(where, table, mapping)[chosen]
     if not len(ticks):
         rule = f" with {mapping.rows}" if mapping.rows else ""
-        raise InputError(where, f"has no rows{rule}", fix="map another topic, or record it")
+        raise InputError(where, f"has no rows{rule}", fix="map another topic, or record this topic")
     values, declared = {}, {}
     for name, field in mapping.fields.items():
         values[name], declared[name] = _convert_field(where, table, mapping, name, field, chosen)
@@ -71,8 +71,8 @@ def _column(where: str, table: Table, name: str, key: str) -> Any:
     column = np.asarray(table.columns[name])
     if column.dtype.kind not in "biuf":
         choices = [n for n, c in table.columns.items() if np.asarray(c).dtype.kind in "biuf"]
-        problem = table.problems.get(name, f"its column {name!r} holds no numbers")
-        raise InputError(where, problem, choices=choices, fix=f"in {key} use another column")
+        problem = table.problems.get(name, f"the column {name!r} holds no numbers")
+        raise InputError(where, problem, choices=choices, fix=f"name another column in {key}")
     return column
 
 
@@ -186,7 +186,7 @@ def _order_rows(
     late = np.maximum.accumulate(ticks) - ticks
     if late.max() >= DISORDER:
         row = int(np.argmax(late >= DISORDER))
-        problem = f"its times jump back by {late[row] / UNITS_PER_SECOND:g} s at row {row + 1}"
+        problem = f"the times jump back by {late[row] / UNITS_PER_SECOND:g} s at row {row + 1}"
         raise InputError(where, problem, fix="cut the log there, or map a column of rising times")
     order = np.argsort(ticks, kind="stable")
     ticks, values = ticks[order], {name: array[order] for name, array in values.items()}

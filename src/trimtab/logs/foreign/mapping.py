@@ -39,7 +39,11 @@ EXAMPLE = 'angular_rate = {from = ["gx", "gy", "gz"], unit = "deg/s"}'
 
 
 class TimeMap(NamedTuple):
-    """Mapping of time. field: column of times, empty for the format's own.  unit: its unit.  offset: added, 100 ns."""
+    """Mapping of time.
+
+    field: column of times, empty: the usual column of the format. unit: unit of the column. offset: time that is added
+    (100 ns).
+    """
 
     field: str = ""
     unit: str = ""
@@ -49,7 +53,7 @@ class TimeMap(NamedTuple):
 class FieldMap(NamedTuple):
     """Mapping of one field of a sensor: (sign * column + offset) in its unit, then converted to SI.
 
-    columns: one for each component; none for a constant.  unit: as written, None if missing.
+    columns: one for each component; empty for a constant.  unit: as written, None if missing.
     sign, offset: (k,) or one for all.  single: True if a value is a number, not a list of k.
     quaternion: the columns are w, x, y, z of a rotation, whose yaw is the field.  constant: value for every row.
     unwrap: True to count full turns.  doc: meaning of the field.
@@ -81,7 +85,10 @@ class GeodeticMap(NamedTuple):
 
 
 class TopicMap(NamedTuple):
-    """Mapping of a sensor, or of the truth.  where: its section.  rows: column -> value in the selected rows."""
+    """Mapping of a sensor, or of the truth.
+
+    where: name of its section in the file.  rows: column -> value in the selected rows.
+    """
 
     where: str
     topic: str
@@ -92,7 +99,11 @@ class TopicMap(NamedTuple):
 
 
 class LogMapping(NamedTuple):
-    """Mapping of a log. sensors: by their names in the estimator.  truth: None without truth.  content: as written."""
+    """Mapping of a log.
+
+    sensors: by their names in the estimator.  truth: mapping of the truth, or None. content: content of the file as
+    written.
+    """
 
     sensors: Mapping[str, TopicMap]
     truth: TopicMap | None
@@ -111,7 +122,9 @@ def read_mapping(path: str | os.PathLike[str]) -> LogMapping:
     except OSError as error:
         raise InputError(where, f"cannot be read: {error.strerror or error}", fix="check the path") from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(where, f"is not TOML: {error}", fix="correct that line; an example is in docs/logs") from None
+        raise InputError(
+            where, f"is not TOML: {error}", fix="correct the line that TOML names; an example is in docs/logs"
+        ) from None
     return parse_mapping(content, where)
 
 
@@ -146,7 +159,7 @@ def _parse_topic(where: str, table: Mapping[str, Any]) -> TopicMap:
         if not isinstance(value, int | float):
             raise InputError(f"{where}, where", f"{name} = {value!r} is not a number", fix=f"where = {{{name} = 0}}")
     if not fields and geodetic is None:
-        raise InputError(where, "has no fields", fix=f"write below it  {EXAMPLE}")
+        raise InputError(where, "has no fields", fix=f"write under this heading  {EXAMPLE}")
     return TopicMap(
         where,
         _take(where, table, "topic", str, ""),
@@ -167,15 +180,19 @@ def _parse_field(where: str, table: Mapping[str, Any]) -> FieldMap:
     _check_keys(where, table, FIELD_KEYS)
     sources = [key for key in SOURCES if key in table]
     if len(sources) != 1:
-        problem = f"has {' and '.join(sources)}, but must have one of them" if sources else "does not have a source"
-        raise InputError(where, problem, choices=SOURCES, fix=f"use one of them, e.g. {EXAMPLE}")
+        problem = (
+            f"has {' and '.join(sources)}, but must have only one of these keys"
+            if sources
+            else "does not name a source of the values"
+        )
+        raise InputError(where, problem, choices=SOURCES, fix=f"use one of these keys, e.g. {EXAMPLE}")
     source = table.get("from", table.get("quaternion", []))
     columns = _texts(where, sources[0], [source] if isinstance(source, str) else source)
     is_quaternion = "quaternion" in table
     if not columns and "constant" not in table:
         raise InputError(where, "has no columns", fix=f"e.g. {EXAMPLE}")
     if is_quaternion and len(columns) != 4:
-        problem = f"its quaternion has {len(columns)} columns, but must have 4"
+        problem = f"the quaternion has {len(columns)} columns, but must have 4"
         raise InputError(where, problem, fix='give w, x, y, z in this order: quaternion = ["q[0]", "q[1]", …]')
     single = is_quaternion or isinstance(source, str)
     unit = _take(where, table, "unit", str, None)
@@ -199,7 +216,7 @@ def _parse_geodetic(where: str, table: Mapping[str, Any]) -> GeodeticMap:
     _check_keys(where, table, GEODETIC_KEYS)
     origin = _numbers(where, "origin", table.get("origin", []))
     if len(origin) not in (0, 2, 3):
-        problem = f"its origin has {len(origin)} numbers, but must have 2 or 3"
+        problem = f"the origin has {len(origin)} numbers, but must have 2 or 3"
         raise InputError(where, problem, fix="origin = [latitude, longitude] in degrees, or with altitude in m")
     units = {key: _take(where, table, key, str, default) for key, default in (("unit", "deg"), ("altitude_unit", "m"))}
     for key, unit in units.items():
@@ -241,7 +258,7 @@ def _take(where: str, table: Mapping[str, Any], key: str, kind: type, *default: 
         return default[0]
     if not isinstance(table.get(key), kind):
         words = {dict: "a table: {…}", str: 'a text: "…"', bool: "true or false"}
-        raise InputError(f"{where}, {key}", f"is {table.get(key)!r}", fix=f"it must be {words[kind]}")
+        raise InputError(f"{where}, {key}", f"is {table.get(key)!r}", fix=f"the value must be {words[kind]}")
     return table[key]
 
 
@@ -249,5 +266,5 @@ def _check_keys(where: str, table: Mapping[str, Any], known: Sequence[str]) -> N
     for key in table:
         if key not in known:
             near = closest(key, known, 1)
-            fix = f"write {near[0]}" if near else "leave it out"
+            fix = f"write {near[0]}" if near else "remove this key"
             raise InputError(where, f"unknown key {key!r}", choices=known, fix=fix)

@@ -82,7 +82,7 @@ def detect_format(path: str | os.PathLike[str]) -> LogFormat:
     if file.is_dir():
         if (file / "metadata.yaml").is_file():
             return ROSBAG2
-        fix = "give the file in it, or the folder of a rosbag2, which holds metadata.yaml"
+        fix = "give a log file in that folder, or the folder of a rosbag2, which holds metadata.yaml"
         raise InputError(where, "is a folder without metadata.yaml", fix=fix)
     try:
         with open_user_file(file) as stream:
@@ -90,7 +90,7 @@ def detect_format(path: str | os.PathLike[str]) -> LogFormat:
     except OSError as error:
         raise InputError(where, f"cannot be read: {error.strerror or error}", fix="check the path") from None
     if not head:
-        raise InputError(where, "is empty", fix="copy it again from the recorder")
+        raise InputError(where, "is empty", fix="copy the file again from the recorder")
     for one in FORMATS:
         if one.magic and head.startswith(one.magic):
             return one
@@ -98,10 +98,10 @@ def detect_format(path: str | os.PathLike[str]) -> LogFormat:
     if by_name is CSV:
         return CSV
     if file.suffix == ".db3":
-        raise InputError(where, "is one part of a rosbag2", fix=f"give its folder: {file.parent}")
+        raise InputError(where, "is one part of a rosbag2", fix=f"give the folder of the rosbag2: {file.parent}")
     problem = f"is not a {by_name.name} file, although its name has that ending" if by_name else "has an unknown format"
-    fix = "a table of text must be named .csv; convert other formats to one of these first"
-    raise InputError(where, f"{problem}: it begins with {head[:8]!r}", choices=[f.name for f in FORMATS], fix=fix)
+    fix = "a table of text must be named .csv; convert a log of another format to one of the choices"
+    raise InputError(where, f"{problem}: the file begins with {head[:8]!r}", choices=[f.name for f in FORMATS], fix=fix)
 
 
 def is_own_log(path: str | os.PathLike[str]) -> bool:

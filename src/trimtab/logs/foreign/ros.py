@@ -65,7 +65,7 @@ def read_bag(path: Path, topics: Iterable[str]) -> dict[str, Table]:
 def _read_all(
     path: Path, kind: str, messages: Iterator[Message], most: int | None = None
 ) -> dict[str, list[tuple[int, Any]]]:
-    """Return topic -> time of each message, and content of the first `most` ones, if it can be decoded."""
+    """Return topic -> time of each message, and content of the first `most` messages, if these can be decoded."""
     grouped: dict[str, list[tuple[int, Any]]] = {}
     try:
         for topic, time, decode, data in messages:
@@ -101,8 +101,8 @@ def _stack_topics(
         times = [time for time, _ in grouped[topic]]
         messages = [flat for _, flat in grouped[topic]]
         if any(flat is None for flat in messages):
-            problem = "its messages are neither JSON nor ROS 2 CDR with a schema"
-            fix = "convert it, e.g. with  ros2 bag convert, or to CSV"
+            problem = "the messages are neither JSON nor ROS 2 CDR with a schema"
+            fix = "convert the file, e.g. with  ros2 bag convert, or to CSV"
             raise InputError(f"{name_file(path)}, topic {topic!r}", problem, fix=fix)
         tables[topic] = stack_messages(name_file(path), topic, messages, times)
     return tables

@@ -73,7 +73,7 @@ def refuse_damage(where: str, kind: str, error: Exception) -> NoReturn:
     """Raise InputError for a file that begins like a format but can't be read."""
     said = str(error).partition("\n")[0][:200]
     problem = f"begins as {kind}, but can't be read: {type(error).__name__}: {said}"
-    raise InputError(where, problem, fix="copy it again from where it was recorded") from None
+    raise InputError(where, problem, fix="copy the file again from the recorder") from None
 
 
 def summarise_rows(name: str, fields: Sequence[str], seconds: Any) -> TopicSummary:
