@@ -95,7 +95,7 @@ class Row:
 
     @property
     def confirms(self) -> bool:
-        """Return True if the row confirms the publication: it holds, and its compared value is from there."""
+        """Return True if the row confirms the publication: it holds, and its compared value is from the publication."""
         return self.holds and self.basis in PUBLISHED
 
     @property
@@ -243,10 +243,8 @@ WHERE = "the studies are in trimtab's source repository: run in a clone of it, o
 
 
 class StudyGroup(NamedTuple):
-    """A group of a study's figures.
-
-    file: that computes it.  name: as on the command line.  title: first line of its docstring.
-    section: of the publication.  has_figures: True if it draws pictures.
+    """Group of rows of a study. file: Python file that computes the rows. name: name on the command line. title: first
+    line of the file's docstring. section: place in the publication. has_figures: True if it draws pictures.
     """
 
     file: Path
@@ -257,15 +255,15 @@ class StudyGroup(NamedTuple):
 
     @property
     def place(self) -> str:
-        """Return its place in the publication, in words."""
+        """Return the group's place in the publication, in words."""
         return f"section {self.section}" if self.section[:1].isdigit() else self.section
 
     def rows(self) -> Iterator[Row]:
-        """Yield its rows, each computed on demand."""
+        """Yield the group's rows. Each row is computed on demand."""
         yield from import_study(self.file).rows()
 
     def figures(self, folder: Path) -> Iterator[Path]:
-        """Draw its pictures to a folder; yield the files."""
+        """Draw the group's pictures into a folder; yield the files."""
         if self.has_figures:
             yield from import_study(self.file).figures(folder)
 

@@ -1,4 +1,4 @@
-"""Trim and linear model of any vehicle, for a program: what ``trimtab trim`` and ``trimtab linearise`` print."""
+"""Trim and linear model of any vehicle, in Python, as from ``trimtab trim`` and ``trimtab linearise``."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -16,7 +16,7 @@ At = Mapping[str, float | str]
 
 @explain_call()
 def trim(vehicle: str | Scenario, at: At | None = None, *, settings: Mapping[str, str] | None = None) -> Trim:
-    """Return the states and inputs at which a vehicle stays as it is.
+    """Return a trim: states and inputs at which a vehicle stays in equilibrium.
 
     >>> from trimtab import trim
     >>> point = trim("hovercraft/forward", {"surge_velocity": "3.6 km/h", "yaw_rate": 0})
@@ -24,12 +24,13 @@ def trim(vehicle: str | Scenario, at: At | None = None, *, settings: Mapping[str
     (True, 1.0)
 
     Args:
-        vehicle: a scenario, or what ``trimtab trim`` takes: its name, a model's, ``file.py:function``.
-        at: name of a state, input or output -> number, in the vehicle's unit or with one; also "free", "fixed" and
-            "LOW..HIGH". Of a name with ' behind it the rate: {"yaw'": 0.3}. All else as ``trimtab trim --at``.
-        settings: as after ``--set``; for a vehicle that is named.
+        vehicle: a scenario, or the name of a scenario or of a model, or ``file.py:function``.
+        at: name of a state, input or output -> number in the vehicle's unit, text with a unit, "free", "fixed" or
+            "LOW..HIGH". A name with ' is the rate: {"yaw'": 0.3}. Values mean the same as after ``trimtab trim --at``.
+        settings: path -> value, as after ``--set``. They require a vehicle given by name.
 
-    Raises: InputError for a name that there is none of. Where there is no such point the result says why.
+    Raises: InputError for an unknown name. If no trim exists, no error is raised; `why` of the result gives the
+        reasons.
     """
     return find_point(_find_plant(vehicle, settings), _words(at))
 
@@ -44,7 +45,7 @@ def linearise(
     outputs: Iterable[str] = (),
     settings: Mapping[str, str] | None = None,
 ) -> LinearModel:
-    """Return the linear model of a vehicle about a trim: A, B, C, D, with names, and `modes()`.
+    """Return the linear model A, B, C, D of a vehicle about a trim, with the names of its signals and `modes()`.
 
     >>> from trimtab import linearise
     >>> linear = linearise("hovercraft/forward", {"surge_velocity": "1 m/s"}, states=["surge_velocity", "yaw_rate"])
@@ -52,10 +53,10 @@ def linearise(
     ((2, 2), ('FX', 'FY'))
 
     Args:
-        vehicle, at, settings: as of `trim`.
-        states, inputs, outputs: which are kept; all when empty.
+        vehicle, at, settings: as for `trim`.
+        states, inputs, outputs: names to keep in the model; empty for all.
 
-    Raises: InputError where there is no such trim, with the reasons.
+    Raises: InputError with the reasons if no trim is found.
     """
     plant = _find_plant(vehicle, settings)
     linear = linearise_at(plant, find_point(plant, _words(at)).require_trim("trim"))
@@ -67,7 +68,7 @@ def _find_plant(vehicle: Any, settings: Mapping[str, str] | None) -> Plant:
         neutral = vehicle.world.actuators.neutral().u
         return plant_of_vehicle(vehicle.name, vehicle.world.vehicle, vehicle.initial, neutral)
     if not isinstance(vehicle, str):
-        problem = f"a {type(vehicle).__name__} is neither a scenario nor a name"
+        problem = f"must be a scenario or a name, got a {type(vehicle).__name__}"
         raise InputError("vehicle", problem, fix='give a Scenario, or a name as "hovercraft/forward"')
     return load_plant(vehicle, settings)
 

@@ -277,7 +277,7 @@ def test_a_recorded_number_that_is_missing_fails(certificate):
 
 def test_the_digest_is_of_all(certificate):
     assert not failing(certificate, written=certificate_digest(certificate))
-    assert set(failing(certificate, written="0" * 64)) == {"the file is as it was written"}
+    assert set(failing(certificate, written="0" * 64)) == {"file unchanged since it was written"}
 
 
 def test_extreme_numbers_fail_and_do_not_raise(certificate):

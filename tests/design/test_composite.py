@@ -80,5 +80,5 @@ def test_weight_of_the_decrease(pair):
 
 def test_an_observer_that_does_not_settle_is_refused(pair):
     f, o = pair
-    with pytest.raises(InputError, match="no weight can make positive"):
+    with pytest.raises(InputError, match="must be positive definite"):
         composite.least_decrease_weight(f, o._replace(L=-o.L))

@@ -74,8 +74,8 @@ def test_a_trim_that_does_not_exist_says_why(model):
     found = trim(model, x={"V": 3000.0}, free=FREE, bounds=BOUNDS)
     assert not found.is_found
     assert set(found.active) & {"alpha", "theta", "delta_e", "Phi"}
-    assert "off are" in found.why[0]
-    assert "at a bound are" in found.why[1]
+    assert "not satisfied: " in found.why[0]
+    assert "at a bound: " in found.why[1]
 
 
 @pytest.mark.thorough

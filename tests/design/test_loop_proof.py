@@ -116,13 +116,13 @@ def test_the_level_is_the_largest_up_to_its_hundredth():
     worst = np.linalg.solve(S, slope.T)
     worst = worst / np.sqrt(np.einsum("in,ij,jn->n", worst, S, worst) / line.number)
     assert (np.abs(slope @ worst).diagonal() / room).max() == pytest.approx(np.sqrt(0.99), rel=1e-9)
-    assert "single errors inside: r " in line.why
+    assert "largest single errors within the level: r " in line.why
 
 
 def test_inputs_without_room_have_no_level():
     certificate = design_certificate(ball_system())
     line = prove_level(certificate, certificate.observer, np.ones((1, 6)), np.array([0.0]))
-    assert (line.holds, line.why) == (False, "an input is at its limit at rest")
+    assert (line.holds, line.why) == (False, "an input is at or beyond its limit at rest")
 
 
 def test_both_sides_of_the_inequalities_count(monkeypatch):

@@ -55,7 +55,7 @@ def test_of_a_law_with_modes_it_is_the_loop_of_one():
     spins = SpinSupervisorState(mode=np.int32(1), switches=np.int32(1))
     found = loop_of_law(Hovercraft(), law, trim, spins)
     np.testing.assert_allclose(found.frequency_response(W), loops.spin().frequency_response(W), rtol=1e-9, atol=1e-12)
-    with pytest.raises(InputError, match="does not rest"):
+    with pytest.raises(InputError, match="must be constant at this state"):
         loop_of_law(Hovercraft(), law, HovercraftState(surge_velocity=1.0, yaw_rate=3.0), spins)
 
 

@@ -91,7 +91,7 @@ def test_no_crossover_no_limit_and_a_direct_part_of_one_none_at_all():
 
 
 def test_refusals_of_the_delay_margin():
-    with pytest.raises(InputError, match="not stable without a delay; pole \\+2"):
+    with pytest.raises(InputError, match="not stable even without delay; it has the pole \\+2"):
         delay_margin(loop_of_polynomials([-3.0], [1.0, 1.0]))
     with pytest.raises(InputError, match="sampled"):
         delay_margin(loop_of_polynomials([1.0], [1.0, 0.0]).discretise(0.1))

@@ -94,11 +94,11 @@ def test_what_does_not_fit_is_refused():
         find_indices("here", ("a", "a"), ("a", "b"))
     with pytest.raises(InputError, match="no 'depth'"):
         model_of_vehicle(Hovercraft(), X, U, outputs=("depth",))
-    with pytest.raises(InputError, match="not a record"):
+    with pytest.raises(InputError, match="must be a record"):
         model_of_vehicle(Hovercraft(), np.zeros(6), U)
     with pytest.raises(InputError, match=r"2 names for f\(x, u\)"):
         model_of_functions(lambda x, u: jnp.zeros(3), ("a", "b"), ("u",))
-    with pytest.raises(InputError, match="has a name twice"):
+    with pytest.raises(InputError, match="contains a name twice"):
         model_of_functions(lambda x, u: x, ("a", "a"), ("u",))
     with pytest.raises(InputError, match=r"h\(x, u\)"):
         model_of_functions(lambda x, u: x, ("a", "b"), ("u",), h=lambda x, u: x[:1], outputs=("p", "q"))

@@ -53,7 +53,7 @@ def test_a_margin_that_floats_cannot_tell_is_none():
 def test_what_is_not_symmetric_is_named():
     line = definite_condition(np.array([[2.0, 0.5], [0.25, 2.0]]), "ab")
     assert (line.holds, line.number) == (False, 0.25)
-    assert line.why == "not symmetric: a, b is 0.5, b, a 0.25"
+    assert line.why == "not symmetric: a, b is 0.5, b, a is 0.25"
 
 
 def test_identities_name_their_worst_entry():

@@ -54,13 +54,13 @@ def test_squares_about_another_point():
     squares = complete_squares(p, there)
     assert squares.value() == p
     assert find_fault(Claim("p", p, {}, DEFINITE), proof(squares), there) == ""
-    assert "away from rest" in find_fault(Claim("p", p, {}, DEFINITE), proof(squares), PLANE)
+    assert "not only at rest" in find_fault(Claim("p", p, {}, DEFINITE), proof(squares), PLANE)
 
 
 def test_definite_means_at_rest_only():
     flat = Claim("flat", (x - y) ** 2, {}, DEFINITE)
     whole = proof(by_squares((ONE, x - y)))
-    assert find_fault(flat, whole, PLANE) == "the sum vanishes away from rest: y = x"
+    assert find_fault(flat, whole, PLANE) == "the sum is zero not only at rest but at y = x"
     assert find_fault(flat._replace(says=NONNEGATIVE), whole, PLANE) == ""
     assert not has_growing_forms(whole, PLANE)
 

@@ -128,12 +128,12 @@ def linear(**changes):
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"A": [[1.0, 0.0]]}, r"A: got shape \(1, 2\), wanted \(1, 1\)"),
+        ({"A": [[1.0, 0.0]]}, r"A: must have shape \(1, 1\), got \(1, 2\)"),
         ({"A": [[np.nan]]}, "A: not finite"),
         ({"left": [np.inf]}, "left: not finite"),
-        ({"start": np.zeros(11)}, r"start: got shape \(11,\)"),
-        ({"dt": 0.0}, "11 instants, 0 s apart"),
-        ({"start": np.zeros((1, 1))}, "1 instants, 0.1 s apart"),
+        ({"start": np.zeros(11)}, r"start: must have shape .*, got \(11,\)"),
+        ({"dt": 0.0}, "got 11 and 0 s"),
+        ({"start": np.zeros((1, 1))}, "got 1 and 0.1 s"),
         ({"scales": [-1.0]}, "scales: must be above 0"),
     ],
 )
@@ -203,9 +203,9 @@ def test_filter_matrix_has_its_poles_and_its_step_response(order):
     ("A", "S", "G", "text"),
     [
         ([[-1.0]], [[-1.0]], [[1.0]], "pole -1 is also a pole of the exosystem"),
-        ([[-1.0]], [[0.0, 1.0]], [[1.0]], r"S: got shape \(1, 2\)"),
-        ([[-1.0]], [[0.0]], [[1.0, 2.0]], r"G: got shape \(1, 2\)"),
-        ([[np.nan]], [[0.0]], [[1.0]], "A: got shape"),
+        ([[-1.0]], [[0.0, 1.0]], [[1.0]], r"S: must be finite numbers .*, got shape \(1, 2\)"),
+        ([[-1.0]], [[0.0]], [[1.0, 2.0]], r"G: must be finite numbers .*, got shape \(1, 2\)"),
+        ([[np.nan]], [[0.0]], [[1.0]], "A: must be finite numbers"),
     ],
 )
 def test_wrong_input_of_the_steady_response_is_refused(A, S, G, text):

@@ -46,7 +46,7 @@ def test_with_friction_of_the_wrong_sign_or_a_spring_that_pushes():
 
 def test_another_point_of_rest_is_refused():
     there = REST._replace(rest={"x": a, "y": constant(0)})
-    assert "the loop rests where the law says" in fails(PENDULUM._replace(region=there))
+    assert "the law's point of rest is an equilibrium" in fails(PENDULUM._replace(region=there))
 
 
 def test_v_is_the_one_that_the_law_logs():
@@ -160,7 +160,7 @@ def test_a_v_of_fourth_degree_is_proved_by_nobody_here(tmp_path):
     own.write_text(OWN.replace("SUCH", "V"), encoding="utf-8")
     done = call(f"{own}:theorem", "--out", out)
     assert done.exit_code == 1
-    assert "FAILS  V > 0: the file has no proof of it" in done.output
+    assert "FAILS  V > 0: the file has no proof of this claim" in done.output
     assert f"not written: {out}" in done.output
     assert not out.exists()
 
@@ -171,5 +171,5 @@ def test_refusals_say_what_to_type(tmp_path):
     assert "not a LawTheorem" in call(f"{own}:something").output
     assert "trimtab design hovercraft/forward" in call("hovercraft/foward").output
     assert "leave --method out" in call("hovercraft/forward", "--method", "lqr").output
-    assert "leave it out" in call("hovercraft/forward", "--set", "k1=2").output
+    assert "remove it" in call("hovercraft/forward", "--set", "k1=2").output
     assert "not stable" in call("hovercraft/reverse", "--set", "theta=0.3").output

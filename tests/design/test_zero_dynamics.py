@@ -119,7 +119,7 @@ def test_travelling_and_no_equilibrium():
         zero_dynamics(hovercraft(surge_velocity=0.5))
     moving = zero_dynamics(hovercraft(surge_velocity=0.5), loose=("north",))
     assert moving.verdict == "marginal"
-    with pytest.raises(InputError, match="others depend on surge_velocity"):
+    with pytest.raises(InputError, match="other states depend on surge_velocity"):
         zero_dynamics(hovercraft(), u={"FX": 1.0}, loose=("surge_velocity",))
     with pytest.raises(InputError, match="leave 2"):
         zero_dynamics(vtol(1.0), internal=("x",))

@@ -49,7 +49,7 @@ def test_years_without_a_model_are_refused(year):
 
 @pytest.mark.parametrize("place", [(39.0, 0.1, 0.0), (0.5, math.inf, 0.0), (0.5, 0.1, -5000.0), (math.nan, 0, 0)])
 def test_places_outside_are_refused(place):
-    with pytest.raises(InputError, match="not a position"):
+    with pytest.raises(InputError, match="does not cover"):
         earth_field(*place, 2020.0)
 
 

@@ -25,22 +25,23 @@ from trimtab.design.lie import curved_inputs
 from trimtab.design.model import StateSpaceModel
 
 HIGHEST_DEGREE = 5
-"""Number of fields in the longest bracket computed."""
+"""Default maximum degree of a Lie bracket, i.e. the number of vector fields in the bracket."""
 AT_REST = 1e-8
-"""Relative size of rates at the point (of the point, or of 1) that counts as zero: a trim has rounding errors."""
+"""A derivative x' up to this factor times max(1, |x|) counts as zero, because a trim has rounding errors."""
 ROUNDING = 1e-9
-"""Relative size of coefficients, compared with the largest, that count as zero."""
+"""A polynomial coefficient up to this fraction of the largest coefficient counts as zero."""
 INDEPENDENT = 1e-7
-"""Relative remainder of a bracket, after projection on earlier ones, that counts as a new direction."""
+"""A bracket is a new direction if more than this fraction of it is independent of the earlier brackets."""
 DRIFT = "f"
 TaylorField = dict[tuple[int, ...], Any]
-"""Map from powers of the states' deviations to coefficients (n,)."""
+"""Taylor polynomial of a vector field: powers of the states' deviations -> coefficients (n,)."""
 
 
 class LieBracket(NamedTuple):
     """Value of a bracket at the point.
 
-    name: e.g. "[FY, [f, FY]]".  degree: number of fields.  value: (n,).  is_bad: True if it contains f an odd number of
+    name: e.g. "[FY, [f, FY]]".  degree: number of vector fields in the bracket.  value: (n,).  is_bad: True if it
+        contains f an odd number of
     times and each input an even number.
     """
 
@@ -53,7 +54,8 @@ class LieBracket(NamedTuple):
 class Accessibility(NamedTuple):
     """Result of the accessibility test.
 
-    basis: brackets that each give a new direction, by degree.  rank: their number.  n: number of states.  bad: bad
+    basis: brackets that each give a new direction, by degree.  rank: number of brackets in the basis.  n: number of
+        states.  bad: bad
     brackets that do not vanish, up to the degree at which the basis is complete.  obstructions: the bad brackets that
     are not a combination of lower ones.  curved: inputs in which the model is not affine; their first-order part is
     used.  is_accessible, is_stlc: verdicts; a False is_stlc decides nothing.  is_linear: True if the linear model is
@@ -78,7 +80,7 @@ def find_accessibility(
 
     Args:
         model: model with n states.
-        x, u: the point; default: the model's own.
+        x, u: the equilibrium; default: the model's x0, u0.
         highest: highest degree of a bracket.
 
     Raises: InputError if the point is not an equilibrium.
@@ -106,7 +108,7 @@ def find_accessibility(
 
 
 def _linear_brackets(model: StateSpaceModel, x0: Any, u0: Any) -> tuple[LieBracket, ...]:
-    """Return the brackets of the linear model, [f, … [f, g]] = ±A^k b, as far as each gives a new direction.
+    """Return the brackets of the linear model, [f, … [f, g]] = ±A^k b, without those that give no new direction.
 
     States are scaled by their size at the point. There are n brackets if the linear model is controllable.
     """
@@ -128,7 +130,7 @@ def _linear_brackets(model: StateSpaceModel, x0: Any, u0: Any) -> tuple[LieBrack
 
 
 def check_rest(model: StateSpaceModel, x0: Any, u0: Any) -> None:
-    """Raise InputError for a point at which the model moves."""
+    """Raise InputError if the point is not an equilibrium of the model."""
     rate = np.abs(np.asarray(model.f(jnp.asarray(x0), jnp.asarray(u0))))
     moving = [n for n, r, size in zip(model.states, rate, np.abs(x0), strict=True) if not r <= AT_REST * max(1.0, size)]
     if moving:
@@ -204,7 +206,7 @@ def _is_bad(word: tuple[int, ...], count: int) -> bool:
 
 
 def _is_new(value: Any, others: Sequence[LieBracket]) -> bool:
-    """Return True if a vector is not a combination of the others' values."""
+    """Return True if a vector is linearly independent of the values of these brackets."""
     if not others:
         return True
     rows = np.array([b.value for b in others])

@@ -28,17 +28,17 @@ from trimtab.design.squares import GramForm, SquaresProof
 from trimtab.design.theorem import FALLS, GROWS, INSIDE, LawTheorem
 
 SMALLEST_MARGIN = 1e-4
-"""Smallest eigenvalue of S and G, scaled, at which a level counts as reached; leaves room for rounding."""
+"""A level counts as proved if all eigenvalues of the scaled S and G exceed this. It leaves room for rounding."""
 DIGITS = 7
-"""Number of decimals kept of S and G, scaled."""
+"""Number of decimals to which the scaled matrices S and G are rounded."""
 TRIES = 200
-"""Number of shapes of V that are tried."""
+"""Default number of Lyapunov functions V that the search tries."""
 ROUGH, FINE = 1.03, 1.002
-"""Ratios to which a level is found: while shapes are compared, and at the end."""
+"""Accuracy of a level, as a ratio: ROUGH while Lyapunov functions are compared, FINE for the result."""
 
 
 class AttractionRegion(NamedTuple):
-    """Region of attraction: V, the level c, proofs of both claims about motion, and the half widths of V <= c."""
+    """Region of attraction: V, the level c, proofs that V > 0 and dV/dt < 0, and the half widths of V <= c."""
 
     lyapunov: Polynomial
     level: Fraction
@@ -47,7 +47,7 @@ class AttractionRegion(NamedTuple):
 
 
 class _Loop(NamedTuple):
-    """Loop in deviations from rest. names: of the states.  field: rates.  A: Jacobian, floats."""
+    """Loop in deviations from rest. names: of the states.  field: their derivatives.  A: Jacobian at rest, floats."""
 
     names: tuple[str, ...]
     field: dict[str, Polynomial]
@@ -55,13 +55,13 @@ class _Loop(NamedTuple):
 
 
 def find_region(theorem: LawTheorem, *, tries: int = TRIES) -> AttractionRegion:
-    """Find a large region of attraction of a loop with a field of third degree at most and no open parameters.
+    """Find a large region of attraction of a loop whose rates are polynomials of degree at most 3.
 
     Args:
         theorem: gives the field and the point of rest.
         tries: number of shapes of V to try.
 
-    Raises: InputError if the linear loop is not stable, or the field has parameters or higher powers.
+    Raises: InputError if the linear loop is not stable, or the rates contain symbolic parameters or higher powers.
     """
     loop, n = _shift_loop(theorem), len(theorem.region.states)
     start, guess = np.zeros(n * (n + 1) // 2), 1.0
@@ -80,8 +80,8 @@ def find_region(theorem: LawTheorem, *, tries: int = TRIES) -> AttractionRegion:
     if level <= 0:
         raise InputError(
             "region",
-            "no level was found for any quadratic V",
-            fix=f"try other gains: {argument('settings', 'VALUE', 'NAME')}",
+            "no quadratic Lyapunov function V could be proved to fall near rest",
+            fix=f"change a gain: {argument('settings', 'VALUE', 'NAME')}",
         )
     return _round_region(theorem, loop, P, level)
 
@@ -92,15 +92,15 @@ def _shift_loop(theorem: LawTheorem) -> _Loop:
     outside = sorted({name for f in field.values() for name in f.names} - set(names))
     powers = [sum(p for _, p in m) for f in field.values() for m in f.terms]
     if outside or max(powers) > 3:
-        problem = f"the field has the open parameters {', '.join(outside)}" if outside else "the field has high powers"
-        raise InputError("region", problem, fix="use numbers, and a field of third degree at most")
+        problem = f"these parameters have no value: {', '.join(outside)}" if outside else "the loop has powers above 3"
+        raise InputError("region", problem, fix="give every parameter a number; use a law of degree at most 3")
     A = np.array([[float(f.terms.get(((k, 1),), 0)) for k in names] for f in field.values()])
     fast = np.linalg.eigvals(A).real.max()
     if fast >= 0:
         raise InputError(
             "region",
-            f"the linear loop is not stable; pole {fast:.4g}",
-            fix=f"{argument('settings', 'VALUE', 'NAME')}, other gains",
+            f"the linear loop is not stable: a pole has the real part {fast:.4g} 1/s",
+            fix=f"change a gain: {argument('settings', 'VALUE', 'NAME')}",
         )
     return _Loop(names, field, A)
 
@@ -115,7 +115,7 @@ def _lyapunov_matrix(loop: _Loop, z: Any) -> Any:
 
 
 def _largest_level(loop: _Loop, P: Any, guess: float, ratio: float) -> float:
-    """Return the largest provable level, to within a ratio, searched around a guess; 0 if none is found."""
+    """Return the largest provable level, to within a ratio. The search starts at a guess; it returns 0 on failure."""
 
     def is_reached(level: float) -> bool:
         return _margin(loop, P, level, np.sqrt(level / np.diag(P))).margin > SMALLEST_MARGIN
@@ -134,7 +134,7 @@ def _largest_level(loop: _Loop, P: Any, guess: float, ratio: float) -> float:
 
 
 class _Solution(NamedTuple):
-    """Solver's result. margin: smallest eigenvalue of S and G.  S: (n, n).  kernel: part of G that z'G z ignores."""
+    """Solver's result. margin: smallest eigenvalue of S and G.  S: (n, n).  kernel: part of G that cancels in z'G z."""
 
     margin: float
     S: Any
@@ -159,7 +159,7 @@ def _form_products(names: tuple[str, ...]) -> _Products:
 
 
 def _gram_matrix(coefficients: Mapping[Monomial, Any], kernel: Any, products: _Products, zero: Any) -> Any:
-    """Return a G with z'G z of these coefficients: each is spread over its pairs and moved by the kernel's entries."""
+    """Return G with these coefficients of z'G z. Each is spread over its pairs, then moved by the kernel's entries."""
     G = np.full((len(products.z),) * 2, zero, dtype=object if isinstance(zero, Fraction) else float)
     used = 0
     for m, pairs in products.pairs.items():
@@ -225,7 +225,7 @@ def _scale_parts(loop: _Loop, P: Any, level: Any, size: Any) -> tuple[dict[Monom
 
 
 def _round_region(theorem: LawTheorem, loop: _Loop, P: Any, level: float) -> AttractionRegion:
-    """Convert a region to short fractions, with a G that fits exactly."""
+    """Convert a region to short fractions, with a G that satisfies the identity exactly."""
     products, unit = _form_products(loop.names), 10.0 ** np.floor(np.log10(np.abs(P).max()))
     P, c = _shorten_all(P / unit, 4), Fraction(f"{0.99 * level / unit:.3g}")
     rough = P.astype(float)

@@ -19,7 +19,7 @@ from trimtab.design.lqr import augment_integrals
 from trimtab.design.model import find_indices
 
 STRICT = 1.01
-"""Regulator's weight relative to the certified weight, as in `trimtab design hypersonic`."""
+"""Ratio of the regulator's weight Q to the certified weight Q_e, as in `trimtab design hypersonic`."""
 INTEGRAL = "integral of "
 
 
@@ -35,11 +35,11 @@ def weigh_by_limits(
     Args:
         name: name of the vehicle.
         linear: linear model at a trim, with the states that are fed back.
-        limits: state or input -> its limit, for each; a large limit for those that should not count.
+        limits: each state or input -> its largest acceptable value; a large value gives it little weight.
         integrals: state -> limit of the integral of its error; the integrals are appended to the states.
         about: other content of a certificate, from which it can be rebuilt.
 
-    Source: the rule's.
+    Source: Bryson and Ho, as above.
     """
     integrals = integrals or {}
     find_indices(argument_name("limits"), limits, (*linear.states, *linear.inputs))
@@ -72,7 +72,7 @@ def weigh_by_limits(
 
 
 def fed_back_states(linear: LinearModel, idle: Iterable[str], named: Iterable[str]) -> tuple[str, ...]:
-    """Return the states of a feedback: those on which something depends, and those that are named."""
+    """Return the states that are fed back: all states except those that are idle and not named."""
     left_out = set(idle) - set(named)
     return tuple(n for n in linear.states if n not in left_out)
 
@@ -83,5 +83,5 @@ def _check_limits(limits: Mapping[str, Any]) -> None:
             raise InputError(
                 argument_name("limits", name),
                 f"must be finite and above 0, got {value}",
-                fix="give the largest acceptable value",
+                fix="give the largest acceptable value, e.g. 0.1",
             )

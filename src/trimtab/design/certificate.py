@@ -21,16 +21,17 @@ from trimtab.design.lqr import KalmanBucy, Lqr, kalman_bucy, lqr
 from trimtab.design.poles import sorted_poles
 
 ABOVE = 1.01
-"""Weight of the Lyapunov function, relative to the smallest possible one."""
+"""Weight of the observer in the Lyapunov function, relative to the smallest possible weight."""
 METHODS = ("lqr", "lmi")
 
 
 class ObserverPart(NamedTuple):
     """Filter of some of the states.
 
-    estimated: names of these states.  A: A_eta (k, k).  C: (p, k).  Q: Q_eta (k, k).  R: (p, p).  P: P_eta (k, k). L:
-    (k, p).  weight: weight of the observer's part of the Lyapunov function.  least_weight: lambda*, above which (15)
-    holds.  poles: of A - L C (k,).
+    estimated: names of the states that it estimates.  A: A_eta (k, k).  C: (p, k).  Q: Q_eta (k, k).  R: (p, p).  P:
+        P_eta (k, k). L:
+    (k, p).  weight: weight of the observer's part of the Lyapunov function.  least_weight: lambda*; inequality (15)
+    holds for larger weights.  poles: of A - L C (k,).
     """
 
     estimated: tuple[str, ...]
@@ -87,7 +88,7 @@ class Certificate(NamedTuple):
 
 
 def design_certificate(system: CertifiedSystem) -> Certificate:
-    """Design a gain by the system's method and the steady filter of its estimated states, with data for the proof."""
+    """Design the gain of a system, and the steady filter of its estimated states, with data for the proof."""
     s = system
     if s.method not in METHODS:
         raise InputError("method", f"unknown method {s.method!r}", choices=METHODS, fix=argument("method", "lqr"))
@@ -99,7 +100,7 @@ def design_certificate(system: CertifiedSystem) -> Certificate:
 
 
 def build_certificate(system: CertifiedSystem, gain: Lqr | LmiGain, kalman: KalmanBucy | None) -> Certificate:
-    """Assemble a certificate without proving it, see `certificate_check.prove_certificate`.
+    """Assemble a certificate without proof. `certificate_check.prove_certificate` proves it.
 
     Args:
         system: the certified system.

@@ -36,8 +36,7 @@ from trimtab.design.proof import (
 SAME = 1e-6
 """Largest relative deviation of a recomputed number from the recorded one."""
 SLOW = 1e-7
-"""Size of a pole, relative to the fastest, below which its rounding is no longer small; it is compared with this size
-instead."""
+"""Fraction of the fastest pole that is added to each pole's size before deviations are compared: rounding."""
 ROBUST = {"K": 0.0, "K + R_e^-1 B'P/2": 0.5, "K - R_e^-1 B'P/2": -0.5}
 FLOATS = "floats"
 
@@ -59,7 +58,7 @@ def prove_certificate(
     lines += number_lines(certificate, system)
     if written is not None:
         lines.append(version_line(certificate.version))
-        lines.append(("the file is as it was written", lambda: _digest_condition(certificate, written)))
+        lines.append(("file unchanged since it was written", lambda: _digest_condition(certificate, written)))
     return evaluate_lines(lines)
 
 
@@ -107,7 +106,7 @@ def _hurwitz_condition(c: Certificate) -> ProofCondition:
 
 
 def _also_positive(condition: ProofCondition, P: Any) -> ProofCondition:
-    """Return the condition, failed if P is not positive definite, because the condition then proves nothing."""
+    """Return the condition. Mark it as failed if P is not positive definite, because it then proves nothing."""
     if condition.holds and not exact.prove_definite(P).holds:
         return condition._replace(holds=False, why="the Lyapunov matrix itself is not positive definite")
     return condition
@@ -138,7 +137,7 @@ def _observability_condition(o: ObserverPart) -> ProofCondition:
         blocks.append(blocks[-1] @ A)
     rank, k = exact.exact_rank(np.vstack(blocks)), len(o.A)
     ratio = constant_rank(o.A, o.C).ratio
-    return ProofCondition("", rank == k, ratio, "singular ratio, scaled", "exact rank", f"rank {rank} of {k}")
+    return ProofCondition("", rank == k, ratio, "ratio of singular values", "exact rank", f"rank {rank} of {k}")
 
 
 def _steady_gain_condition(c: Certificate, o: ObserverPart, rows: list[str]) -> ProofCondition:
@@ -167,13 +166,13 @@ def _decrease_condition(c: Certificate, o: ObserverPart, robust: Fraction, names
 def _weight_condition(c: Certificate, o: ObserverPart) -> ProofCondition:
     least = composite.least_weight(c.feedback_matrices(), c.observer_matrices(o))
     off = abs(least - o.least_weight) / max(abs(least), np.finfo(float).tiny)
-    why = "" if off <= SAME else f"now {least!r}, recorded {o.least_weight!r}"
+    why = "" if off <= SAME else f"computed {least!r}, recorded {o.least_weight!r}"
     return ProofCondition("", bool(off <= SAME), off, "relative deviation", FLOATS, why)
 
 
 def _digest_condition(c: Certificate, written: str) -> ProofCondition:
     same = written == certificate_digest(c)
-    why = "" if same else "the file was changed after it was written; the other lines say what that did"
+    why = "" if same else "the file was changed after it was written; the other conditions show the effect"
     return ProofCondition("", same, float(not same), "differences", "SHA-256", why)
 
 
@@ -194,17 +193,17 @@ def rational_observer(c: Certificate, o: ObserverPart) -> composite.Observer:
 
 
 def _poles_condition(now: Any, then: Any) -> ProofCondition:
-    """Compare each pole with its own recorded one, in pairs, so that none is counted twice or left out.
+    """Compare computed and recorded poles, in pairs, so that no pole is counted twice or left out.
 
     Each deviation is relative to the pole's own size, so that a slow pole beside fast ones counts.
     """
     if now.shape != then.shape:
-        raise ValueError(f"{then.shape} poles recorded, there are {now.shape}")
+        raise ValueError(f"{len(then)} poles are recorded, but {len(now)} are computed")
     apart = np.abs(now[:, None] - then[None, :])
     rows, columns = linear_sum_assignment(apart)
     paired = apart[rows, columns]
     own = np.abs(now[rows]) + SLOW * np.abs(now).max()
     ratio = paired / np.where(own > 0, own, 1.0)
     worst, off = int(ratio.argmax()), float(ratio.max())
-    why = f"now {format_pole(now[rows[worst]])}, recorded {format_pole(then[columns[worst]])}"
+    why = f"computed {format_pole(now[rows[worst]])}, recorded {format_pole(then[columns[worst]])}"
     return ProofCondition("", off <= SAME, off, "relative deviation", FLOATS, "" if off <= SAME else why)

@@ -26,10 +26,10 @@ SCOPE = (
     "not valid while an input saturates",
 )
 LARGEST = 1e50
-"""Largest accepted absolute value of an entry."""
+"""Largest accepted absolute value of a number in a certificate file."""
 FIX = (
-    "trimtab design hypersonic --out certificate.json  writes one, "
-    "trimtab design VEHICLE --lqr … --out gain.json  a gain"
+    "trimtab design hypersonic --out certificate.json  writes a certificate, "
+    "trimtab design VEHICLE --lqr … --out gain.json  writes a gain"
 )
 
 
@@ -40,7 +40,7 @@ def certificate_json(certificate: Certificate) -> str:
 
 
 def certificate_digest(certificate: Certificate) -> str:
-    """Return the SHA-256 of the certificate, against accidental changes; the proof does not depend on it."""
+    """Return the SHA-256 of the certificate. It reveals accidental changes; the proof does not depend on it."""
     text = json.dumps(_as_plain(certificate), sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -58,7 +58,7 @@ def _as_plain(value: Any) -> Any:
 
 
 def _join_matrix_rows(text: str) -> str:
-    """Join rows of numbers into one line each, for reading."""
+    """Write each row of numbers on one line, so that matrices are readable."""
     lines, row = [], ""
     for line in text.split("\n"):
         inner = line.strip()
@@ -115,7 +115,7 @@ def parse_certificate(text: str, name: str) -> tuple[Certificate, str]:
     try:
         _check_keys(content, ("format", "scope", "digest", *Certificate._fields), "", name)
         if content["scope"] != list(SCOPE):
-            raise InputError(f"file '{name}', scope", f"{content['scope']}", fix=FIX)
+            raise InputError(f"file '{name}', scope", f"must be {list(SCOPE)}, got {content['scope']}", fix=FIX)
         return _parse_fields(content, name), _parse_text(content["digest"], "digest", name)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         if isinstance(error, InputError):
@@ -127,17 +127,19 @@ def _parse_fields(c: dict[str, Any], name: str) -> Certificate:
     states, inputs = _parse_names(c["states"], "states", name), _parse_names(c["inputs"], "inputs", name)
     n, m = len(states), len(inputs)
     if c["method"] not in METHODS or (c["method"] == "lqr") != (c["Q"] is not None):
-        raise InputError(f"file '{name}', method", f"{c['method']!r}", choices=METHODS, fix=FIX)
+        raise InputError(
+            f"file '{name}', method", f"{c['method']!r} is unknown or does not fit Q", choices=METHODS, fix=FIX
+        )
     shapes = {"A": (n, n), "B": (n, m), "K": (m, n), "P": (n, n), "Qe": (n, n), "Re": (m, m), "scale": (n,)}
     if c["Q"] is not None:
         shapes["Q"] = (n, n)
     arrays = {key: _parse_array(c[key], shape, key, name) for key, shape in shapes.items()}
     if not (arrays["scale"] > 0).all():
-        raise InputError(f"file '{name}', scale", f"{arrays['scale']}", fix="sizes must be above 0; " + FIX)
+        raise InputError(f"file '{name}', scale", f"sizes must be above 0, got {arrays['scale']}", fix=FIX)
     about = {k: v if isinstance(v, str) else _parse_number(v, f"about.{k}", name) for k, v in c["about"].items()}
     version = _parse_text(c["version"], "version", name)
     if not re.fullmatch(r"\d+\.\d+[\w.+]*", version):
-        raise InputError(f"file '{name}', version", f"{version!r} is not a version", fix=FIX)
+        raise InputError(f"file '{name}', version", f"must be a version such as 0.1.0, got {version!r}", fix=FIX)
     return Certificate(
         system=_parse_text(c["system"], "system", name),
         about=about,
@@ -157,7 +159,7 @@ def _parse_observer(o: dict[str, Any], states: tuple[str, ...], name: str) -> Ob
     estimated = _parse_names(o["estimated"], "observer.estimated", name)
     unknown = [s for s in estimated if s not in states]
     if unknown:
-        raise InputError(f"file '{name}', observer.estimated", f"{unknown}", choices=states, fix=FIX)
+        raise InputError(f"file '{name}', observer.estimated", f"unknown states {unknown}", choices=states, fix=FIX)
     k, p = len(estimated), len(o["C"])
     shapes = {"A": (k, k), "C": (p, k), "Q": (k, k), "R": (p, p), "P": (k, k), "L": (k, p)}
     arrays = {key: _parse_array(o[key], shape, f"observer.{key}", name) for key, shape in shapes.items()}
@@ -167,7 +169,7 @@ def _parse_observer(o: dict[str, Any], states: tuple[str, ...], name: str) -> Ob
 
 
 def _check_keys(value: Any, wanted: Iterable[str], where: str, name: str) -> None:
-    """Check for exactly these keys: an unchecked claim has no place in a certificate."""
+    """Raise InputError unless the keys are exactly these, because an unknown key would be an unchecked claim."""
     wanted = tuple(wanted)
     lacking = [key for key in wanted if key not in value]
     if lacking:
@@ -179,14 +181,14 @@ def _check_keys(value: Any, wanted: Iterable[str], where: str, name: str) -> Non
 
 def _parse_text(value: Any, key: str, name: str) -> str:
     if not isinstance(value, str):
-        raise InputError(f"file '{name}', {key}", f"{value!r} is not text", fix=FIX)
+        raise InputError(f"file '{name}', {key}", f"must be text, got {value!r}", fix=FIX)
     return value
 
 
 def _parse_names(value: Any, key: str, name: str) -> tuple[str, ...]:
     names = tuple(value) if isinstance(value, list) else ()
     if not names or len(set(names)) != len(names) or not all(isinstance(v, str) for v in names):
-        raise InputError(f"file '{name}', {key}", f"{value}", fix="names, each once; " + FIX)
+        raise InputError(f"file '{name}', {key}", f"must be a list of different names, got {value}", fix=FIX)
     return names
 
 
@@ -195,13 +197,13 @@ def _parse_number(value: Any, key: str, name: str) -> float:
 
 
 def _parse_array(value: Any, shape: tuple[int, ...], key: str, name: str) -> Any:
-    """Read numbers that are written as numbers: no text, no true and false."""
+    """Read an array of JSON numbers. Texts and booleans are rejected."""
     array = np.array(value, object)
     if array.shape != shape or not all(type(v) in (int, float) for v in array.ravel()):
-        raise InputError(f"file '{name}', {key}", f"got shape {array.shape}, wanted numbers of shape {shape}", fix=FIX)
+        raise InputError(f"file '{name}', {key}", f"must be numbers of shape {shape}, got shape {array.shape}", fix=FIX)
     array = array.astype(float)
     if not (np.abs(array) <= LARGEST).all():
-        raise InputError(f"file '{name}', {key}", f"an entry is beyond {LARGEST:g}", fix=FIX)
+        raise InputError(f"file '{name}', {key}", f"a number is larger than {LARGEST:g}", fix=FIX)
     return array
 
 

@@ -18,18 +18,18 @@ from trimtab.core.suggestions import closest
 from trimtab.design.proof import Line, ProofCondition
 
 SAME = 1e-9
-"""Largest relative deviation of an entry in a file from the system's entry."""
+"""Largest accepted relative deviation of a matrix entry in a file from the same entry of the system."""
 SMALL = 1e-4
-"""Relative size, within a scaled row, below which entries may be rounding; they are compared with this size instead."""
-ANEW = "computed anew, floats"
+"""An entry below this fraction of its scaled row's largest is compared relative to this fraction (rounding)."""
+ANEW = "computed again, in floats"
 Setting = float | str
 
 
 class LimitedNumber(NamedTuple):
     """Number computed over a grid, with its limits.
 
-    value: must be at least low, and below high.  how: the grid and the method.  near: largest deviation of the number
-    in a file.
+    value: must be at least low and below high.  how: grid and method of its computation.  near: largest accepted
+        deviation of the number in a file.
     """
 
     value: float
@@ -45,7 +45,7 @@ class LimitedNumber(NamedTuple):
 
 
 LoopLines = Callable[[Any], Iterable[Line]]
-"""Function from a certificate with a filter to conditions of the whole loop."""
+"""Function that takes a certificate with a filter and yields conditions on the whole loop."""
 
 
 class CertifiedSystem(NamedTuple):
@@ -79,7 +79,7 @@ class CertifiedSystem(NamedTuple):
 
     @property
     def A_eta(self) -> Any:
-        """Block of A for the estimated states (k, k); the filter knows all other effects on them."""
+        """Block of A for the estimated states (k, k). The filter knows all other effects on these states."""
         at = self.estimated_indices()
         return self.A[np.ix_(at, at)]
 
@@ -89,23 +89,23 @@ class CertifiedSystem(NamedTuple):
 
 
 SystemFunction = Callable[..., CertifiedSystem]
-"""Function from settings by keyword, each with a default, to the system."""
+"""Function that builds a system from settings. Every setting is a keyword argument with a default."""
 
 
 def system_settings(function: Callable[..., Any], given: Mapping[str, object], part: str) -> dict[str, Setting]:
-    """Return the settings of a system's or theorem's function, with the given ones; numbers may be given as text.
+    """Return all settings of a system's or theorem's function: the given values, and defaults for the others.
 
     Args:
         function: function of the system.
-        given: name -> number or text.
+        given: name -> number or text; numbers may be given as text.
         part: name used in errors.
     """
     settings: dict[str, Setting] = {n: p.default for n, p in inspect.signature(function).parameters.items()}
     for name, value in given.items():
         if name not in settings:
             near = closest(name, settings, 1) or list(settings)[:1]
-            fix = argument("settings", "…", near[0]) if near else "leave it out; there are no settings"
-            raise InputError(part, f"there is no setting {name!r}", choices=settings, fix=fix)
+            fix = argument("settings", "…", near[0]) if near else "remove it; this system has no settings"
+            raise InputError(part, f"unknown setting {name!r}", choices=settings, fix=fix)
         settings[name] = _as_setting(value, settings[name], f"{part}, {name}")
     return settings
 
@@ -113,14 +113,14 @@ def system_settings(function: Callable[..., Any], given: Mapping[str, object], p
 def _as_setting(value: object, default: Setting, part: str) -> Setting:
     if isinstance(default, str):
         if not isinstance(value, str):
-            raise InputError(part, f"{value!r} is not text", fix=f"{default!r} is the default")
+            raise InputError(part, f"must be text, got {value!r}", fix=f"the default is {default!r}")
         return value
     try:
         number = float(value) if isinstance(value, str | float | int) and not isinstance(value, bool) else math.nan
     except (ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
-        raise InputError(part, f"{value!r} is not a number", fix=f"{default!r} is the default")
+        raise InputError(part, f"must be a finite number, got {value!r}", fix=f"the default is {default!r}")
     return number
 
 
@@ -167,10 +167,10 @@ def compare_with_system(certificate: Any, system: CertifiedSystem) -> Iterator[L
 
 
 def number_lines(certificate: Any, system: CertifiedSystem) -> Iterator[Line]:
-    """Yield the conditions of the system's numbers: within limits, and equal to those in the file, without others."""
+    """Yield the conditions that the system's numbers are within limits, and equal to the numbers in the file."""
     written, wanted = certificate.recorded, (len(system.inputs), len(system.states))
     if certificate.K.shape != wanted:
-        why = f"the gain has shape {certificate.K.shape}, wanted {wanted}"
+        why = f"the gain must have shape {wanted}, got {certificate.K.shape}"
         yield "numbers of the system", lambda: ProofCondition("", False, math.nan, "not computable", ANEW, why)
         return
     numbers = system.numbers(certificate.K)
@@ -195,7 +195,7 @@ def _as_column(v: Any) -> Any:
 
 def _compare_words(there: Any, now: Any) -> ProofCondition:
     same = there == now
-    return ProofCondition("", same, float(not same), "differences", "text", "" if same else f"{there}, wanted {now}")
+    return ProofCondition("", same, float(not same), "differences", "text", "" if same else f"{there}, must be {now}")
 
 
 def _compare_about(there: Mapping[str, Setting], now: Mapping[str, Setting]) -> ProofCondition:
@@ -204,24 +204,24 @@ def _compare_about(there: Mapping[str, Setting], now: Mapping[str, Setting]) -> 
             return there.get(name) == now.get(name)
         return math.isclose(float(there[name]), float(now[name]), rel_tol=SAME, abs_tol=1e-15)
 
-    apart = [f"{n}: {there.get(n)!r}, wanted {now.get(n)!r}" for n in sorted({*there, *now}) if not is_same(n)]
+    apart = [f"{n}: {there.get(n)!r}, must be {now.get(n)!r}" for n in sorted({*there, *now}) if not is_same(n)]
     return ProofCondition("", not apart, float(len(apart)), "differences", ANEW, "; ".join(apart))
 
 
 def _compare_matrix(there: Any, now: Any, size: Any, names: tuple[Any, Any]) -> ProofCondition:
-    """Compare each entry, relative to itself; one that is small in its scaled row, relative to SMALL of that row."""
-    meaning = "largest deviation of an entry"
+    """Compare entries by relative deviation. Small entries are compared relative to SMALL times their scaled row."""
+    meaning = "largest relative deviation of an entry"
     if (there is None) != (now is None) or (now is not None and there.shape != now.shape):
         shapes = ["nothing" if M is None else f"shape {M.shape}" for M in (there, now)]
-        return ProofCondition("", False, float("nan"), meaning, ANEW, f"{shapes[0]}, wanted {shapes[1]}")
+        return ProofCondition("", False, float("nan"), meaning, ANEW, f"{shapes[0]}, must be {shapes[1]}")
     if now is None:
-        return ProofCondition("", True, 0.0, meaning, ANEW, "there is none")
+        return ProofCondition("", True, 0.0, meaning, ANEW, "the method has no such matrix")
     apart, whole = np.abs(there - now) * size, np.abs(now) * size
     unit = np.maximum(whole, SMALL * whole.max(axis=1, keepdims=True))
     off = np.where(apart == 0, 0.0, apart / np.where(unit > 0, unit, np.finfo(float).tiny))
     i, j = np.unravel_index(int(np.nan_to_num(off, nan=np.inf).argmax()), off.shape)
     worst = float(off[i, j])
-    why = "" if worst <= SAME else f"at {names[0][i]}, {names[1][j]}: {float(there[i, j])!r}, now {float(now[i, j])!r}"
+    why = "" if worst <= SAME else f"at {names[0][i]}, {names[1][j]}: {float(there[i, j])!r}, not {float(now[i, j])!r}"
     return ProofCondition("", worst <= SAME, worst, meaning, ANEW, why)
 
 
@@ -232,7 +232,7 @@ def _limits_condition(number: LimitedNumber) -> ProofCondition:
 
 def _compare_number(number: LimitedNumber, written: float | None) -> ProofCondition:
     if written is None:
-        return ProofCondition("", False, float("nan"), "difference", ANEW, "it is not in the file")
+        return ProofCondition("", False, float("nan"), "difference", ANEW, "the number is not in the file")
     off = abs(written - number.value)
-    why = "" if off <= number.near else f"now {number.value!r}, recorded {written!r}"
+    why = "" if off <= number.near else f"computed {number.value!r}, recorded {written!r}"
     return ProofCondition("", off <= number.near, off, "difference", ANEW, why)

@@ -93,7 +93,7 @@ def decrease_matrix(f: Feedback, o: Observer, weight: Any, robust: Any = 0) -> A
         f: the feedback.
         o: the observer.
         weight: weight of the observer's part of V.
-        robust: 0: no robust term; +1/2: the published u_h; -1/2: u_h with reversed sign.
+        robust: factor of the robust term u_h: 0 without it, +1/2 as published, -1/2 with reversed sign.
     """
     whole = f._replace(K=f.K + robust * (f.Re_inverse @ f.B.T @ f.P))
     across = (f.P @ f.B @ whole.K)[:, o.at] @ o.P / 2
@@ -101,20 +101,21 @@ def decrease_matrix(f: Feedback, o: Observer, weight: Any, robust: Any = 0) -> A
 
 
 def least_weight(f: Feedback, o: Observer) -> float:
-    """Return lambda*, above which z(lambda) > 0: the largest eigenvalue of E'W Q_e^-1 W E/4 against Pi."""
+    """Return lambda*, the largest generalised eigenvalue of (E'W Q_e^-1 W E/4, Pi). z(w) > 0 for w > lambda*."""
     return _least_block_weight(weighted_matrix(f, o, 1.0), len(f.A))
 
 
 def least_decrease_weight(f: Feedback, o: Observer, robust: float = 0.0) -> float:
-    """Return the weight above which V falls, by `decrease_matrix`; infinite if A + B K itself does not make V fall."""
+    """Return the weight above which `decrease_matrix` proves that V falls; infinite if A + B K alone is not proved."""
     return _least_block_weight(decrease_matrix(f, o, 1.0, robust), len(f.A))
 
 
 def printed_inequality(f: Feedback, o: Observer) -> Any:
-    """Return (15) as printed, in the only way its sizes fit, (k + m, k + m); negative definite if it holds.
+    """Return the matrix of (15) as printed, (k + m, k + m). Only this reading has matrices that fit together.
 
-    [-2 sqrt(Q_e Pi), P B; B'P, -R_e] with Q_e and P B reduced to the estimated states. Kept for the record: it takes
-    the symmetric part of the root of a non-symmetric product, and lacks the weight.
+    [-2 sqrt(Q_e Pi), P B; B'P, -R_e] with Q_e and P B reduced to the estimated states. (15) holds if the matrix is
+    negative definite. It is kept for comparison with the publication: it takes the symmetric part of the root of a
+    non-symmetric product, and lacks the weight.
     """
     inner = np.linalg.inv(o.P)
     Pi = inner @ dissipation_matrix(o) @ inner
@@ -124,7 +125,7 @@ def printed_inequality(f: Feedback, o: Observer) -> Any:
 
 
 def _least_block_weight(M: Any, n: int) -> float:
-    """Return the least weight of the lower block: the largest eigenvalue of S'a^-1 S against b, of [a, S; S', b]."""
+    """Return the least w with [a, S; S', w b] >= 0: the largest generalised eigenvalue of (S'a^-1 S, b)."""
     size = np.sqrt(np.abs(np.diag(M)))
     scaled = M / np.where(size > 0, np.outer(size, size), 1.0)
     a, S, b = scaled[:n, :n], scaled[:n, n:], scaled[n:, n:]
@@ -132,9 +133,9 @@ def _least_block_weight(M: Any, n: int) -> float:
         return float("inf")
     lowest = float(np.linalg.eigvalsh(b)[0])
     if lowest <= 0:
-        problem = f"the observer's part has an eigenvalue {lowest:.3g}, scaled, that no weight can make positive"
+        problem = f"the scaled observer matrix has the eigenvalue {lowest:.3g}, and must be positive definite"
         raise InputError(
-            "composite.weight", problem, fix="give process noise to every state, and use the P_eta of that filter"
+            "composite.weight", problem, fix="give every estimated state process noise, and compute P_eta again"
         )
     values: Any = eigh(S.T @ np.linalg.solve(a, S), b, eigvals_only=True)
     return float(values[-1])

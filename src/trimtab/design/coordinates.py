@@ -1,4 +1,4 @@
-"""Coordinates of a vehicle in space: twelve instead of thirteen, without the length of a quaternion as a pole.
+"""Coordinates of a vehicle in space: twelve numbers, with three for the attitude instead of a quaternion's four.
 
 A quaternion q_XB is recognised by its frame of two letters and its shape (4,). Vectors of the frame X are converted to
 body axes, so that steady flight (a turn or a climb) is an equilibrium.
@@ -28,13 +28,13 @@ from trimtab.design.model import StateSpaceModel, find_indices, input_names, rea
 AXES = ("forward", "starboard", "down")
 EULER = ("roll", "pitch", "yaw")
 TURN = ("x", "y", "z")
-"""Components of a body's rotation relative to steady flight, about its own axes."""
+"""Names of the components of a body's rotation relative to steady flight, about the body's axes."""
 DERIVED = ("speed", "angle_of_attack", "sideslip", "climb")
-"""Outputs of a vehicle with a velocity in space, in addition to its states: m/s, and angles in rad."""
+"""Extra outputs of a vehicle that moves in space: airspeed (m/s) and angles (rad)."""
 STANDS = 1e-6
-"""Speed (m/s), or distance from a right angle (rad), below which a direction is undefined."""
+"""Direction angles are undefined below this speed (m/s), or this close to a right angle (rad)."""
 SAME = 1e-9
-"""Largest difference (m/s, rad) at which a state counts as equal to a number of the motion."""
+"""Largest difference (m/s, rad) at which a state counts as equal to a component of the vehicle's motion."""
 
 
 class _StateField(NamedTuple):
@@ -55,7 +55,7 @@ def attitude_fields(state: Any) -> dict[str, str]:
 
 
 def error_names(state: Any, path: str) -> tuple[str, ...]:
-    """Return the names in `error_model` of a field's numbers; () for other fields."""
+    """Return the names that a field's numbers have in `error_model`; () for fields that it leaves unchanged."""
     return tuple(name for leaf in _describe_leaves(state) if leaf.path == path for name in _error_names(leaf))
 
 
@@ -77,7 +77,7 @@ def trim_model(vehicle: Any, x: Any, u: Any, *, t: float = 0.0) -> StateSpaceMod
     Args:
         vehicle: anything with `dynamics(t, x, u)`.
         x: a state record; its values are the model's point.
-        u: an input record, likewise.
+        u: an input record; its values are the model's point.
         t: time (s).
     """
     fields = _describe_leaves(x)
@@ -134,7 +134,8 @@ def error_model(vehicle: Any, x: Any, u: Any, *, t: float = 0.0) -> StateSpaceMo
 
 
 def flight_names(vehicle: Any, model: StateSpaceModel) -> dict[str, str]:
-    """Return the names in `trim_model` of speed, climb, sideslip, roll, yaw and height, as far as it has them.
+    """Return the names in `trim_model` of speed, climb, sideslip, roll, yaw and height, without those that the model
+    lacks.
 
     For a vehicle with a quaternion: outputs and Euler angles. For another: the states that equal, near the model's
     point, numbers of its `motion`. For several vehicles together: nothing.
@@ -164,7 +165,7 @@ def flight_names(vehicle: Any, model: StateSpaceModel) -> dict[str, str]:
 
 
 def unsmooth_outputs(model: StateSpaceModel) -> dict[str, str]:
-    """Return outputs of DERIVED without a derivative at a model's point -> reason; {} for a model made elsewhere."""
+    """Return DERIVED outputs that have no derivative at the model's point -> reason; {} without such coordinates."""
     derived = [n for n in DERIVED if n in model.outputs and n not in model.states]
     if model.to_record is None or not derived:
         return {}
@@ -174,12 +175,12 @@ def unsmooth_outputs(model: StateSpaceModel) -> dict[str, str]:
     steep = {n: abs(abs(y.get(n, 0.0)) - np.pi / 2) < STANDS for n in ("climb", "sideslip")}
     reasons = {"climb": "the path goes straight up or down"} if steep["climb"] else {}
     if steep["sideslip"]:
-        reasons |= dict.fromkeys(("angle_of_attack", "sideslip"), "the motion is straight to the side")
+        reasons |= dict.fromkeys(("angle_of_attack", "sideslip"), "the vehicle moves straight sideways")
     return {n: why for n, why in reasons.items() if n in derived}
 
 
 def _evaluate_once(function: Callable[..., Any], *inputs: Any) -> Any:
-    """Evaluate function(*inputs), compiled as a whole, which is ten times as fast as operation by operation."""
+    """Compile function(*inputs) and evaluate it. This is ten times as fast as operation by operation."""
     return jax.jit(function, compiler_options=FAST_COMPILE_OPTIONS)(*inputs)
 
 
@@ -271,7 +272,7 @@ def _from_trim(like: Any, fields: tuple[_StateField, ...], z: Any) -> Any:
 
 
 def _to_error(r: Any, x: Any, fields: tuple[_StateField, ...]) -> Any:
-    """Return deviations of x from r; velocities and plain fields stay, so that their rates show a missing trim."""
+    """Return deviations of x from r in attitude and position; velocities and plain fields are returned unchanged."""
     parts = []
     for leaf in fields:
         if leaf.form == "attitude":

@@ -1,7 +1,6 @@
-"""Corners and jumps of a model at a point, where automatic derivatives choose a side or a mean of both.
-
-Derivatives just beside the point show both. Beside a corner they do not approach the derivative at the point, however
-small the distance. Values beside a jump do not approach the value at the point. Offline code.
+"""Corners and jumps of a model at a point, where automatic derivatives are those of one side, or a mean of the two
+sides. Beside a corner, derivatives do not approach the derivative at the point, however small the distance. Values
+beside a jump do not approach the value at the point. Offline code.
 
 Source: this module; one-sided derivatives as in A. Griewank, A. Walther, "Evaluating Derivatives", SIAM 2008, chapter
 14.
@@ -15,9 +14,9 @@ import numpy as np
 from trimtab.design.model import StateSpaceModel
 
 FAR, NEAR = 1e-5, 1e-7
-"""Distances from the point, relative to each number's size or 1, at which slopes and values are compared."""
+"""Distances from the point, relative to max(1, |value|), at which slopes and values are compared."""
 SMOOTH_RATIO = 0.3
-"""Largest ratio of the changes at both distances where the slope exists. It is 0.01 for smooth functions."""
+"""A slope exists if its change at NEAR is at most this fraction of that at FAR; 0.01 for smooth functions."""
 SLOPE_CHANGE_MIN = 1e-6
 """Smallest change of a slope, relative to the largest slope of its row, that shows a corner."""
 ROUNDING = 1e-10

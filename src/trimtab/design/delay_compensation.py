@@ -21,14 +21,14 @@ from trimtab.core.errors import InputError
 from trimtab.design.poles import sorted_poles
 
 ON_A_PERIOD = 1e-9
-"""Largest distance (in periods) at which a delay is rounded to a whole number of periods."""
+"""A delay closer than this (in periods) to a whole number of periods counts as whole."""
 
 
 class PredictiveFeedback(NamedTuple):
     """Feedback u(k) = state_gain x(k) + sum of input_gains[j] u(k - 1 - j).
 
-    state_gain: K e^(A delay) (m, n).  input_gains: (N, m, m), for the N commands in transit, newest first. A, B: of the
-    plant.  K: (m, n).  delay, period: s.
+    state_gain: K e^(A delay) (m, n).  input_gains: (N, m, m), for the N commands in transit, newest first. A, B:
+        matrices of the plant.  K: (m, n).  delay, period: s.
     """
 
     state_gain: Any
@@ -44,7 +44,7 @@ class PredictiveFeedback(NamedTuple):
         return self.state_gain @ x + np.einsum("jab,jb->a", self.input_gains, np.asarray(sent))
 
     def loop_matrix(self, delay: float | None = None) -> Any:
-        """Return one period of the loop, in (x, commands in transit), for a plant with this delay; None: its own."""
+        """Return one period of the loop, in (x, commands in transit), for a plant delay (None: the design delay)."""
         actual = self.delay if delay is None else delay
         n, m = self.B.shape
         weights = _arriving_weights(self.A, self.B, self.period, actual)
@@ -64,7 +64,7 @@ class PredictiveFeedback(NamedTuple):
         return F
 
     def poles(self, delay: float | None = None) -> Any:
-        """Return poles of the sampled loop, by falling size; stable below 1. At its own delay: those without, and 0."""
+        """Return poles of the sampled loop, by falling size. At the design delay: as without delay, and zeros."""
         poles = sorted_poles(self.loop_matrix(delay))
         return poles[np.argsort(-np.abs(poles), kind="stable")]
 
@@ -84,7 +84,7 @@ def compensate_delay(A: Any, B: Any, K: Any, delay: float, period: float) -> Pre
     A, B, K = (np.asarray(M, float) for M in (A, B, K))
     n, m = B.shape if B.ndim == 2 else (0, 0)
     if A.shape != (n, n) or K.shape != (m, n) or n == 0:
-        problem = f"A {A.shape}, B {B.shape}, K {K.shape} don't fit together"
+        problem = f"the shapes of A {A.shape}, B {B.shape}, K {K.shape} don't fit together"
         raise InputError("compensate_delay", problem, fix="give A (n, n), B (n, m), K (m, n)")
     if not (0 <= delay < math.inf and 0 < period < math.inf):
         problem = f"got a delay of {delay} s and a period of {period} s"
@@ -99,13 +99,13 @@ def plain_feedback(A: Any, B: Any, K: Any, period: float) -> PredictiveFeedback:
 
 
 def _waiting_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
-    """Return the effect of each command in transit, newest first, on the state at the time now + delay."""
+    """Return the effect of each command in transit, newest first, on the state one delay later."""
     count = math.ceil(delay / period - ON_A_PERIOD)
     return [_integral(A, B, max((j - 1) * period, 0.0), min(j * period, delay)) for j in range(1, count + 1)]
 
 
 def _arriving_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
-    """Return the effect of each command, from this period's backwards, on the state at the end of this period."""
+    """Return the effect of each command, newest first, on the state at the end of the current period."""
     count = math.ceil(delay / period - ON_A_PERIOD)
     late = (
         delay - (count - 1) * period if count else 0.0

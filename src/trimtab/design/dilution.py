@@ -40,7 +40,7 @@ def dilution(directions: Any, visible: Any, *, common_error: bool = False) -> An
     Args:
         directions: derivatives of each range by north and east (..., n, 2): horizontal part of the unit vectors.
         visible: True for each available range (..., n).
-        common_error: True to estimate also a range error common to all, as the closed form does.
+        common_error: True to estimate also an error common to all ranges, as the closed-form solution does.
 
     Returns: (...), infinite where the ranges don't determine a position.
     """

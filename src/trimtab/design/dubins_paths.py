@@ -23,12 +23,13 @@ WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
 TURNS: Mapping[str, float] = MappingProxyType({"L": -1.0, "S": 0.0, "R": 1.0})
 """Sign of the curvature of each letter: positive to the right, which is clockwise seen from above."""
 TINY = 1e-9
-"""Rounding limit: arcs (rad) this close to a full turn, and lines (radii) shorter than this, count as zero."""
+"""Limit of rounding: an arc this close (rad) to a full turn, or a line this short (radii), counts as zero."""
 
 
 @record
 class DubinsPath:
-    """Path of three pieces, arcs and straight lines, at one speed; a reference. After its end it goes straight on.
+    """Path of three pieces, arcs and straight lines, at one speed; a reference. After the end of the path the reference
+    goes straight on.
 
     Frames:  W; headings clockwise from north.    Source:  [1].
     """
@@ -78,7 +79,7 @@ def dubins_path(word: str, start: Any, goal: Any, radius: float, speed: float = 
     Args:
         word: one of WORDS.
         start: north, east (m), heading (rad) (3,).
-        goal: likewise.
+        goal: north, east (m), heading (rad) (3,).
         radius: radius of the arcs (m).
         speed: speed along the path (m/s).
 
@@ -88,7 +89,7 @@ def dubins_path(word: str, start: Any, goal: Any, radius: float, speed: float = 
     if word not in WORDS:
         raise InputError("word", f"unknown word of a shortest path: {word!r}", choices=WORDS, fix=f"write {WORDS[0]}")
     if not radius > 0:
-        raise InputError("radius", f"the radius must be above 0, got {radius:g} m", fix="give one above 0, e.g. 1.0")
+        raise InputError("radius", f"the radius must be above 0, got {radius:g} m", fix="give a radius such as 1.0")
     start, goal = np.asarray(start, np.float64), np.asarray(goal, np.float64)
     signs = np.array([TURNS[letter] for letter in word])
     first, last = (
@@ -116,7 +117,7 @@ def dubins_path(word: str, start: Any, goal: Any, radius: float, speed: float = 
 
 
 def shortest_path(start: Any, goal: Any, radius: float, speed: float = 1.0) -> DubinsPath:
-    """Return the shortest path between two poses: arguments as in `dubins_path`.
+    """Return the shortest path between two poses. Arguments are as in `dubins_path`.
 
     Raises:
         InputError: invalid radius.
@@ -144,7 +145,7 @@ def _right(heading: float) -> Any:
 
 
 def _heading_of(right: Any) -> float:
-    """Return the heading (rad) whose right is along a vector (2,)."""
+    """Return the heading (rad) at which a vector (2,) points to the right."""
     return float(np.arctan2(-right[0], right[1]))
 
 
@@ -155,9 +156,10 @@ def _arc(angle: float) -> float:
 
 
 def _straight(signs: Any, between: Any) -> list[tuple[float, float, float]]:
-    """Return headings (rad) before and after a straight line (they are equal), and its length from circle to circle.
+    """Return headings (rad) before and after a straight line (equal), and the line's length between two circles.
 
-    between: from the first centre to the last (2,). In radii. The line is a tangent of both circles, an inner tangent
+    between: vector from the first centre to the last (2,). Lengths are in radii. The line is a tangent of both circles,
+        an inner tangent
     if the turns differ.
     """
     direction, squared = float(np.arctan2(between[1], between[0])), float(between @ between)
@@ -171,7 +173,7 @@ def _straight(signs: Any, between: Any) -> list[tuple[float, float, float]]:
 
 
 def _three_arcs(sign: float, between: Any) -> list[tuple[float, float, float]]:
-    """Return headings (rad) where three circles touch, for both circles that touch first and last; length 0."""
+    """Return headings (rad) where the middle circle touches the first and the last; one pair for each middle circle."""
     distance = float(np.hypot(*between))
     if not 0 < distance <= 4:
         return []  # too far apart, or the same circle, which needs no other turn

@@ -21,7 +21,7 @@ class DefinitenessProof(NamedTuple):
     """Result of a proof that a symmetric matrix is positive definite.
 
     holds: True if proved.  how: method.  pivot: index from 0 of the first non-positive pivot, or None.  value: that
-    pivot, i.e. minor over the minor before, in the matrix's own unit; NaN without one.
+        pivot, a ratio of consecutive minors, in the unit of the matrix; NaN without a non-positive pivot.
     """
 
     holds: bool
@@ -59,8 +59,8 @@ def prove_definite(M: Any) -> DefinitenessProof:
     """Prove that a symmetric matrix, of floats or Fractions, is positive definite; ValueError if it is not symmetric.
 
     Source: [1], Sylvester's criterion: the pivots of the elimination are the leading minors of the matrix times the
-    common denominator. Rows and columns are first scaled alike by powers of two, which keeps all signs and short
-    integers.
+    common denominator. Rows and columns are first scaled alike by powers of two. This keeps all signs, and keeps the
+    integers short.
     """
     exact = as_fractions(M)
     if any(exact[i, j] != exact[j, i] for i in range(len(exact)) for j in range(i)):
@@ -100,7 +100,7 @@ def exact_rank(M: Any) -> int:
 
 
 def _binary_exponent(value: Fraction) -> int:
-    """Return k with 2^(k-1) < value < 2^(k+1), for a positive fraction."""
+    """Return an integer k with 2^(k-1) < value < 2^(k+1), for a positive fraction."""
     return value.numerator.bit_length() - value.denominator.bit_length()
 
 

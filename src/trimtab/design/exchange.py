@@ -21,7 +21,7 @@ def to_control(linear: LinearModel) -> Any:
 
 
 def to_scipy(linear: LinearModel) -> Any:
-    """Convert a linear model to scipy.signal's `StateSpace`; names are lost."""
+    """Convert a linear model to scipy.signal's `StateSpace`; the names of the signals are lost."""
     from scipy.signal import StateSpace
 
     return StateSpace(linear.A, linear.B, linear.C, linear.D)
@@ -30,14 +30,14 @@ def to_scipy(linear: LinearModel) -> Any:
 def from_control(system: Any) -> LinearModel:
     """Convert a continuous system of python-control (state space, transfer function) or scipy.signal to a linear model.
 
-    Its point is zero; names are python-control's, or x0, u0, y0 etc.
+    Its operating point is zero. Names are those of python-control, or x0, u0, y0 etc.
 
-    Raises: InputError for a sampled system, or another object.
+    Raises: InputError for a sampled system, or an object of another type.
     """
     A, B, C, D, dt = system_matrices(system)
     if dt:
-        fix = "give the continuous system; a sampled compensator can fly directly: compensator_law"
-        raise InputError("from_control", f"the system is sampled every {dt} s", fix=fix)
+        fix = "give the continuous system; compensator_law accepts a sampled compensator"
+        raise InputError("from_control", f"the system must be continuous, but is sampled every {dt} s", fix=fix)
     n, m, p = len(A), B.shape[1], len(C)
     states = _labels(system, "state_labels", "x", n)
     inputs, outputs = _labels(system, "input_labels", "u", m), _labels(system, "output_labels", "y", p)
@@ -66,7 +66,8 @@ def system_matrices(system: Any) -> tuple[Any, Any, Any, Any, float]:
 
 
 def discrete_matrices(system: Any, period: float) -> tuple[Any, Any, Any, Any]:
-    """Return A, B, C, D of a compensator that steps every `period` (s); a continuous one by Tustin's rule.
+    """Return A, B, C, D of a compensator that steps every `period` (s); a continuous compensator is converted by
+    Tustin's rule.
 
     Raises: InputError for a compensator with another sampling period.
     """
@@ -76,7 +77,7 @@ def discrete_matrices(system: Any, period: float) -> tuple[Any, Any, Any, Any]:
     if dt and not np.isclose(dt, period, rtol=1e-9):
         raise InputError(
             "compensator",
-            f"its period must be that of the loop, {period} s, got {dt} s",
+            f"the compensator's period must equal the loop's, {period} s, got {dt} s",
             fix=f"give period={dt}, or a continuous compensator",
         )
     if dt or not len(A):
@@ -96,5 +97,5 @@ def _import_control() -> Any:
     except ModuleNotFoundError as error:
         if error.name != "control":
             raise
-        raise InputError("python-control", "it is not installed", fix=install_command("control")) from None
+        raise InputError("python-control", "the package is not installed", fix=install_command("control")) from None
     return control

@@ -20,14 +20,14 @@ from trimtab.design.polynomial import Monomial, Polynomial, constant, multiply_m
 from trimtab.design.squares import Claim, GramForm, SquaresProof
 
 DIGITS = 7
-"""Number of decimals kept of the solver's result."""
+"""Number of decimals to which the solver's result is rounded."""
 
 
 class GramSearch(NamedTuple):
     """Setup of a search.
 
-    states: state -> polynomial in the coordinates.  coordinates: coordinate -> polynomial in the states.  forms:
-    hypothesis, or "" for none -> the single terms in the coordinates of the Gram matrix to find.
+    states: state -> polynomial in the coordinates.  coordinates: coordinate -> polynomial in the states.  forms: name
+        of a hypothesis ("" without a hypothesis) -> single terms, in the coordinates, of its Gram matrix.
     """
 
     states: Mapping[str, Polynomial]
@@ -36,7 +36,7 @@ class GramSearch(NamedTuple):
 
 
 def find_gram_proof(claim: Claim, search: GramSearch) -> SquaresProof:
-    """Find a proof of a claim without open parameters; raise ArithmeticError if the solver finds none with a margin."""
+    """Find a proof of a claim without open parameters; raise ArithmeticError if the solver finds no proof."""
     z = [_as_monomial(form) for form in search.forms[""]]
     pairs: dict[Monomial, list[tuple[int, int]]] = {}
     for i, j in combinations_with_replacement(range(len(z)), 2):
@@ -76,23 +76,23 @@ def _solve_margin(base: Any, moves: list[Any], sizes: list[int], first: int) -> 
     matrices.append(lambda x: np.array([[1.0 - x[-1]]]))
     solution = minimise(lambda x: -x[-1], matrices, count + 1)
     if solution.status != "Solved" or not solution.x[-1] > 10.0**-DIGITS * len(base):
-        raise ArithmeticError(f"the solver found no Gram matrices with a margin: {solution.status}")
+        raise ArithmeticError(f"the solver found no positive definite Gram matrices: {solution.status}")
     return solution.x[:-1]
 
 
 def _spread_terms(p: Polynomial, pairs: Mapping[Monomial, list[tuple[int, int]]], n: int) -> Any:
-    """Return a Gram matrix of a polynomial, each term on its first pair; ArithmeticError if a term has no pair."""
+    """Return a Gram matrix of a polynomial. Raise ArithmeticError if a term is not a product of two forms."""
     G = np.full((n, n), Fraction(0), object)
     for m, c in p.terms.items():
         if m not in pairs:
-            raise ArithmeticError(f"no two forms give the term {Polynomial({m: c})}")
+            raise ArithmeticError(f"the term {Polynomial({m: c})} is not a product of two forms")
         i, j = pairs[m][0]
         G[i, j] = G[j, i] = c if i == j else c / 2
     return G
 
 
 def _kernel_matrix(pairs: list[tuple[int, int]], k: int, n: int) -> Any:
-    """Return the matrix that moves a term from the first pair to the k-th, without changing the form."""
+    """Return the matrix that moves a term from its first pair of entries to the k-th; z'G z does not change."""
     G = np.full((n, n), Fraction(0), object)
     for (i, j), sign in ((pairs[0], -1), (pairs[k], 1)):
         G[i, j] = G[j, i] = Fraction(sign) if i == j else Fraction(sign, 2)

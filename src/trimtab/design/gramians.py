@@ -23,7 +23,7 @@ from trimtab.design.zero_dynamics import scale_system
 class WeakestDirection(NamedTuple):
     """Weakest direction. size: smallest eigenvalue of the Gramian, relative to its largest.  direction: scaled (n,).
 
-    words: the direction in words.
+    words: the direction as text, e.g. "0.8 FX - 0.6 FY".
     """
 
     size: float
@@ -34,7 +34,7 @@ class WeakestDirection(NamedTuple):
 class Gramians(NamedTuple):
     """Gramians. controllability, observability: matrices (n, n), in units of the states' sizes (n,).
 
-    hardly_moved, hardly_seen: their weakest directions.
+    hardly_moved: least controllable direction.  hardly_seen: least observable direction.
     """
 
     controllability: Any
@@ -45,7 +45,7 @@ class Gramians(NamedTuple):
 
 
 def find_gramians(linear: LinearModel, horizon: float) -> Gramians:
-    """Compute both Gramians over a time (s)."""
+    """Compute the controllability and observability Gramians over a time (s)."""
     if not (np.isfinite(horizon) and horizon > 0):
         raise InputError("gramians.horizon", f"must be above 0 s, got {horizon} s", fix="horizon=10.0")
     A, B, C, _, (sizes, _) = scale_system(linear)
@@ -54,7 +54,7 @@ def find_gramians(linear: LinearModel, horizon: float) -> Gramians:
 
 
 def integrate_gramian(A: Any, B: Any, horizon: float) -> Any:
-    """Integrate exp(A t) B B' exp(A' t) (n, n) over a time (s), by doubling of a short step."""
+    """Integrate exp(A t) B B' exp(A' t) (n, n) over a time (s): a short step is doubled repeatedly."""
     n = len(A)
     halvings = max(0, int(np.ceil(np.log2(max(np.abs(A).sum(axis=1).max(initial=0.0) * horizon, 1.0)))))
     step = horizon / 2**halvings

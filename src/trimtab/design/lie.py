@@ -20,11 +20,11 @@ from trimtab.core.record import FAST_COMPILE_OPTIONS
 from trimtab.design.model import Function, StateSpaceModel, find_indices, format_combination
 
 ROUNDING = 1e-10
-"""Size of a sum, relative to the sum of its terms' magnitudes, that counts as zero."""
+"""A sum counts as zero up to this fraction of the sum of its terms' magnitudes."""
 WEAK = 1e-13
-"""Relative influence of a state on a function, over its neighbourhood, that counts as zero."""
+"""A function does not depend on a state if the state's relative influence around the point is below this."""
 VANISHES = 1e-8
-"""Size of a row at the point, relative to its size around the point, that counts as zero; same for singular values."""
+"""A row counts as zero up to this fraction of its size nearby; a singular value, of the largest singular value."""
 Field = Callable[[Any], Any]
 """Function from x (n,) to a vector, traceable by jax."""
 
@@ -32,11 +32,12 @@ Field = Callable[[Any], Any]
 class RelativeDegree(NamedTuple):
     """Vector relative degree at a point.
 
-    degrees: output -> number of differentiations until an input appears, or None if none ever does.  matrix: d(highest
-    derivatives)/du at the point (p, m); L_g L_f^(r-1) h for affine systems.  condition: its condition number after rows
-    and columns are scaled to size 1, which removes the units.  determinant: if the matrix is square.  margin: output ->
-    size of its row at the point, relative to the largest around it.  total: sum of the degrees.  defined: True if the
-    vector relative degree is well defined here.  why: reasons if it is not, in words.
+    degrees: output -> number of differentiations until an input appears, or None if none ever does.  matrix: decoupling
+        matrix d(highest derivatives)/du at the point (p, m); L_g L_f^(r-1) h for affine systems.  condition: its
+        condition number after rows
+    and columns are scaled to size 1, which removes the units.  determinant: of the matrix; NaN if it is not square.
+    margin: output -> size of its row at the point, relative to the largest around it.  total: sum of the degrees.
+    defined: True if the vector relative degree is well defined at the point.  why: otherwise the reasons, as text.
     """
 
     degrees: dict[str, int | None]
@@ -83,7 +84,7 @@ def curved_inputs(
 
 
 def extend_inputs(model: StateSpaceModel, names: Sequence[str], order: int = 1) -> StateSpaceModel:
-    """Extend the model dynamically: named inputs become states, their derivatives of the given order the new inputs.
+    """Extend the model dynamically: named inputs become states, and their derivatives become the inputs.
 
     The result is affine in the new inputs, for any model. Names: "FX", "FX'", …
 
@@ -140,8 +141,8 @@ def relative_degree(
 ) -> RelativeDegree:
     """Compute the vector relative degree at a point, and check that it is well defined there.
 
-    An input appears in a derivative if it does so at the point or at any sample around it. If it appears around the
-    point but not at it, the relative degree is not well defined, and the result reports that.
+    An input appears in a derivative if it does so at the point or at any sample around it. If it appears only around
+    the point, the relative degree is not well defined, and the result reports this.
 
     Args:
         model: the system; its outputs are differentiated.
@@ -184,12 +185,14 @@ def _derivative_rows(model: StateSpaceModel, outputs: list[int], order: int, poi
 
 def _require_finite(rows: Any) -> Any:
     if not np.isfinite(rows[0]).all():
-        raise InputError("relative_degree", "not finite at the point", fix="choose one where the model is smooth")
+        raise InputError(
+            "relative_degree", "a derivative is not finite", fix="choose a point where the model is smooth"
+        )
     return np.nan_to_num(rows, posinf=0.0, neginf=0.0)
 
 
 def equilibrate(matrix: Any) -> Any:
-    """Scale rows and columns of a matrix alternately to size 1; zero ones stay. Source: Ruiz, RAL-TR-2001-034."""
+    """Scale rows and columns alternately to length 1, except zeros. Source: Ruiz, RAL-TR-2001-034."""
     scaled = np.array(matrix, float)
     for _ in range(20):
         for axis in (1, 0):
@@ -203,15 +206,15 @@ def _build_verdict(model: StateSpaceModel, degrees: dict[str, int | None], rows:
     size = np.linalg.norm(rows, axis=2)
     largest = size.max(axis=0)
     margin = np.divide(size[0], largest, out=np.zeros(p), where=largest > 0)
-    why = [f"no input reaches {n}" for n in names if degrees[n] is None]
+    why = [f"no input affects the output {n}" for n in names if degrees[n] is None]
     for n, share in zip(names, margin, strict=True):
         if degrees[n] is not None and share <= VANISHES:
-            why.append(f"the inputs enter derivative {degrees[n]} of {n} around the point, but not at it")
+            why.append(f"inputs affect derivative {degrees[n]} of {n} around the point, but not at the point")
     matrix = rows[0]
     singular = np.linalg.svd(equilibrate(matrix), compute_uv=False)
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")
     if p > m:
-        why.append(f"{p} outputs and only {m} inputs")
+        why.append(f"{p} outputs need at least {p} inputs, the model has {m}")
     elif None not in degrees.values():
         why += _explain_singularity(model, rows, bool(why))
     total = sum(r for r in degrees.values() if r is not None)
@@ -221,13 +224,13 @@ def _build_verdict(model: StateSpaceModel, degrees: dict[str, int | None], rows:
 
 
 def _explain_singularity(model: StateSpaceModel, rows: Any, explained: bool) -> list[str]:
-    """Explain where the decoupling matrix is singular, and which combination of outputs it can't move."""
+    """Explain where the decoupling matrix is singular, and which combination of outputs the inputs can't move."""
     values = np.array([np.linalg.svd(equilibrate(r), compute_uv=False) for r in rows])
     singular = values[:, -1] <= VANISHES * values[:, 0]
     if not singular[0] or (explained and not singular.all()):
         return []
     blocked = format_combination(np.linalg.svd(equilibrate(rows[0]))[0][:, -1], model.outputs)
-    where = "all around" if singular.all() else "at the point only"
-    text = f"the decoupling matrix is singular {where}: here it can't move {blocked} (scaled)"
+    where = "everywhere near the point" if singular.all() else "at the point only"
+    text = f"the decoupling matrix is singular {where}: the inputs can't move {blocked} (scaled)"
     enter = [n for n, c in zip(model.inputs, np.abs(rows).max(axis=(0, 1)), strict=True) if c > 0]
     return [text + (f"; try the dynamic extension of {' or '.join(enter)}" if singular.all() else "")]

@@ -17,7 +17,7 @@ NAMES = ("states", "inputs", "outputs")
 
 
 def linear_json(linear: LinearModel, about: dict[str, Any]) -> str:
-    """Return the text of a file; about: other content, e.g. the vehicle's name and the point."""
+    """Return the text of a file with a linear model. about: other content, e.g. the vehicle's name and the point."""
     numbers = {n: np.asarray(getattr(linear, n), float).tolist() for n in (*MATRICES, *VECTORS)}
     names = {n: list(getattr(linear, n)) for n in NAMES}
     return json.dumps({"format": FORMAT, "about": about, **names, **numbers}, indent=1) + "\n"
@@ -28,7 +28,7 @@ def read_linear(file: Path) -> tuple[LinearModel, dict[str, Any]]:
 
     Raises: InputError for a file that is not a linear model, or whose matrices don't fit its names.
     """
-    fix = "trimtab linearise VEHICLE --out model.json  writes one"
+    fix = "trimtab linearise VEHICLE --out model.json  writes a linear model"
     try:
         data: Any = json.loads(read_user_text(file))
         if data.get("format") != FORMAT:

@@ -16,16 +16,17 @@ from trimtab.design.model import StateSpaceModel, find_indices
 from trimtab.design.poles import balance_matrix, participation, sorted_poles
 
 ROUNDING = 1e-10
-"""Size of real and imaginary parts, relative to the largest entry of the scaled A, that counts as zero."""
+"""Real or imaginary parts of a pole up to this fraction of the largest entry of the scaled A count as zero."""
 POLE_DISTANCE_MIN = 1e-6
-"""Distance of poles, relative to the largest entry of the scaled A, below which they share their states."""
+"""Poles closer than this, relative to the largest entry of the scaled A, are one pole for participations."""
 
 
 class Eigenmode(NamedTuple):
     """Mode of a linear model: one real pole, or a conjugate pair.
 
     pole: for a pair, that with positive imaginary part.  frequency: |pole| (rad/s).  damping: -Re/|pole|; NaN at 0.
-    time_constant: 1/|Re pole| (s), of decay or growth; infinite without either.  states: name and participation of the
+    time_constant: 1/|Re pole| (s), of decay or growth; infinite for a pole on the imaginary axis.  states: name and
+        participation of the
     states in the mode, largest first; the participations sum to 1 and do not depend on units.
     """
 
@@ -39,7 +40,8 @@ class Eigenmode(NamedTuple):
 class LinearModel(NamedTuple):
     """Linear model dx' = A dx + B du, dy = C dx + D du, in deviations from (x0, u0, y0).
 
-    A: (n, n).  B: (n, m).  C: (p, n).  D: (p, m).  x0, u0, y0: the point.  drift: f(x0, u0) (n,), zero at a trim.
+    A: (n, n).  B: (n, m).  C: (p, n).  D: (p, m).  x0, u0, y0: the operating point.  drift: f(x0, u0) (n,), zero at a
+        trim.
     states, inputs, outputs: names.
     """
 
@@ -78,7 +80,7 @@ class LinearModel(NamedTuple):
         return tuple(modes)
 
     def table(self) -> str:
-        """Return the modes as text, one for each line."""
+        """Return the modes as text, one mode per line."""
         lines = [f"{'pole [1/s]':>24}  {'rad/s':>9}  {'damping':>8}  {'time [s]':>9}  states"]
         for m in self.modes():
             pole = f"{m.pole.real:+.5g}" + (f" ± {m.pole.imag:.5g}i" if m.pole.imag else "")
@@ -92,7 +94,7 @@ class LinearModel(NamedTuple):
         inputs: Iterable[str] | None = None,
         outputs: Iterable[str] | None = None,
     ) -> "LinearModel":
-        """Return the part with the named states, inputs and outputs, in that order; the others are held at zero."""
+        """Return the model with only the named states, inputs and outputs, in that order; all others are zero."""
         i = find_indices(argument_name("states"), self.states if states is None else states, self.states)
         j = find_indices(argument_name("inputs"), self.inputs if inputs is None else inputs, self.inputs)
         k = find_indices(argument_name("outputs"), self.outputs if outputs is None else outputs, self.outputs)
@@ -102,11 +104,11 @@ class LinearModel(NamedTuple):
         return LinearModel(A, B, C, D, self.x0[i], self.u0[j], self.y0[k], self.drift[i], *labels)
 
     def settle(self, states: Iterable[str]) -> "LinearModel":
-        """Return the model without the named states, each replaced by its steady value for the others: fast states.
+        """Return the slow model: the named fast states are replaced by their steady values.
 
-        Outputs keep their meaning; `x0` and `drift` are those of the remaining states.
+        The steady values depend on the other states and the inputs. `x0` and `drift` contain the remaining states.
 
-        Raises: InputError if the named states do not settle by themselves.
+        Raises: InputError if the named states are not stable while all others are held.
 
         Source: P. V. Kokotovic, H. K. Khalil, J. O'Reilly, "Singular perturbation methods in control", Academic Press
         1986, section 1.3: the slow model.
@@ -117,10 +119,10 @@ class LinearModel(NamedTuple):
         worst = np.linalg.eigvals(own).real.max(initial=-np.inf)
         if worst >= 0:
             names = ", ".join(self.states[i] for i in fast)
-            problem = f"with all other states held, {names} has a pole of {worst:+.4g} 1/s and does not settle"
+            problem = f"with all other states held, {names} must be stable, but has a pole at {worst:+.4g} 1/s"
             part = argument_name("fast")
             raise InputError(
-                part, problem, fix=f"leave it out of {part}, or use a sensor or an estimator that provides it"
+                part, problem, fix=f"remove the state from {part}, or provide the state by a sensor or estimator"
             )
         to, by = np.linalg.solve(own, self.A[np.ix_(fast, slow)]), np.linalg.solve(own, self.B[fast])
         inner, outer = self.A[np.ix_(slow, fast)], self.C[:, fast]
@@ -169,11 +171,11 @@ def linearise(model: StateSpaceModel, x: Any = None, u: Any = None) -> LinearMod
         if bad:
             problem = f"{what} or its derivative is not finite for {', '.join(bad)}"
             keep, choose = argument_name("output"), argument_name("at")
-            fix = f"keep only the others with {keep}, or choose with {choose} a point where the model is smooth"
+            fix = f"choose a point where the model is smooth with {choose}, or keep only other outputs with {keep}"
             raise InputError("linearise", problem, fix=fix)
     corner = find_corner(model, x0, u0)
     if corner is not None:
-        fix = f"choose with {argument_name('at')} a point beside it"
+        fix = f"choose another point nearby with {argument_name('at')}"
         if corner.row in model.outputs:
             fix += f", or keep only other outputs with {argument_name('output')}"
         raise InputError("linearise", f"{corner.row} has no slope at this point: {corner.reason}", fix=fix)

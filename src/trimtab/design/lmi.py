@@ -33,9 +33,9 @@ from trimtab.design.lqr import check_matrices, state_sizes
 from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 STRICT = 1e-7
-"""Distance of the solution from the boundary of the inequality, in the scaled variables X, Y."""
+"""Least eigenvalue by which the scaled inequality in X, Y must hold."""
 STATES_SOLVED = 8
-"""Number of integrators in a chain up to which the solver finds a gain; a test solves it."""
+"""Longest chain of integrators for which the solver finds a gain. A test solves this length."""
 MatrixBlock = Callable[[Any], Any]
 """Affine function from variables (k,) to a symmetric matrix that must be positive semidefinite."""
 
@@ -43,8 +43,8 @@ MatrixBlock = Callable[[Any], Any]
 class LmiGain(NamedTuple):
     """Gain of v = +K e.
 
-    K: (m, n).  P: (n, n), of the inequality.  poles: of A + B K (n,), by falling real part.  margin: of the inequality
-    in the scaled X, Y: smallest eigenvalue of minus its left side.  least: smallest eigenvalue of the scaled X.
+    K: (m, n).  P: (n, n), of the inequality.  poles: of A + B K (n,), by falling real part.  margin: smallest
+        eigenvalue of minus the inequality's left side, in the scaled X, Y.  least: smallest eigenvalue of the scaled X.
     objective: minimised value.  status: the solver's status.
     """
 
@@ -76,7 +76,7 @@ class SemidefiniteSolution(NamedTuple):
 
 
 def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: float = 0.0) -> LmiGain:
-    """Return the gain K of v = +K e and the P that proves it; raise InputError with the reasons if there is none.
+    """Return the gain K of v = +K e and the P that proves it. Raise InputError with the reasons on failure.
 
     Args:
         A: (n, n).
@@ -95,7 +95,7 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
     Qs = Qe * np.outer(d, d)
     lowest = float(np.linalg.eigvalsh(Qs)[0])
     if lowest <= 0:
-        problem = f"smallest eigenvalue {lowest:.6g}, scaled"
+        problem = f"must be positive definite; the smallest scaled eigenvalue is {lowest:.6g}"
         raise InputError("lmi_gain.Qe", problem, fix="give a positive weight to every state")
     root = cholesky(Re, lower=True)
     As, Bs = A * d / d[:, None], solve_triangular(root, (B / d[:, None]).T, lower=True).T
@@ -108,14 +108,14 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
     stuck = _stuck_poles(As, Bs, decay)
     is_strict = solution.is_solved and min(solution.margins[:2]) > -STRICT
     if not (is_strict or stuck or "Infeasible" in solution.status):
-        problem = f"the solver ends with {solution.status} for {n} states and {m} inputs, i.e. {k} unknowns: that does"
-        problem += f" not decide if a gain exists. Chains of up to {STATES_SOLVED} integrators are solved"
-        fix = "use the method lqr, leave out states, or choose the scale of the states"
+        problem = f"the solver reported {solution.status} for {n} states and {m} inputs ({k} unknowns), which does"
+        problem += f" not show if a gain exists. Chains of up to {STATES_SOLVED} integrators can be solved"
+        fix = "use the method lqr, remove states, or choose the scale of the states"
         raise InputError("lmi_gain", problem, fix=fix)
     if not is_strict:
         fix = "add an input, or choose the scale of the states"
         if decay:
-            fix = "ask for a smaller decay, or add an input"
+            fix = "choose a smaller decay, or add an input"
         raise InputError("lmi_gain", _explain_infeasibility(solution, strict, As, Bs, decay), fix=fix)
     inner = np.linalg.inv(X)
     inner = (inner + inner.T) / 2
@@ -154,21 +154,21 @@ def _objective(z: Any, Q: Any, m: int) -> float:
 
 
 def _stuck_poles(A: Any, B: Any, decay: float) -> list[Any]:
-    """Return the poles that no input moves and that are too slow."""
+    """Return the poles that no input moves and that decay too slowly."""
     return [p for p in uncontrollable_poles(A, B) if p.real >= -decay - 1e-9 * np.abs(A).max()]
 
 
 def _explain_infeasibility(
     solution: SemidefiniteSolution, blocks: list[MatrixBlock], A: Any, B: Any, decay: float
 ) -> str:
-    """Return the reasons against a solution: poles that no input moves, or the size of the contradiction."""
-    reasons = [f"the solver ends with {solution.status}"]
+    """Return the reasons for failure: poles that no input moves, and the violation of the inequality."""
+    reasons = [f"the solver reported {solution.status}"]
     stuck = _stuck_poles(A, B, decay)
     if stuck:
-        reasons.append("the inputs don't move " + ", ".join(format_pole(p) for p in stuck if p.imag >= 0))
+        reasons.append("no input moves the poles " + ", ".join(format_pole(p) for p in stuck if p.imag >= 0))
     missing = least_violation(blocks, len(solution.x))
     if missing > 0:
-        reasons.append(f"(14) with X > 0, both strict by {STRICT:g}, is violated by {missing:.3g} at least, scaled")
+        reasons.append(f"with a margin of {STRICT:g}, (14) and X > 0 are violated by at least {missing:.3g}, scaled")
     return "no gain satisfies the inequality: " + "; ".join(reasons)
 
 
@@ -203,9 +203,9 @@ def minimise(objective: Callable[[Any], Any], blocks: Sequence[MatrixBlock], k: 
 
 
 def least_violation(blocks: Sequence[MatrixBlock], k: int) -> float:
-    """Return the least t for which all blocks plus t I can be positive semidefinite; above 0: the blocks contradict.
+    """Return the least t for which all blocks plus t I can be positive semidefinite.
 
-    It is bounded below by -1.
+    A value above 0 means that the inequalities have no solution. The search is bounded below by -1.
     """
     lifted: list[MatrixBlock] = [lambda z, f=f: f(z[:-1]) + z[-1] * np.eye(len(f(z[:-1]))) for f in blocks]
     return minimise(lambda z: z[-1], [*lifted, lambda z: np.array([[z[-1] + 1.0]])], k + 1).objective

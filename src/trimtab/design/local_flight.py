@@ -1,4 +1,5 @@
-"""Local coordinates of a body over the rotating earth: place, velocity over the ground, attitude to north-east-down.
+"""Local coordinates of a body over the rotating earth: position, velocity over the ground, and attitude relative to
+north-east-down.
 
 `vehicles.rigid_body` integrates in an inertial frame, in which level flight is not an equilibrium. For trim and linear
 models the same dynamics are expressed here in local coordinates, exactly, with the earth's rotation and curvature.
@@ -21,7 +22,7 @@ from trimtab.vehicles.rigid_body import RigidBody, RigidBodyState
 
 @record
 class LocalFlightState:
-    """State of flight relative to the ground below. Frames: N north-east-down there, B the body's.
+    """State of flight relative to the ground below. Frames: N north-east-down at the vehicle, B the body's axes.
 
     Source: Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., section 1.7.
     """
@@ -37,8 +38,8 @@ class LocalFlightState:
 class LocalFlight(NamedTuple):
     """Vehicle whose RigidBodyState is expressed as a LocalFlightState.
 
-    vehicle: the original vehicle.  earth: the earth below it.  path: path of the RigidBodyState in its state, "" for
-    the whole.
+    vehicle: the original vehicle.  earth: model of the earth.  path: path of the RigidBodyState in its state, "" if it
+        is the whole state.
     """
 
     vehicle: Any

@@ -19,19 +19,19 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 DEADBEAT = 1e-6
-"""Size over T below which a pole is memory that a period clears."""
+"""A pole of the map over one period below this size is memory that the period clears, and counts as zero."""
 ROUNDING = 1e-12
-"""Size of such a pole over a period long enough to clear all memory; the rest is rounding."""
+"""As DEADBEAT, for periods long enough to clear all memory; smaller poles are rounding errors."""
 STABLE = 1e-6
-"""Excess of a pole's size over 1 that counts as growth."""
+"""A loop is unstable if a pole's size exceeds 1 by more than this."""
 
 
 class LoopMap(NamedTuple):
-    """Matrices A_j (N, n, n), B_j (N, n, m), C_j (N, m, n) of one period; data in transit have the same slots in each.
+    """Linear map of a loop over one period: matrices A_j (N, n, n), B_j (N, n, m), C_j (N, m, n).
 
-    tick: time between instants (s).  states: names of z (n,).  commands: names of c.  idle: of z (n,), True for states
-    on which no command depends, such as the position, and clocks.  slowest: period of the slowest part (s).  period: N
-    tick (s).
+    Data in transit have the same slots in every matrix. tick: time between instants (s).  states: names of z (n,).
+    commands: names of c.  idle (n,): True for states on which no command depends, e.g. a position or a clock.  slowest:
+        period of the slowest part (s).
     """
 
     A: Any
@@ -45,7 +45,7 @@ class LoopMap(NamedTuple):
 
     @property
     def period(self) -> float:
-        """Period T (s)."""
+        """Period T = N tick (s), after which the matrices repeat."""
         return self.tick * len(self.A)
 
     def transition(self, gain: Any = 1.0, delay: int = 0) -> Any:
@@ -53,7 +53,7 @@ class LoopMap(NamedTuple):
 
         Args:
             gain: a number, or one for each command (m,).
-            delay: instants between c and v.
+            delay: number of instants between c and v.
         """
         keep = ~self.idle
         n, m = int(keep.sum()), self.B.shape[2]
@@ -74,11 +74,11 @@ class LoopMap(NamedTuple):
 
     @property
     def deadbeat(self) -> float:
-        """Size below which poles count as zero."""
+        """Size below which poles over T count as zero."""
         return ROUNDING if len(self.A) > 4 * int((~self.idle).sum()) else DEADBEAT
 
     def growth(self, gain: Any = 1.0, delay: int = 0) -> float:
-        """Return the largest size of a pole over T."""
+        """Return the size of the largest pole over T; the loop is stable below 1."""
         return float(np.abs(np.linalg.eigvals(self.transition(gain, delay))).max(initial=0.0))
 
     def response(self, w: Any) -> Any:
@@ -101,7 +101,7 @@ class LoopMap(NamedTuple):
         return np.array(values)
 
     def broken_loops(self, w: Any) -> Any:
-        """Return -c/v of each command alone, with the others closed, at the frequencies w (rad/s): complex (k, m)."""
+        """Return -c/v for each command's loop opened alone, at the frequencies w (rad/s): complex (k, m)."""
         whole = self.response(w)
         columns = []
         for i in range(whole.shape[1]):
@@ -127,9 +127,10 @@ class LoopMap(NamedTuple):
 class LoopMargins(NamedTuple):
     """Margins of a loop, from its poles.
 
-    gain_up, gain_down: factors on all commands (inf, 0 if none destabilises).  delay: largest tolerated delay of the
-    command, in whole instants (s; inf beyond the longest tried).  crossings: for each command, broken alone:
-    frequencies at which it has size 1 (rad/s) with the phase margin there (rad), by the fundamental.
+    gain_up, gain_down: largest and smallest stable factor on all commands (inf or 0 without limit).  delay: largest
+        tolerated delay of the
+    command, in whole instants (s; inf beyond the longest tried).  crossings: for each command's loop opened alone:
+    crossover frequencies (rad/s) with phase margins (rad), by the fundamental.
     """
 
     gain_up: float
@@ -143,10 +144,10 @@ def loop_margins(loop: LoopMap, *, longest: float = 1.0) -> LoopMargins:
 
     Args:
         loop: the map.
-        longest: largest delay that is tried (s).
+        longest: largest delay tried (s).
     """
     if loop.growth() > 1 + STABLE:
-        problem = f"the loop is not stable; it grows by {loop.growth():.6g} in {loop.period:g} s"
+        problem = f"the loop is not stable: its motion grows by a factor of {loop.growth():.6g} in {loop.period:g} s"
         raise InputError("loop margins", problem, fix="change the gains, or shorten the delays")
     up = _bisect_gain(loop, 1.0, 1e3)
     down = _bisect_gain(loop, 1.0, 1e-3)
@@ -163,7 +164,7 @@ def loop_margins(loop: LoopMap, *, longest: float = 1.0) -> LoopMargins:
 
 
 def find_crossings(loop: LoopMap) -> dict[str, tuple[tuple[float, float], ...]]:
-    """Return, for each command broken alone, (frequency, phase margin) where it has size 1 (rad/s, rad)."""
+    """Return crossover frequency (rad/s) and phase margin (rad) of each command's loop, opened alone."""
     w = loop.grid()
     values = loop.broken_loops(w)
     crossings = {}
@@ -180,7 +181,7 @@ def find_crossings(loop: LoopMap) -> dict[str, tuple[tuple[float, float], ...]]:
 
 
 def _bisect_gain(loop: LoopMap, inside: float, outside: float) -> float:
-    """Return the factor between the two at which the loop begins to grow; infinite or 0 if it never does."""
+    """Return the gain between two factors at which the loop becomes unstable; infinite or 0 if it stays stable."""
     steps = np.geomspace(inside, outside, 40)[1:]
     for last, factor in zip((inside, *steps[:-1]), steps, strict=True):
         if loop.growth(factor) > 1 + STABLE:

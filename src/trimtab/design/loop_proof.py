@@ -28,16 +28,16 @@ from trimtab.design.certificate import Certificate, ObserverPart
 from trimtab.design.proof import ProofCondition
 
 SHARE = 0.9
-"""Share of the slowest motion's decay that is proved for a sampled loop."""
+"""Fraction of the slowest pole's decay rate that is proved for a sampled loop."""
 LOOP_SIZE_MAX = 0.97
-"""Size of the loop around the parameters that is small enough for the Riccati equation."""
+"""Largest gain of the loop around the parameters for which the Riccati equation is solved."""
 FREQUENCIES = np.concatenate([np.linspace(0.0, 40.0, 320), np.geomspace(40.0, 4000.0, 40)])
-"""Frequencies (rad/s) at which that loop is evaluated; only used to find multipliers."""
+"""Frequencies (rad/s) at which the loop around the parameters is evaluated. They only serve to find multipliers."""
 MEANING = "decay, 1/s"
 
 
 def prove_sampled(F: Any, size: Any, period: float, names: Sequence[str]) -> ProofCondition:
-    """Return the condition for z = F z over each period, with the proved part of its decay (1/s).
+    """Return the condition that z(k+1) = F z(k) is stable, with the proved decay rate (1/s).
 
     Args:
         F: (n, n).
@@ -49,7 +49,7 @@ def prove_sampled(F: Any, size: Any, period: float, names: Sequence[str]) -> Pro
     slowest = -np.log(np.abs(np.linalg.eigvals(F)).max()) / period
     how = f"exact, {len(F)} states at {1 / period:g} Hz"
     if not slowest > 0:
-        return ProofCondition("", False, float(slowest), MEANING, how, "it does not decay")
+        return ProofCondition("", False, float(slowest), MEANING, how, "the loop is not stable")
     rho = float(np.exp(-SHARE * slowest * period))
     P: Any = solve_discrete_lyapunov(scaled.T / rho, np.eye(len(F)))
     P = (P + P.T) / np.outer(size, size)
@@ -64,13 +64,13 @@ def prove_sampled(F: Any, size: Any, period: float, names: Sequence[str]) -> Pro
 
 
 def prove_boxes(boxes: Sequence[Any], size: Any, rate: float, names: Sequence[str]) -> ProofCondition:
-    """Return the condition for all plants of some boxes, each box with its own Lyapunov matrix.
+    """Return the condition that the loop is stable for all plants in some boxes. Each box has its own Lyapunov matrix.
 
     Args:
         boxes: for each box, the loop's matrices at its vertices (2^k, n, n), the last parameter changing fastest;
             between the vertices they are affine in each parameter.
         size: sizes of the states (n,), in which the Lyapunov matrices are found.
-        rate: decay to be proved (1/s).
+        rate: decay rate to be proved (1/s).
         names: names of the states.
     """
     how = f"exact, {sum(len(vertices) for vertices in boxes)} vertices of {len(boxes)} boxes"
@@ -81,23 +81,23 @@ def prove_boxes(boxes: Sequence[Any], size: Any, rate: float, names: Sequence[st
         broken = None if P is None else _first_broken(vertices, P / np.outer(size, size), rate, names)
         if P is None or broken is not None:
             slowest = -float(np.linalg.eigvals(vertices).real.max())
-            why = f"box {number + 1}: {broken or 'no Lyapunov matrix was found for all of it'}"
+            why = f"box {number + 1}: {broken or 'no Lyapunov matrix was found that holds at all vertices'}"
             return ProofCondition("", False, slowest, MEANING, how, why)
     return ProofCondition("", True, rate, MEANING, how)
 
 
 def prove_level(c: Certificate, o: ObserverPart, slope: Any, room: Any) -> ProofCondition:
-    """Return the condition of the largest level set of V = e'P e/2 + weight e_eta'P_eta^-1 e_eta without saturation.
+    """Return the condition that no input saturates in a level set of V = e'P e/2 + weight e_eta'P_eta^-1 e_eta.
 
     Args:
-        c: certificate with this V, without the observer's part.
-        o: the observer's part.
+        c: certificate; its P gives the first term of V.
+        o: the certificate's observer; its P_eta and weight give the second term of V.
         slope: derivatives of the inputs by (e, e_eta), linear (m, n + k).
         room: distance of the inputs at rest from their nearer limits (m,).
     """
     n, meaning, how = len(c.A), "level of V", f"exact, {len(room)} inputs"
     if not (np.asarray(room) > 0).all():
-        return ProofCondition("", False, 0.0, meaning, how, "an input is at its limit at rest")
+        return ProofCondition("", False, 0.0, meaning, how, "an input is at or beyond its limit at rest")
     P, P_eta, weight = exact.as_fractions(c.P), exact.as_fractions(o.P), Fraction(o.weight)
     S = np.full((n + len(o.P),) * 2, Fraction(0))
     S[:n, :n], S[n:, n:] = P / Fraction(2), weight * P_eta  # in coordinates w with e_eta = P_eta w
@@ -116,7 +116,9 @@ def prove_level(c: Certificate, o: ObserverPart, slope: Any, room: Any) -> Proof
         if proof.pivot is not None:
             return ProofCondition("", False, level, meaning, how, f"pivot {proof.value:.6g} in row {proof.pivot}")
     widest = np.sqrt(2 * level / np.diag(c.P))
-    why = "single errors inside: " + ", ".join(f"{s} {w:.3g}" for s, w in zip(c.states, widest, strict=True))
+    why = "largest single errors within the level: " + ", ".join(
+        f"{s} {w:.3g}" for s, w in zip(c.states, widest, strict=True)
+    )
     return ProofCondition("", True, level, meaning, how, why)
 
 

@@ -23,16 +23,16 @@ from trimtab.design.poles import balance_matrix, format_pole, sorted_poles, unco
 PER_DECADE = 120
 """Number of frequencies of `grid` in each decade."""
 NEAR = np.geomspace(1e-3, 10, 40)
-"""Distances of further frequencies from each pole, relative to its damping."""
+"""Distances of extra frequencies from each pole, relative to the pole's damping."""
 UNSTABLE = 1e-9
-"""Smallest decay of a stable closed-loop pole, relative to the largest entry of A."""
+"""A closed-loop pole is stable if it decays faster than this fraction of the largest entry of A."""
 
 
 class FeedbackLoop(NamedTuple):
     """Feedback loop x' = A x + B e, y = C x + D e, closed by e = -y: L(s) = C (s I - A)^-1 B + D.
 
     A: (n, n).  B: (n, m).  C: (m, n).  D: (m, m).  period: 0 for a continuous loop; otherwise the sampling period (s),
-    and x' is the next x.
+        and x' means x at the next sample.
     """
 
     A: Any
@@ -58,7 +58,7 @@ class FeedbackLoop(NamedTuple):
         return FeedbackLoop(self.A - self.B @ F @ self.C, self.B @ F, F @ self.C, F @ self.D, self.period)
 
     def unstable_poles(self) -> tuple[complex, ...]:
-        """Return closed poles that do not decay, without hidden ones, which the loop neither moves nor sees."""
+        """Return closed-loop poles that do not decay, except uncontrollable and unobservable ones."""
         T = self.complementary_sensitivity()
         A = balance_matrix(T.A)
         hidden = np.array([*uncontrollable_poles(T.A, T.B), *uncontrollable_poles(T.A.T, T.C.T), np.inf])
@@ -71,21 +71,23 @@ class FeedbackLoop(NamedTuple):
         return tuple(unstable)
 
     def require_stable(self, part: str) -> "FeedbackLoop":
-        """Return the loop itself; raise InputError if it is not stable without any delay."""
+        """Return this loop unchanged; raise InputError if the closed loop is not stable without delay."""
         bad = self.unstable_poles()
         if bad:
-            problem = f"the closed loop is not stable without a delay; pole {format_pole(bad[0])}"
-            raise InputError(part, problem, fix="change the gains, or their sign; the loop is closed by e = -y")
+            problem = f"the closed loop is not stable even without delay; it has the pole {format_pole(bad[0])}"
+            raise InputError(
+                part, problem, fix="change the gains or their sign; the loop is closed by negative feedback, e = -y"
+            )
         return self
 
     def discretise(self, period: float) -> "FeedbackLoop":
-        """Sample the loop, as seen by a computer that samples y and holds e, every `period` (s)."""
+        """Return the sampled loop: every `period` (s) a computer samples y, and holds e until the next sample."""
         from scipy.signal import cont2discrete
 
         if self.period or not (math.isfinite(period) and period > 0):
             fix = "sample a continuous loop, with a period above 0 s"
             problem = (
-                f"a continuous loop and a period above 0 s are needed, got {period} s for a loop of {self.period} s"
+                f"the loop must be continuous and the period above 0 s, got {period} s for a loop of {self.period} s"
             )
             raise InputError("loop.sampled", problem, fix=fix)
         sampled: Any = cont2discrete((self.A, self.B, self.C, self.D), period, method="zoh")
@@ -119,7 +121,11 @@ def loop_of_polynomials(numerator: Any, denominator: Any) -> FeedbackLoop:
     num, den = (np.trim_zeros(p, "f") for p in whole)
     if not (np.isfinite(num).all() and np.isfinite(den).all() and den.any()) or len(num) > len(den):
         problem = f"{whole[0].tolist()} / {whole[1].tolist()} is not a proper transfer function"
-        raise InputError("loop", problem, fix="give finite coefficients by falling powers, the denominator's longer")
+        raise InputError(
+            "loop",
+            problem,
+            fix="give finite coefficients by falling powers of s; the denominator must have the higher degree",
+        )
     num = num if len(num) else np.zeros(1)
     if len(den) == 1:
         return FeedbackLoop(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[num[-1] / den[-1]]]))
@@ -132,13 +138,15 @@ def loop_of_gain(A: Any, B: Any, K: Any) -> FeedbackLoop:
     n, m = len(A), B.shape[1]
     if (A.shape, B.shape, K.shape) != ((n, n), (n, m), (m, n)):
         raise InputError(
-            "loop", f"A {A.shape}, B {B.shape}, K {K.shape} don't fit together", fix="give (n, n), (n, m), (m, n)"
+            "loop",
+            f"the shapes of A {A.shape}, B {B.shape}, K {K.shape} don't fit together",
+            fix="give (n, n), (n, m), (m, n)",
         )
     return FeedbackLoop(A, B, -K, np.zeros((m, m)))
 
 
 def loop_of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> FeedbackLoop:
-    """Linearise the loop of a law around a vehicle at a state at which the demand rests.
+    """Linearise the loop of a law and a vehicle at a state at which the demand is constant.
 
     The law is a function of the estimated state alone: its memory is constant. For a law that switches, the result is
     therefore the loop of one mode.
@@ -149,8 +157,7 @@ def loop_of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> FeedbackLo
         x: state record, e.g. `law.equilibrium()`.
         state: state of the law; default: that of its `init`.
 
-    Raises:
-        InputError: if the demand does not rest at x, because the vehicle then leaves the point.
+    Raises: InputError if the demand is not constant at x, because the vehicle then leaves the point.
     """
     memory = law.init(Key(np.uint32(0), np.uint32(0))) if state is None else state
 
@@ -173,6 +180,6 @@ def loop_of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> FeedbackLo
         rate = closed @ rate
     if max(changes) > 1e-9 * max(np.abs(K).max(), 1.0):
         name = type(law).__name__
-        problem = f"the demand of {name} does not rest at this state; it changes by {max(changes):.3g} per s"
+        problem = f"the demand of {name} must be constant at this state, but changes by {max(changes):.3g} per s"
         raise InputError("loop", problem, fix="give a trim: law.equilibrium(), or the result of design.trim")
     return loop

@@ -18,24 +18,25 @@ from trimtab.design import exact
 from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 AXIS = 1e-9
-"""Size of a real part, relative to the scaled A, that counts as zero."""
+"""A pole's real part counts as zero up to this fraction of the largest entry of the scaled A."""
 EXACT = 1e-11
-"""Residual of the Riccati equation at which no further step is taken."""
+"""Newton's method stops at this relative residual of the Riccati equation."""
 RESIDUAL_MAX = 1e-9
-"""Largest residual of the Riccati equation of an accepted gain."""
+"""Largest relative residual of the Riccati equation at which a gain is accepted."""
 BESIDE_WEIGHT = 3e-10
-"""Residual of the Riccati equation, relative to Q, above which it is computed without rounding for a last step. In long
-chains of integrators the other terms are millions of times Q, and a certificate compares with Q."""
+"""If the Riccati residual exceeds this fraction of Q, one last step is made with an exact residual. In long chains of
+integrators the other terms are millions of times Q, and a certificate compares with Q."""
 STEPS_MAX = 8
 """Largest number of steps of Newton's method [3]."""
 SEEN = 1e-12
-"""Smallest eigenvalue of Q, for states of equal weight, that counts as above zero."""
+"""Eigenvalues of Q, scaled to a unit diagonal, count as positive above this."""
 
 
 class Lqr(NamedTuple):
     """Regulator v = +K e that minimises the integral of e'Q e + v'R v.
 
-    K: (m, n), -R^-1 B'P, sign included.  P: (n, n), e'P e is the cost from e.  poles: of A + B K (n,), by falling real
+    K: (m, n), -R^-1 B'P, sign included.  P: (n, n); e'P e is the cost of a motion that starts at e.  poles: of A + B K
+        (n,), by falling real
     part.  residual: largest entry of A'P + P A - P B R^-1 B'P + Q, relative to the largest term, scaled.
     """
 
@@ -76,7 +77,7 @@ def lqr(A: Any, B: Any, Q: Any, R: Any, *, scale: Any = None) -> Lqr:
     As, Bs, Qs = A * d / d[:, None], solve_triangular(root, (B / d[:, None]).T, lower=True).T, Q * np.outer(d, d)
     _refuse_pair(
         "lqr",
-        "the inputs don't move",
+        "no input moves",
         As,
         Bs,
         (
@@ -84,14 +85,14 @@ def lqr(A: Any, B: Any, Q: Any, R: Any, *, scale: Any = None) -> Lqr:
             f"acts: {argument('at', 'NAME=VALUE')}"
         ),
     )
-    unseen = "give the states of this pole a weight"
-    _refuse_pair("lqr", "the weight Q does not see", As.T, _weight_columns(Qs), unseen)
+    unseen = "give a weight in Q to a state that this pole moves"
+    _refuse_pair("lqr", "the weight Q is zero for the motion of", As.T, _weight_columns(Qs), unseen)
     X, residual = _solve_riccati(As, Bs, Qs, (np.ones(len(d)), 1 / d))
     P = X / np.outer(d, d)
     K = -np.linalg.solve(R, B.T @ P)
     poles = sorted_poles(As + (B / d[:, None]) @ (K * d))
     if not residual <= RESIDUAL_MAX or poles[0].real >= 0:
-        problem = f"no stabilising solution: residual {residual:.3g}, rightmost pole {format_pole(poles[0])}"
+        problem = f"no stabilising solution was found: residual {residual:.3g}, rightmost pole {format_pole(poles[0])}"
         raise InputError("lqr", problem, fix="choose another `scale` of the states, or change Q or R")
     return Lqr(K, P, poles, residual)
 
@@ -99,7 +100,7 @@ def lqr(A: Any, B: Any, Q: Any, R: Any, *, scale: Any = None) -> Lqr:
 def _solve_riccati(A: Any, B: Any, Q: Any, sizes: tuple[Any, ...]) -> tuple[Any, float]:
     """Return P of the scaled equation with R = I, and its relative residual; infinite without a stabilising solution.
 
-    The equation is solved in units of each of the sizes (n,), until the residual is small. Newton's method [3] improves
+    The equation is solved in several scalings of the states, until the residual is small. Newton's method [3] improves
     each solution.
     """
     best, least = np.zeros_like(Q), float("inf")
@@ -130,7 +131,7 @@ def _solve_riccati(A: Any, B: Any, Q: Any, sizes: tuple[Any, ...]) -> tuple[Any,
 def _refine_beside_weight(A: Any, B: Any, Q: Any, P: Any, residual: float) -> tuple[Any, float]:
     """Return P after a step of Newton's method with an exact residual, and the relative residual.
 
-    P is returned unchanged if its residual is small beside Q already.
+    P is returned unchanged if its residual is already small compared with Q.
     """
     limit = BESIDE_WEIGHT * np.abs(Q).max()
     if np.abs(_riccati_sum(A, B, Q, P)).max() <= limit:
@@ -151,7 +152,7 @@ def _riccati_residual(A: Any, B: Any, Q: Any, P: Any) -> float:
 
 
 def _weight_columns(Q: Any) -> Any:
-    """Return H (n, k) with H H' = Q, without the directions that have no weight."""
+    """Return H (n, k) with H H' = Q, without columns for directions of zero weight."""
     d = np.sqrt(np.where(np.diag(Q) > 0, np.diag(Q), 1.0))
     values, vectors = np.linalg.eigh(Q / np.outer(d, d))
     seen = values > SEEN * max(values[-1], 0.0)
@@ -191,22 +192,32 @@ def check_matrices(part: str, A: Any, B: Any, Q: Any, R: Any) -> tuple[Any, Any,
     n, m = len(A), B.shape[1]
     for name, M, shape in (("A", A, (n, n)), ("B", B, (n, m)), ("Q", Q, (n, n)), ("R", R, (m, m))):
         if M.shape != shape:
-            raise InputError(f"{part}.{name}", f"shape {M.shape}", fix=f"give {shape}")
+            raise InputError(f"{part}.{name}", f"must have shape {shape}, got {M.shape}", fix=f"give {shape}")
         bad = np.argwhere(~np.isfinite(M))
         if len(bad):
             i, j = bad[0].tolist()
-            raise InputError(f"{part}.{name}", f"entry [{i}, {j}] is {M[i, j]}", fix="give finite numbers")
+            raise InputError(
+                f"{part}.{name}", f"entry [{i}, {j}] must be finite, got {M[i, j]}", fix="give finite numbers"
+            )
     for name, M, least in (("Q", Q, -1e-12), ("R", R, 0.0)):
         if not np.allclose(M, M.T, rtol=1e-12, atol=0):
-            raise InputError(f"{part}.{name}", f"not symmetric, by {np.abs(M - M.T).max():.3g}", fix="give (M + M')/2")
+            raise InputError(
+                f"{part}.{name}",
+                f"must be symmetric; entries differ by up to {np.abs(M - M.T).max():.3g}",
+                fix="give (M + M')/2",
+            )
         lowest = float(np.linalg.eigvalsh(M)[0])
         if lowest < least * np.abs(M).max() or (name == "R" and lowest <= 0):
-            raise InputError(f"{part}.{name}", f"smallest eigenvalue {lowest:.6g}", fix="give a positive weight")
+            raise InputError(
+                f"{part}.{name}",
+                f"must be positive definite; smallest eigenvalue {lowest:.6g}",
+                fix="give every input a positive weight",
+            )
     return A, B, Q, R
 
 
 def state_sizes(part: str, scale: Any, Q: Any) -> Any:
-    """Return sizes of the states (n,), as given or from Q's diagonal."""
+    """Return sizes of the states (n,): the given ones, or 1/sqrt of Q's diagonal."""
     if scale is None:
         weight = np.diag(Q)
         return 1 / np.sqrt(np.where(weight > 0, weight, 1.0))

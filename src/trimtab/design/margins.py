@@ -11,7 +11,7 @@ not necessary: larger variations may still be stable.
 
 Control that arrives removes x within one step; after a loss the step runs open. A packet is sent again up to
 `retransmissions` times within its step, each try lost with probability q. With one retransmission the step is lost with
-q^2, and E x^2 stays bounded if |a| q < 1. Any number of retransmissions is allowed here; [1] has one.
+q^2, and E x^2 stays bounded if |a| q < 1. These functions allow any number of retransmissions; [1] has one.
 
 Offline code: LAPACK and scipy.
 
@@ -32,9 +32,9 @@ from trimtab.core.errors import InputError
 from trimtab.design.loop_transfer import FeedbackLoop
 
 PEAKS, PEAK_SHARE_MIN = 12, 0.7
-"""Number of the grid's highest peaks that are refined, and their least height relative to the highest."""
+"""PEAKS highest peaks on the grid are refined, if they exceed PEAK_SHARE_MIN times the highest."""
 CROSSOVER_DISTANCES = np.geomspace(1e-6, 0.3, 60)
-"""Relative distances of frequencies from a crossover, where T peaks when the constant delay is near its margin."""
+"""Relative distances of extra frequencies from a crossover. T peaks there if the delay is near its margin."""
 
 
 class Crossover(NamedTuple):
@@ -48,7 +48,7 @@ class Crossover(NamedTuple):
 class DelayMargin(NamedTuple):
     """Delay margin: stable for every constant delay below `delay` (s; infinite if no delay destabilises).
 
-    crossovers: all of them, by rising delay; the first decides. At its delay a pair of poles lies at its frequency.
+    crossovers: all crossovers, by rising delay. The first gives the margin; at that delay it is a pole pair.
     """
 
     delay: float
@@ -63,8 +63,8 @@ def delay_margin(loop: FeedbackLoop) -> DelayMargin:
     Raises: InputError if the loop is sampled, or not stable without delay.
     """
     if loop.period:
-        fix = "give the continuous loop; jitter_margin_samples is for sampled loops"
-        raise InputError("delay_margin", f"the loop is sampled every {loop.period} s", fix=fix)
+        fix = "give a continuous loop, or use jitter_margin_samples for a sampled loop"
+        raise InputError("delay_margin", f"the loop must be continuous, but is sampled every {loop.period} s", fix=fix)
     loop.require_stable("delay_margin")
     if np.abs(np.linalg.eigvals(loop.D)).max(initial=0.0) >= 1:
         return DelayMargin(0.0, ())  # L has size 1 or more at all high frequencies, so every delay is too long
@@ -84,7 +84,7 @@ def _eigenvalue_loci(loop: FeedbackLoop, w: Any) -> Any:
 
 
 def _crossings(loop: FeedbackLoop) -> list[tuple[float, int]]:
-    """Return (frequency, locus) where a locus passes size 1; the grid is refined where one turns back near it."""
+    """Return (frequency, eigenvalue index) of each crossover. The grid is refined where a size turns back near 1."""
     from scipy.optimize import brentq
 
     solve: Any = brentq
@@ -105,7 +105,7 @@ def _crossings(loop: FeedbackLoop) -> list[tuple[float, int]]:
 
 
 def _insert_turning_points(w: Any, values: Any, function: Callable[[float], float]) -> tuple[Any, Any]:
-    """Insert, into grid and values, the point next to 0 wherever the values approach 0 and turn back."""
+    """Insert into grid and values the extreme point wherever the values approach 0 and turn back."""
     from scipy.optimize import minimize_scalar
 
     side, rising = np.sign(values), np.diff(np.abs(values)) > 0
@@ -216,11 +216,15 @@ def mean_square_growth(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
     a, q = np.asarray(a, float), np.asarray(q, float)
     if not (np.isfinite(a).all() and ((q >= 0) & (q <= 1)).all()):
         raise InputError(
-            "packet_loss", f"a must be finite and q within 0 to 1, got a = {a}, q = {q}", fix="give a pole and a share"
+            "packet_loss",
+            f"a must be finite and q within 0 to 1, got a = {a}, q = {q}",
+            fix="give a finite pole and a probability from 0 to 1",
         )
     if retransmissions < 0 or retransmissions != int(retransmissions):
         raise InputError(
-            "packet_loss", f"got {retransmissions!r} retransmissions", fix="give a whole number, 0 or more"
+            "packet_loss",
+            f"retransmissions must be a whole number of at least 0, got {retransmissions!r}",
+            fix="give e.g. 1",
         )
     return a**2 * q ** (1 + retransmissions)
 
@@ -252,7 +256,7 @@ def mean_square(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
 def critical_loss(a: Any, *, retransmissions: int = 1) -> Any:
     """Return the loss probability q of a try from which E x^2 grows without bound: 1/|a| with one retransmission.
 
-    1 for plants that are stable by themselves, for which no loss does that.
+    The result is 1 for a stable plant, whose E x^2 stays bounded at any loss.
     """
     size = np.maximum(np.abs(np.asarray(a, float)), 1.0)
     return size ** (-2.0 / (1 + retransmissions))

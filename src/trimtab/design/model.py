@@ -24,7 +24,7 @@ Function = Callable[[Any, Any], Any]
 class StateSpaceModel(NamedTuple):
     """Model x' = f(x, u), y = h(x, u), with the names of all entries.
 
-    f: (x (n,), u (m,)) -> (n,).  h: -> (p,).  states, inputs, outputs: names.  x0, u0: the model's own point.
+    f: (x (n,), u (m,)) -> (n,).  h: -> (p,).  states, inputs, outputs: names.  x0, u0: the model's reference point.
     state_record, input_record: records with the layout of the vectors, or None.  to_record: state vector -> record, if
     the vector differs from the record's own numbers (`design.coordinates`), or None.
     """
@@ -51,7 +51,7 @@ class StateSpaceModel(NamedTuple):
         return u if self.input_record is None else unpack_record(self.input_record, u)
 
     def keep(self, inputs: Iterable[str] = (), outputs: Iterable[str] = ()) -> "StateSpaceModel":
-        """Return the model with some of its inputs (the others held at u0) and some of its outputs, or all."""
+        """Return the model with only the given inputs and outputs; all if None. Other inputs are held at u0."""
         j = np.array(find_indices(argument_name("inputs"), tuple(inputs) or self.inputs, self.inputs))
         k = np.array(find_indices(argument_name("outputs"), tuple(outputs) or self.outputs, self.outputs))
         held, f, h = jnp.asarray(self.u0), self.f, self.h
@@ -75,7 +75,7 @@ class StateSpaceModel(NamedTuple):
         return np.asarray(A), np.asarray(B), np.asarray(C), np.asarray(D)
 
     def point(self, x: Any = None, u: Any = None) -> tuple[Any, Any]:
-        """Return state and input as finite float vectors; each may be a vector, a record, changes to x0, or None."""
+        """Return state and input as finite vectors. Each may be a vector, a record, changes to x0 or u0, or None."""
         pairs = ((x, self.x0, self.states, "state"), (u, self.u0, self.inputs, "input"))
         vectors = [_as_vector(value, start, labels, what) for value, start, labels, what in pairs]
         return vectors[0], vectors[1]
@@ -83,13 +83,13 @@ class StateSpaceModel(NamedTuple):
 
 @lru_cache(maxsize=32)
 def compile_functions(f: Function, h: Function) -> Callable[[Any, Any], tuple[Any, Any]]:
-    """Compile (x, u) -> f, h once for all points of a model."""
+    """Return the compiled function (x, u) -> f, h. It is compiled once per model."""
     return jax.jit(lambda x, u: (f(x, u), h(x, u)), compiler_options=FAST_COMPILE_OPTIONS)
 
 
 @lru_cache(maxsize=32)
 def compile_slopes(f: Function, h: Function) -> Callable[[Any, Any], Any]:
-    """Compile (x, u) -> (df/dx, df/du), (dh/dx, dh/du) once for all points of a model."""
+    """Return the compiled function (x, u) -> (df/dx, df/du), (dh/dx, dh/du). It is compiled once per model."""
     slopes = [jax.jacfwd(function, argnums=(0, 1)) for function in (f, h)]
     return jax.jit(lambda x, u: tuple(slope(x, u) for slope in slopes), compiler_options=FAST_COMPILE_OPTIONS)
 
@@ -142,7 +142,7 @@ def model_of_functions(
         states: n names.
         inputs: m names.
         h: the outputs -> (p,); default: all states.
-        outputs: p names; default: "y0", "y1", …, or those of the states.
+        outputs: p names; default: "y0", "y1", …, or the states' names if h is not given.
         x0: a state (n,); default: zeros.
         u0: an input (m,); default: zeros.
     """
@@ -178,7 +178,7 @@ def model_of_vehicle(
     """
     for value, what in ((x, "state"), (u, "input")):
         if not is_record(value):
-            problem = f"the {what} is a {type(value).__name__}, not a record"
+            problem = f"the {what} must be a record, got a {type(value).__name__}"
             fix = "give the vehicle's records, or use `model_of_functions` for vectors"
             raise InputError("of_vehicle", problem, fix=fix)
     states = entry_names(x)
@@ -210,10 +210,10 @@ def find_indices(part: str, names: Iterable[str], known: Sequence[str]) -> list[
     for name in names:
         if name not in known:
             near = closest(name, known)
-            fix = f"write {near[0]!r}" if near else "use one of the choices"
-            raise InputError(part, f"there is no {name!r}", choices=known, fix=fix)
+            fix = f"write {near[0]!r}" if near else "use one of the listed names"
+            raise InputError(part, f"unknown name {name!r}", choices=known, fix=fix)
         if known.index(name) in places:
-            raise InputError(part, f"{name!r} is named twice", fix="name it once")
+            raise InputError(part, f"{name!r} is given twice", fix=f"give {name!r} once")
         places.append(known.index(name))
     return places
 
@@ -236,13 +236,13 @@ def _whole_state(x: Any, u: Any) -> Any:
 
 
 def real_leaves(value: Any) -> list[tuple[str, Any, Quantity]]:
-    """Return path, value and declaration of a record's reals and angles, in declared order."""
+    """Return path, value and declaration of each real or angle in a record, in declared order."""
     return [(p, v, d) for p, v, d in leaves(value) if isinstance(d, Quantity) and d.kind in ("real", "angle")]
 
 
 def _check_length(what: str, labels: Sequence[str], source: str, shape: tuple[int, ...]) -> None:
     if len(set(labels)) != len(labels):
-        raise InputError(f"model.{what}", f"{tuple(labels)} has a name twice", fix="give each entry its own name")
+        raise InputError(f"model.{what}", f"{tuple(labels)} contains a name twice", fix="give each entry its own name")
     if shape != (len(labels),):
         problem = f"{len(labels)} names for {source} of shape {shape}"
         raise InputError(f"model.{what}", problem, fix=f"give a vector ({len(labels)},), or as many names as it has")
@@ -256,7 +256,11 @@ def _as_vector(value: Any, start: Any, labels: tuple[str, ...], what: str) -> An
     else:
         vector = np.array(record_vector(value) if is_record(value) else value, float)
     if vector.shape != np.shape(start):
-        raise InputError(f"model.{what}", f"shape {vector.shape}", fix=f"give ({len(labels)},): {', '.join(labels)}")
+        raise InputError(
+            f"model.{what}",
+            f"must have shape {np.shape(start)}, got {vector.shape}",
+            fix=f"give ({len(labels)},): {', '.join(labels)}",
+        )
     bad = [f"{n} = {v}" for n, v in zip(labels, vector, strict=True) if not np.isfinite(v)]
     if bad:
         raise InputError(f"model.{what}", f"not finite: {', '.join(bad)}", fix="give finite values")

@@ -32,17 +32,17 @@ from trimtab.design.linearise import LinearModel
 from trimtab.design.model import StateSpaceModel, find_indices, model_of_functions
 
 AT_REST = 1e-8
-"""Size of a derivative, relative to A times the states' sizes, that counts as zero."""
+"""A derivative x' counts as zero up to this fraction of A times the states' sizes."""
 EARLY = 1e-10
-"""Share of its row's size from which an input counts as entering a derivative."""
+"""An input affects an output's derivative if its slope exceeds this fraction of the largest slope by a state."""
 SINGULAR = 1e-10
-"""Ratio of smallest to largest singular value of a singular matrix, with rows and columns of size 1."""
+"""A matrix, scaled to unit rows and columns, is singular up to this ratio of smallest to largest singular value."""
 ROUNDING = 1e-13
-"""Influence of a state on an output's derivative, relative to that of the others, that counts as zero."""
+"""A state's influence on an output's derivative counts as zero up to this fraction of the other states' influence."""
 STEPS = 50
 """Maximum number of Newton steps."""
 SETTLED = 1e-9
-"""Size of a step, relative to max(1, |value|), after which one more step is made."""
+"""Newton's method makes one last step after a step below this, relative to max(1, |value|)."""
 
 
 class NormalForm(NamedTuple):
@@ -51,7 +51,8 @@ class NormalForm(NamedTuple):
     forward: x -> (xi, zeta).  backward: (xi, zeta) -> x.  invert: (x, v) -> u.  internal: (xi, zeta, v) -> zeta'.
     backward and invert search from the point; they return NaN without a solution nearby. external, internals, virtual:
     names of xi, e.g. ("h", "h'", "V"), zeta and v ("h''", "V'"). xi0, zeta0, v0, x0, u0: the point.  degree: relative
-    degree there. jacobian: dPsi/dzeta at the point (k, k), with v held.  condition: of d(xi, zeta)/dx, scaled.
+    degree there. jacobian: dPsi/dzeta at the point (k, k), with v held.  condition: condition number of the scaled
+    d(xi, zeta)/dx.
     inputs_enter: internal coordinates whose derivatives contain the inputs (possible for states chosen as zeta).
     """
 
@@ -116,7 +117,7 @@ def normal_form(
     degree = relative_degree(model, x0, u0, radius=radius)
     reasons = list(degree.why)
     if len(model.outputs) != len(model.inputs):
-        reasons = [f"{len(model.outputs)} outputs and {len(model.inputs)} inputs"]
+        reasons = [f"the model must have as many outputs as inputs, got {len(model.outputs)} and {len(model.inputs)}"]
     if reasons:
         fix = "choose other outputs or another point, or extend the model"
         raise InputError("normal_form", "no relative degree here: " + "; ".join(reasons), fix=fix)
@@ -168,7 +169,7 @@ def _coordinate_functions(
 def _linearise_internal(
     model: StateSpaceModel, zeta: Any, labels: Any, slope: Any, slopes: Any, point: Any
 ) -> tuple[Any, float, Any]:
-    """Return dPsi/dzeta at the point, condition of the coordinates, and internal coordinates that inputs enter.
+    """Return dPsi/dzeta at the point, condition number of the coordinates, and internal coordinates with inputs.
 
     slope: dxi/dx.  slopes: dv/dx and dv/du. With xi and v held, dx = S dzeta and du = -(dv/du)^-1 dv/dx dx.
     """
@@ -179,7 +180,7 @@ def _linearise_internal(
     slopes_of_zeta = (jax.jacfwd(zeta)(jnp.asarray(point[0])), *jax.jacfwd(rate, (0, 1))(*map(jnp.asarray, point)))
     inner, by_state, by_input = (np.asarray(d) for d in slopes_of_zeta)
     whole = np.vstack([slope, inner])
-    fix = "name other states, or omit the choice"
+    fix = "name other states, or leave out the argument internal"
     condition = _condition_of_coordinates("normal_form.internal", whole, labels, fix)
     S = np.linalg.solve(whole, np.eye(len(whole))[:, len(slope) :])
     jacobian = by_state @ S - by_input @ np.linalg.solve(slopes[1], slopes[0] @ S)
@@ -188,10 +189,10 @@ def _linearise_internal(
 
 
 def _condition_of_coordinates(part: str, Phi: Any, labels: tuple[str, ...], fix: str) -> float:
-    """Return the condition of d(xi, zeta)/dx, scaled; raise InputError if it is singular, i.e. not coordinates."""
+    """Return the condition number of the scaled d(xi, zeta)/dx; raise InputError if it is singular."""
     singular = np.linalg.svd(equilibrate(Phi), compute_uv=False)
     if not singular[-1] > SINGULAR * singular[0]:
-        problem = f"{labels} don't complete the outputs and their derivatives to coordinates"
+        problem = f"{labels} depend on the outputs and their derivatives, so they are not independent coordinates"
         raise InputError(part, problem, fix=fix)
     return float(singular[0] / singular[-1])
 
@@ -216,8 +217,10 @@ def _choose_internal(model: StateSpaceModel, slope: Any, choice: Any) -> tuple[t
             return a[rows]
 
     if len(labels) != size:
-        problem = f"got {len(labels)} coordinates; {len(model.states)} states minus relative degree {total} need {size}"
-        raise InputError("normal_form.internal", problem, choices=model.states, fix=f"name {size}")
+        problem = (
+            f"must be {size} coordinates ({len(model.states)} states minus relative degree {total}), got {len(labels)}"
+        )
+        raise InputError("normal_form.internal", problem, choices=model.states, fix=f"give {size} names")
     return labels, zeta
 
 
@@ -256,7 +259,7 @@ def linear_normal_form(
         degrees: output -> relative degree, from `relative_degree`; checked at the point.
         internal: names of the states that complete the coordinates.
         x: a trim: vector, record, or changes to the model's own point.
-        u: its input, likewise.
+        u: the input at the trim, likewise.
     """
     x0, u0 = model.point(x, u)
     labels = tuple(internal)
@@ -292,17 +295,21 @@ def _output_orders(
     find_indices("linear_normal_form.degrees", degrees, model.outputs)
     orders = [degrees.get(n, 0) for n in model.outputs]
     if len(model.outputs) != len(model.inputs) or min(orders, default=0) < 1:
-        problem = f"{len(model.outputs)} outputs, {len(model.inputs)} inputs, degrees {dict(degrees)}"
-        raise InputError("linear_normal_form.degrees", problem, fix="give every output its degree, 1 or more")
+        problem = f"got {len(model.outputs)} outputs, {len(model.inputs)} inputs, degrees {dict(degrees)}"
+        raise InputError(
+            "linear_normal_form.degrees",
+            problem,
+            fix="give as many outputs as inputs, and for each output a degree of at least 1",
+        )
     rows = find_indices("linear_normal_form.internal", labels, model.states)
     if sum(orders) + len(rows) != len(model.states):
-        problem = f"{len(labels)} coordinates beside {sum(orders)} of the outputs, of {len(model.states)}"
-        raise InputError("linear_normal_form.internal", problem, fix=f"name {len(model.states) - sum(orders)}")
+        problem = f"{len(model.states)} states minus degrees {sum(orders)} coordinates are needed, got {len(labels)}"
+        raise InputError("linear_normal_form.internal", problem, fix=f"give {len(model.states) - sum(orders)} names")
     return orders, rows
 
 
 def _exact_chain_rows(A: Any, B: Any, chain: list[tuple[int, int]], orders: list[int]) -> tuple[Any, Any]:
-    """Return the rows of the outputs' chains, which are known by definition, without rounding."""
+    """Return A and B with exact rows for the outputs and their derivatives, which are known by definition."""
     for row, (i, k) in enumerate(chain):
         A[row], B[row] = 0.0, 0.0
         if k + 1 < orders[i]:
@@ -317,9 +324,13 @@ def _check_normal_form(model: StateSpaceModel, x0: Any, drift: Any, f_x: Any, xi
     moving = [n for n, v, s in zip(model.states, drift, around, strict=True) if not abs(v) <= AT_REST * max(s, 1e-9)]
     if moving:
         text = ", ".join(f"{n}' = {drift[model.states.index(n)]:.6g}" for n in moving)
-        raise InputError("linear_normal_form", f"not a trim: {text}", fix="trim first")
+        raise InputError(
+            "linear_normal_form",
+            f"the point is not a trim: {text}",
+            fix="find a trim with trimtab.design.trim, and give its x and u",
+        )
     early = np.abs(xi_u).max(axis=1, initial=0.0) > EARLY * np.abs(xi_x).max(axis=1)
     singular = np.linalg.svd(equilibrate(w_u), compute_uv=False)
     if early.any() or not singular[-1] > SINGULAR * singular[0]:
-        problem = "the inputs enter earlier" if early.any() else f"dv/du is singular, {singular[-1]:.3g}"
+        problem = "an input affects a lower derivative" if early.any() else f"dv/du is singular ({singular[-1]:.3g})"
         raise InputError("linear_normal_form.degrees", problem, fix="take the degrees of `relative_degree`")

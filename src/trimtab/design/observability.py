@@ -17,10 +17,11 @@ from trimtab.core.errors import InputError
 class Observability(NamedTuple):
     """Observability along a trajectory.
 
-    gramian: scaled (n, n).  singular: its singular values, falling; at 1 the measurements tell as much about that
-    direction as the prior.  rank: number of values above the tolerance.  hidden_directions: (n - rank, n), unobservable
-    directions, in units of the prior's sigmas.  remaining_sigmas: of each state, with prior and measurements combined,
-    in its own unit (n,).
+    gramian: scaled (n, n).  singular: its singular values, falling; at 1 the measurements give as much information
+        about a direction as the prior.  rank: number of values above the tolerance.  hidden_directions: (n - rank, n),
+        unobservable
+    directions, in units of the prior's sigmas.  remaining_sigmas: standard deviation of each state from prior and
+    measurements, in the state's unit (n,).
     """
 
     gramian: Any
@@ -69,7 +70,7 @@ def constant_rank(A: Any, C: Any, *, scale: Any = None, tolerance: float = 1e-9)
     d = np.asarray(balance[1][0] if scale is None else scale, float)
     if d.shape != (n,) or not (np.isfinite(d) & (d > 0)).all():
         raise InputError(
-            "constant_rank.scale", f"must be {n} finite sizes above 0, got {d}", fix="give one for each state"
+            "constant_rank.scale", f"must be {n} finite sizes above 0, got {d}", fix="give one size for each state"
         )
     As, rows = A * d / d[:, None], C * d
     fastest = np.linalg.norm(As, 2)
@@ -97,7 +98,7 @@ def observability_gramian(transitions: Any, rows: Any, noises: Any) -> Any:
     """
     F, H, R = (np.asarray(x, float) for x in (transitions, rows, noises))
     if F.ndim != 3 or H.ndim != 3 or len(F) != len(H) - 1 or len(R) != len(H) or F.shape[2] != H.shape[2]:
-        problem = f"transitions {F.shape}, rows {H.shape} and noises {R.shape} must fit together"
+        problem = f"the shapes of transitions {F.shape}, rows {H.shape} and noises {R.shape} must fit together"
         raise InputError("gramian", problem, fix="give (k-1, n, n), (k, m, n) and (k, m, m)")
     n = F.shape[1]
     Phi, G = np.eye(n), np.zeros((n, n))
@@ -124,7 +125,9 @@ def observability(transitions: Any, rows: Any, noises: Any, sigmas: Any, *, tole
     scale = np.asarray(sigmas, float)
     if (scale <= 0).any() or not np.isfinite(scale).all():
         raise InputError(
-            "observability", f"prior sigmas must be finite and above 0, got {scale}", fix="give one for each state"
+            "observability",
+            f"prior sigmas must be finite and above 0, got {scale}",
+            fix="give one sigma for each state",
         )
     G = observability_gramian(transitions, rows, noises) * scale[:, None] * scale[None, :]
     values, vectors = np.linalg.eigh(G)

@@ -52,9 +52,8 @@ radius = 0.8"""
 
 
 class ObstacleFloor(NamedTuple):
-    """Rectangular floor (m, W) with obstacles.
-
-    north, east: from, to.  circles: (n, 3), north, east, radius.  polygons: each (k, 2), corners in either direction.
+    """Rectangular floor (m, W) with obstacles. north, east: limits (from, to).  circles: (n, 3), north, east, radius.
+    polygons: each (k, 2), corners in either direction.
     """
 
     north: tuple[float, float]
@@ -63,7 +62,7 @@ class ObstacleFloor(NamedTuple):
     polygons: tuple[Any, ...] = ()
 
     def clearance(self, places: Any) -> Any:
-        """Return the distance (n,) of places (n, 2) from the nearest obstacle or edge; negative inside or beyond."""
+        """Return the distance (n,) of places (n, 2) from the nearest obstacle or edge; negative if not free."""
         p = np.asarray(places, np.float64)
         edges = [p[:, 0] - self.north[0], self.north[1] - p[:, 0], p[:, 1] - self.east[0], self.east[1] - p[:, 1]]
         circles = [np.hypot(p[:, 0] - n, p[:, 1] - e) - r for n, e, r in np.reshape(self.circles, (-1, 3))]
@@ -101,7 +100,7 @@ def read_task(path: str | Path) -> PlanTask:
 
 
 def parse_task(content: Mapping[str, Any], part: str = "plan") -> PlanTask:
-    """Return the task from a file's content."""
+    """Return the planning task from a file's content."""
     for name in content:
         if name not in SECTIONS:
             near = closest(name, SECTIONS, 1)
@@ -133,7 +132,7 @@ def _section(content: Mapping[str, Any], part: str, name: str) -> Mapping[str, A
 def _span(content: Mapping[str, Any], part: str, name: str) -> tuple[float, float]:
     span = _section(content, part, "floor").get(name)
     if not isinstance(span, list) or len(span) != 2 or not all(map(_is_number, span)) or not span[0] < span[1]:
-        problem = f"{name} = {span!r} must be [FROM, TO] in metres, rising"
+        problem = f"{name} must be [FROM, TO] in metres with FROM below TO, got {span!r}"
         raise InputError(f"{part} [floor]", problem, fix=f"{name} = [-4, 4]")
     return float(span[0]), float(span[1])
 

@@ -1,9 +1,10 @@
 """Output inversion: state and input of any vehicle whose outputs follow a course exactly, even if non-minimum phase.
 
 In the normal form the outputs and their derivatives are given. The rest, zeta' = Psi(xi, zeta, v), is solved for its
-bounded solution. That solution takes unstable modes from the future, and therefore moves before the outputs do. Places,
-whose values have no feedback (north, east), are integrated from their start. A slow mode, as of speed, is taken from
-the past if it is stable, and from the future otherwise. The result is a feedforward next to a feedback. Offline code.
+bounded solution. That solution takes unstable modes from the future, and therefore moves before the outputs do. Places
+(e.g. north, east), on which no other rate depends, are integrated from their initial value. A slow mode, as of speed,
+is taken from the past if it is stable, and from the future otherwise. The result is a feedforward next to a feedback.
+Offline code.
 
 Source: S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
 Control 41(7), 1996.
@@ -25,14 +26,14 @@ from trimtab.design.stable_inversion import ON_AXIS, BoundedSolution, bounded_so
 
 
 class Course(NamedTuple):
-    """Course of outputs. times: (k,) (s).  derivatives: output -> (order + 1, k), output and derivatives."""
+    """Course of outputs. times: (k,) (s).  derivatives: output -> its values and time derivatives (order + 1, k)."""
 
     times: Any
     derivatives: Mapping[str, Any]
 
 
 class Inversion(NamedTuple):
-    """Inversion's result. times: (k,) (s).  x: (k, n).  u: (k, m).  internal: bounded solution.  form: coordinates."""
+    """Result. times (k,) (s).  x: states (k, n).  u: inputs (k, m).  internal: bounded solution.  form: normal form."""
 
     times: Any
     x: Any
@@ -42,7 +43,7 @@ class Inversion(NamedTuple):
 
 
 class InternalMode(NamedTuple):
-    """Mode of the internal dynamics. pole: (1/s).  states: states that take part, in words."""
+    """Mode of the internal dynamics. pole: (1/s).  states: names of the states that take part."""
 
     pole: complex
     states: str
@@ -51,7 +52,7 @@ class InternalMode(NamedTuple):
 def internal_modes(form: NormalForm) -> tuple[tuple[str, ...], tuple[InternalMode, ...]]:
     """Return the names of the internal places of a normal form, and the modes of its other internal coordinates.
 
-    Raises: InputError if a mode on the imaginary axis feeds back, because the bounded motion is then not unique.
+    Raises: InputError if a mode on the imaginary axis feeds back, because the bounded solution is then not unique.
     """
     places = find_places(form.jacobian)
     rest = [i for i in range(len(form.internals)) if i not in places]
@@ -65,8 +66,8 @@ def internal_modes(form: NormalForm) -> tuple[tuple[str, ...], tuple[InternalMod
     neutral = [m for m in modes if abs(m.pole.real) <= ON_AXIS * largest]
     if neutral:
         words = "; ".join(f"{m.pole:.3g} 1/s, in {m.states}" for m in neutral)
-        problem = f"the internal dynamics have modes that neither decay nor grow, and feed back: {words}"
-        raise InputError("inversion", problem, fix="use another output, or one more output with one more input")
+        problem = f"the internal dynamics have modes that neither decay nor grow: {words}"
+        raise InputError("inversion", problem, fix="choose another output, or add an output and an input")
     return tuple(form.internals[i] for i in places), tuple(modes)
 
 
@@ -84,7 +85,9 @@ def smooth_course(
     times = np.asarray(times, float)
     if not times[0] <= begin < end <= times[-1]:
         raise InputError(
-            "course", f"got times from {begin} to {end} s", fix="give times within the grid, the first before the last"
+            "course",
+            f"begin and end must lie within the grid, with begin before end; got {begin} and {end} s",
+            fix="choose begin and end within times",
         )
     q = order + 1  # t^q (1 - t)^q integrated: q derivatives vanish at both ends
     shape = np.polynomial.Polynomial([0.0] * q + [1.0]) * np.polynomial.Polynomial([1.0, -1.0]) ** q
@@ -107,7 +110,7 @@ def invert_output(
     Args:
         model: model with as many inputs as outputs; its point is the equilibrium at the beginning of the course.
         course: for each output at least as many derivatives as its relative degree; evenly spaced.
-        end: x (n,) and u (m,) of the equilibrium at the end; default: the internal coordinates of the beginning.
+        end: x (n,), u (m,) of the equilibrium at the end. Default: internal coordinates as at the beginning.
         tolerance: as in `bounded_solution`.
 
     Raises: InputError without a relative degree, or if the iteration does not settle.
@@ -120,7 +123,9 @@ def invert_output(
     if short:
         need = ", ".join(f"{n}: {r}" for n, r in degrees)
         raise InputError(
-            "course", f"lacks derivatives of {short[0]}", fix=f"give as many as the relative degree, {need}"
+            "course",
+            f"the course needs more derivatives of {short[0]}",
+            fix=f"give at least as many derivatives as the relative degree, {need}",
         )
     xi = np.concatenate([np.asarray(course.derivatives[n])[:r] for n, r in degrees]).T
     v = np.stack([np.asarray(course.derivatives[n])[r] for n, r in degrees], axis=1)
@@ -146,5 +151,9 @@ def invert_output(
     both = jax.jit(jax.vmap(state_and_input), compiler_options=FAST_COMPILE_OPTIONS)
     x, u = (np.asarray(a) for a in both(jnp.asarray(xi), jnp.asarray(solution.zeta), jnp.asarray(v)))
     if not (np.isfinite(x).all() and np.isfinite(u).all()):
-        raise InputError("inversion", "no state nearby has these outputs", fix="make the course slower or smaller")
+        raise InputError(
+            "inversion",
+            "no state near the model's point has these outputs and derivatives",
+            fix="make the course slower or smaller",
+        )
     return Inversion(np.asarray(course.times), x, u, solution, form)

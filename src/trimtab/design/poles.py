@@ -11,14 +11,14 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs, schur, solve_sylvester
 
 UNCONTROLLABLE = 1e-9
-"""Ratio of singular values of [s I - A, B], scaled, below which it loses rank."""
+"""A pole s is uncontrollable if the singular values of the scaled [s I - A, B] have a ratio below this."""
 
 COLUMN = 1e-12
-"""Length of a column of B, relative to the longest, below which it may be rounding."""
+"""A column of B shorter than this fraction of the longest column may be rounding."""
 
 
 def sorted_poles(A: Any) -> Any:
-    """Return the eigenvalues of A (n, n), by falling real part; always complex numbers."""
+    """Return the eigenvalues of A (n, n), by falling real part, as complex numbers."""
     poles = np.linalg.eigvals(A).astype(complex)
     return poles[np.lexsort((-poles.imag, -poles.real))]
 
@@ -29,7 +29,7 @@ def format_pole(pole: complex) -> str:
 
 
 def balance_matrix(A: Any) -> Any:
-    """Return a matrix similar to A by a diagonal of powers of two, with rows and columns of similar size."""
+    """Return A after scaling of the states by powers of two, so that rows and columns have similar size."""
     if not np.size(A):
         return np.asarray(A, float)
     balance: Any = get_lapack_funcs("gebal", (np.asarray(A, float),))
@@ -37,10 +37,10 @@ def balance_matrix(A: Any) -> Any:
 
 
 def participation(A: Any, pole: complex, distance: float) -> Any:
-    """Return the diagonal of the spectral projector on the poles within `distance` of one, as shares (n,).
+    """Return the participation (n,) of each state in the poles within `distance` of a given pole.
 
-    For a single pole these are the participation factors of [1], products of its left and right eigenvectors. Poles
-    that coincide, for which eigenvectors fail, are taken together.
+    It is the diagonal of the spectral projector. For a single pole this is a product of left and right eigenvectors
+    [1]. Poles that coincide, for which eigenvectors fail, are treated together.
     """
     ordered: Any = schur(A, output="complex", sort=lambda s: abs(s - pole) <= distance)
     T, Q, k = ordered
@@ -50,10 +50,11 @@ def participation(A: Any, pole: complex, distance: float) -> Any:
 
 
 def uncontrollable_poles(A: Any, B: Any) -> tuple[complex, ...]:
-    """Return the eigenvalues of A (n, n), scaled, that B (n, m) does not move. Source: Popov, Belevitch, Hautus.
+    """Return the eigenvalues of the scaled A (n, n) that are uncontrollable by B (n, m). Source: Popov, Belevitch,
+    Hautus.
 
-    The result does not depend on the units of the inputs: each column of B counts as long as A is large. A column that
-    is COLUMN times shorter than the longest may be rounding and keeps its share.
+    The result does not depend on the units of the inputs: each column of B is scaled to the size of A. A column below
+    COLUMN times the longest may be rounding and stays small.
     """
     n = len(A)
     columns = np.linalg.norm(B, axis=0)

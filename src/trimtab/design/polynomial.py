@@ -17,9 +17,9 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 Monomial = tuple[tuple[str, int], ...]
-"""Pairs (name, power), sorted by name, without power 0."""
+"""Product of powers: pairs (name, power), sorted by name, without power 0."""
 LONGEST_TEXT = 4000
-"""Maximum length of a polynomial's text, in characters."""
+"""Maximum length of a text that is read as a polynomial, in characters."""
 HIGHEST_POWER, MOST_TERMS = 12, 20
 """Maximum power in a text, and maximum number of terms with powers above 2, to limit the time of expansion."""
 
@@ -83,7 +83,7 @@ class Polynomial:
         return hash(frozenset(self.terms.items()))
 
     def __bool__(self) -> bool:
-        """Return True if it has a term."""
+        """Return True if the polynomial is not zero."""
         return bool(self.terms)
 
     def __repr__(self) -> str:
@@ -91,18 +91,18 @@ class Polynomial:
 
     @property
     def names(self) -> frozenset[str]:
-        """Return all names that occur."""
+        """Return all names that occur in the polynomial."""
         return frozenset(name for m in self.terms for name, _ in m)
 
     def reciprocal(self) -> "Polynomial":
-        """Return 1/p of a single term; raise ArithmeticError for others."""
+        """Return 1/p of a single term; raise ArithmeticError for a polynomial with several terms."""
         if len(self.terms) != 1:
             raise ArithmeticError(f"1/({self}) is not a polynomial; only a single term can be a divisor")
         ((m, c),) = self.terms.items()
         return Polynomial({tuple((name, -power) for name, power in m): 1 / c})
 
     def derivative(self, name: str) -> "Polynomial":
-        """Return the partial derivative."""
+        """Return the partial derivative by a name."""
         terms: dict[Monomial, Fraction] = {}
         for m, c in self.terms.items():
             power = dict(m).get(name, 0)
@@ -112,7 +112,7 @@ class Polynomial:
         return Polynomial(terms)
 
     def substitute(self, values: Mapping[str, "Polynomial"]) -> "Polynomial":
-        """Replace names by polynomials, all at once."""
+        """Replace names by polynomials, all at the same time."""
         total = constant(0)
         for m, c in self.terms.items():
             kept = tuple((name, power) for name, power in m if name not in values)
@@ -124,7 +124,7 @@ class Polynomial:
         return total
 
     def collect(self, names: Iterable[str]) -> dict[Monomial, "Polynomial"]:
-        """Return monomial in these names -> its coefficient, a polynomial in the others."""
+        """Return monomial in these names -> coefficient, a polynomial in the other names."""
         chosen, parts = frozenset(names), {}
         for m, c in self.terms.items():
             inner = tuple(p for p in m if p[0] in chosen)
@@ -144,17 +144,17 @@ def constant(value: Any) -> Polynomial:
         return Polynomial({(): value})
     number = np.asarray(value).item()
     if isinstance(number, bool) or not isinstance(number, int | float):
-        raise ArithmeticError(f"{value!r} is not a number")
+        raise ArithmeticError(f"must be a number, got {value!r}")
     return Polynomial({(): Fraction(number) if isinstance(number, int) else Fraction(repr(number))})
 
 
 def symbol(name: str) -> Polynomial:
-    """Return a name as a polynomial."""
+    """Return the polynomial that consists of one name."""
     return Polynomial({((name, 1),): Fraction(1)})
 
 
 def as_polynomial(value: Any) -> Polynomial:
-    """Return a polynomial unchanged, and a number as a constant."""
+    """Return a polynomial unchanged; convert a number to a constant polynomial."""
     return value if isinstance(value, Polynomial) else constant(value)
 
 
@@ -221,7 +221,7 @@ def _evaluate(node: ast.expr, names: tuple[str, ...]) -> Polynomial:
                 return a + b if isinstance(op, ast.Add) else a - b
             return a * b if isinstance(op, ast.Mult) else a / b
         case _:
-            raise ArithmeticError(f"{ast.unparse(node)!r} is not allowed here")
+            raise ArithmeticError(f"{ast.unparse(node)!r} is not allowed in a polynomial")
 
 
 def multiply_monomials(a: Monomial, b: Monomial) -> Monomial:

@@ -1,4 +1,5 @@
-"""Proofs as lists of conditions: each evaluated by itself, with a number; definiteness is proved without rounding.
+"""Proofs as lists of conditions: each condition is evaluated by itself and gives a number. Definiteness is proved
+without rounding.
 
 Source: this module; proofs of definiteness as in `exact`.
 """
@@ -15,14 +16,14 @@ from trimtab.core.errors import InputError
 from trimtab.design import exact
 
 IDENTITY_ERROR_MAX = 1e-9
-"""Largest error of identities (Riccati equations, K = -R_e^-1 B'P, L = P_eta C'R^-1), in parts of a scaled term."""
+"""Largest accepted error of an identity (e.g. a Riccati equation, K = -R_e^-1 B'P), relative to a scaled term."""
 
 
 class ProofCondition(NamedTuple):
     """One condition of a proof.
 
-    name: the condition.  holds: True if proved.  number: margin, deviation or value.  meaning: of the number. how:
-    method.  why: reason of a failure, or a remark.
+    name: the condition.  holds: True if proved.  number: margin, deviation or value.  meaning: meaning of the number.
+        how: method. why: reason for failure, or a remark.
     """
 
     name: str
@@ -34,18 +35,18 @@ class ProofCondition(NamedTuple):
 
 
 class CertificateProof(NamedTuple):
-    """All conditions of a proof; holds: True if all hold."""
+    """All conditions of a proof. holds: True if every condition holds."""
 
     conditions: tuple[ProofCondition, ...]
     holds: bool
 
 
 Line = tuple[str, Callable[[], ProofCondition]]
-"""Name of a condition, and the function that evaluates it."""
+"""Pair: name of a condition, and the function that evaluates the condition."""
 
 
 def evaluate_lines(lines: Iterable[Line]) -> CertificateProof:
-    """Evaluate each condition, whatever the others give; one that can't be computed fails, with the reason."""
+    """Evaluate each condition, whatever the others give. A condition that can't be computed fails, with the reason."""
     conditions = []
     for name, compute in lines:
         try:
@@ -62,29 +63,35 @@ def evaluate_lines(lines: Iterable[Line]) -> CertificateProof:
 def version_line(written: str) -> Line:
     """Return the condition that this version wrote the certificate.
 
-    No other version's word can be proved, because the conditions are those of this version.
+    A certificate of another version cannot be proved, because the conditions belong to this version.
     """
     same = written == __version__
-    why = "" if same else f"the file says {written!r}, this is {__version__}; design the gain again to renew the file"
+    why = (
+        ""
+        if same
+        else f"written by version {written!r}, this is {__version__}; design the gain again to renew the file"
+    )
     return "version is that of this package", lambda: ProofCondition(
         "", same, float(not same), "differences", "text", why
     )
 
 
 def definite_condition(M: Any, names: Sequence[str], unit: Any = None, label: str = "its diagonal") -> ProofCondition:
-    """Return the condition that a matrix is positive definite, with a margin that is proved too.
+    """Return the condition that a matrix is positive definite, with a proved margin.
 
     Args:
         M: matrix of floats or of Fractions; the condition fails if it is not symmetric.
         names: names of its rows.
         unit: positive definite unit of the margin; default: M's own diagonal.
-        label: name of the unit.
+        label: name of the unit, for the report.
     """
     meaning = f"margin in {label}"
     apart = np.argwhere(M != M.T)
     if len(apart):
         i, j = apart[0].tolist()
-        why = f"not symmetric: {names[i]}, {names[j]} is {float(M[i, j])!r}, {names[j]}, {names[i]} {float(M[j, i])!r}"
+        why = (
+            f"not symmetric: {names[i]}, {names[j]} is {float(M[i, j])!r}, {names[j]}, {names[i]} is {float(M[j, i])!r}"
+        )
         return ProofCondition("", False, float(M[i, j] - M[j, i]), "difference", exact.EXACT, why)
     M = exact.as_fractions(M)
     proof = exact.prove_definite(M)
@@ -97,7 +104,9 @@ def definite_condition(M: Any, names: Sequence[str], unit: Any = None, label: st
         float(f"{0.99 * lowest:.2e}") if np.isfinite(lowest) else 0.0
     )  # so that the number shown is the number proved
     if not (margin > 0 and exact.prove_definite(M - Fraction(margin) * unit).holds):
-        return ProofCondition("", True, 0.0, meaning, proof.how, "positive, but by less than floats resolve")
+        return ProofCondition(
+            "", True, 0.0, meaning, proof.how, "positive definite; the margin is below the resolution of floats"
+        )
     return ProofCondition("", True, margin, meaning, proof.how)
 
 
@@ -111,7 +120,7 @@ def identity_condition(apart: Any, term: Any, names: tuple[Sequence[str], Sequen
     """
     off = float(np.abs(apart).max() / np.abs(term).max())
     i, j = (int(k) for k in np.unravel_index(int(np.abs(apart).argmax()), apart.shape))
-    why = "" if off <= IDENTITY_ERROR_MAX else f"worst at {names[0][i]}, {names[1][j]}"
+    why = "" if off <= IDENTITY_ERROR_MAX else f"largest deviation at {names[0][i]}, {names[1][j]}"
     return ProofCondition(
         "", off <= IDENTITY_ERROR_MAX, off, "relative deviation, scaled", "exact, compared in floats", why
     )

@@ -18,14 +18,14 @@ from trimtab.core.record import FAST_COMPILE_OPTIONS, to_arrays
 from trimtab.vehicles.quadrotor import Multirotor, MultirotorState, RotorSpeeds
 
 RESIDUAL = 1e-9
-"""Relative residual of a solved equation, in units of the weight or its moment at the longest arm."""
+"""Largest accepted residual of a force (moment), relative to the weight (its moment at the longest arm)."""
 
 
 class RelaxedHover(NamedTuple):
     """Steady spin without one rotor.
 
-    axis: in B (3,), of length one; it points down during the spin.  rate: in B (3,) (rad/s), along it. thrusts: of the
-    rotors (n,) (N), 0 for the lost one.
+    axis: unit vector in B (3,) that points down during the spin. rate: angular velocity in B (3,) (rad/s), along axis.
+        thrusts: thrust of each rotor (n,) (N), 0 for the lost rotor.
     """
 
     axis: Any
@@ -41,7 +41,7 @@ def find_relaxed_hover(craft: Multirotor, lost: int, ratio: float = 0.5) -> Rela
         lost: index of the rotor.
         ratio: thrust of the opposite rotor, relative to each of the two others.
 
-    Raises: InputError if the craft has no drag about z or another number of rotors, or no such spin exists.
+    Raises: InputError if the craft has no drag about z, has not four rotors, or no such spin exists.
     """
     spins = np.asarray(craft.rotors.spins)
     if len(spins) != 4 or not float(np.asarray(craft.turning_drag)[2]) > 0:
@@ -66,8 +66,8 @@ def find_relaxed_hover(craft: Multirotor, lost: int, ratio: float = 0.5) -> Rela
     spin = -float(craft.rotors.torque_ratio) * each * float(spins @ shares) / float(craft.turning_drag[2])
     found: Any = root(equations, [0.01, 0.01, spin, each], tol=1e-14)
     if np.abs(found.fun).max() > RESIDUAL or found.x[3] <= 0:
-        problem = f"no steady spin found; the equations are off by {np.abs(found.fun).max():.2g} of the weight"
-        raise InputError("relaxed hover", problem, fix=f"try another ratio than {ratio:g}, e.g. 0.3")
+        problem = f"no steady spin was found; a residual of {np.abs(found.fun).max():.2g} of the weight remains"
+        raise InputError("relaxed hover", problem, fix=f"give another ratio than {ratio:g}, e.g. ratio=0.3")
     rate = found.x[:3]
     return RelaxedHover(np.sign(rate[2]) * rate / np.linalg.norm(rate), rate, shares * found.x[3])
 
@@ -80,5 +80,5 @@ def _angular_acceleration(craft: Multirotor, rate: Any, speed: Any) -> Any:
 
 
 def relaxed_axes(craft: Multirotor, ratio: float = 0.5) -> Any:
-    """Return the axis (4, 3) that points down, for the loss of each rotor."""
+    """Return the axis that points down during the spin, for the loss of each rotor (4, 3)."""
     return np.stack([find_relaxed_hover(craft, lost, ratio).axis for lost in range(4)])

@@ -22,19 +22,19 @@ from trimtab.design.obstacles import ObstacleFloor, PlanTask
 GRID = 0.1
 """Distance between the places of the search grid (m)."""
 MARGINS = (0.3, 0.2, 0.12, 0.06)
-"""Distances (m) to keep from obstacles beyond the craft's own radius; the first with a route is used."""
+"""Margins (m) between craft and obstacles, tried in this order. The first margin for which a route exists is used."""
 SPACING = 0.05
-"""Distance between the places of a route (m)."""
+"""Distance between consecutive places of a route (m)."""
 CONTROL = 0.4
-"""Distance between the control points of the smooth route (m)."""
+"""Distance between the control points of the spline (m)."""
 WEIGHTS = 0.2, 1.0, 0.15
-"""Weights of the first to third derivative of the route by its length (1, m, m^2)."""
+"""Weights of the route's first to third derivative by arc length (1, m, m^2), in the smoothing."""
 ROOMS = (0.0, 200.0), (0.3, 5.0)
-"""Room beyond the required one (m), and the weight of missing room (1/m)."""
+"""Two penalties of the smoothing: extra clearance (m), and weight of missing clearance (1/m)."""
 
 
 class Tempo(NamedTuple):
-    """Limits of the tempo. speed (m/s).  along: acceleration along the route, both ways.  across: in curves (m/s^2)."""
+    """Limits of the motion. speed (m/s).  along, across: accelerations along the route and in curves (m/s^2)."""
 
     speed: float = 0.5
     along: float = 0.1
@@ -56,14 +56,14 @@ class _Grid(NamedTuple):
     clearance: Any
 
     def nearest(self, place: Any) -> tuple[int, int]:
-        """Return row and column of the nearest place."""
+        """Return row and column of the grid place nearest to a place."""
         away = ((self.places - np.asarray(place)) ** 2).sum(axis=2)
         row, column = np.unravel_index(np.argmin(away), away.shape)
         return int(row), int(column)
 
 
 def find_route(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") -> Route:
-    """Find a route from rest to rest.
+    """Find a route that begins and ends at rest.
 
     Raises: InputError with the obstruction: an end that touches an obstacle, or a passage that is too narrow.
     """
@@ -110,7 +110,7 @@ STEPS = [(a, b, GRID * float(np.hypot(a, b))) for a, b in itertools.product((-1,
 
 
 def _search(grid: _Grid, start: tuple[int, int], goal: tuple[int, int], room: float) -> "list[tuple[int, int]] | None":
-    """Return the cells of a shortest route with that room; the ends may have less room."""
+    """Return the cells of a shortest route with at least this clearance; start and goal may have less."""
     free = grid.clearance >= room
     free[start] = free[goal] = True
     best, came = {start: 0.0}, {start: start}
@@ -138,7 +138,7 @@ def _search(grid: _Grid, start: tuple[int, int], goal: tuple[int, int], room: fl
 
 
 def _widest(grid: _Grid, start: tuple[int, int], goal: tuple[int, int]) -> float:
-    """Return the clearance (m) of the widest possible route at its narrowest place."""
+    """Return the largest clearance (m) that a route can keep everywhere."""
     best = {start: float(grid.clearance[start])}
     queue = [(-best[start], start)]
     while queue:
@@ -182,7 +182,7 @@ def _resample(places: Any, spacing: float) -> Any:
 
 
 def _smooth(floor: ObstacleFloor, corners: Any, room: float) -> Any:
-    """Return places of a spline of degree 5 near the lines: little curvature, and enough room where possible."""
+    """Return places of a spline of degree 5 near the lines, with little curvature and, where possible, clearance."""
     lines = _resample(corners, SPACING)
     length, degree = SPACING * (len(lines) - 1), 5
     count = max(int(np.ceil(length / CONTROL)), degree + 1) + 1

@@ -19,7 +19,7 @@ from trimtab.design.polynomial import Polynomial, constant, symbol
 from trimtab.design.zero_set import ZeroBranch, solve_equations
 
 DEFINITE, NONNEGATIVE, POSITIVE = "zero at rest only", "not negative", "positive"
-"""Possible statements of a claim about its conclusion."""
+"""Values of `Claim.says`: the possible statements about a conclusion."""
 SHOWN = 90
 """Maximum number of characters of a polynomial in a message."""
 
@@ -35,7 +35,7 @@ class WeightedSquares(NamedTuple):
     forms: tuple[Polynomial, ...]
 
     def value(self) -> Polynomial:
-        """Return the sum, without the hypothesis."""
+        """Return the sum of squares as a polynomial, without the factor of the hypothesis."""
         return sum((w * f * f for w, f in zip(self.weights, self.forms, strict=True)), constant(0))
 
 
@@ -50,7 +50,7 @@ class GramForm(NamedTuple):
     matrix: Any
 
     def value(self) -> Polynomial:
-        """Return the form, without the hypothesis."""
+        """Return z'G z as a polynomial, without the factor of the hypothesis."""
         z, total = self.forms, constant(0)
         for i, row in enumerate(self.matrix):
             total = total + z[i] * sum((constant(c) * b for c, b in zip(row, z, strict=True)), constant(0))
@@ -61,7 +61,7 @@ Term = WeightedSquares | GramForm
 
 
 class SquaresProof(NamedTuple):
-    """Proof by squares. scale: polynomial factor of the conclusion.  terms: terms whose sum equals the product."""
+    """Proof by squares. scale: polynomial factor of the conclusion.  terms: sum to scale times conclusion."""
 
     scale: Polynomial
     terms: tuple[Term, ...]
@@ -70,8 +70,8 @@ class SquaresProof(NamedTuple):
 class Claim(NamedTuple):
     """Claim to be proved, all of it from code.
 
-    name: of the claim.  conclusion: the polynomial.  hypotheses: name -> polynomial, positive where the conclusion is
-    asserted.  says: DEFINITE, NONNEGATIVE or POSITIVE.
+    name: name of the claim.  conclusion: the polynomial.  hypotheses: name -> polynomial, the conclusion is only
+        claimed where all are positive.  says: DEFINITE, NONNEGATIVE or POSITIVE.
     """
 
     name: str
@@ -92,7 +92,7 @@ class Region(NamedTuple):
 
 
 def find_fault(claim: Claim, proof: SquaresProof, region: Region) -> str:
-    """Return the fault of a proof of a claim, in words; an empty text if it holds."""
+    """Return why a proof of a claim fails; an empty text if the proof holds."""
     if proof.scale.sign(region.positive) != 1:
         return f"the scale {_shorten(proof.scale)} may be negative"
     total = constant(0)
@@ -109,7 +109,7 @@ def find_fault(claim: Claim, proof: SquaresProof, region: Region) -> str:
     if claim.says == DEFINITE:
         return _find_zero_fault(proof, region)
     if claim.says == POSITIVE and not any(_is_strict(term, region) for term in proof.terms):
-        return "no term of the sum is strictly positive"
+        return "the sum has no strictly positive term"
     return ""
 
 
@@ -119,12 +119,12 @@ def unconditional_forms(proof: SquaresProof) -> tuple[Polynomial, ...]:
 
 
 def is_at_rest(branches: Sequence[ZeroBranch], region: Region) -> bool:
-    """Return True if a zero set is exactly the point of rest."""
+    """Return True if a zero set is exactly the loop's point of rest."""
     return len(branches) == 1 and branches[0].values == dict(region.rest)
 
 
 def has_growing_forms(proof: SquaresProof, region: Region) -> bool:
-    """Return True if forms of first degree vanish only at rest: then the sum grows without bound in every direction."""
+    """Return True if the linear forms vanish only at rest. The sum then grows without bound in every direction."""
     affine = [
         f
         for f in unconditional_forms(proof)
@@ -188,7 +188,7 @@ def _find_zero_fault(proof: SquaresProof, region: Region) -> str:
     branches = solve_equations(unconditional_forms(proof), region.states, region.positive)
     if is_at_rest(branches, region):
         return ""
-    return "the sum vanishes away from rest: " + "; or ".join(str(b) for b in branches)
+    return "the sum is zero not only at rest but at " + "; or ".join(str(b) for b in branches)
 
 
 def _is_strict(term: Term, region: Region) -> bool:

@@ -22,14 +22,14 @@ from trimtab.design.model import StateSpaceModel
 jax.config.update("jax_enable_x64", True)
 
 RANK_TOLERANCE = 1e-9
-"""Ratio of singular values to the largest that counts as zero."""
+"""A singular value counts as zero up to this fraction of the largest one."""
 
 
 class ByrnesIsidori(NamedTuple):
     """Result of byrnes_isidori.
 
     h1: f2 = 0 only at x1 = 0 near the origin.  h2: df2/dx1 has full column rank n1 at the origin.
-    rank_f2: that rank.  rank_inputs: number of independent inputs m'.  n1: size of x1.
+    rank_f2: rank of df2/dx1.  rank_inputs: number of independent inputs m'.  n1: size of x1.
     is_excluded: True if no continuously differentiable feedback can stabilise the origin; False decides nothing.
     """
 
@@ -44,9 +44,10 @@ class ByrnesIsidori(NamedTuple):
 class Brockett(NamedTuple):
     """Result of brockett.
 
-    uncontrollable_unstable: eigenvalues with positive real part that no input reaches (with any, condition i fails).
+    uncontrollable_unstable: eigenvalues with positive real part that no input reaches (condition (i) fails if there are
+        any).
     controllability_rank: of the linearisation, n if it is controllable.  is_onto: True if each tried right-hand side is
-    reached (condition iii).  missed_targets: (k, n) right-hand sides that are not reached.
+        reached (condition (iii)).  missed_targets: (k, n) right-hand sides that are not reached.
     is_excluded: True if no continuously differentiable feedback can stabilise the origin; False decides nothing.
     """
 
@@ -104,7 +105,7 @@ def byrnes_isidori(
 
 @lru_cache(maxsize=8)
 def _compile_function(f: Callable[[Any, Any], Any], n: int) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
-    """Compile f of the stacked (x, u), and its derivative."""
+    """Return f as a compiled function of the stacked (x, u), and its compiled derivative."""
 
     def stack_arguments(z: Any) -> Any:
         return f(z[:n], z[n:])
@@ -123,8 +124,7 @@ def is_reachable(
         f: (x (n,), u (m,)) -> (n,), traceable by jax.
         b: right-hand side (n,), not zero.
         m: size of u.
-        radius: half the side of the box; it matters, because far away a nearly singular system reaches almost
-            everything.
+        radius: half the side of the box. Far away a nearly singular system reaches almost everything.
         starts: number of starts, the first near the origin.
         tolerance: relative residual that counts as zero.
     """
@@ -218,8 +218,9 @@ class Cascade(NamedTuple):
 class SmoothFeedback(NamedTuple):
     """Result of smooth_feedback.
 
-    brockett: for the whole model.  byrnes_isidori: for its cascade, None without one.  cascade: the cascade, or None.
-    is_excluded: True if one of both excludes a continuously differentiable stabiliser; False decides nothing.
+    brockett: for the whole model.  byrnes_isidori: for the cascade.  cascade, byrnes_isidori: None without a cascade.
+    is_excluded: True if one of the two conditions excludes a continuously differentiable stabiliser; False decides
+        nothing.
     """
 
     brockett: Brockett
@@ -229,7 +230,8 @@ class SmoothFeedback(NamedTuple):
 
 
 def find_cascade(model: StateSpaceModel, *, samples: int = 20) -> Cascade | None:
-    """Find the smallest x1 that the inputs enter and whose rates depend on nothing else; None if that is all states.
+    """Find the smallest set x1 of states that inputs affect, with rates that depend only on x1 and u; None if all
+    states.
 
     The decision uses derivatives at sampled points around the model's own point. The result is also None if the inputs
     enter x1 with varying coefficients.
@@ -251,7 +253,8 @@ def find_cascade(model: StateSpaceModel, *, samples: int = 20) -> Cascade | None
 
 
 def smooth_feedback(model: StateSpaceModel) -> SmoothFeedback:
-    """Check both necessary conditions for a model at its own point, which must be an equilibrium.
+    """Check the conditions of Brockett and of Byrnes and Isidori for a model at its own point, which must be an
+    equilibrium.
 
     States and inputs are scaled by their size at the point, if it is not zero.
     """

@@ -35,21 +35,20 @@ from trimtab.core.errors import InputError
 ON_AXIS = 1e-9
 """Real part, relative to the largest magnitude, below which poles lie on the imaginary axis."""
 FADED = 1e-40
-"""Size of a transition matrix's entries below which further powers are ignored."""
+"""Further powers of a transition matrix are ignored if its entries are below this."""
 GROWN = 1e3
-"""Growth of an iteration's change, relative to the first one, at which the iteration is abandoned."""
+"""The iteration is abandoned if its change grows by this factor over the first change."""
 PLACE = 1e-12
-"""Size of entries of A, relative to the largest, that counts as zero."""
+"""An entry of A counts as zero up to this fraction of the largest entry."""
 POLE_DISTANCE_MIN = 1e-9
-"""Distance of poles of A and S, relative to the largest magnitude, below which they are equal."""
+"""A pole of A and a pole of S count as equal below this distance, relative to the largest pole."""
 
 
 class BoundedSolution(NamedTuple):
-    """Result of the iteration.
-
-    zeta: (n, k) on the grid.  rates: Psi there (n, k).  iterations: their number.  changes: largest change of each,
-    relative to the scales.  poles: of A without its places, those with positive real part last.  unstable: number of
-    these.  places: indices of the places.
+    """Result of the iteration. zeta: bounded solution (n, k) on the grid.  rates: Psi there (n, k).  iterations: number
+    of iterations.  changes: largest change in each iteration, relative to the scales.  poles: of A without its places,
+    those with positive real part last.  unstable: number of poles with positive real part.  places: indices of the
+    places.
     """
 
     zeta: Any
@@ -62,7 +61,7 @@ class BoundedSolution(NamedTuple):
 
 
 class _Split(NamedTuple):
-    """Split of A. basis: (k, k); columns span the stable and the unstable subspace; A there is stable (+) unstable."""
+    """Split of A. basis: (k, k); columns span the stable and the unstable subspace. A is block diagonal in it."""
 
     basis: Any
     stable: Any
@@ -122,13 +121,13 @@ def bounded_solution(
             rates, count = np.asarray(psi(zeta * scales)), len(split.unstable)
             return BoundedSolution(zeta * scales, rates, len(changes), tuple(changes), poles, count, places)
     text = ", ".join(f"{c:.2g}" for c in changes)
-    problem = f"the iteration does not settle below {tolerance:g}; successive changes, in scales: {text}"
-    fix = "make the command slower or smaller, take A along the motion, or start nearer to the solution"
+    problem = f"the iteration does not converge to {tolerance:g}; successive changes, in scales: {text}"
+    fix = "make the command slower or smaller, evaluate A along the motion, or give a better start"
     raise InputError("bounded_solution", problem, fix=fix)
 
 
 def find_places(A: Any) -> tuple[int, ...]:
-    """Return coordinates whose value enters no rate, or only those of others like it, as north and east."""
+    """Return indices of places: coordinates, e.g. north, that affect no rate, or only rates of other places."""
     size = np.abs(np.asarray(A, float))
     size = size > PLACE * max(size.max(initial=0.0), np.finfo(float).tiny)
     places: list[int] = []
@@ -141,7 +140,7 @@ def find_places(A: Any) -> tuple[int, ...]:
 
 
 def _integrate(rates: Any, dt: float) -> Any:
-    """Integrate from the first instant on (n, k), by cubic splines through the rates."""
+    """Return the integral of the rates from the first instant on (n, k), by cubic splines."""
     times = dt * np.arange(len(rates))
     return CubicSpline(times, rates).antiderivative()(times) if rates.shape[1] else rates
 
@@ -157,13 +156,13 @@ def _check_arguments(A: Any, guess: Any, dt: float, scales: Any, left: Any, righ
     for name, (value, shape) in shapes.items():
         part = f"bounded_solution.{name}"
         if np.shape(value) != shape:
-            problem = f"got shape {np.shape(value)}, wanted {shape}"
-            raise InputError(part, problem, fix=f"give one for each of the {k} scales")
+            problem = f"must have shape {shape}, got {np.shape(value)}"
+            raise InputError(part, problem, fix=f"give an array of shape {shape}, for {k} scales")
         if not np.isfinite(value).all():
             raise InputError(part, "not finite", fix="give finite values")
     if len(guess) < 2 or not dt > 0:
-        problem = f"got {len(guess)} instants, {dt:g} s apart"
-        raise InputError("bounded_solution.dt", problem, fix="give at least two instants and a step above 0")
+        problem = f"must have at least 2 instants and dt above 0 s, got {len(guess)} and {dt:g} s"
+        raise InputError("bounded_solution.dt", problem, fix="give e.g. dt=0.01")
     if not (scales > 0).all():
         raise InputError(
             "bounded_solution.scales", f"must be above 0, got {scales}", fix="give one size for each state"
@@ -190,7 +189,7 @@ def _split_subspaces(A: Any) -> _Split:
 
 
 def _solve_linear(split: _Split, w: Any, dt: float, left: Any, right: Any) -> Any:
-    """Return the bounded solution of zeta' = A zeta + w, w (n, k) piecewise linear; left, right in the basis."""
+    """Return the bounded solution of zeta' = A zeta + w, w (n, k) piecewise linear. left, right: in the split basis."""
     k = len(split.stable)
     driven = np.linalg.solve(split.basis, w.T)
     stable = _propagate_linear(split.stable, driven[:k], dt, left[:k])
@@ -228,16 +227,16 @@ def solve_steady_response(A: Any, S: Any, G: Any) -> Any:
     k, m = len(A), len(S)
     for name, M, shape in (("A", A, (k, k)), ("S", S, (m, m)), ("G", G, (k, m))):
         if M.shape != shape or not np.isfinite(M).all():
-            problem = f"got shape {M.shape}, wanted {shape}, all finite"
+            problem = f"must be finite numbers of shape {shape}, got shape {M.shape}"
             raise InputError(f"following.{name}", problem, fix="give A (k, k), S (m, m), G (k, m)")
     inside, outside = np.linalg.eigvals(A), np.linalg.eigvals(S)
     gaps = np.abs(inside[:, None] - outside)
     i, j = np.unravel_index(np.argmin(gaps), gaps.shape)
     if gaps[i, j] <= POLE_DISTANCE_MIN * max(np.abs(inside).max(), np.abs(outside).max()):
         problem = (
-            f"the system's pole {inside[i]:.6g} is also a pole of the exosystem, so the response grows without end"
+            f"the system's pole {inside[i]:.6g} is also a pole of the exosystem, so the response grows without bound"
         )
-        raise InputError("following.S", problem, fix="change the command's poles")
+        raise InputError("following.S", problem, fix="choose other poles for the command's exosystem S")
     return solve_sylvester(A, -S, -G)
 
 

@@ -34,16 +34,16 @@ from trimtab.design.squares import (
 from trimtab.design.zero_set import ZeroBranch, largest_invariant_set, solve_equations
 
 GROWS, FALLS = "V > 0", "-dV/dt >= 0"
-"""Names of the two claims of every theorem about a motion."""
+"""Names of the two claims that every theorem about a motion makes."""
 INSIDE = "c - V"
 """Name of the hypothesis of a region: V is below the level c."""
 EXACT = "exact, polynomials"
 
 
 class Counterexample(NamedTuple):
-    """Point at which a claim fails, so that it can't be claimed.
+    """Counterexample: a point at which a claim fails.
 
-    name: name of what fails.  claim: with hypotheses and conclusion.  point: name -> number.
+    name: name of the claim that fails.  claim: with hypotheses and conclusion.  point: name -> number.
     """
 
     name: str
@@ -56,7 +56,8 @@ class LawTheorem(NamedTuple):
 
     name: as in `trimtab design NAME`.  about: settings.  says: the theorem in words.  region: states, positive names
     and point of rest.  field: rate of each state; empty for a theorem without motion.  lyapunov: V of the law, or None
-    if the certificate has it.  limits: end points of motions, as state -> polynomial; the ones found must equal these.
+    if the certificate has it.  limits: end points of motions, as state -> polynomial. The proof must find exactly
+    these.
     hurwitz: polynomials that are positive if the linear loop is stable, for all positive values of hurwitz_positive.
     claims: further consequences of hypotheses.  identities: name -> polynomial that vanishes. counterexamples: claims
     that fail.  lines: further conditions.  multipliers: claim -> hypothesis -> its weight, searches: claim -> setup of
@@ -120,7 +121,7 @@ def closed_loop(
 
 
 def motion_claims(theorem: LawTheorem, lyapunov: Polynomial, level: Fraction | None) -> tuple[Claim, ...]:
-    """Return the claims V > 0 and -dV/dt >= 0, the latter within the level if there is one, zero at rest only there."""
+    """Return the claims V > 0 and -dV/dt >= 0, for all x, or for V below the level."""
     inside = {} if level is None else {INSIDE: constant(level) - lyapunov}
     rate = -lie_derivative_of(lyapunov, theorem.field)
     falls = Claim(FALLS, rate, inside, NONNEGATIVE if level is None else DEFINITE)
@@ -128,7 +129,7 @@ def motion_claims(theorem: LawTheorem, lyapunov: Polynomial, level: Fraction | N
 
 
 def hurwitz_minors(field: Mapping[str, Polynomial], rest: Mapping[str, Polynomial]) -> tuple[Polynomial, ...]:
-    """Return polynomials of the Jacobian at rest (n <= 3), all positive if and only if it is Hurwitz. Source: [2]."""
+    """Return polynomials that are all positive if and only if the Jacobian at rest (n <= 3) is Hurwitz. Source: [2]."""
     J = [[f.derivative(n).substitute(rest) for n in field] for f in field.values()]
     coefficients, power = [constant(1)], _unit_matrix(len(J))
     for k in range(1, len(J) + 1):  # Faddeev and LeVerrier
@@ -139,8 +140,8 @@ def hurwitz_minors(field: Mapping[str, Polynomial], rest: Mapping[str, Polynomia
     if len(J) > 3:
         raise InputError(
             "hurwitz",
-            f"got {len(J)} states; at most 3 are possible",
-            fix="take a certificate with a Lyapunov function instead",
+            f"must have at most 3 states, got {len(J)}",
+            fix="use a theorem with a Lyapunov function instead",
         )
     last = (coefficients[1] * coefficients[2] - coefficients[3],) if len(J) == 3 else ()
     return (*coefficients[1:], *last)
@@ -154,22 +155,29 @@ def prove_theorem(
     Args:
         certificate: a new certificate, or one read from a file.
         theorem: the theorem of the certificate, built again from code.
-        digests: the digest written in the file, and that of its content.
+        digests: the digest written in the file, and the digest of the file's content.
     """
     lines = list(_data_lines(certificate, theorem))
     if theorem.field:
         lines += _motion_lines(certificate, theorem)
     else:
         empty = certificate.lyapunov is None and certificate.level is None
-        lines.append(("no V, as no motion is spoken of", lambda: _verdict(empty, "the file has a V, or a level")))
+        lines.append(
+            (
+                "no V, because the theorem is not about a motion",
+                lambda: _verdict(empty, "the file must have neither V nor level"),
+            )
+        )
     lines += [(claim.name, lambda c=claim: _prove_claim(certificate, theorem, c)) for claim in theorem.claims]
     lines += [(name, lambda p=p: _identity(p)) for name, p in theorem.identities.items()]
     lines += [(e.name, lambda e=e: _refute(e)) for e in theorem.counterexamples]
     lines += theorem.lines
     if digests is not None:
-        why = "the file was changed after it was written; the other lines say what that did"
+        why = "the file was changed after it was written; the other conditions show the effect"
         lines.append(version_line(certificate.version))
-        lines.append(("the file is as it was written", lambda: _verdict(digests[0] == digests[1], why, how="SHA-256")))
+        lines.append(
+            ("file unchanged since it was written", lambda: _verdict(digests[0] == digests[1], why, how="SHA-256"))
+        )
     return evaluate_lines(lines)
 
 
@@ -182,10 +190,10 @@ def claims_of(theorem: LawTheorem, lyapunov: Polynomial | None, level: Fraction 
 def _data_lines(c: TheoremCertificate, theorem: LawTheorem) -> Iterator[Line]:
     now, there = dict(theorem.about), dict(c.about)
     apart = [
-        f"{n}: {there.get(n)!r}, wanted {now.get(n)!r}" for n in sorted({*now, *there}) if now.get(n) != there.get(n)
+        f"{n}: {there.get(n)!r}, must be {now.get(n)!r}" for n in sorted({*now, *there}) if now.get(n) != there.get(n)
     ]
     words = c.theorem == theorem.name and c.says == theorem.says
-    yield f"theorem is that of {theorem.name}", lambda: _verdict(words, f"the file says {c.says!r} of {c.theorem!r}")
+    yield f"theorem is that of {theorem.name}", lambda: _verdict(words, f"the file claims {c.says!r} for {c.theorem!r}")
     yield f"settings are those of {theorem.name}", lambda: _verdict(not apart, "; ".join(apart))
     wanted = {claim.name for claim in claims_of(theorem, c.lyapunov, c.level)}
     unknown = sorted(set(c.proofs) - wanted)
@@ -196,7 +204,7 @@ def _motion_lines(c: TheoremCertificate, theorem: LawTheorem) -> Iterator[Line]:
     region, V = theorem.region, c.lyapunov
     at_rest = [f.substitute(dict(region.rest)) for f in theorem.field.values()]
     resting = f"the rates at rest are {', '.join(map(str, at_rest))}"
-    yield "the loop rests where the law says", lambda: _verdict(not any(at_rest), resting)
+    yield "the law's point of rest is an equilibrium", lambda: _verdict(not any(at_rest), resting)
     yield "points of rest", lambda: _rest_condition(theorem)
     if V is None:
         yield GROWS, lambda: _verdict(False, "the file has no Lyapunov function")
@@ -204,10 +212,10 @@ def _motion_lines(c: TheoremCertificate, theorem: LawTheorem) -> Iterator[Line]:
     if theorem.lyapunov is not None:
         yield "V is that of the law", lambda: _identity(V - theorem.lyapunov)
     if (c.level is None) != (theorem.lyapunov is not None):
-        yield "level", lambda: _verdict(False, "a level is for a function that the certificate brings, and only for it")
+        yield "level", lambda: _verdict(False, "exactly the theorems whose law has no V need a level")
     if c.level is not None:
         level = c.level
-        yield "level is above 0", lambda: _verdict(level > 0, f"it is {level}", float(level), "level of V")
+        yield "level is above 0", lambda: _verdict(level > 0, f"the level is {level}", float(level), "level of V")
     for claim in motion_claims(theorem, V, c.level):
         yield claim.name, lambda k=claim: _prove_claim(c, theorem, k)
     yield "V grows without bound", lambda: _growth_condition(c, region)
@@ -227,7 +235,7 @@ def _verdict(
 def _prove_claim(c: TheoremCertificate, theorem: LawTheorem, claim: Claim) -> ProofCondition:
     proof = c.proofs.get(claim.name)
     if proof is None:
-        return _verdict(False, "the file has no proof of it")
+        return _verdict(False, "the file has no proof of this claim")
     fault, count = find_fault(claim, proof, theorem.region), sum(len(t.forms) for t in proof.terms)
     where = f"where {', '.join(claim.hypotheses)} > 0" if claim.hypotheses else ""
     condition = _verdict(not fault, fault, float(count), "squares")
@@ -240,7 +248,10 @@ def _identity(p: Polynomial) -> ProofCondition:
 
 def _growth_condition(c: TheoremCertificate, region: Region) -> ProofCondition:
     proof = c.proofs.get(GROWS)
-    return _verdict(proof is not None and has_growing_forms(proof, region), "not shown by forms of first degree")
+    return _verdict(
+        proof is not None and has_growing_forms(proof, region),
+        "the linear forms of its proof do not vanish at rest only",
+    )
 
 
 def _rest_condition(theorem: LawTheorem) -> ProofCondition:
@@ -275,7 +286,7 @@ def _compare_branches(
 
 def _hurwitz_condition(theorem: LawTheorem) -> ProofCondition:
     bad = [p for p in theorem.hurwitz if p.sign(theorem.hurwitz_positive) != 1]
-    why = "" if not bad else f"the minor {bad[0]} need not be positive"
+    why = "" if not bad else f"the minor {bad[0]} may be negative"
     text = f"for all positive {', '.join(theorem.hurwitz_positive)}" if theorem.hurwitz_positive else ""
     return _verdict(not bad, why, float(len(theorem.hurwitz)), "minors")._replace(why=why or text)
 

@@ -32,7 +32,7 @@ SCOPE = (
     "continuous time",
     "each number has exactly the decimals in which it is written",
 )
-FIX = "trimtab design hovercraft/forward --out certificate.json  writes one"
+FIX = "trimtab design hovercraft/forward --out certificate.json  writes a certificate"
 KEYS = ("format", "scope", "theorem", "about", "says", "lyapunov", "level", "proofs", "version", "digest")
 FRACTION = re.compile(r"-?\d{1,400}(/\d{1,400})?")
 
@@ -40,7 +40,7 @@ FRACTION = re.compile(r"-?\d{1,400}(/\d{1,400})?")
 def design_theorem(
     theorem: LawTheorem, lyapunov: Polynomial | None = None, level: Fraction | None = None, **proofs: SquaresProof
 ) -> TheoremCertificate:
-    """Create a certificate of a theorem; squares are completed for claims without a proof, if possible.
+    """Create a certificate of a theorem; claims without a proof are proved by completing squares, if possible.
 
     Args:
         theorem: the theorem to prove.
@@ -58,7 +58,7 @@ def design_theorem(
 
 
 def _complete_proof(claim: Claim, theorem: LawTheorem) -> SquaresProof:
-    """Prove a claim by Gram matrices if a search is given; otherwise complete squares after weighting hypotheses."""
+    """Prove a claim by Gram matrices if a search is given, otherwise by completing squares with weighted hypotheses."""
     if claim.name in theorem.searches:
         return find_gram_proof(claim, theorem.searches[claim.name])
     weights = theorem.multipliers.get(claim.name, {})
@@ -88,7 +88,7 @@ def parse_theorem(text: str, name: str) -> tuple[TheoremCertificate, str]:
         )
     _check_keys(content, KEYS, name)
     if content["scope"] != list(SCOPE):
-        raise InputError(f"file '{name}', scope", f"{content['scope']}", fix=FIX)
+        raise InputError(f"file '{name}', scope", f"must be {list(SCOPE)}, got {content['scope']}", fix=FIX)
     V, level, proofs = content["lyapunov"], content["level"], content["proofs"]
     if not isinstance(proofs, dict):
         raise InputError(f"file '{name}', proofs", f"{proofs!r} must be a mapping of proofs", fix=FIX)
@@ -133,13 +133,13 @@ def _as_plain(value: Any) -> Any:
 def _parse_proof(value: Any, part: str) -> SquaresProof:
     _check_keys(value, ("scale", "terms"), part)
     if not isinstance(value["terms"], list):
-        raise InputError(part, "its terms must be a list", fix=FIX)
+        raise InputError(part, "the proof's terms must be a list", fix=FIX)
     return SquaresProof(_parse_polynomial(value["scale"], part), tuple(_parse_term(t, part) for t in value["terms"]))
 
 
 def _parse_term(value: Any, part: str) -> Term:
     if not isinstance(value, dict):
-        raise InputError(part, f"{value!r} is not a term", fix=FIX)
+        raise InputError(part, f"must be a term (a JSON object), got {value!r}", fix=FIX)
     if "gram" not in value:
         _check_keys(value, ("times", "squares"), part)
         pairs = [tuple(_parse_polynomial(p, part) for p in _parse_list(pair, part, 2)) for pair in value["squares"]]
@@ -159,8 +159,8 @@ def _parse_term(value: Any, part: str) -> Term:
 
 def _parse_list(value: Any, part: str, length: int | None = None) -> list[Any]:
     if not isinstance(value, list) or not value or (length is not None and len(value) != length):
-        wanted = "something" if length is None else f"{length} entries"
-        raise InputError(part, f"{str(value)[:60]} is not a list of {wanted}", fix=FIX)
+        wanted = "at least 1 entry" if length is None else f"{length} entries"
+        raise InputError(part, f"must be a list of {wanted}, got {str(value)[:60]}", fix=FIX)
     return value
 
 
@@ -171,25 +171,25 @@ def _parse_polynomial(text: Any, part: str) -> Polynomial:
 
 def _parse_fraction(text: Any, part: str) -> Fraction:
     if not isinstance(text, str) or not FRACTION.fullmatch(text) or re.search(r"/0+$", text):
-        raise InputError(part, f"{str(text)[:60]!r} is not a fraction", fix="write e.g. 13/5; " + FIX)
+        raise InputError(part, f"must be a fraction such as '13/5', got {str(text)[:60]!r}", fix=FIX)
     return Fraction(text)
 
 
 def _parse_text(value: Any, part: str) -> str:
     if not isinstance(value, str):
-        raise InputError(part, f"{value!r} is not text", fix=FIX)
+        raise InputError(part, f"must be text, got {value!r}", fix=FIX)
     return value
 
 
 def _parse_about(value: Any, part: str) -> dict[str, Setting]:
     if not isinstance(value, dict) or not all(type(v) in (int, float, str) for v in value.values()):
-        raise InputError(part, f"{value!r} must be settings", fix=FIX)
+        raise InputError(part, f"must be settings, name -> number or text; got {value!r}", fix=FIX)
     return value
 
 
 def _check_keys(value: Any, wanted: Iterable[str], part: str) -> None:
-    """Check for exactly these keys: an unchecked claim has no place in a certificate."""
+    """Raise InputError unless the keys are exactly these, because an unknown key would be an unchecked claim."""
     wanted = tuple(wanted)
     if not isinstance(value, dict) or set(value) != set(wanted):
         there = sorted(value) if isinstance(value, dict) else type(value).__name__
-        raise InputError(f"file '{part}'", f"has {there}", choices=wanted, fix=FIX)
+        raise InputError(f"file '{part}'", f"must have exactly the listed keys, got {there}", choices=wanted, fix=FIX)

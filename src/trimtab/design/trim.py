@@ -19,9 +19,9 @@ from trimtab.core.units import find_unit
 from trimtab.design.model import StateSpaceModel, find_indices, format_combination
 
 RANK_TOLERANCE = 1e-9
-"""Ratio of singular values to the largest that counts as zero."""
+"""A singular value counts as zero up to this fraction of the largest one."""
 AT_BOUND = 1e-9
-"""Distance of an unknown from a bound, relative to its scale, within which it lies on the bound."""
+"""An unknown lies on a bound if it is closer to the bound than this fraction of its scale."""
 
 
 class Trim(NamedTuple):
@@ -29,10 +29,10 @@ class Trim(NamedTuple):
 
     is_found: True if every equation holds.  x, u: the point (n,), (m,).  residual: equation -> its residual, in its own
     unit, e.g. "speed'" -> 0.3.  relative: the same, relative to the effect of the unknowns, each moved by its scale.
-    active: unknown -> "low" or "high", the bounds that hold it.  powerless_unknowns: those that move no equation.
-    undetermined_unknowns: combinations of unknowns that move no equation (several solutions).  rank: of the scaled
-    Jacobian.  singular: its singular values.  why: the reasons, in words.  taken: state or output -> value, of
-    conditions added by default for level flight.
+    active: unknown -> "low" or "high", the bounds that hold it.  powerless_unknowns: unknowns that affect no equation.
+    undetermined_unknowns: combinations of unknowns that affect no equation (several solutions).  rank: of the scaled
+    Jacobian.  singular: singular values of the scaled Jacobian.  why: the reasons, in words.  taken: state or output ->
+    value, of conditions added by default for level flight.
     """
 
     is_found: bool
@@ -57,9 +57,10 @@ class Trim(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    """Problem for the solver. residual, jacobian: functions of unknowns z (k,); the latter by all (x, u), own units.
+    """Problem for the solver. residual, jacobian: functions of the unknowns z (k,). The Jacobian is by all (x, u).
 
-    low, high, scale, names: of the unknowns.  equations: names.  x, u: fixed values.  columns: indices of z in (x, u).
+    low, high, scale, names: of the unknowns.  equations: names.  x, u: values of the fixed entries.  columns: indices
+        of z in (x, u).
     """
 
     residual: Any
@@ -88,7 +89,8 @@ def trim(
     starts: int = 8,
     tolerance: float = 1e-10,
 ) -> Trim:
-    """Find the free states and inputs for which x' and y have the wanted values; all others keep theirs.
+    """Find the free states and inputs for which x' and y have the wanted values; all other states and inputs stay
+    fixed.
 
     Args:
         model: the system.
@@ -101,7 +103,7 @@ def trim(
         bounds: unknown -> (low, high).
         scales: unknown -> size of a natural change. Default: the width between finite bounds, or the larger of 1 and
             the start's magnitude.
-        starts: maximum number of starts; the first is x and u, others are used only if it fails.
+        starts: maximum number of starts; the first is x and u, others are used only if that start fails.
         tolerance: relative residual below which an equation holds, compared with the effect of the unknowns' scales.
 
     Returns: a Trim, found or not; `require_trim` converts a failure into an InputError.
@@ -135,11 +137,14 @@ def _build_problem(
     if len(set(both)) != len(both):
         twice = [n for n in model.states if n in model.inputs]
         raise InputError(
-            "trim", f"{twice} are both states and inputs", fix="give the entries of the model different names"
+            "trim", f"{twice} are names of both states and inputs", fix="give the entries of the model different names"
         )
     if not free:
         raise InputError(
-            "trim.free", "no state or input is free", choices=both, fix="name states or inputs to be found"
+            "trim.free",
+            "no state or input is free",
+            choices=both,
+            fix="name the states and inputs that trim may change",
         )
     columns = np.array(find_indices("trim.free", free, both))
     find_indices("trim.derivatives", derivatives, model.states)
@@ -150,8 +155,8 @@ def _build_problem(
     if conflict:
         raise InputError(
             "trim.loose",
-            f"{sorted(conflict)} also have a wanted derivative",
-            fix="name each in one place",
+            f"{sorted(conflict)} are loose, but also have a wanted derivative",
+            fix="remove each from loose or from derivatives",
         )
     wanted = np.array([*(derivatives.get(model.states[i], 0.0) for i in rows), *outputs.values()], float)
     equations = (*(model.states[i] + "'" for i in rows), *outputs)
@@ -178,7 +183,11 @@ def _build_problem(
     start = np.clip(z0, low, high)
     bad = [n for n, v in zip(equations, np.asarray(value(start)), strict=True) if not np.isfinite(v)]
     if bad:
-        raise InputError("trim", f"{', '.join(bad)} not finite at the start", fix="start from a valid point x, u")
+        raise InputError(
+            "trim",
+            f"{', '.join(bad)} must be finite at the start point",
+            fix="give x and u at which the model is defined",
+        )
     return _Problem(value, slope, low, high, scale, tuple(free), equations, x0, u0, columns), start
 
 
@@ -189,7 +198,7 @@ def _unknown_ranges(free: list[str], z0: Any, bounds: Any, scales: Any) -> tuple
     low, high = pairs[:, 0], pairs[:, 1]
     for name, a, b in zip(free, low, high, strict=True):
         if not a < b:
-            fix = "give the lower one first, and fix what is known"
+            fix = "give the lower bound first; to fix an unknown, remove it from free"
             raise InputError(f"trim.bounds.{name}", f"the lower bound must be below the upper, got ({a}, {b})", fix=fix)
     width = high - low
     usual = np.where(np.isfinite(width), width, np.maximum(1.0, np.abs(z0)))
@@ -209,7 +218,7 @@ def _draw_restart(p: _Problem, z0: Any, draws: np.random.Generator) -> Any:
 
 
 def _scale_equations(p: _Problem, z: Any) -> tuple[Any, Any, Any]:
-    """Return residual and Jacobian relative to the equations' scales, per scale of the unknowns, and those scales."""
+    """Return residual and Jacobian in scaled equations and unknowns, and the scales of the equations."""
     r, slopes = p.residual(z), p.jacobian(z)
     J, whole = slopes[:, p.columns] * p.scale, np.linalg.norm(slopes, axis=1)
     size = np.linalg.norm(J, axis=1)
@@ -277,24 +286,24 @@ def _build_report(p: _Problem, z: Any, tolerance: float) -> Trim:
 
 
 def _explain_failure(p: _Problem, miss: Trim, missing: Any, r: Any, tolerance: float) -> tuple[str, ...]:
-    """Return the reasons, the most important first."""
+    """Return the reasons why no trim was found, the most important first."""
     off = miss.relative
     worst = sorted((n for n in off if abs(off[n]) > tolerance), key=lambda n: -abs(off[n]))
-    reasons = ["off are " + ", ".join(f"{n} by {miss.residual[n]:.6g}" for n in worst)]
+    reasons = ["not satisfied: " + ", ".join(f"{n} (error {miss.residual[n]:.6g})" for n in worst)]
     edges = {"low": dict(zip(p.names, p.low, strict=True)), "high": dict(zip(p.names, p.high, strict=True))}
     if miss.active:
-        reasons.append("at a bound are " + ", ".join(f"{n} ({s}, {edges[s][n]:.6g})" for n, s in miss.active.items()))
+        reasons.append("at a bound: " + ", ".join(f"{n} ({s}, {edges[s][n]:.6g})" for n, s in miss.active.items()))
     stuck = [format_combination(v, p.equations) for v in missing if abs(v @ r) > tolerance]
-    reasons += [f"no free unknown moves {c} to first order" for c in stuck]
+    reasons += [f"no unknown affects {c} to first order" for c in stuck]
     if miss.powerless_unknowns:
-        reasons.append(f"no effect here: {', '.join(miss.powerless_unknowns)}")
+        reasons.append(f"unknowns without effect at this point: {', '.join(miss.powerless_unknowns)}")
     if len(reasons) == 1:
         reasons.append("the search ended in a local minimum of the least squares")
     return tuple(reasons)
 
 
 def idle_states(model: StateSpaceModel, units: Mapping[str, str] = MappingProxyType({})) -> set[str]:
-    """Return states on which no derivative depends near the model's point, and lengths and angles moving only those."""
+    """Return idle states: no derivative depends on them, or they are lengths or angles that affect only idle states."""
     around = np.random.default_rng(0).uniform(-0.1, 0.1, (3, len(model.x0)))
     size = np.zeros((len(model.x0), len(model.x0)))
     for shift in (0 * around[0], *around):
@@ -318,7 +327,7 @@ def _is_configuration(unit: str) -> bool:
 
 
 def is_length(unit: str) -> bool:
-    """Return True if a unit measures a length."""
+    """Return True if a unit is a unit of length."""
     try:
         return unit != "" and find_unit("unit", unit).name == "m"
     except InputError:

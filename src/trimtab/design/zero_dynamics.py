@@ -20,17 +20,17 @@ from trimtab.design.normal_form import normal_form
 from trimtab.design.poles import balance_matrix, format_pole, participation
 
 RANK_TOLERANCE = 1e-10
-"""Size of singular values, relative to the scaled matrices, that counts as zero."""
+"""A singular value counts as zero up to this fraction of the size of the scaled matrices."""
 AGREE = 1e-3
-"""Relative difference between zeros and poles of the zero dynamics above which they are reported as different."""
+"""Zeros and poles of the zero dynamics are reported as different above this relative difference."""
 
 
 class Zeros(NamedTuple):
     """Invariant zeros.
 
     zeros: (k,), by falling real part.  states, inputs: the directions: states (k, n) and inputs (k, m) that keep the
-    output at zero as exp(zero t), scaled to a largest entry of 1.  dominant: dominant states, in words.  size:
-    magnitude of the matrix whose eigenvalues they are, as a measure of rounding.
+    output at zero as exp(zero t), scaled to a largest entry of 1.  dominant: names of the dominant states of each zero.
+    size: magnitude of the matrix whose eigenvalues are the zeros, as a measure of rounding.
     """
 
     zeros: Any
@@ -44,11 +44,11 @@ class ZeroDynamics(NamedTuple):
     """Zero dynamics at an equilibrium.
 
     verdict: "minimum phase", "non-minimum phase" or "marginal"; "undecided" if the linearisation has only stable zeros
-    and no relative degree decides the rest.  offending: zeros with a real part above the tolerance, or, without any,
-    those within it.  zeros: invariant zeros of the linearisation.  jacobian: of the zero dynamics (k, k), None if the
-    relative degree is not well defined.  poles: its eigenvalues.  internals: its coordinates.  tolerance: real parts
-    this small count as zero (1/s).  why: remarks: offending zeros with their states, and the reason for a missing
-    jacobian.
+    and no relative degree decides the rest.  offending: zeros with a real part above the tolerance; if there are no
+    such zeros, those within it.  zeros: invariant zeros of the linearisation.  jacobian: of the zero dynamics (k, k),
+    None if the relative degree is not well defined.  poles: its eigenvalues.  internals: its coordinates.  tolerance:
+    largest real part that counts as zero (1/s).  why: remarks: offending zeros with their states, and the reason for a
+    missing jacobian.
     """
 
     verdict: str
@@ -123,7 +123,7 @@ def zero_dynamics(
     except InputError as refused:
         if internal is not None and refused.part == "normal_form.internal":
             raise
-        why = (f"only zeros of the linearisation: {refused.problem}",)
+        why = (f"only zeros of the linearisation were computed: {refused.problem}",)
     else:
         internals, jacobian = form.internals, form.jacobian
         poles = _sort_by_real_part(np.linalg.eigvals(jacobian))
@@ -162,15 +162,21 @@ def _check_rest(model: StateSpaceModel, linear: LinearModel, loose: list[str]) -
         pairs = zip(model.states, linear.drift, moving, strict=True)
         text = ", ".join(f"{n}' = {v:.6g}" for n, v, m in pairs if m)
         raise InputError(
-            "zero_dynamics", f"not an equilibrium: {text}", fix="trim first, or name what may move as loose"
+            "zero_dynamics",
+            f"the point is not an equilibrium: {text}",
+            fix="find a trim with trimtab.design.trim, or name states that may move in loose",
         )
     depends = [model.states[i] for i in away if np.abs(np.delete(linear.A, away, axis=0)[:, i]).any()]
     if depends:
-        raise InputError("zero_dynamics.loose", f"others depend on {', '.join(depends)}", fix="trim it instead")
+        raise InputError(
+            "zero_dynamics.loose",
+            f"other states depend on {', '.join(depends)}",
+            fix="remove the state from loose, and trim it",
+        )
 
 
 def scale_system(linear: LinearModel) -> tuple[Any, Any, Any, Any, tuple[Any, Any]]:
-    """Scale rows and columns of [[A, B], [C, D]] to be alike; return also the sizes of states and inputs."""
+    """Scale [[A, B], [C, D]] to rows and columns of similar size. Also return the sizes of states and inputs."""
     n, m = linear.B.shape
     whole = np.block([[linear.A, linear.B], [linear.C, linear.D]])
     a, b, c = np.ones(n), np.ones(m), np.ones(len(linear.C))

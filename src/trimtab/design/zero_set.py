@@ -16,13 +16,14 @@ from typing import NamedTuple
 from trimtab.design.polynomial import Monomial, Polynomial, constant, lie_derivative_of, symbol
 
 MOST_ROUNDS = 12
-"""Number of derivatives after which the search for an invariant set is abandoned."""
+"""Maximum number of derivatives in the search for an invariant set."""
 
 
 class ZeroBranch(NamedTuple):
     """One piece of a zero set, a graph over its free unknowns.
 
-    values: unknown -> polynomial in the free ones and in the positive names.  free: the others.  steps: steps of the
+    values: unknown -> polynomial in the free unknowns and the positive names. free: the free unknowns.  steps: steps of
+        the
     solution, in words.
     """
 
@@ -58,7 +59,7 @@ def largest_invariant_set(
 ) -> tuple[ZeroBranch, ...]:
     """Return the largest set within the zeros of the equations that motions of x' = field(x) never leave, by [1].
 
-    If something vanishes for ever, its derivatives vanish too. Each branch is differentiated along the field, and the
+    If an expression stays zero, its derivatives are zero too. Each branch is differentiated along the field, and the
     results are added to the equations, until nothing new appears.
     """
     positive, pending, whole = frozenset(positive), list(solve_equations(equations, tuple(field), positive)), []
@@ -73,7 +74,7 @@ def largest_invariant_set(
         if not moving:
             return _drop_contained(whole)
         pending = list({str(b): b for b in moving}.values())
-    raise ArithmeticError(f"no result after {MOST_ROUNDS} derivatives")
+    raise ArithmeticError(f"no invariant set was found within {MOST_ROUNDS} derivatives")
 
 
 def _leaving_rates(branch: ZeroBranch, field: Mapping[str, Polynomial]) -> list[tuple[Polynomial, str]]:
@@ -83,7 +84,7 @@ def _leaving_rates(branch: ZeroBranch, field: Mapping[str, Polynomial]) -> list[
         constraint = symbol(name) - value
         rate = lie_derivative_of(constraint, field).substitute(branch.values)
         if rate:
-            rates.append((rate, f"d({constraint})/dt is {rate} there"))
+            rates.append((rate, f"d({constraint})/dt is {rate} on this branch"))
     return rates
 
 
@@ -106,7 +107,7 @@ def _solve(equations: tuple[Polynomial, ...], branch: ZeroBranch, positive: froz
         if not e.names & frozenset(branch.free):
             if e.sign(positive):
                 return []
-            raise ArithmeticError(f"the parameters decide if {e} vanishes")
+            raise ArithmeticError(f"it depends on the parameters if {e} is zero")
     undecided = ""
     for e in sorted(rest, key=lambda e: len(e.terms)):
         for name, value in _linear_pivots(e, branch.free, positive):
@@ -140,7 +141,7 @@ def _linear_pivots(e: Polynomial, free: Sequence[str], positive: frozenset[str])
 
 
 def _split(e: Polynomial, free: Sequence[str], positive: frozenset[str]) -> list[tuple[Polynomial, ...]] | None:
-    """Split the equation into alternatives, each a set of simpler ones; None if it can't be split."""
+    """Split an equation into alternatives, each a set of simpler equations; None if it can't be split."""
     powers = [dict(m) for m in e.collect(free)]
     common = {n: min(p.get(n, 0) for p in powers) for n in free}
     content = {n: k for n, k in common.items() if k > 0}
@@ -165,7 +166,7 @@ def _split(e: Polynomial, free: Sequence[str], positive: frozenset[str]) -> list
 
 
 def _square_root(m: Monomial, c: Fraction) -> Polynomial | None:
-    """Return the root of a positive term, if it has one."""
+    """Return the square root of a positive term; None if the root is not a term."""
     root = Fraction(math.isqrt(c.numerator), math.isqrt(c.denominator))
     if root * root != c or any(power % 2 for _, power in m):
         return None

@@ -19,9 +19,9 @@ from trimtab.core.record import Scalar, quantity, record
 ZERO_CELSIUS = 273.15
 """0 °C in K."""
 QUADRATIC, LINEAR = -0.038, 0.0032
-"""Coefficients of the fit, whose maximum is at 2.4°: not symmetric about the axis. [1] section 5.5.4."""
+"""Coefficients of the fit of the range ratio over the angle. Its maximum is at 2.4°. [1] section 5.5.4."""
 CONE = math.pi / 4
-"""Half the opening angle (rad) within which the fit holds and replies arrive. [1] section 5.5."""
+"""Largest angle from the axis (rad) at which the fit holds and replies arrive. [1] section 5.5."""
 
 
 @record
@@ -77,7 +77,7 @@ def range_ratio(beta: Any) -> Any:
 
 
 def off_axis_angle(height: Any, distance: Any) -> Any:
-    """Return the angle (rad) from the vertical of a line of length `distance` (m) with rise `height` (m); 0 if zero."""
+    """Return the angle (rad) from the vertical of a line of length `distance`, rise `height` (m); 0 without length."""
     ratio = height / jnp.where(distance > 0, distance, 1.0)
     return jnp.where(distance > 0, jnp.arccos(jnp.clip(ratio, -1.0, 1.0)), 0.0)
 

@@ -14,7 +14,7 @@ from trimtab.core.record import Scalar, quantity, record
 from trimtab.environment.geodetic import FLATTENING, GM, RATE, SEMI_MAJOR, from_ecef, ned_axes, to_ecef
 
 J2 = 1.082626684e-3
-"""Second zonal harmonic: of TR8350.2's C20 = -484.166774985e-6, times the square root of 5."""
+"""Second zonal harmonic J2 = -sqrt(5) C20, with C20 = -484.166774985e-6 from TR8350.2."""
 ROUND_RADIUS = 6_371_007.1809
 """Radius of a sphere with the ellipsoid's surface (m)."""
 
@@ -30,11 +30,13 @@ class Earth:
     Source:  TR8350.2; [1] Stevens, Lewis, Johnson, eq. 1.6-15.
     """
 
-    gm: Scalar = quantity("m^3/s^2", "Gravitational constant times mass.", default=GM, above=0)
-    j2: Scalar = quantity("1", "Second zonal harmonic; 0: a sphere's field.", default=J2)
-    semi_major: Scalar = quantity("m", "Radius at the equator.", default=SEMI_MAJOR, above=0)
-    flattening: Scalar = quantity("1", "1 - polar radius / radius at the equator.", default=FLATTENING, low=0, high=0.1)
-    rate: Scalar = quantity("rad/s", "Angular velocity about the axis, eastward.", default=RATE)
+    gm: Scalar = quantity("m^3/s^2", "Gravitational constant times the earth's mass.", default=GM, above=0)
+    j2: Scalar = quantity("1", "Second zonal harmonic J2; 0 for the field of a sphere.", default=J2)
+    semi_major: Scalar = quantity("m", "Radius of the earth at the equator.", default=SEMI_MAJOR, above=0)
+    flattening: Scalar = quantity(
+        "1", "Flattening of the earth: 1 - polar radius / radius at the equator.", default=FLATTENING, low=0, high=0.1
+    )
+    rate: Scalar = quantity("rad/s", "Angular velocity of the earth about its axis, eastward.", default=RATE)
 
     def gravitation(self, p: Any) -> Any:
         """Return the acceleration (3,) (m/s²) of a body in free fall at p (3,), without centrifugal acceleration."""

@@ -23,7 +23,7 @@ FLATTENING = 1 / 298.257223563
 ECCENTRICITY2 = FLATTENING * (2 - FLATTENING)
 SEMI_MINOR = SEMI_MAJOR * (1 - FLATTENING)
 ITERATIONS = 3
-"""Number of Bowring's iterations, from the surface; two reach 1 mm below 1000 km of height."""
+"""Number of Bowring's iterations. Two reach an error of 1 mm at heights below 1000 km."""
 EQUATOR = 9.7803253359
 """Normal gravity at the equator (m/s²)."""
 SOMIGLIANA = 0.00193185265241

@@ -20,7 +20,7 @@ MODELS = {2010: "wmm/WMM_2010.COF", 2015: "wmm/WMM_2015v2.COF", 2020: "wmm/WMM_2
 """First year of each model -> its file; a model holds for five years."""
 LAST = 2030
 COLLEGE_PARK = (2.047e-05, -3.93e-06, 4.783e-05)
-"""Field (T) at the University of Maryland, 38.99 N 76.94 W, by the model at its earliest date here, 2010.0."""
+"""Field (T) at the University of Maryland, 38.99 N 76.94 W, by the model at the date 2010.0."""
 
 
 def earth_field(latitude: float, longitude: float, height: float, when: date | float) -> Any:
@@ -31,13 +31,13 @@ def earth_field(latitude: float, longitude: float, height: float, when: date | f
     """
     year = _decimal_year(when)
     if not min(MODELS) <= year < LAST:
-        problem = f"no World Magnetic Model here covers the year {year:g}"
-        fix = "give the field by numbers, field_from_angles(intensity, declination, inclination), or another date"
+        problem = f"no installed World Magnetic Model covers the year {year:g}"
+        fix = "give another date, or the field itself: field_from_angles(intensity, declination, inclination)"
         raise InputError("earth_field", problem, choices=[f"{y} to {y + 5}" for y in MODELS], fix=fix)
     if not abs(latitude) <= math.pi / 2 or not math.isfinite(longitude) or not -1000 <= height <= 850e3:
         place = f"latitude {latitude} rad, longitude {longitude} rad, height {height} m"
-        problem = f"{place} is not a position that the model covers"
-        raise InputError("earth_field", problem, fix="angles in radians, |latitude| <= pi/2, height -1 to 850 km")
+        problem = f"the model does not cover {place}"
+        raise InputError("earth_field", problem, fix="give angles in radians, |latitude| <= pi/2, height -1 to 850 km")
     try:
         from pygeomag import GeoMag
     except ImportError:

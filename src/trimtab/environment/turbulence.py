@@ -24,7 +24,7 @@ from trimtab.environment.discrete_gust import DiscreteGust
 
 FOOT = 0.3048
 LOW, HIGH, GROUND = 1000 * FOOT, 2000 * FOOT, 10 * FOOT
-"""Heights (m): the two models of [1] hold below LOW and above HIGH, with a linear blend between; GROUND: minimum."""
+"""Heights (m). [1] has one model below LOW and one above HIGH, blended between. GROUND: smallest height used."""
 HIGH_LENGTHS: Mapping[str, float] = MappingProxyType({"dryden": 1750 * FOOT, "von-karman": 2500 * FOOT})
 """Scale length above HIGH (m), of all three components. Source: [1] 3.7.2.1."""
 HEIGHTS = FOOT * np.array([500, 1750, 3750, 7500, 15e3, 25e3, 35e3, 45e3, 55e3, 65e3, 75e3, 80e3])
@@ -82,7 +82,7 @@ class Turbulence:
     """Three velocities and three rates of turbulent air, and a single gust.
 
         u: 1st (Dryden) or 2nd order, v and w: 2nd or 3rd order filters of white noise, with L, sigma, V
-        q = -dw/dx, through 1/(1 + 4b s/(pi V));   r = dv/dx, through 1/(1 + 3b s/(pi V));   p: noise of its own
+        q = -dw/dx, through 1/(1 + 4b s/(pi V));   r = dv/dx, through 1/(1 + 3b s/(pi V));   p: a separate noise
 
     Lengths and intensities follow the height: below 1000 ft from the wind at 20 ft above the ground, above 2000 ft from
     the probability with which the intensity is exceeded (1e-1 light, 1e-3 moderate, 1e-5 severe).

@@ -43,8 +43,10 @@ class CovarianceHealth:
     """Signals of a covariance's health. Source: docs page, Kalman filter."""
 
     positive: Scalar = quantity("1", "True if the covariance is finite and positive definite.", kind="flag")
-    asymmetry: Scalar = quantity("1", "Largest difference of P from its transpose, relative to the largest variance.")
-    least_pivot: Scalar = quantity("1", "Smallest share of a variance that is not explained by the preceding states.")
+    asymmetry: Scalar = quantity("1", "Largest asymmetry of the covariance P, relative to its largest variance.")
+    least_pivot: Scalar = quantity(
+        "1", "Smallest fraction of a state's variance that remains if the preceding states are known."
+    )
     eigenvalue_bound: Scalar = quantity(
         "1", "Lower bound of the eigenvalues of the correlation matrix; 0 if unhealthy."
     )

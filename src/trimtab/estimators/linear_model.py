@@ -16,7 +16,7 @@ from trimtab.estimators.inertial.sensor_watch import NEVER
 
 TURNS = np.zeros((4, 4))
 TURNS[3, 2] = 0.005
-"""Model of the default: a heading over 5 ms from its rate; a placeholder."""
+"""Default transition matrix, a placeholder: a heading changes by its rate times 5 ms."""
 
 
 @record
@@ -43,7 +43,7 @@ class FilteredEstimate:
     fresh: Scalar = quantity("1", "True if a measurement was used in this step.", kind="flag")
     valid: Scalar = quantity("1", "True if the state is usable.", kind="flag")
     state: Any = part("Estimated state, as the vehicle's record of states.")
-    P: Any = quantity("1", "Covariance of the state's numbers, in declared order, row by row (n n,).")
+    P: Any = quantity("1", "Covariance of the state, row by row (n n,); the order is that of the vehicle's record.")
     nis: Scalar = quantity("1", "NIS summed over this step's measurements: chi-square with `used` degrees of freedom.")
     used: Scalar = quantity("1", "Number of values measured and used in this step.", kind="count")
     stick: Any = part("Always None: the filter has no pilot.", default=None)
@@ -69,9 +69,9 @@ class LinearModelFilter:
     x0: Any = part("State at the trim, as the vehicle's record of states.", default=PlanarState(0.0, 0.0, 0.0, 0.0))
     u0: Any = quantity("1", "Input at the trim (m,).", default=np.zeros(0))
     channels: tuple[str, ...] = option(
-        "Measured values, each a sensor and one of its numbers.", default=("navigation.heading",)
+        "Measured values, as SENSOR.NUMBER, e.g. imu.force[2].", default=("navigation.heading",)
     )
-    acting: tuple[str, ...] = option("Acting inputs, each a sensor and one of its numbers.", default=())
+    acting: tuple[str, ...] = option("Acting inputs, as SENSOR.NUMBER.", default=())
     Ad: Any = quantity("1", "Transition matrix over one period (n, n).", default=np.eye(4) + TURNS)
     Bd: Any = quantity("1", "Input matrix over one period (n, m).", default=np.zeros((4, 0)))
     Qd: Any = quantity("1", "Covariance of the disturbance over one period (n, n).", default=1e-4 * np.eye(4))
@@ -79,7 +79,7 @@ class LinearModelFilter:
     D: Any = quantity("1", "Feedthrough matrix: measured values by inputs (p, m).", default=np.zeros((1, 0)))
     y0: Any = quantity("1", "Measured values at the trim (p,).", default=np.zeros(1))
     R: Any = quantity("1", "Variances of the measurement noise (p,).", default=np.array([1e-4]), above=0)
-    P0: Any = quantity("1", "Initial covariance (n, n).", default=np.eye(4))
+    P0: Any = quantity("1", "Initial covariance of the state (n, n).", default=np.eye(4))
     period: int = period("Time between predictions.", default=ms(5))
 
     @property
@@ -105,7 +105,7 @@ class LinearModelFilter:
             if np.shape(getattr(self, name)) != shape:
                 problem = f"has shape {np.shape(getattr(self, name))}, must have {shape}"
                 raise InputError(
-                    f"LinearModelFilter.{name}", problem, fix="make it with loop.linear_filter.design_filter"
+                    f"LinearModelFilter.{name}", problem, fix="create the filter with loop.linear_filter.design_filter"
                 )
 
     def init(self, key: Key) -> LinearModelFilterState:

@@ -87,7 +87,7 @@ def export_c(
 
 
 def _export_autopilot(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefinition, Log, Any, int]:
-    """Return the block, a log of its inputs and outputs, the columns of its inputs by path, and its period."""
+    """Return the block, a log of its inputs and outputs, the columns of the block's inputs by path, and its period."""
     optional = [name for name in OPTIONAL if getattr(scenario.autopilot, name) is not None]
     period, block = scenario.autopilot.period, autopilot_block(scenario, seed=seed)
     logged = {path for path, _, _ in logged_signals(signal_structure(run_inputs(scenario)))}
@@ -112,7 +112,7 @@ def _export_autopilot(scenario: Scenario, steps: int, seed: int) -> tuple[BlockD
 
 
 def _export_loop(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefinition, Log, Any, int]:
-    """Return the same for the closed loop."""
+    """Return block, log, columns of the inputs and period of the closed loop."""
     table = timetable(
         [*scenario.world.periods(), scenario.autopilot.period], scenario.duration, scenario.world.max_step
     )
@@ -120,7 +120,9 @@ def _export_loop(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefini
     duration = int(table.t[count - 1] + table.h[count - 1])
     log = simulate(scenario, seed=seed, duration=duration, log_period=1, backend="jax")
     if not np.array_equal(log.ticks, table.t[:count]):
-        raise InputError("export", "its instants differ when the run is shortened", fix=argument("steps", len(table.t)))
+        raise InputError(
+            "export", "the instants of the run differ when the run is shortened", fix=argument("steps", len(table.t))
+        )
     columns = {"t": table.t[:count], "h": table.h[:count]}
     return loop_block(scenario, table.always, seed=seed), log, columns.__getitem__, int(table.h[0])
 

@@ -36,7 +36,7 @@ BASE: dict[str, tuple[float, dict[str, int]]] = {
     "lbf": (4.4482216152605, {"kg": 1, "m": 1, "s": -2}),
     "slug": (14.593902937206, {"kg": 1}),
 }
-"""Unit -> its size in SI, and its exponents there."""
+"""Unit -> its factor to SI, and its exponents of the SI base units."""
 
 
 class FmuIdentity(NamedTuple):
@@ -99,7 +99,7 @@ def build_description_xml(about: FmuIdentity, options: str) -> str:
 
 
 def unit_in_si(unit: str) -> tuple[float, dict[str, int]] | None:
-    """Return size of a unit in SI and its exponents there; None if FMI cannot express it, e.g. a root."""
+    """Return a unit's factor to SI and its SI exponents; None if FMI cannot express the unit, e.g. a root."""
     factor, exponents, sign = 1.0, dict[str, int](), 1
     if match := re.fullmatch(r"(\d+) (.*)", unit):
         factor, unit = float(match[1]), match[2]

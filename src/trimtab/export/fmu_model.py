@@ -20,9 +20,9 @@ from trimtab.run.blocks import autopilot_block, loop_block, world_block
 
 TYPES = ("f64", "f32", "i32", "i64", "u32", "bool")
 UNSTAMPED = -(2**63)
-"""Time of a message without a time of its own: it counts as one of now."""
+"""Time stamp of a message whose time was not set. Such a message counts as current."""
 SPLIT_AT = 256
-"""Largest parameter in FMI 2.0, which has no arrays: a parameter with more numbers is left out there."""
+"""For FMI 2.0, which has no arrays, a parameter with more numbers than this is left out."""
 
 
 class FmuVariable(NamedTuple):
@@ -167,7 +167,11 @@ def fmu_variables(model: FmuModel, block: BlockText) -> list[FmuVariable]:
     for v in variables:
         if v.dtype not in TYPES or names.count(v.name) > 1:
             problem = f"its {v.name!r} is of type {v.dtype}" if v.dtype not in TYPES else f"two are named {v.name!r}"
-            raise InputError("export --fmu", f"{problem}, which an FMU cannot have", fix="trimtab export without --fmu")
+            raise InputError(
+                "export --fmu",
+                f"{problem}, which an FMU cannot have",
+                fix="export C instead: trimtab export without --fmu",
+            )
     return variables
 
 
@@ -256,7 +260,7 @@ def _literal(value: Any, dtype: str) -> str:
 
 
 def _input_start(m: Member) -> Any:
-    """Return the start of an unset input. A message is a valid one of now, its numbers zero or as near as possible."""
+    """Return the start value of an input. A message starts as valid and current; numbers as near to zero as allowed."""
     last = m.path.rpartition(".")[2]
     if m.dtype == "bool":
         return np.full(m.shape, last in ("valid", "fresh"))

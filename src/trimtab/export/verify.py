@@ -22,9 +22,9 @@ class VerificationReport(NamedTuple):
     """Result of a check.
 
     good: every sample is within its tolerance, and the sanitizers found nothing.
-    worst: output -> (largest difference, tolerance).  first: step, output, got and wanted of the first one out of
+    worst: output -> (largest difference, tolerance).  first: step, output, got and wanted of the first sample out of
         tolerance.
-    stack_bytes: of the step and its callees, by the compiler's count.  sanitized: False without sanitizers.
+    stack_bytes: stack of the step and its callees, as counted by the compiler.  sanitized: False without sanitizers.
     """
 
     good: bool

@@ -46,7 +46,8 @@ REFERENCE_ROWS = 300
 class Slider(NamedTuple):
     """Slider for a number of the loop.
 
-    name, unit: as shown.  low, high: its ends.  paths: of the quantities, below the scenario, that it changes.
+    name, unit: as shown.  low, high: ends of the slider.  paths: of the quantities, below the scenario, that it
+        changes.
     adds: True adds it to the scenario's own numbers, starting at 0; False replaces them, starting at the first.
     """
 
@@ -182,7 +183,9 @@ def _check_slider(slider: Slider, block: BlockText, own: Callable[[str], Any]) -
     begin = 0.0 if slider.adds else float(np.ravel(own(slider.paths[0]))[0])
     if not slider.low <= begin <= slider.high or slider.low == slider.high:
         problem = f"the range {slider.low:g} to {slider.high:g} must include the start {begin:g}"
-        raise InputError(f"slider {slider.name!r}", problem, fix="LOW:HIGH around the scenario's own number")
+        raise InputError(
+            f"slider {slider.name!r}", problem, fix="give a range LOW:HIGH that includes the scenario's value"
+        )
 
 
 def _find(block: BlockText, path: str) -> int:
@@ -306,5 +309,7 @@ def _compile_program(block: BlockText, glue: str) -> bytes:
         )
         if done.returncode:
             said = "\n".join(done.stderr.splitlines()[:20])
-            raise InputError("export --wasm", f"clang reported an error:\n{said}", fix="report it, with the scenario")
+            raise InputError(
+                "export --wasm", f"clang reported an error:\n{said}", fix="report this error, with the scenario's name"
+            )
         return (folder / "loop.wasm").read_bytes()

@@ -53,7 +53,7 @@ from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 TERMS = 6
 """Number of terms of the exponential series over a step; the remainder is (w dt)^7/5040, 4e-11 at 22 rad/s and 5 ms."""
 OF_MODE = np.array([[1.0, 0], [1, 0], [0, 1], [0, 1]])
-"""Index of the mode to which each of s1, s1', s2, s2' belongs."""
+"""Matrix (4, 2): 1 where s1, s1', s2, s2' belongs to mode 1, mode 2."""
 SHARE = 0.5
 """Share of the initial frequency deviation inside each hypothesis; the rest is the spacing between hypotheses."""
 HYPOTHESIS_SPACING = math.sqrt(1.5 * (1 - SHARE**2))
@@ -141,11 +141,11 @@ class AdaptiveModeState:
     w: Any = quantity("rad/s", "Estimated frequencies.", shape=(2,))
     bare: ModelPrediction = part("Prediction of the modes by the model alone.")
     chi: RigidFlight = part("Rigid-body state at the last step.")
-    u: HypersonicInput = part("Input that acted in the last step.")
+    u: HypersonicInput = part("Fuel ratio and elevator that acted in the last step.")
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
     seen: Scalar = quantity("100 ns", "Time at which the last acceleration used was measured.", kind="time")
-    flight_t: Scalar = quantity("100 ns", "Time at which chi was measured.", kind="time")
-    started: Scalar = quantity("1", "True once flight and input have been received.", kind="flag")
+    flight_t: Scalar = quantity("100 ns", "Time at which the rigid-body state was measured.", kind="time")
+    started: Scalar = quantity("1", "True once the rigid-body state and the input have been received.", kind="flag")
     innovation: Scalar = quantity("rad/s^2", "Innovation of the last step.")
     S: Scalar = quantity("rad^2/s^4", "Variance of the innovation.")
     nis: Scalar = quantity("1", "NIS: innovation squared over its variance S.")
@@ -180,7 +180,7 @@ class AdaptiveFlexibleModeFilter:
 
     craft: Hypersonic = part("Vehicle model used by the filter, with nominal frequencies.", default=Hypersonic())
     Q: Any = quantity("1", "Process noise of the modal state, diagonal.", default=(1e-5, 0.1, 1e-5, 0.1), shape=(4,))
-    R: Scalar = quantity("rad^2/s^4", "Variance of one sample of the acceleration.", default=1e-4, above=0)
+    R: Scalar = quantity("rad^2/s^4", "Noise variance of one sample of the pitch acceleration.", default=1e-4, above=0)
     P0: Any = quantity(
         "1", "Initial variances of the modal state for given frequencies.", default=(1.0, 100.0, 1.0, 100.0), shape=(4,)
     )
@@ -189,15 +189,23 @@ class AdaptiveFlexibleModeFilter:
     )
     deviation: Any = quantity("1", "Initial standard deviations of ln w1 and ln w2.", default=(0.1, 0.1), shape=(2,))
     walk: Any = quantity("1/s", "Densities of the random walks of ln w1 and ln w2.", default=(1e-6, 1e-6), shape=(2,))
-    bound: Scalar = quantity("1", "Maximum error of a frequency, as a factor up or down.", default=1.25, above=1)
+    bound: Scalar = quantity(
+        "1", "Bound of the estimated frequencies, as a factor above or below nominal.", default=1.25, above=1
+    )
     excitation: Scalar = quantity(
         "1",
-        "Least vibration from which frequencies are learnt, in standard deviations of its uncertainty.",
+        "Frequencies are corrected if the vibration exceeds this many standard deviations of its uncertainty.",
         default=3.0,
         low=0,
     )
-    gate: Scalar = quantity("1", "NIS above which an innovation is treated as a jolt.", default=16.0, above=0)
-    corrects: bool = option("True if measurements are used.", default=True, choices=(True, False))
+    gate: Scalar = quantity(
+        "1", "NIS above which an innovation is attributed to a jolt (an unknown moment).", default=16.0, above=0
+    )
+    corrects: bool = option(
+        "True to correct the modes with measurements; False to predict them by the model alone.",
+        default=True,
+        choices=(True, False),
+    )
     flight: str = option("Name of the sensor that gives the rigid-body state.", default="flight")
     accelerometer: str = option("Name of the angular accelerometer.", default="angular-accelerometer")
     actuators: str = option("Name of the sensor that gives the acting fuel ratio and elevator.", default="actuators")
@@ -217,7 +225,7 @@ class AdaptiveFlexibleModeFilter:
                 raise InputError(f"{name}.{field}", problem, fix="two numbers")
         for field, value in {"R": self.R, "bound": self.bound, "excitation": self.excitation}.items():
             if not math.isfinite(value):
-                raise InputError(f"{name}.{field}", f"{value} must be finite", fix="a finite number")
+                raise InputError(f"{name}.{field}", f"{value} must be finite", fix="give a finite number")
         outermost = math.exp(HYPOTHESIS_SPACING * float(np.max(self.deviation)))
         if outermost >= self.bound:
             problem = f"hypotheses start at a factor of {outermost:.3g}, outside the bound {float(self.bound):g}"
@@ -285,7 +293,7 @@ class AdaptiveFlexibleModeFilter:
         return jnp.concatenate([correction.x[:4], lam]), new_P, r, S, likely, learns, jnp.any(lam != correction.x[4:])
 
     def advance(self, t: Any, s: AdaptiveModeState, frame: Frame) -> AdaptiveModeState:
-        """Return the state of the filter after one of its periods."""
+        """Return the state of the filter one period later."""
         samples = read_flight_samples(self.listens, s, frame)
         chi, u, felt, started = samples.chi, samples.u, samples.acceleration, samples.has_started
         b, d, rigid = forcing(self.craft, chi, u)

@@ -35,14 +35,14 @@ PRINTED_ETA0 = (1.5122, 0.0, 1.122, 0.0)
 PRINTED_Q = (1e-5, 1e-5, 1e-5, 1e-5)
 EQUAL_Q = (1e-5, 100.0, 1e-5, 100.0)
 TUNED_Q = (1e-5, 500.0, 1e-5, 6.0)
-"""Less elevator, smaller errors and wider margins than with EQUAL_Q: docs page, What noise costs the elevator."""
+"""Process noise that needs less elevator than EQUAL_Q, with smaller errors and wider margins (docs page)."""
 
 
 @record
 class ModalModel:
     """Discrete linear model, computed once. Source: docs page, Flexible modes."""
 
-    C: Any = quantity("1", "Pitch acceleration per modal state (4,).", shape=(4,))
+    C: Any = quantity("1", "Derivative of the pitch acceleration by the modal state (4,).", shape=(4,))
     Ad: Any = quantity("1", "Transition matrix of the modal state over one period (4, 4).", shape=(4, 4))
     Bd: Any = quantity("1", "Effect of a held forcing over one period (4, 4).", shape=(4, 4))
     Qd: Any = quantity("1", "Covariance of the noise of one period (4, 4).", shape=(4, 4))
@@ -53,16 +53,16 @@ class FlexibleModeState:
     """State of the filter. Source: docs page, Flexible modes."""
 
     model: ModalModel = part("Discrete model.")
-    eta: Any = quantity("1", "eta1, eta1', eta2, eta2', each in its unit.", shape=(4,))
+    eta: Any = quantity("1", "Modal state eta1, eta1', eta2, eta2'.", shape=(4,))
     offset: Scalar = quantity("rad/s^2", "Estimated offset of the accelerometer.")
     P: Any = quantity("1", "Covariance of modal state and offset.", shape=(5, 5))
     bare: ModelPrediction = part("Prediction of the modes by the model alone.")
     chi: RigidFlight = part("Rigid-body state at the last step.")
-    u: HypersonicInput = part("Input that acted in the last step.")
+    u: HypersonicInput = part("Fuel ratio and elevator that acted in the last step.")
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
     seen: Scalar = quantity("100 ns", "Time at which the last acceleration used was measured.", kind="time")
-    flight_t: Scalar = quantity("100 ns", "Time at which chi was measured.", kind="time")
-    started: Scalar = quantity("1", "True once flight and input have been received.", kind="flag")
+    flight_t: Scalar = quantity("100 ns", "Time at which the rigid-body state was measured.", kind="time")
+    started: Scalar = quantity("1", "True once the rigid-body state and the input have been received.", kind="flag")
     innovation: Scalar = quantity("rad/s^2", "Innovation of the last step.")
     S: Scalar = quantity("rad^2/s^4", "Variance of the innovation.")
     nis: Scalar = quantity("1", "NIS: innovation squared over its variance S.")
@@ -77,16 +77,17 @@ class FlexibleModeFilter:
         eta += L r                                   P = (I - L C) P (I - L C)' + R L L'
         eta = Ad eta + Bd b(chi, u)                  P = Ad P Ad' + Qd
 
-    with Ad = expm(A dt), Bd its integral, Qd by Van Loan, and the accelerometer's offset o as a fifth state: constant
-    but for a walk, told from bending by the modes' own stiffness, which brings them back. An instant t_k comes in the
-    order: predict from t_k-1 with chi(k-1) and the u that has acted since; update with chi(k) and that same u, for the
-    acceleration was sampled before the new command acts. The affine part d must be in the innovation: at the trim it is
-    +0.212 rad/s^2, and without it the modal rates are biased. Sample "actuators" is what engine and elevator did,
-    **clipped and held**, not what was asked for.
+    with Ad = expm(A dt), Bd its integral, Qd by Van Loan. The accelerometer's offset o is a fifth state, constant
+    except for a random walk. Unlike bending, it does not decay, so the filter can separate the two. At an instant t_k
+    the filter predicts from t_k-1, with chi(k-1) and the input u that has acted since. It then updates with chi(k) and
+    the same u, because the acceleration was sampled before the new command acts. The affine part d must be in the
+    innovation: at the trim it is +0.212 rad/s^2, and without it the modal rates are biased. The sample "actuators"
+    holds the actual fuel ratio and elevator, **clipped and held**, not the demanded values.
 
-    The default is tuned to survive modal frequencies 10 % off, which costs a floor of the error: much noise of the slow
-    mode 1, little of mode 2, whose frequency decides. Without `corrects` it is the observer that any claim has to be
-    shown beside: **its error vanishes too**, by structural damping alone.
+    The default noise tolerates modal frequencies 10 % off, at the price of a larger steady error. It is large for the
+    slow mode 1 and small for mode 2, whose frequency is critical. With corrects=False the filter ignores the
+    measurements. Every result has to be compared with this observer: **its error vanishes too**, by structural damping
+    alone.
 
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
              flight vehicle", Aerospace 2022, 9(4), 206, eq. 9 and below, corrected. Its P(0), sampling and noise are
@@ -95,19 +96,23 @@ class FlexibleModeFilter:
 
     craft: Hypersonic = part("Vehicle model used by the filter.", default=Hypersonic())
     Q: Any = quantity("1", "Process noise of the modal state, diagonal of its density.", default=TUNED_Q, shape=(4,))
-    R: Scalar = quantity("rad^2/s^4", "Variance of one sample of the acceleration.", default=1e-4, above=0)
+    R: Scalar = quantity("rad^2/s^4", "Noise variance of one sample of the pitch acceleration.", default=1e-4, above=0)
     P0: Any = quantity("1", "Initial variances of the modal state.", default=(1.0, 100.0, 1.0, 100.0), shape=(4,))
     eta0: Any = quantity("1", "Initial estimate of the modal state.", default=PRINTED_ETA0, shape=(4,), source="[1]")
     offset_sigma: Scalar = quantity(
         "rad/s^2",
-        "Initial standard deviation of the accelerometer's offset; 0: no offset is estimated.",
+        "Initial standard deviation of the accelerometer's offset; 0 to estimate no offset.",
         default=0.02,
         low=0,
     )
     offset_walk: Scalar = quantity(
         "rad^2/s^5", "Density of the random walk of the accelerometer's offset.", default=0.0, low=0
     )
-    corrects: bool = option("True if measurements are used.", default=True, choices=(True, False))
+    corrects: bool = option(
+        "True to correct the modes with measurements; False to predict them by the model alone.",
+        default=True,
+        choices=(True, False),
+    )
     flight: str = option("Name of the sensor that gives the rigid-body state.", default="flight")
     accelerometer: str = option("Name of the angular accelerometer.", default="angular-accelerometer")
     actuators: str = option("Name of the sensor that gives the acting fuel ratio and elevator.", default="actuators")
@@ -115,17 +120,17 @@ class FlexibleModeFilter:
 
     @classmethod
     def from_publication(cls, **changes: Any) -> "FlexibleModeFilter":
-        """Q = 1e-5 I and R = 10 as published, P(0) = I, no offset: the gain is too small for measurements to matter."""
+        """Return the filter with Q = 1e-5 I and R = 10 as published, P(0) = I, no offset. Its gain is nearly zero."""
         return cls(**{"Q": PRINTED_Q, "R": 10.0, "P0": (1.0,) * 4, "offset_sigma": 0.0} | changes)
 
     @classmethod
     def with_equal_noise(cls, **changes: Any) -> "FlexibleModeFilter":
-        """The same noise on both modal accelerations, no offset: as flown in the study of the corrected publication."""
+        """Return the filter with equal noise on both modal accelerations and no offset, as in the corrected study."""
         return cls(**{"Q": EQUAL_Q, "offset_sigma": 0.0} | changes)
 
     @classmethod
     def for_exact_model(cls, **changes: Any) -> "FlexibleModeFilter":
-        """Q = 1e-5 I, R = 1e-4: best for an exact model; unstable for a vehicle whose modes are 10 % off."""
+        """Return the filter with Q = 1e-5 I, R = 1e-4: best for an exact model, unstable if the modes are 10 % off."""
         return cls(**{"Q": PRINTED_Q, "R": 1e-4, "P0": (1.0,) * 4, "offset_sigma": 0.0} | changes)
 
     listens = property(listened_sensors)
@@ -136,7 +141,9 @@ class FlexibleModeFilter:
         check_variances("FlexibleModeFilter", Q=self.Q, P0=self.P0)
         if not math.isfinite(self.R):
             raise InputError(
-                "FlexibleModeFilter.R", f"{self.R} must be finite", fix="corrects=False uses no measurement"
+                "FlexibleModeFilter.R",
+                f"{self.R} must be finite",
+                fix="give a finite variance; corrects=False ignores measurements",
             )
         A, _ = modal_dynamics(self.craft)
         norm = float(np.abs(np.asarray(A)).sum(1).max()) * to_seconds(self.period)
@@ -188,7 +195,7 @@ class FlexibleModeFilter:
         return replace(estimated_flight(self, state), offset=offset)
 
     def advance(self, t: Any, s: FlexibleModeState, frame: Frame) -> FlexibleModeState:
-        """Return the state of the filter after one of its periods."""
+        """Return the state of the filter one period later."""
         samples = read_flight_samples(self.listens, s, frame)
         chi, u, felt, started = samples.chi, samples.u, samples.acceleration, samples.has_started
         before = jnp.append(s.eta, s.offset)

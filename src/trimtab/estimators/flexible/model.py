@@ -47,7 +47,7 @@ class ModalState:
 
 @record
 class ModalFrequencies:
-    """Natural frequencies of both modes, where a filter estimates them. Source: docs page, Adaptive flexible modes."""
+    """Natural frequencies of both modes, estimated by a filter. Source: docs page, Adaptive flexible modes."""
 
     w1: Scalar = quantity("rad/s", "Natural frequency of mode 1, estimated.")
     w2: Scalar = quantity("rad/s", "Natural frequency of mode 2, estimated.")
@@ -59,7 +59,7 @@ class ModalFrequencies:
 
 @record
 class AccelerometerOffset:
-    """Offset of the angular accelerometer, where a filter estimates it. Source: docs page, Flexible modes."""
+    """Offset of the angular accelerometer, estimated by a filter. Source: docs page, Flexible modes."""
 
     value: Scalar = quantity("rad/s^2", "Estimated offset of the angular accelerometer.")
     sigma: Scalar = quantity("rad/s^2", "Standard deviation of the estimated offset.")
@@ -72,7 +72,7 @@ class ModelPrediction:
     Source: docs page, Flexible modes.
     """
 
-    eta: Any = quantity("1", "eta1, eta1', eta2, eta2', each in its unit.", shape=(4,))
+    eta: Any = quantity("1", "Modal state eta1, eta1', eta2, eta2'.", shape=(4,))
     Ad: Any = quantity("1", "Transition matrix of the modal state over one period (4, 4).", shape=(4, 4))
     Bd: Any = quantity("1", "Effect of a held forcing over one period (4, 4).", shape=(4, 4))
 
@@ -94,7 +94,9 @@ class FlexibleFlight:
     eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2, estimated.")
     eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 2, estimated.")
     sigma: Any = quantity("1", "Standard deviations of the four modal estimates, each in its unit.", shape=(4,))
-    innovation: Scalar = quantity("rad/s^2", "Pitch acceleration measured minus expected; 0 if not finite.")
+    innovation: Scalar = quantity(
+        "rad/s^2", "Innovation: measured minus predicted pitch acceleration; 0 if not finite."
+    )
     S: Scalar = quantity("rad^2/s^4", "Variance of the innovation.")
     nis: Scalar = quantity("1", "NIS: innovation squared over its variance S.")
     updated: Scalar = quantity("1", "True if a measurement was used in this step.", kind="flag")
@@ -234,7 +236,7 @@ def _is_finite(r: Any) -> Any:
 
 
 def check_variances(part: str, **fields: Any) -> None:
-    """Raise InputError if a field is not four variances; fields: by name."""
+    """Raise InputError if a field is not four variances; fields: the values by name."""
     for name, value in fields.items():
         values = np.asarray(value, float)
         if not (np.isfinite(values).all() and (values >= 0).all()):

@@ -62,11 +62,14 @@ class Intake:
     gate_heading: Scalar = quantity("1", "NIS gate for heading measurements.", default=15.137, above=0)
     gate_position: Scalar = quantity("1", "NIS gate for position measurements.", default=18.421, above=0)
     patience_heading: Scalar = quantity(
-        "1", "Consecutive rejected headings after which the next is accepted anyway; 0: never.", default=0, kind="count"
+        "1",
+        "Number of consecutive rejected headings after which the next heading is accepted anyway; 0: never.",
+        default=0,
+        kind="count",
     )
     patience_position: Scalar = quantity(
         "1",
-        "Consecutive rejected positions after which the next is accepted anyway; 0: never.",
+        "Number of consecutive rejected positions after which the next position is accepted anyway; 0: never.",
         default=5,
         kind="count",
     )
@@ -99,19 +102,26 @@ class Intake:
         kind="count",
     )
     gap: Scalar = quantity(
-        "100 ns", "Longest gap between IMU samples without extra uncertainty.", default=ms(40), kind="time"
+        "100 ns",
+        "Longest gap between IMU samples for which the filter adds no extra uncertainty.",
+        default=ms(40),
+        kind="time",
     )
     lag: Scalar = quantity(
         "100 ns",
-        "Delay of the IMU's samples: that of its low-pass, sqrt(2)/omega for a second-order Butterworth.",
+        "Delay of the IMU's samples by its low-pass filter: sqrt(2)/omega for a second-order Butterworth.",
         default=0,
         kind="time",
         off={"imu-bandwidth": 0},
     )
     imu: str = option("Name of the inertial sensor.", default="imu")
-    heading: str = option("Name of the heading sensor; empty: none.", default="heading")
-    position: str = option("Name of the position sensor; empty: none.", default="position")
-    slots: int = option("Number of events kept: at least those within the longest delay, plus a reserve.", default=64)
+    heading: str = option("Name of the heading sensor; empty if the vehicle has no heading sensor.", default="heading")
+    position: str = option(
+        "Name of the position sensor; empty if the vehicle has no position sensor.", default="position"
+    )
+    slots: int = option(
+        "Number of measurements kept in the history. It must cover the longest delay, with a reserve.", default=64
+    )
 
     def listens(self) -> tuple[str, ...]:
         """Return the names of the sensors that are read."""
@@ -122,8 +132,8 @@ class Intake:
         if self.slots < 4:
             raise InputError(
                 "intake.slots",
-                f"{self.slots} events are too few to order; at least 4 are needed",
-                fix="keep 4 or more, e.g. 64",
+                f"slots must be at least 4, got {self.slots}",
+                fix="set slots to 4 or more, e.g. 64",
             )
         limits = {
             "heading": (int(self.patience_heading), int(self.frozen_heading)),
@@ -131,9 +141,7 @@ class Intake:
         }
         for name, (patience, frozen) in limits.items():
             if 0 < patience < frozen:
-                problem = (
-                    f"the filter gives in after {patience} samples, before {frozen} equal ones show a frozen sensor"
-                )
+                problem = f"{frozen} equal samples show a frozen sensor, but it is accepted after {patience} rejections"
                 raise InputError(f"intake.frozen_{name}", problem, fix=f"set it to at most {patience}")
         if not self.imu or len(set(self.listens())) < len(self.listens()):
             problem = f"sensors {self.listens()} must include an IMU, and each name must be used once"
@@ -145,9 +153,9 @@ class InertialState:
     """State of an aided inertial navigation system. Source: docs page."""
 
     history: History = part("Recent events and the filter's states.")
-    imu: SensorWatch = part("Watch of the IMU's samples.")
-    heading: Any = part("Watch of the heading sensor's samples; None without a heading sensor.")
-    position: Any = part("Watch of the position sensor's samples; None without a position sensor.")
+    imu: SensorWatch = part("Checks of the IMU's samples.")
+    heading: Any = part("Checks of the heading sensor's samples; None without a heading sensor.")
+    position: Any = part("Checks of the position sensor's samples; None without a position sensor.")
     imu_arrival: Scalar = quantity("100 ns", "Arrival time of the last IMU sample.", kind="time")
     reported: Any = part("Motion reported last: fields of NavigationState by name.")
     clock: Scalar = quantity("100 ns", "Latest time of the autopilot so far.", kind="time")

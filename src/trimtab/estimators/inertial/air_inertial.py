@@ -17,7 +17,7 @@ ZERO = (0.0, 0.0, 0.0)
 
 @record
 class AirInertialEstimate:
-    """Flight state as a law reads it, with the navigation behind it. Source: docs page, Air and inertial."""
+    """Flight state for a control law, with the navigation state behind it. Source: docs page, Air and inertial."""
 
     speed: Scalar = quantity("m/s", "Airspeed, from the pitot tube.")
     alpha: Scalar = quantity("rad", "Angle of attack, from the vane.", kind="angle")
@@ -49,7 +49,7 @@ class AirInertial:
 
     inertial: GnssInertial = part("Inertial navigation.", default=GnssInertial())
     lever_arm: Any = quantity("m", "Position of the inertial unit.", frame="B", default=ZERO, shape=(3,))
-    gravity: Scalar = quantity("m/s^2", "Unit of the load factors.", default=STANDARD, above=0)
+    gravity: Scalar = quantity("m/s^2", "Acceleration that counts as a load factor of 1.", default=STANDARD, above=0)
     air: str = option("Name of the air data sensor.", default="air")
 
     @property

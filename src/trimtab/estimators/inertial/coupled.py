@@ -36,7 +36,7 @@ from trimtab.estimators.inertial.navigation_state import (
 from trimtab.estimators.kalman import Update, predict_covariance
 
 SIGNS = np.array([1.0, 1, 1, 1, 1, -1, -1, -1])
-"""Error states of biases are true minus estimated."""
+"""Sign of each error state: 1 for estimate minus truth, -1 (biases) for truth minus estimate."""
 
 
 @record
@@ -47,10 +47,12 @@ class CoupledNode:
     imu_reading: Any = quantity(
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
-    untrusted: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
-    x: Any = quantity("1", "State in the order of Belief.x.", shape=(8,))
+    untrusted: Any = quantity("1", "Flags (2,): 1 if the gyro, 1 if the accelerometers cannot be trusted.", shape=(2,))
+    x: Any = quantity(
+        "1", "Heading, velocity, position, gyro bias, accelerometer biases (8,), in the order of Belief.x.", shape=(8,)
+    )
     P: Any = quantity("1", "Covariance of the errors, in the order of Belief.x.", shape=(8, 8))
-    force: Any = quantity("m/s^2", "Specific force in the Jacobian, without bias.", frame="B", shape=(2,))
+    force: Any = quantity("m/s^2", "Specific force without bias, low-passed for the Jacobian.", frame="B", shape=(2,))
     steady: Any = quantity("m/s^2", "Specific force, low-passed to detect rest.", frame="B", shape=(2,))
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: PositionFix = part("Statistics of the position updates.")
@@ -71,7 +73,8 @@ class AidedInertialCoupled:
     """
 
     intake: Intake = part(
-        "Selection and checks of the samples; the heading sensor is optional.", default=Intake(heading="")
+        "Sensors that are read, and checks of their samples; the heading sensor is optional.",
+        default=Intake(heading=""),
     )
     noise: InertialNoise = part("Noise of the IMU and of the aiding sensors.", default=InertialNoise())
     start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
@@ -83,7 +86,7 @@ class AidedInertialCoupled:
         "s", "Time constant of the low-pass on the force that detects rest.", default=0.5, low=0
     )
     rest_sigmas: Scalar = quantity(
-        "1", "Force below this many of its sigmas counts as zero; 0: always used.", default=3.0, low=0
+        "1", "A force below this many of its sigmas counts as zero; 0: the force is always used.", default=3.0, low=0
     )
     rest: str = option(
         "Treatment of heading and gyro bias at rest: considered only, or corrected.",
@@ -116,7 +119,7 @@ class AidedInertialCoupled:
         return replace(node, imu_reading=imu_reading, x=m.x, P=P, force=m.force, steady=m.steady)
 
     def correct_heading(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
-        """Correct with a heading z (rad, modulo 2 pi) of the given variance; where that is 0, of noise.heading."""
+        """Correct with a heading z (rad, modulo 2 pi) and its variance; 0 as variance means noise.heading."""
         H = jnp.zeros((1, 8)).at[0, 0].set(1.0)
         R = self.noise.heading_noise(variance)
         y = wrap(node.x[0] - z)[None]

@@ -39,7 +39,7 @@ class DirectNode:
     imu_reading: Any = quantity(
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
-    untrusted: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
+    untrusted: Any = quantity("1", "Flags (2,): 1 if the gyro, 1 if the accelerometers cannot be trusted.", shape=(2,))
     x1: Any = quantity("1", "Heading (rad, unwrapped), gyro bias (rad/s).", shape=(2,))
     P1: Any = quantity("1", "Covariance of estimate minus truth.", shape=(2, 2))
     x2: Any = quantity("1", "Velocity (m/s), position (m), force biases (m/s^2).", shape=(6,))
@@ -60,7 +60,7 @@ class AidedInertialDirect:
     Source:        [1] chapter 3, as the alternative that was not flown.
     """
 
-    intake: Intake = part("Selection and checks of the samples.", default=Intake())
+    intake: Intake = part("Sensors that are read, and checks of their samples.", default=Intake())
     noise: InertialNoise = part("Noise of the IMU and of the aiding sensors.", default=InertialNoise())
     start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
     arms: LeverArms = part("Positions of the sensors on the vehicle.", default=LeverArms())
@@ -95,7 +95,7 @@ class AidedInertialDirect:
         return replace(node, imu_reading=imu_reading, x1=x1, P1=P1, x2=x2 + gained, P2=P2)
 
     def correct_heading(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
-        """Correct with a heading z (rad, modulo 2 pi) of the given variance; where that is 0, of noise.heading."""
+        """Correct with a heading z (rad, modulo 2 pi) and its variance; 0 as variance means noise.heading."""
         R = self.noise.heading_noise(variance)
         correction, fix = fuse_heading(self, node, node.x1, node.P1, wrap(z - node.x1[0])[None], HEADING_ROW, R)
         return replace(node, x1=correction.x, P1=correction.P, heading_fix=fix)

@@ -20,9 +20,9 @@ from trimtab.estimators.inertial.mechanisation import rotate_lever, stack_number
 
 TABLE = "[1] section 5.4.5"
 HEADING_ROW = np.array([[1.0, 0.0]])
-"""H of a heading measurement for x1."""
+"""Measurement matrix H of a heading, for the filter state x1."""
 POSITION_ROWS = np.concatenate([np.zeros((2, 2)), np.eye(2), np.zeros((2, 2))], axis=1)
-"""H of a position fix for x2."""
+"""Measurement matrix H of a position fix, for the filter state x2."""
 
 
 @record
@@ -181,7 +181,7 @@ def dual_model(noise: InertialNoise, dt: Any, untrusted: Any, heading: Any) -> D
 
 
 def aided_point(form: InertialForm, heading: Any, heading_variance: Any, variance: Any) -> tuple[Any, Any]:
-    """Return the vector (2,) from the IMU to the point whose position is measured, in W, and the R (2, 2) of that."""
+    """Return the vector (2,) from the IMU to the measured point, in W, and the measurement's R (2, 2)."""
     arm, slope = rotate_lever(heading, form.arms.imu_to_aided_point())
     return arm, lever_arm_noise(form.noise.position_noise(variance), slope, heading_variance)
 

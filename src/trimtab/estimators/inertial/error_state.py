@@ -29,9 +29,9 @@ from trimtab.core.rotation import DEG, cross_matrix
 from trimtab.estimators.inertial.strapdown import Increment, Kinematics, compose, increment_of, move, no_increment
 
 ATTITUDE, VELOCITY, POSITION, GYRO_BIAS, FORCE_BIAS, CLOCK = (slice(i, i + 3) for i in range(0, 18, 3))
-"""Offsets of the states in the error vector; the clock has two."""
+"""Slices of the error vector; the clock has two numbers."""
 NAVIGATION = 9
-"""Number of errors that the IMU moves; biases and clock come after them."""
+"""Number of error states that the IMU propagates: attitude, velocity, position."""
 ERRORS = 15
 ZERO = (0.0, 0.0, 0.0)
 
@@ -50,8 +50,8 @@ class SpatialNoise:
     force_walk: Scalar = quantity("m/s^2/s^0.5", "Random walk of the accelerometers' biases.", default=2e-4, low=0)
     doubtful_rate: Scalar = quantity("rad/s", "Standard deviation of an untrusted angular rate.", default=0.5, low=0)
     doubtful_force: Scalar = quantity("m/s^2", "Standard deviation of an untrusted specific force.", default=5.0, low=0)
-    clock: Scalar = quantity("m/s^0.5", "White noise of the clock's rate.", default=0.1, low=0)
-    clock_walk: Scalar = quantity("m/s^1.5", "Random walk of the clock's drift.", default=0.05, low=0)
+    clock: Scalar = quantity("m/s^0.5", "White noise of the rate of the receiver's clock.", default=0.1, low=0)
+    clock_walk: Scalar = quantity("m/s^1.5", "Random walk of the drift of the receiver's clock.", default=0.05, low=0)
 
 
 @record
@@ -112,7 +112,7 @@ class Nominal:
     """
 
     attitude: Any = quantity("1", "Quaternion q_WB, scalar first.", frame="WB", shape=(4,))
-    velocity: Any = quantity("m/s", "North, east, down.", frame="W", shape=(3,))
+    velocity: Any = quantity("m/s", "Velocity: north, east, down.", frame="W", shape=(3,))
     position: Any = quantity("m", "Position of the IMU: north, east, down.", frame="W", shape=(3,))
     gyro_bias: Any = quantity("rad/s", "Estimated bias of the gyros.", frame="B", shape=(3,))
     force_bias: Any = quantity("m/s^2", "Estimated bias of the accelerometers.", frame="B", shape=(3,))
@@ -120,7 +120,7 @@ class Nominal:
     rate: Any = quantity("rad/s", "Angular velocity of the last sample, without its bias.", frame="B", shape=(3,))
     acceleration: Any = quantity("m/s^2", "Acceleration of the IMU, over the last sample.", frame="W", shape=(3,))
     P: Any = quantity("1", "Covariance of the error (n, n), n = 15 or 17.")
-    span: Increment = part("Motion since P was last propagated.")
+    span: Increment = part("Motion increment since the covariance P was last propagated.")
     untrusted: Scalar = quantity("s", "Time within `span` during which the IMU was not trusted.")
 
 
@@ -147,7 +147,7 @@ def kinematics_of(x: Nominal) -> Kinematics:
 
 
 def propagate(x: Nominal, w: Any, f: Any, dt: Any, untrusted: Any, gravity: Any) -> Nominal:
-    """Return the state after dt (s); P stays.
+    """Return the state after dt (s), with unchanged P.
 
     w, f: measured angular velocity (rad/s) and force (m/s²), (3,) in B.  untrusted: 1 where they can't be trusted.
     """
@@ -219,7 +219,8 @@ def catch_up(x: Nominal, noise: SpatialNoise) -> Nominal:
 
 
 class Fusion(NamedTuple):
-    """Result of scalar updates.  error: shown (n,).  P: after.  innovation, variance, nis (m,): given those before.
+    """Result of scalar updates.  error: estimated error (n,). P: covariance after the updates. innovation, variance,
+    nis (m,): of each update.
 
     used (m,): True for measurements that were finite, wanted and inside the gate.
     """

@@ -38,7 +38,7 @@ class FeedbackNode:
     imu_reading: Any = quantity(
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
-    untrusted: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
+    untrusted: Any = quantity("1", "Flags (2,): 1 if the gyro, 1 if the accelerometers cannot be trusted.", shape=(2,))
     heading: Scalar = quantity("rad", "Heading of the corrected INS; unwrapped.", kind="angle")
     gyro_bias: Scalar = quantity("rad/s", "Bias subtracted from the gyro.")
     velocity: Any = quantity("m/s", "Velocity.", frame="W", shape=(2,))
@@ -62,7 +62,7 @@ class AidedInertialFeedback:
     Source:        [1] chapter 3, which describes this form and flies the feed-forward one.
     """
 
-    intake: Intake = part("Selection and checks of the samples.", default=Intake())
+    intake: Intake = part("Sensors that are read, and checks of their samples.", default=Intake())
     noise: InertialNoise = part("Noise of the IMU and of the aiding sensors.", default=InertialNoise())
     start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
     arms: LeverArms = part("Positions of the sensors on the vehicle.", default=LeverArms())
@@ -99,7 +99,7 @@ class AidedInertialFeedback:
         )
 
     def correct_heading(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
-        """Correct with a heading z (rad, modulo 2 pi) of the given variance; where that is 0, of noise.heading."""
+        """Correct with a heading z (rad, modulo 2 pi) and its variance; 0 as variance means noise.heading."""
         y = wrap(node.heading - z)[None]
         R = self.noise.heading_noise(variance)
         correction, fix = fuse_heading(self, node, jnp.zeros(2), node.P1, y, HEADING_ROW, R, sign=-1.0)

@@ -38,13 +38,13 @@ class FeedforwardNode:
     imu_reading: Any = quantity(
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
-    untrusted: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
+    untrusted: Any = quantity("1", "Flags (2,): 1 if the gyro, 1 if the accelerometers cannot be trusted.", shape=(2,))
     heading: Scalar = quantity("rad", "Heading of the INS; unwrapped.", kind="angle")
     velocity: Any = quantity("m/s", "Velocity of the INS.", frame="W", shape=(2,))
     position: Any = quantity("m", "Position of the INS.", frame="W", shape=(2,))
-    x1: Any = quantity("1", "Errors: heading (rad), gyro bias (rad/s).", shape=(2,))
+    x1: Any = quantity("1", "Estimated errors: heading (rad), gyro bias (rad/s).", shape=(2,))
     P1: Any = quantity("1", "Covariance of the errors of heading and gyro bias.", shape=(2, 2))
-    x2: Any = quantity("1", "Errors: velocity (m/s), position (m), force biases (m/s^2).", shape=(6,))
+    x2: Any = quantity("1", "Estimated errors: velocity (m/s), position (m), accelerometer biases (m/s^2).", shape=(6,))
     P2: Any = quantity("1", "Covariance of the errors of velocity, position and force biases.", shape=(6, 6))
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: PositionFix = part("Statistics of the position updates.")
@@ -62,7 +62,7 @@ class AidedInertialFeedforward:
     Source:        [1] chapter 3; differences from the source: docs page and Errata.
     """
 
-    intake: Intake = part("Selection and checks of the samples.", default=Intake())
+    intake: Intake = part("Sensors that are read, and checks of their samples.", default=Intake())
     noise: InertialNoise = part("Noise of the IMU and of the aiding sensors.", default=InertialNoise())
     start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
     arms: LeverArms = part("Positions of the sensors on the vehicle.", default=LeverArms())
@@ -110,7 +110,7 @@ class AidedInertialFeedforward:
         )
 
     def correct_heading(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
-        """Correct with a heading z (rad, modulo 2 pi) of the given variance; where that is 0, of noise.heading."""
+        """Correct with a heading z (rad, modulo 2 pi) and its variance; 0 as variance means noise.heading."""
         y = wrap(node.heading - z - node.x1[0])[None]
         R = self.noise.heading_noise(variance)
         correction, fix = fuse_heading(self, node, node.x1, node.P1, y, HEADING_ROW, R, sign=-1.0)

@@ -48,7 +48,7 @@ class InertialWindow:
     rate: Any = quantity("rad/s", "Measured angular velocity (slots, 3).", frame="B")
     force: Any = quantity("m/s^2", "Measured specific force (slots, 3).", frame="B")
     bias: Any = quantity("1", "Gyro and accelerometer biases estimated when each sample came (slots, 6).")
-    untrusted: Any = quantity("1", "1 where the sample is not trusted (slots,).")
+    untrusted: Any = quantity("1", "Flag of each sample (slots,): 1 if the sample is not trusted.")
     last: Scalar = quantity("100 ns", "Time at which the last sample was measured.", kind="time")
     imu_reading: Any = quantity("1", "Reading of the last sample: rad/s, m/s^2.", frame="B", shape=(6,))
     motion: Increment = part("Combined increment of all waiting samples.")
@@ -57,7 +57,7 @@ class InertialWindow:
 
 @record
 class WaitingFixes:
-    """Fixes that are still later than the filter. Source: this module."""
+    """Queue of fixes measured after the time that the filter has reached. Source: this module."""
 
     head: Scalar = quantity("1", "Slot of the oldest fix.", kind="count")
     count: Scalar = quantity("1", "Number of waiting fixes.", kind="count")
@@ -66,7 +66,7 @@ class WaitingFixes:
 
 
 class FeltSample(NamedTuple):
-    """Sample as it leaves the window: integer time of its end, s, rad/s and m/s² (6,), and 1 where untrusted."""
+    """Sample as it leaves the window: integer end time, duration (s), readings (6,), and 1 if untrusted."""
 
     t: Any
     dt: Any

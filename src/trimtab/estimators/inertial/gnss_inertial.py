@@ -63,22 +63,22 @@ from trimtab.estimators.inertial.sensor_watch import SensorWatch, increment, ini
 from trimtab.estimators.inertial.strapdown import compose, move
 
 IMU_WIDTH = 6
-"""Numbers in an IMU sample."""
+"""Number of values in an IMU sample: angular velocity and specific force."""
 
 
 @record
 class GnssFix:
     """Statistics of the receiver's updates, up to the newest one fused. Source: docs page, Gnss and inertial."""
 
-    innovation: Any = quantity("1", "Innovations: measured minus predicted, given the numbers before; in m, then m/s.")
+    innovation: Any = quantity("1", "Innovations: measured minus predicted, one value after another; in m, then m/s.")
     normalised: Any = quantity("1", "Innovations divided by their standard deviations.")
     nis: Scalar = quantity(
         "1", "Sum of the squared normalised innovations; chi-square with as many degrees of freedom as numbers."
     )
-    numbers: Scalar = quantity("1", "Numbers in the newest measurement.", kind="count")
+    numbers: Scalar = quantity("1", "Number of values in the newest measurement.", kind="count")
     used: Scalar = quantity("1", "Number of measurements used.", kind="count")
     rejected: Scalar = quantity(
-        "1", "Number of measurements outside the gate; for ranges, those with every range outside.", kind="count"
+        "1", "Number of rejected measurements; of ranges, those with every range rejected.", kind="count"
     )
     rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last one used.", kind="count")
     given_in: Scalar = quantity(
@@ -86,7 +86,7 @@ class GnssFix:
         "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
         kind="count",
     )
-    late: Scalar = quantity("1", "Number of measurements that came too late or found no room.", kind="count")
+    late: Scalar = quantity("1", "Number of measurements that came too late or met a full queue.", kind="count")
 
 
 @record
@@ -109,8 +109,8 @@ class SpatialNavigationState:
     sigma_force_bias: Any = quantity("m/s^2", "Standard deviation of the accelerometer biases.", frame="B", shape=(3,))
     clock: Any = quantity("1", "Bias (m) and drift (m/s) of the receiver's clock; 0 without raw ranges.", shape=(2,))
     gnss_fix: GnssFix = part("Statistics of the receiver's updates.")
-    imu: SensorWatch = part("Watch of the IMU's samples.")
-    gnss: SensorWatch = part("Watch of the receiver's samples.")
+    imu: SensorWatch = part("Checks of the IMU's samples.")
+    gnss: SensorWatch = part("Checks of the receiver's samples.")
     horizon: Scalar = quantity("s", "Delay of the filter behind the present.")
     healthy: Scalar = quantity("1", "True if all variances are finite and above 0.", kind="flag")
     silent: Scalar = quantity("1", "True if the IMU has given no data for too long.", kind="flag")
@@ -120,15 +120,15 @@ class SpatialNavigationState:
 class GnssInertialState:
     """State of the filter. Source: this module."""
 
-    nominal: Nominal = part("Estimate at the horizon.")
-    t: Scalar = quantity("100 ns", "Time of the horizon, up to which samples have been used.", kind="time")
-    since: Scalar = quantity("1", "Samples since the covariance was propagated.", kind="count")
-    window: InertialWindow = part("IMU samples from the horizon to now.")
-    fixes: WaitingFixes = part("Measurements later than the horizon.")
-    sigma: Any = quantity("1", "Standard deviation of each error (15,) now, as reported last.")
+    nominal: Nominal = part("Estimate at the filter's time, which lags behind the present by `delay`.")
+    t: Scalar = quantity("100 ns", "Time of the filter, up to which IMU samples have been used.", kind="time")
+    since: Scalar = quantity("1", "Number of IMU samples since the covariance was last propagated.", kind="count")
+    window: InertialWindow = part("IMU samples from the filter's time to the present.")
+    fixes: WaitingFixes = part("Waiting measurements, later than the filter's time.")
+    sigma: Any = quantity("1", "Standard deviation of each error state (15,), as last reported.")
     gnss_fix: GnssFix = part("Statistics of the measurement updates.")
-    imu: SensorWatch = part("Watch of the IMU's samples.")
-    gnss: SensorWatch = part("Watch of the receiver's samples.")
+    imu: SensorWatch = part("Checks of the IMU's samples.")
+    gnss: SensorWatch = part("Checks of the receiver's samples.")
 
 
 @record
@@ -159,7 +159,7 @@ class GnssInertial:
     )
     patience: Scalar = quantity(
         "1",
-        "Consecutive rejected measurements after which the next is accepted anyway; 0: never.",
+        "Consecutive rejected measurements after which the next one is accepted anyway; 0: never.",
         default=10,
         kind="count",
     )
@@ -177,7 +177,7 @@ class GnssInertial:
         off={"imu-noise": 0},
     )
     gap: Scalar = quantity(
-        "100 ns", "Longest gap between IMU samples without extra uncertainty.", default=ms(40), kind="time"
+        "100 ns", "Longest gap between IMU samples without additional uncertainty.", default=ms(40), kind="time"
     )
     delay: Scalar = quantity(
         "100 ns", "Delay of the filter behind the present: maximum age of a usable fix.", default=ms(150), kind="time"
@@ -187,8 +187,8 @@ class GnssInertial:
     aiding: str = option(
         "Type of the receiver's measurements: fixes, or raw ranges.", default="fixes", choices=("fixes", "ranges")
     )
-    satellites: int = option("Number of satellites that the receiver handles; for ranges.", default=8)
-    slots: int = option("Number of IMU samples kept: at least those within the delay, plus a reserve.", default=176)
+    satellites: int = option("Number of satellites in a measurement of raw ranges.", default=8)
+    slots: int = option("Number of IMU samples kept. It must cover the delay, with a reserve.", default=176)
     carried: int = option("Number of IMU samples after which the covariance is propagated.", default=20)
 
     @property
@@ -204,7 +204,7 @@ class GnssInertial:
     def check(self) -> None:
         """Raise InputError if the window is too small or a sensor name is used twice."""
         if self.slots < 2:
-            raise InputError("slots", f"{self.slots} samples are too few", fix="keep more than delay divided by period")
+            raise InputError("slots", f"{self.slots} slots are too few", fix="set slots above delay / period")
         if self.carried < 1:
             raise InputError(
                 "carried",

@@ -29,9 +29,9 @@ from trimtab.estimators.inertial.error_state import (
 )
 
 FIX_NUMBERS = 6
-"""Numbers of a fix: position and velocity."""
+"""Number of values in a fix: position and velocity."""
 RANGE_NUMBERS = 9
-"""Numbers of each satellite: pseudorange, rate, position, velocity, whether it is received."""
+"""Number of values for each satellite: pseudorange, rate, position, velocity, reception flag."""
 
 
 @record
@@ -54,7 +54,7 @@ class GnssNoise:
 
 
 class ExpectedMeasurement(NamedTuple):
-    """y: measured less predicted (m,).  H: derivative by the error (m, n).  R: variances (m,).  wanted: (m,)."""
+    """Measurement. y: measured less predicted (m,).  H: its derivative (m, n).  R: variances (m,).  wanted: (m,)."""
 
     y: Any
     H: Any

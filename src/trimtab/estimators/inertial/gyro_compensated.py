@@ -19,7 +19,7 @@ from trimtab.estimators.inertial.sensor_watch import NEVER
 
 @record
 class CompensatorState:
-    """The two previous values; any shape, each component on its own. Source: [1] eq. 6.2."""
+    """Two previous values of any shape; each component is filtered by itself. Source: [1] eq. 6.2."""
 
     y1: Any = quantity("rad/s", "Previous value.")
     y2: Any = quantity("rad/s", "Value before the previous one.")
@@ -85,7 +85,9 @@ class CompensatedInertial:
 
     navigation: Any = part("Navigation that gets the compensated samples.", default=AidedInertialFeedforward())
     compensator: GyroCompensator = part("Inverse of the gyro's dynamics.", default=GyroCompensator())
-    gap: Scalar = quantity("100 ns", "Longest time between two consecutive samples.", default=ms(10), kind="time")
+    gap: Scalar = quantity(
+        "100 ns", "Longest time between two samples without a restart of the compensator.", default=ms(10), kind="time"
+    )
 
     @property
     def listens(self) -> tuple[str, ...]:

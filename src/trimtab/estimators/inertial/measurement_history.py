@@ -24,16 +24,16 @@ from trimtab.core.time import to_seconds
 from trimtab.estimators.inertial.sensor_watch import NEVER
 
 EMPTY, IMU, HEADING, POSITION, RANGES = range(5)
-"""Kinds of events."""
+"""Kinds of events in the history; EMPTY marks an unused slot."""
 KINDS = ("empty", "imu", "heading", "position", "ranges")
 AIDING_KINDS = {"positions": POSITION, "ranges": RANGES}
 """Kind of the position sensor's events, by the form's AIDED_BY."""
 IMU_NUMBERS = 3
-"""Numbers in an IMU event."""
+"""Number of values in an IMU event."""
 LONGEST = 0.1
 """Longest time (s) over which a velocity is used between two events, or after the last."""
 POSITION_NUMBERS = 5
-"""Numbers of a position event: north, east (m), and its covariance, north, mixed, east (m^2)."""
+"""Number of values in a position event: north, east (m), and its covariance, north, mixed, east (m^2)."""
 
 
 @record
@@ -46,12 +46,14 @@ class History:
     )
     kind: Any = quantity("1", "Kind of each event.", kind="mode", modes=KINDS)
     value: Any = quantity("1", "Measured values, in the sensor's units.")
-    untrusted: Any = quantity("1", "1 where gyro, or accelerometers, of this sample cannot be trusted; (slots, 2).")
+    untrusted: Any = quantity(
+        "1", "Flags (slots, 2): 1 if the gyro, 1 if the accelerometers of a sample cannot be trusted."
+    )
     nodes: Any = part("State of the filter after each event; its fields t, imu_reading and untrusted are used here.")
 
 
 class Event(NamedTuple):
-    """One measurement: integer time, kind, value (no longer than that of the history), and flags of distrust (2,)."""
+    """One measurement: integer time, kind, value (at most the history's width), and flags (2,): 1 if not trusted."""
 
     t: Any
     kind: int
@@ -79,7 +81,7 @@ def newest_imu_index(h: History) -> Any:
 
 
 def check_room(h: History, reached: Any, event: Event) -> tuple[Any, Any]:
-    """Return if an event fits into the ring, and if it is there already; reached: see `newest_imu_index`.
+    """Return if an event fits into the ring, and if the ring already contains it; reached: see `newest_imu_index`.
 
     An event older than the whole history has no state to start from. One slot is kept for the IMU.
     """
@@ -208,7 +210,7 @@ def _process_event(form: Any, h: History, node: Any, i: Any, last: Any) -> Any:
 
 
 def _last_index(h: History, t: Any) -> Any:
-    """Return the index, from the oldest, of the last event measured at or before t; -1 if there is none."""
+    """Return the index, from the oldest, of the last event measured at or before t; -1 if every event is later."""
     i = np.int32(h.t.shape[0] - 1)
     return lax.while_loop(lambda i: (i >= 0) & (_read_slot(h.t, _slot_index(h, i)) > t), lambda i: i - 1, i)
 

@@ -105,7 +105,7 @@ class LeverArms:
 
     imu: Any = quantity("m", "Position of the IMU.", default=np.zeros(2), frame="B", shape=(2,))
     aiding: Any = quantity(
-        "m", "Position of the point that the aiding measures.", default=np.zeros(2), frame="B", shape=(2,)
+        "m", "Position of the point that the position sensor measures.", default=np.zeros(2), frame="B", shape=(2,)
     )
 
     def imu_to_aided_point(self) -> Any:
@@ -155,9 +155,9 @@ def stack_numbers(*numbers: Any) -> Any:
 class ImuHistory:
     """Last samples of an IMU, the newest at the end. Source: docs page, Particle filter."""
 
-    t: Any = quantity("100 ns", "Time of each sample; never: none yet.", kind="time")
+    t: Any = quantity("100 ns", "Time of each sample; NEVER in an unused slot.", kind="time")
     imu_reading: Any = quantity("1", "Yaw rate (rad/s), force per mass forward and starboard (m/s^2); (slots, 3).")
-    untrusted: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted; (slots, 2).")
+    untrusted: Any = quantity("1", "Flags (slots, 2): 1 if the gyro, 1 if the accelerometers cannot be trusted.")
 
 
 class PreintegratedMotion(NamedTuple):

@@ -19,14 +19,16 @@ from trimtab.estimators.kalman import NO_GATE, CovarianceHealth, Update, covaria
 
 @record
 class HeadingFix:
-    """Statistics of the heading updates, up to the newest in order of measurement. Source: docs page."""
+    """Statistics of the heading updates, up to the newest measurement. Source: docs page."""
 
     innovation: Any = quantity("rad", "Innovation: measured minus predicted.", kind="angle", shape=(1,))
     normalised: Any = quantity("1", "Innovation divided by its standard deviation.", shape=(1,))
     nis: Scalar = quantity("1", "NIS: squared normalised innovation; chi-square with one degree of freedom.")
     used: Scalar = quantity("1", "Number of measurements used.", kind="count")
     rejected: Scalar = quantity("1", "Number of measurements rejected by the gate.", kind="count")
-    rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last one used.", kind="count")
+    rejected_in_a_row: Scalar = quantity(
+        "1", "Number of measurements rejected since the last accepted one.", kind="count"
+    )
     given_in: Scalar = quantity(
         "1",
         "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
@@ -36,14 +38,16 @@ class HeadingFix:
 
 @record
 class PositionFix:
-    """Statistics of the position updates, up to the newest in order of measurement. Source: docs page."""
+    """Statistics of the position updates, up to the newest measurement. Source: docs page."""
 
     innovation: Any = quantity("m", "Innovation: measured minus predicted, north and east.", frame="W", shape=(2,))
     normalised: Any = quantity("1", "Innovations divided by their standard deviations.", shape=(2,))
     nis: Scalar = quantity("1", "NIS: y' S^-1 y; chi-square with two degrees of freedom.")
     used: Scalar = quantity("1", "Number of measurements used.", kind="count")
     rejected: Scalar = quantity("1", "Number of measurements rejected by the gate.", kind="count")
-    rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last one used.", kind="count")
+    rejected_in_a_row: Scalar = quantity(
+        "1", "Number of measurements rejected since the last accepted one.", kind="count"
+    )
     given_in: Scalar = quantity(
         "1",
         "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
@@ -53,7 +57,7 @@ class PositionFix:
 
 @record
 class NavigationState:
-    """State of the vehicle in the plane with its uncertainty; what planar laws read comes first.
+    """State of the vehicle in the plane with its uncertainty; the fields that planar laws read come first.
 
     Velocity and position are those of the reference point, not of the IMU. Source: docs page.
     """
@@ -79,11 +83,13 @@ class NavigationState:
     heading_fix: Any = part("Statistics of the heading updates.")
     position_fix: Any = part("Statistics of the position updates.")
     covariance: CovarianceHealth = part("Health of the covariance.")
-    imu: SensorWatch = part("Watch of the IMU's samples.")
-    heading_sensor: Any = part("Watch of the heading sensor's samples; None without a heading sensor.")
-    position_sensor: Any = part("Watch of the position sensor's samples; None without a position sensor.")
+    imu: SensorWatch = part("Checks of the IMU's samples.")
+    heading_sensor: Any = part("Checks of the heading sensor's samples; None without a heading sensor.")
+    position_sensor: Any = part("Checks of the position sensor's samples; None without a position sensor.")
     coasting: Scalar = quantity(
-        "1", "True if the IMU gives no data: constant velocity assumed, sigmas grow.", kind="flag"
+        "1",
+        "True if the IMU gives no data. The filter then assumes constant velocity, and the sigmas grow.",
+        kind="flag",
     )
     clock_backwards: Scalar = quantity("1", "Number of times the autopilot's own time ran backwards.", kind="count")
 
@@ -177,7 +183,7 @@ def count_measurement(fix: Any, correction: Update, sign: float = 1.0) -> Any:
 def reference_kinematics(belief: Belief, rate: Any, gyro_variance: Any, arms: LeverArms) -> dict[str, Any]:
     """Return the kinematic fields of NavigationState, from a belief about the IMU.
 
-    rate: what the gyro read (rad/s).  gyro_variance: of its noise.  arms: where the IMU sits.
+    rate: reading of the gyro (rad/s).  gyro_variance: of its noise.  arms: positions of the sensors.
     """
     x, P = belief
     B = planar(x[0])

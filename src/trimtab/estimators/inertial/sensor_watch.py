@@ -13,9 +13,9 @@ from trimtab.core.signals import Sample
 from trimtab.core.time import FOREVER
 
 NEVER = -FOREVER
-"""Time before any instant."""
+"""Time that stands for never: earlier than any instant."""
 WIDTH = 3
-"""Numbers in a watched value unless it is wider; shorter ones are padded with zeros."""
+"""Smallest number of values stored for a sample. Shorter samples are padded with zeros."""
 
 
 @record
@@ -23,19 +23,23 @@ class SensorWatch:
     """Record of one sensor's samples. Source: docs page, Sensor watch."""
 
     last: Scalar = quantity("100 ns", "Measurement time of the sensor's newest sample.", kind="time")
-    value: Any = quantity("1", "Last sample of the sensor, in its units, padded with zeros.")
+    value: Any = quantity("1", "Last sample of the sensor, in the sensor's units, padded with zeros.")
     repeats: Scalar = quantity("1", "Number of consecutive samples with exactly the same value.", kind="count")
     frozen: Scalar = quantity(
-        "1", "True if the samples repeat more often than noise allows: not used, or distrusted.", kind="flag"
+        "1", "True if the sensor is frozen: its samples repeat more often than noise allows.", kind="flag"
     )
-    saturated: Scalar = quantity("1", "True if the last sample was at the end of its range.", kind="flag")
-    backwards: Scalar = quantity("1", "True if the last sample to arrive was older than an earlier one.", kind="flag")
+    saturated: Scalar = quantity(
+        "1", "True if the last sample was saturated, i.e. at the end of the sensor's range.", kind="flag"
+    )
+    backwards: Scalar = quantity(
+        "1", "True if the last sample was measured before a sample that had arrived earlier.", kind="flag"
+    )
     samples: Scalar = quantity("1", "Number of samples that arrived.", kind="count")
     invalid: Scalar = quantity(
         "1", "Number of samples that were not finite, or from the future: not used.", kind="count"
     )
-    duplicates: Scalar = quantity("1", "Number of samples that had arrived before: not used.", kind="count")
-    disordered: Scalar = quantity("1", "Number of samples that came after a newer one.", kind="count")
+    duplicates: Scalar = quantity("1", "Number of repeated samples, which are not used.", kind="count")
+    disordered: Scalar = quantity("1", "Number of samples that arrived after a newer sample.", kind="count")
     late: Scalar = quantity("1", "Number of samples older than the history: not used.", kind="count")
 
 
@@ -49,7 +53,7 @@ class SampleValidation(NamedTuple):
 
 
 def initial_watch(width: int = WIDTH) -> SensorWatch:
-    """Return the initial watch, before the first sample; width: of its values."""
+    """Return the initial watch, before the first sample; width: number of values stored."""
     none, no = np.int32(0), np.bool_(False)
     return SensorWatch(
         last=np.int64(NEVER),

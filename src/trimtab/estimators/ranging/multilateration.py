@@ -39,8 +39,9 @@ def assisted_heading(place_a: Any, place_b: Any, displacement: Any, lever_a: Any
 
         r_a' = r_a + [r_ins(t_b) - r_ins(t_a)]
 
-    displacement: the bracket, north and east (m), shape (2,); the rest as `two_unit_heading`. It is exact where the
-    inertial navigation's position is that of unit a; that of another point leaves out what the turn moves a.
+    displacement: the bracket, north and east (m), shape (2,). Other arguments are as in `two_unit_heading`. The result
+        is exact if the inertial navigation gives the position of unit a. Otherwise the turn's motion of unit a is
+        missing.
 
     Source: [1] section 5.4.
     """
@@ -51,7 +52,7 @@ def assisted_heading(place_a: Any, place_b: Any, displacement: Any, lever_a: Any
 class Solution:
     """Position and the agreement of the ranges with it. Source: this module."""
 
-    place: Any = quantity("m", "North, east (2,).", frame="W")
+    place: Any = quantity("m", "Position: north, east (2,).", frame="W")
     bias: Scalar = quantity("m", "Range error common to all beacons; 0 if it is not estimated.")
     residual: Scalar = quantity("m", "Root mean square of the ranges' residuals.")
 
@@ -68,7 +69,7 @@ def residuals(plan: Any, height: Any, ranges: Any, used: Any, place: Any, bias: 
 
 
 def root_mean_square(values: Any, used: Any) -> Any:
-    """Return the root mean square of the values (n,) that are used; 0 if there is none."""
+    """Return the root mean square of the used values (n,); 0 without used values."""
     return jnp.sqrt(_mean_of_used(values * values, used))
 
 
@@ -85,7 +86,7 @@ def solve_bancroft(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
         plan: north and east of the beacons (m), shape (n, 2).
         height: of the beacons above the unit (m), shape (n,).
         ranges: without cone error (m), shape (n,).
-        used: which count, shape (n,).
+        used: True for each range to use, shape (n,).
 
     Source: S. Bancroft, "An algebraic solution of the GPS equations", IEEE Trans. AES-21, 1985; [1] section 5.5.3.
     """
@@ -150,10 +151,10 @@ def solve_in_space(anchors: Any, ranges: Any, used: Any, start: Any) -> tuple[An
     """Return the position (3,) (m) in space with the least sum of squared residuals, and their root mean square (m).
 
     Args:
-        anchors: their places (n, 3) (m), not all in one plane with the place.
-        ranges: to each (n,) (m).
-        used: which count (n,); at least three.
-        start: where the search begins (3,) (m), on the right side of a plane that holds all anchors.
+        anchors: positions of the anchors (n, 3) (m), not all in one plane with the position.
+        ranges: range to each anchor (n,) (m).
+        used: True for each range to use (n,); at least three.
+        start: initial position of the search (3,) (m), on the right side of a plane that holds all anchors.
 
     Source: [1] section 5.5.3, in three dimensions.
     """
@@ -174,12 +175,12 @@ def solve_in_space(anchors: Any, ranges: Any, used: Any, start: Any) -> tuple[An
 def solve_leaving_one_out(
     solve: Callable[..., Solution], plan: Any, height: Any, ranges: Any, used: Any, suffices: Callable[[Solution], Any]
 ) -> Solution:
-    """Return the solution with all beacons, then without each in turn: fields have a leading axis (n + 1,).
+    """Return solutions with all beacons, and with each beacon left out: fields have a leading axis (n + 1,).
 
-    The others are computed only if the first is not good enough; they are 0 otherwise.
+    Solutions with a beacon left out are only computed if the first solution is not good enough; otherwise 0.
 
     Args:
-        solve: of (plan, height, ranges, used) gives a Solution.
+        solve: function of (plan, height, ranges, used) that returns a Solution.
         plan, height, ranges, used: as `solve_bancroft`.
         suffices: returns True for a Solution that is good enough.
     """
@@ -201,7 +202,7 @@ def intersect_circles(plan: Any, height: Any, ranges: Any, used: Any, near: Any)
 
     Circles that miss each other because of noise give the point between them; beacons above each other, NaN.
 
-    Args: as `solve_bancroft`; near: north, east of the fix before (m), shape (2,). Source: [1] section 5.5.3.
+    Args: as `solve_bancroft`; near: north, east of the previous fix (m), shape (2,). Source: [1] section 5.5.3.
     """
     plan, order = jnp.asarray(plan), jnp.arange(used.shape[0])
     i = jnp.argmax(used)

@@ -32,11 +32,11 @@ from trimtab.estimators.ranging.position import SQUARE
 HEADING, NORTH, EAST, TURN_BIAS, COURSE, SCALE, ERRORS = range(7)
 """Indices of the states; from ERRORS on, one error of each beacon."""
 DOUBTED_MIN = 3
-"""Smallest number of beacons whose newest range is rejected before a restart; two circles intersect twice."""
+"""A restart needs rejected newest ranges of at least this many beacons, because two circles intersect twice."""
 OTHERS_MIN = 3
-"""Smallest number of ranges beside those of the two beacons with the most, which leave two places."""
+"""A restart needs at least this many ranges of beacons other than the two with the most ranges."""
 AGREEMENT = 2.0
-"""Largest chi-square of ranges that agree, relative to its degrees of freedom."""
+"""Ranges agree with each other if chi-square per degree of freedom is at most this."""
 RESTART_VARIANCE = 4.0
 """Variances after a restart, relative to those of independent ranges; a beacon's ranges share its error."""
 NEAREST = 0.01
@@ -75,11 +75,11 @@ class RadioErrors:
         "1", "Scale error of all ranges; positive when they are too long.", default=0.0, above=-0.5
     )
     sigma_scale: Scalar = quantity("1", "Standard deviation of the scale error.", default=0.01, low=0)
-    sigma_error: Scalar = quantity("m", "Standard deviation of a beacon's error.", default=0.1, low=0)
+    sigma_error: Scalar = quantity("m", "Standard deviation of a beacon's range error.", default=0.1, low=0)
     gate: Scalar = quantity("1", "NIS gate for ranges.", default=15.137, above=0)
     patience: Scalar = quantity(
         "1",
-        "Number of newest ranges, 6 to 16, that must agree with each other to restart the filter; 0: never.",
+        "Number of newest ranges, 6 to 16, that must agree with each other to restart the filter; 0: no restarts.",
         default=12,
         kind="count",
     )
@@ -97,10 +97,10 @@ class PlanarStart:
         "m", "Standard deviation of each initial position coordinate.", default=0.3, above=0
     )
     sigma_turn_bias: Scalar = quantity(
-        "rad/s", "Standard deviation of the bias of the rate of turn.", default=5e-3, low=0
+        "rad/s", "Standard deviation of the initial bias of the rate of turn.", default=5e-3, low=0
     )
     sigma_course: Scalar = quantity(
-        "rad", "Standard deviation of the angle from the body's x axis to its course.", default=0.03, low=0
+        "rad", "Standard deviation of the initial angle from the body's x axis to the course.", default=0.03, low=0
     )
 
 
@@ -112,16 +112,16 @@ class RadioFix:
     normalised: Any = quantity("1", "Innovations divided by their standard deviations.")
     nis: Any = quantity("1", "NIS of each range.")
     accepted: Any = quantity("1", "True for each range that was used.", kind="flag")
-    refused_in_a_row: Any = quantity("1", "Ranges of each beacon rejected since one was used.", kind="count")
-    used: Scalar = quantity("1", "Ranges used so far.", kind="count")
-    rejected: Scalar = quantity("1", "Ranges rejected so far.", kind="count")
-    rejected_in_a_row: Scalar = quantity("1", "Ranges rejected since any was used.", kind="count")
+    refused_in_a_row: Any = quantity("1", "Rejected ranges of each beacon since its last accepted one.", kind="count")
+    used: Scalar = quantity("1", "Number of ranges used so far.", kind="count")
+    rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
+    rejected_in_a_row: Scalar = quantity("1", "Rejected ranges since the last accepted range.", kind="count")
     given_in: Scalar = quantity(
         "1",
         "Number of restarts of the pose from ranges that agree with each other.",
         kind="count",
     )
-    late: Scalar = quantity("1", "Number of ranges too far in time from the newest odometry: not used.", kind="count")
+    late: Scalar = quantity("1", "Number of ranges not used: too far in time from the newest odometry.", kind="count")
 
 
 @record
@@ -134,7 +134,7 @@ class RobotNavigation:
     speed: Scalar = quantity("m/s", "Speed at the newest odometry.")
     yaw_rate: Scalar = quantity("rad/s", "Rate of turn at the newest odometry, without its bias.")
     turn_bias: Scalar = quantity("rad/s", "Bias of the odometry's rate of turn; positive when it turns too fast.")
-    course: Scalar = quantity("rad", "Angle from the body's x axis to its course.", kind="angle")
+    course: Scalar = quantity("rad", "Angle from the body's x axis to the course.", kind="angle")
     range_scale: Scalar = quantity("1", "Scale error common to all ranges; positive when they are too long.")
     range_error: Any = quantity("m", "Error of each beacon's ranges (n,).")
     sigma_heading: Scalar = quantity("rad", "Standard deviation of the heading.")
@@ -200,7 +200,7 @@ class OdometryRanging:
         patience, shape = int(self.errors.patience), np.shape(self.beacons)
         if patience and not FEWEST <= patience <= KEPT:
             problem = f"must be 0, or {FEWEST} to {KEPT}, got {patience}"
-            raise InputError("OdometryRanging.errors.patience", problem, fix="0 never restarts; 12 is the default")
+            raise InputError("OdometryRanging.errors.patience", problem, fix="set 0 for no restarts; the default is 12")
         if len(shape) != 2 or shape[1] != 3 or not shape[0]:
             fix = "give north, east and down of each beacon"
             raise InputError("OdometryRanging.beacons", f"the shape must be (n, 3), got {shape}", fix=fix)
@@ -293,7 +293,7 @@ def predict_odometry(x: Any, P: Any, m: OdometryMotion, noise: OdometryNoise) ->
 
 
 def read_ranges(s: OdometryState, sample: Any, t: Any, longest: Any) -> tuple[Any, Any, RadioFix]:
-    """Return the ranges (n,) to use, 0 where there is none; seconds from the newest odometry to them; the old fix."""
+    """Return the usable ranges (n,), else 0; their time after the newest odometry (s); the statistics, reset."""
     value, n = sample.value, s.fix.nis.shape[0]
     z = jnp.where(jnp.asarray(value.arrived, bool), jnp.asarray(value.range, float), 0.0)
     z = jnp.where(jnp.isfinite(z) & (z > 0) & sample.fresh & sample.valid & (s.t > NEVER), z, 0.0)

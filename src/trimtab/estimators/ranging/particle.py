@@ -54,12 +54,14 @@ class ParticleFix:
     """Statistics of the particles, at the newest ping. Source: docs page, Particle filter."""
 
     effective: Scalar = quantity("1", "Effective sample size, from 1 to N.")
-    believed: Any = quantity("1", "Share of the weight of the particles that accept the range of each beacon (n,).")
-    used: Scalar = quantity("1", "Pings used so far.", kind="count")
+    believed: Any = quantity(
+        "1", "Weight of the particles that accept each beacon's range (n,), as a share of the total."
+    )
+    used: Scalar = quantity("1", "Number of pings used so far.", kind="count")
     unit: Scalar = quantity("1", "Index of the unit that pinged.", kind="count")
     redrawn: Scalar = quantity("1", "Number of resamplings.", kind="count")
     doubted: Scalar = quantity("1", "Number of consecutive pings that most particles rejected.", kind="count")
-    tracking: Scalar = quantity("1", "True if there are particles.", kind="flag")
+    tracking: Scalar = quantity("1", "True once the particles have been drawn.", kind="flag")
     starts: Scalar = quantity("1", "Number of times the particles were drawn from scratch.", kind="count")
     scale: Scalar = quantity("1", "Scale error common to all ranges; positive when they are too long.")
 
@@ -73,8 +75,8 @@ class ParticleState:
     at: Scalar = quantity("100 ns", "Time of the last ping used.", kind="time")
     history: ImuHistory = part("IMU samples since the last ping used, and some before.")
     fix: ParticleFix = part("Statistics of the particles.")
-    imu: SensorWatch = part("Watch of the IMU's samples.")
-    position: SensorWatch = part("Watch of the ranging sensor's samples.")
+    imu: SensorWatch = part("Checks of the IMU's samples.")
+    position: SensorWatch = part("Checks of the ranging sensor's samples.")
     heading: Any = part("Always None: there is no heading sensor.", default=None)
     clock: Scalar = quantity("100 ns", "Latest time of the autopilot so far.", kind="time", default=NEVER)
     clock_backwards: Scalar = quantity(
@@ -98,7 +100,7 @@ class Particle:
     """
 
     intake: Intake = part(
-        "Selection and checks of the samples; `position` names the ranging.",
+        "Sensors that are read, and checks of their samples; `position` names the ranging sensor.",
         default=Intake(heading="", position="ranging", slots=64),
     )
     noise: InertialNoise = part("Noise of the IMU.", default=InertialNoise())
@@ -118,15 +120,20 @@ class Particle:
         high=0.99,
     )
     start_sigma: Scalar = quantity(
-        "m", "Standard deviation of the two ranges of a first position.", default=0.03, above=0
+        "m", "Standard deviation of the two ranges from which the particles are drawn.", default=0.03, above=0
     )
     sure: Scalar = quantity("m", "Position sigma below which the estimate is valid.", default=0.3, above=0)
     sure_heading: Scalar = quantity("rad", "Heading sigma below which the estimate is valid.", default=0.5, above=0)
     patience: Scalar = quantity(
-        "1", "Consecutive pings, mostly rejected, after which the particles are drawn again.", default=8, kind="count"
+        "1",
+        "Number of consecutive pings, rejected by most particles, after which the particles are drawn again.",
+        default=8,
+        kind="count",
     )
     N: int = option("Number of particles.", default=300)
-    cone: bool = option("Model the cone error: ranges are too long off the axis.", default=True, choices=(True, False))
+    cone: bool = option(
+        "True to model the cone error: ranges are too long off the beacon's axis.", default=True, choices=(True, False)
+    )
 
     listens = property(listened_sensors)
 
@@ -134,9 +141,13 @@ class Particle:
         """Raise InputError if the sensors, beacons, units or the number of particles are invalid."""
         self.intake.check()
         if self.intake.heading or not self.intake.position:
-            raise InputError("Particle.intake", "this filter reads only an IMU and ranges", fix="leave heading empty")
+            raise InputError(
+                "Particle.intake",
+                "this filter reads only an IMU and a ranging sensor",
+                fix="set intake.heading to an empty name",
+            )
         if self.N < 2:
-            raise InputError("Particle.N", f"N must be at least 2, got {self.N}", fix="take 100 or more")
+            raise InputError("Particle.N", f"N must be at least 2, got {self.N}", fix="set N to 100 or more")
         check_positions("Particle", self)
 
     def init(self, key: Key) -> ParticleState:

@@ -19,16 +19,16 @@ from trimtab.core.rotation import planar
 from trimtab.estimators.ranging.multilateration import solve_bancroft
 
 KEPT = 16
-"""Number of ranges kept, and largest number that can be asked to agree."""
+"""Number of ranges kept, and maximum number of ranges that must agree."""
 FEWEST = 6
-"""Smallest number of ranges that can be asked to agree; three give the pose."""
+"""Minimum number of ranges that must agree. Three ranges determine the pose."""
 POSE = 3
-"""Number of unknowns without a known size: the scale of the ranges has one."""
+"""Number of unknowns of the pose: heading, north, east. The scale has a known standard deviation and does not count."""
 HEADINGS = 8
 """Number of headings from which the search starts."""
 ITERATIONS = 10
 SIGMA_TURN = 1.0
-"""Standard deviation of the correction of the heading (rad). It decides where ranges cannot show the heading."""
+"""Standard deviation of the correction of the heading (rad). It matters if the ranges do not determine the heading."""
 
 
 @record
@@ -36,8 +36,10 @@ class RecentRanges:
     """Newest ranges, the last one first. Source: docs page."""
 
     beacon: Any = quantity("1", "Index of the beacon of each range (k,).", kind="count")
-    range: Any = quantity("m", "Ranges (k,); 0 in an empty place.")
-    since: Any = quantity("m", "Path from each range to the newest odometry, north and east (k, 2).", frame="W")
+    range: Any = quantity("m", "Ranges (k,); 0 in an unused entry.")
+    since: Any = quantity(
+        "m", "Displacement from each range's time to the newest odometry, north and east (k, 2).", frame="W"
+    )
     refused: Any = quantity("1", "True for each range that the filter rejected (k,).", kind="flag")
 
 

@@ -28,9 +28,9 @@ from trimtab.estimators.ranging.range_model import compensate_range
 NONE, TWO, ALL, ONE_REJECTED, INCONSISTENT = range(5)
 MODES = ("no fix", "two ranges", "all ranges", "one rejected", "inconsistent")
 SQUARE = np.array([[1.5, 1.5, -2.7048], [1.5, -1.5, -2.7048], [-1.5, -1.5, -2.7048], [-1.5, 1.5, -2.7048]])
-"""Four beacons below a ceiling (m)."""
+"""Default positions of the beacons in W (m): four below a ceiling."""
 PAIR = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
-"""Two units on the body's axis, fore and aft (m)."""
+"""Default positions of the units in B (m): two on the x axis, fore and aft."""
 
 
 def check_positions(name: str, form: Any) -> None:
@@ -52,20 +52,26 @@ class RangingFix:
     heading: Scalar = quantity("rad", "Heading from two units, in [-pi, pi).", kind="angle")
     heading_valid: Scalar = quantity("1", "True if both units have a recent fix.", kind="flag")
     unit: Scalar = quantity("1", "Index of the unit located last.", kind="count")
-    unit_north: Scalar = quantity("m", "Position north of that unit.")
-    unit_east: Scalar = quantity("m", "Position east of that unit.")
+    unit_north: Scalar = quantity("m", "North position of the unit located last.")
+    unit_east: Scalar = quantity("m", "East position of the unit located last.")
     residual: Scalar = quantity("m", "Root mean square of the used ranges' residuals at the last ping.")
     bias: Scalar = quantity("m", "Range error common to all beacons, if it is estimated.")
     dilution: Scalar = quantity("1", "Dilution: error of the fix divided by error of a range; 1000 at most.")
-    used: Scalar = quantity("1", "Ranges used at the last ping.", kind="count")
-    rejected: Scalar = quantity("1", "Beacon whose range was left out at the last ping; -1: none.", kind="count")
+    used: Scalar = quantity("1", "Number of ranges used at the last ping.", kind="count")
+    rejected: Scalar = quantity(
+        "1", "Index of the beacon whose range was left out at the last ping; -1 if no range was.", kind="count"
+    )
     mode: Scalar = quantity("1", "Result of the last ping.", kind="mode", modes=MODES)
-    frozen: Scalar = quantity("1", "True if a unit's ranges repeat, which noise does not allow: no fix.", kind="flag")
+    frozen: Scalar = quantity(
+        "1", "True if a unit's ranges repeat exactly. The unit counts as frozen and gives no fix.", kind="flag"
+    )
     out_of_time: Scalar = quantity(
-        "1", "Number of pings with a future time, or a time not after the previous one: not used.", kind="count"
+        "1",
+        "Number of pings not used because their time is in the future, or not after the previous ping.",
+        kind="count",
     )
     invalid: Scalar = quantity(
-        "1", "Number of pings with a range that is not a number: that range is not used.", kind="count"
+        "1", "Number of pings with a range that is not a number. Such a range is not used.", kind="count"
     )
 
 
@@ -77,12 +83,12 @@ class RangingPositionState:
     places: Any = quantity("m", "Last fix of each unit (m, 2).", frame="W")
     gains: Any = quantity("1", "Effect of an error of each range on the last fix (m, n, 2).", frame="W")
     times: Any = quantity(
-        "100 ns", "Time at which each unit was located (m,); long ago where it never was.", kind="time"
+        "100 ns", "Time at which each unit was last located (m,); NEVER for a unit without a fix.", kind="time"
     )
     measured: Scalar = quantity("100 ns", "Time at which the newest accepted ping was sent.", kind="time")
     seen: Scalar = quantity("100 ns", "Time at which the newest ping of all was sent.", kind="time")
     ranges: Any = quantity("m", "Last ranges of each unit (m, n).")
-    repeats: Any = quantity("1", "Consecutive repetitions of each unit's ranges (m,).", kind="count")
+    repeats: Any = quantity("1", "Number of consecutive repetitions of each unit's ranges (m,).", kind="count")
     any: Scalar = quantity("1", "True once there has been a fix.", kind="flag")
 
 
@@ -112,12 +118,14 @@ class RangingPosition:
     beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
     units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=np.zeros((1, 3)), frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
-    residual_limit: Scalar = quantity("m", "Largest accepted residual.", default=0.02, above=0)
+    residual_limit: Scalar = quantity(
+        "m", "Largest accepted root mean square of the residuals of the ranges.", default=0.02, above=0
+    )
     cone_limit: Scalar = quantity(
         "rad", "Largest accepted angle off a beacon's axis.", default=0.9, kind="angle", above=0, high=1.5
     )
     usual_jump: Scalar = quantity("m", "Typical distance between consecutive fixes.", default=0.2, above=0)
-    dilution_limit: Scalar = quantity("1", "Largest accepted dilution.", default=10.0, above=0)
+    dilution_limit: Scalar = quantity("1", "Largest accepted dilution of precision.", default=10.0, above=0)
     frozen_after: Scalar = quantity(
         "1",
         "Consecutive pings of a unit with exactly equal ranges after which the unit counts as frozen; 0: never.",
@@ -126,7 +134,12 @@ class RangingPosition:
         off={"range-noise": 0},
     )
     pair_time: int = period("Longest time between the fixes of two units for a heading.", default=ms(200))
-    cone: bool = option("Compensate the cone error.", default=True, choices=(True, False), off={"cone-error": False})
+    cone: bool = option(
+        "True to compensate the cone error: ranges are too long off the beacon's axis.",
+        default=True,
+        choices=(True, False),
+        off={"cone-error": False},
+    )
     solver: str = option(
         '"least squares", without common range error, or "closed form", with it.',
         default="least squares",
@@ -140,7 +153,9 @@ class RangingPosition:
         plan = np.asarray(self.units)[:2, :2]
         if len(plan) == 2 and np.allclose(plan[0], plan[1]):
             raise InputError(
-                "RangingPosition.units", "the first two units must not be above each other", fix="move one of them"
+                "RangingPosition.units",
+                "the first two units must not be above each other",
+                fix="move one of the two units",
             )
 
     @property
@@ -168,8 +183,9 @@ class RangingPosition:
     def locate(self, ranges: Any, arrived: Any, unit: Any, near: Any, known: Any) -> _UnitLocation:
         """Return a unit's position (2,) from measured ranges (n,), with its quality.
 
-        ranges: as measured (m), shape (n,).  arrived: which there are, shape (n,).  unit: which unit they belong to.
-        near: place of the fix before (m), shape (2,).  known: whether there was one.
+        ranges: as measured (m), shape (n,).  arrived: True for each range that arrived, shape (n,).  unit: index of the
+            unit.
+        near: position of the previous fix (m), shape (2,).  known: True if there was a previous fix.
         """
         beacons = jnp.asarray(self.beacons)
         plan, height = beacons[:, :2], self.down + jnp.asarray(self.units)[unit, 2] - beacons[:, 2]
@@ -206,7 +222,7 @@ class RangingPosition:
     def _reject_outlier(
         self, plan: Any, height: Any, ranges: Any, usable: Any, near: Any, known: Any
     ) -> tuple[Solution, Any]:
-        """Return the solution of all ranges, or without the one outlier, and the index of that one, -1 for none."""
+        """Return the solution of all ranges, or without the one outlier, and its index, -1 without one."""
         fewest = 5 if self.solver == "closed form" else 4
         if np.shape(self.beacons)[0] < fewest:
             return self._solve(plan, height, ranges, usable, near, known), jnp.asarray(-1)

@@ -40,19 +40,24 @@ class RangeErrorModel:
     )
     gate: Scalar = quantity("1", "NIS gate for ranges.", default=15.137, above=0)
     patience: Scalar = quantity(
-        "1", "Consecutive rejections after which a beacon, or all, are doubted; 0: never.", default=8, kind="count"
+        "1",
+        "Number of consecutive rejections after which a beacon, or the filter, is doubted; 0: never.",
+        default=8,
+        kind="count",
     )
     wide: Scalar = quantity(
         "m", "Position sigma above which ranges must first agree with each other.", default=0.1, above=0
     )
-    residual: Scalar = quantity("m", "Largest disagreement of the ranges in that case.", default=0.05, above=0)
+    residual: Scalar = quantity(
+        "m", "Largest residual at which ranges count as agreeing with each other.", default=0.05, above=0
+    )
     survey_errors: str = option(
         "Treatment of the beacons' errors: considered, estimated, or ignored (overconfident).",
         default="consider",
         choices=("consider", "estimate", "ignore"),
     )
     second_order: bool = option(
-        "Include the range's curvature, which matters while the position is uncertain.",
+        "True to include the range's curvature, which matters while the position is uncertain.",
         default=True,
         choices=(True, False),
     )
@@ -74,20 +79,24 @@ class RangeFix:
     normalised: Any = quantity("1", "Innovations divided by their standard deviations.")
     nis: Any = quantity("1", "NIS of each range.")
     accepted: Any = quantity("1", "True for each range that was used.", kind="flag")
-    refused_in_a_row: Any = quantity("1", "Ranges of each beacon rejected since one was used.", kind="count")
+    refused_in_a_row: Any = quantity(
+        "1", "Number of ranges of each beacon rejected since its last accepted range.", kind="count"
+    )
     moved: Any = quantity("1", "True for each beacon found away from its surveyed position.", kind="flag")
     error: Any = quantity("m", "Estimated error of each beacon's ranges.")
     sigma_error: Any = quantity("m", "Standard deviation of the range error of each beacon.")
     scale: Scalar = quantity("1", "Scale error common to all ranges; positive when they are too long.")
     sigma_scale: Scalar = quantity("1", "Standard deviation of the scale error.")
     unit: Scalar = quantity("1", "Index of the unit that pinged.", kind="count")
-    used: Scalar = quantity("1", "Ranges used so far.", kind="count")
-    rejected: Scalar = quantity("1", "Ranges rejected so far.", kind="count")
-    invalid: Scalar = quantity("1", "Ranges that were not positive numbers.", kind="count")
+    used: Scalar = quantity("1", "Number of ranges used so far.", kind="count")
+    rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
+    invalid: Scalar = quantity("1", "Number of received ranges that were not positive numbers.", kind="count")
     agreed_in_a_row: Any = quantity(
-        "1", "Consecutive ranges of a moved beacon that agreed with its survey.", kind="count"
+        "1", "Number of consecutive ranges of a moved beacon that agreed with its surveyed position.", kind="count"
     )
-    mostly_refused: Scalar = quantity("1", "Consecutive pings in which most ranges were rejected.", kind="count")
+    mostly_refused: Scalar = quantity(
+        "1", "Number of consecutive pings in which most ranges were rejected.", kind="count"
+    )
     tracking: Scalar = quantity("1", "True while the filter runs; otherwise it waits for a start.", kind="flag")
     starts: Scalar = quantity("1", "Number of starts of the filter.", kind="count")
 

@@ -28,10 +28,10 @@ UNKNOWNS = 6
 class RangingStart:
     """Normal equations so far, and the motion since the first located ping. Source: this module."""
 
-    N: Any = quantity("1", "Information of (p0, v0, c, s).", shape=(UNKNOWNS, UNKNOWNS))
+    N: Any = quantity("1", "Information matrix of the unknowns (p0, v0, c, s).", shape=(UNKNOWNS, UNKNOWNS))
     g: Any = quantity("1", "Right-hand side of the normal equations.", shape=(UNKNOWNS,))
     square: Scalar = quantity("1", "Weighted sum of squares of the measurements, relative to `centre`.")
-    centre: Any = quantity("m", "First position; the origin of the unknowns.", frame="W", shape=(2,))
+    centre: Any = quantity("m", "First located position, the origin of the unknown positions.", frame="W", shape=(2,))
     pings: Scalar = quantity("1", "Number of located pings used.", kind="count")
     elapsed: Scalar = quantity("s", "Time since the first located ping.")
     turn: Scalar = quantity("rad", "Angle turned since the first located ping.", kind="angle")
@@ -42,7 +42,7 @@ class RangingStart:
 class StartSolution(NamedTuple):
     """Heading, velocity and position now (5,), their covariance (5, 5), whether they can be trusted.
 
-    inconsistent: there are enough pings, and they don't agree with each other.
+    inconsistent: True if there are enough pings that don't agree with each other.
     """
 
     x: Any
@@ -91,7 +91,7 @@ def solve_start(start: RangingStart, sigmas: Any, *, enough: Any, longest: Any, 
     Args:
         start: the equations.
         sigmas: of the biases of gyro and accelerometers (2,); their effect over the elapsed time is added.
-        enough: least number of pings; twice as many without an answer contradict each other.
+        enough: least number of pings; twice as many pings without a solution count as inconsistent.
         longest: time (s) after which the IMU's errors have made the first ping useless.
         heading_limit: largest accepted sigma of the heading (rad).
     """

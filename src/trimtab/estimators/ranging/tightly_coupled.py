@@ -48,10 +48,10 @@ class TightNode:
     imu_reading: Any = quantity(
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
-    untrusted: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
+    untrusted: Any = quantity("1", "Flags (2,): 1 if the gyro, 1 if the accelerometers cannot be trusted.", shape=(2,))
     x: Any = quantity("1", "State in the order of Belief.x, then the scale and each beacon's error; (9 + n,).")
     P: Any = quantity("1", "Covariance of estimate minus truth (9 + n, 9 + n).")
-    force: Any = quantity("m/s^2", "Specific force in the Jacobian, without bias.", frame="B", shape=(2,))
+    force: Any = quantity("m/s^2", "Specific force without bias, low-passed for the Jacobian.", frame="B", shape=(2,))
     steady: Any = quantity("m/s^2", "Specific force, low-passed to detect rest.", frame="B", shape=(2,))
     start: RangingStart = part("Pings collected until the filter can start.")
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
@@ -73,7 +73,7 @@ class TightlyCoupled:
     """
 
     intake: Intake = part(
-        "Selection and checks of the samples; `position` names the ranging.",
+        "Sensors that are read, and checks of their samples; `position` names the ranging sensor.",
         default=Intake(heading="", position="ranging", slots=48),
     )
     noise: InertialNoise = part("Noise of the IMU and of the heading sensor.", default=InertialNoise())
@@ -91,16 +91,20 @@ class TightlyCoupled:
     )
     rest_sigmas: Scalar = quantity(
         "1",
-        "Force below this many of its sigmas counts as zero, as in the coupled form; for one unit only.",
+        "A force below this many of its sigmas counts as zero, as in the coupled form; used with one unit only.",
         default=3.0,
         low=0,
     )
     start_sigma: Scalar = quantity(
         "m", "Standard deviation of a range during the start, including its constant errors.", default=0.03, above=0
     )
-    start_heading: Scalar = quantity("rad", "Heading sigma that is sufficient to start.", default=0.25, above=0)
-    start_time: Scalar = quantity("s", "Longest duration of a start.", default=3.0, above=0)
-    cone: bool = option("Model the cone error: ranges are too long off the axis.", default=True, choices=(True, False))
+    start_heading: Scalar = quantity(
+        "rad", "Largest heading sigma with which the filter starts.", default=0.25, above=0
+    )
+    start_time: Scalar = quantity("s", "Longest time over which pings are collected for a start.", default=3.0, above=0)
+    cone: bool = option(
+        "True to model the cone error: ranges are too long off the beacon's axis.", default=True, choices=(True, False)
+    )
     begins: str = option('From "ranges", or as `start` says ("given").', default="ranges", choices=("ranges", "given"))
 
     AIDED_BY: ClassVar[str] = "ranges"
@@ -110,7 +114,9 @@ class TightlyCoupled:
         """Raise InputError if the intake is invalid, or beacons or units are not lists of positions."""
         self.intake.check()
         if not self.intake.position:
-            raise InputError("TightlyCoupled.intake.position", "no ranging sensor is named", fix="name it")
+            raise InputError(
+                "TightlyCoupled.intake.position", "intake.position must name the ranging sensor", fix="name it"
+            )
         check_positions("TightlyCoupled", self)
 
     def init(self, key: Key) -> InertialState:

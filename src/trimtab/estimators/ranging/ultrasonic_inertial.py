@@ -32,7 +32,7 @@ class HeadingMeasurement:
     """Heading with its variance. Source: [1] section 5.4."""
 
     heading: Scalar = quantity("rad", "Angle from north to the body's x axis.", kind="angle")
-    variance: Scalar = quantity("rad^2", "Variance of the heading; 0: the filter's own value for headings.")
+    variance: Scalar = quantity("rad^2", "Variance of the heading; 0 means the filter's noise.heading.")
 
 
 @record
@@ -48,7 +48,7 @@ class PositionMeasurement:
 class UltrasonicInertialState:
     """States of both stages. Source: docs page."""
 
-    positioning: RangingPositionState = part("State of the positioning.")
+    positioning: RangingPositionState = part("State of the positioning from ranges.")
     inertial: InertialState = part("State of the INS.")
 
 
@@ -88,8 +88,10 @@ class UltrasonicInertial:
     Source:  [1] sections 5.4 and 5.5.
     """
 
-    positioning: RangingPosition = part("Stage from ranges to a fix.", default=RangingPosition(units=PAIR))
-    inertial: Any = part("Form of the INS.", default=AidedInertialFeedback())
+    positioning: RangingPosition = part(
+        "Positioning, which computes fixes from ranges.", default=RangingPosition(units=PAIR)
+    )
+    inertial: Any = part("Inertial navigation that fuses the fixes.", default=AidedInertialFeedback())
     range_noise: Scalar = quantity("m", "Standard deviation of a range.", default=0.0045, above=0)
     survey_error: Scalar = quantity(
         "m",
@@ -101,7 +103,9 @@ class UltrasonicInertial:
         "m/s", "Speed assumed for the vehicle before its motion is known.", default=1.0, above=0
     )
     field: Any = quantity("T", "Earth's field for the magnetometer.", frame="W", default=COLLEGE_PARK, shape=(3,))
-    magnetometer: str = option("Name of the magnetometer; empty: heading from two units, if there are two.", default="")
+    magnetometer: str = option(
+        "Name of the magnetometer; empty to compute the heading from two units, if there are two.", default=""
+    )
 
     @property
     def listens(self) -> tuple[str, ...]:
