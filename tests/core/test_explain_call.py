@@ -18,7 +18,11 @@ WRONG = {
     "another package's name": (lambda: load(filename="a"), "unknown argument 'filename'", "write path=…"),
     "another function's argument": (lambda: load("a", mass=3), "unknown argument 'mass'", "load(build(mass=…))"),
     "a time without its name": (lambda: load("a", 10), "the argument 10 has no name", 'write duration="10 s"'),
-    "a text without its name": (lambda: load("a", "b"), "the argument 'b' has no name", "with one of these names"),
+    "a text without its name": (
+        lambda: load("a", "b"),
+        "the argument 'b' has no name",
+        "with one of the choices as NAME",
+    ),
     "a missing argument": (lambda: load(), "missing a required argument: 'path'", "load(path=…)"),
     "settings of a simulation": (
         lambda: simulate("hovercraft/spin", settings={"world.vehicle.mass": 3}),

@@ -80,7 +80,7 @@ def test_the_paths_are_whole_and_each_stands_once():
         ("always(p < 1)", 8, "Fix: write p[0]"),
         ("always(p[3] < 1)", 8, "'p' has 3 components"),
         ("always(yaw_rate[0] < 1)", 8, "has no components"),
-        ("always(1 < 2) and always(yaw_rate < 1)", 10, "two constants are compared"),
+        ("always(1 < 2) and always(yaw_rate < 1)", 10, "both sides of the comparison are constants"),
     ],
 )
 def test_what_does_not_fit_is_refused_where_it_stands(text, column, says):

@@ -98,7 +98,7 @@ def test_symbols_are_not_taken_for_names():
     ("unit", "kept"), [("deg", "rad"), ("deg/s", "rad/s"), ("km/h", "m/s"), ("lb", "kg"), ("ms", "s")]
 )
 def test_refuses_a_declared_unit_that_is_not_kept(unit, kept):
-    with pytest.raises(InputError, match=f"must be {kept}, in which the value is kept, got {unit}") as refused:
+    with pytest.raises(InputError, match=f"must be {kept}, in which the value is stored, got {unit}") as refused:
         quantity(unit, "Course.", default=90.0)
     assert f'quantity("{kept}"' in refused.value.fix
 

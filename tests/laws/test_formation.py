@@ -127,5 +127,5 @@ def test_a_command_depends_on_the_craft_s_own_estimate_and_messages_alone():
 
 
 def test_a_leader_that_nobody_could_follow_is_refused():
-    with pytest.raises(InputError, match="below that of the points"):
+    with pytest.raises(InputError, match=r"must be below separation\.speed"):
         Formation(pace=0.4).check()

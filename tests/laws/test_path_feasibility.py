@@ -106,7 +106,7 @@ def test_what_the_fix_says_is_feasible():
 
 @pytest.mark.thorough
 def test_a_path_without_period_says_how_much_slower():
-    with pytest.raises(InputError, match=r"let it take 1\.\d\d times as long") as refused:
+    with pytest.raises(InputError, match=r"make the reference 1\.\d\d times slower") as refused:
         refuse_infeasible(REFUSED["fast way-points"][0], PLANT, LIMITS, 40.0)
     factor = float(re.search(r"take ([\d.]+) times", refused.value.fix)[1])
     refuse_infeasible(pass_waypoints([[0, 0], [3, 0], [3, 3], [0, 4]], 0.9 / factor), PLANT, LIMITS, 40.0 * factor)

@@ -38,5 +38,5 @@ def test_its_outputs_are_scipy_s_and_held_between():
 
 def test_matrices_that_do_not_fit_are_refused():
     for change in ({"A": np.zeros((2, 3))}, {"B": np.zeros((1, 2))}, {"C": np.zeros(2)}, {"D": np.zeros((2, 3))}):
-        with pytest.raises(InputError, match="don't fit"):
+        with pytest.raises(InputError, match="do not match"):
             law(**change).check()

@@ -23,14 +23,14 @@ def found(least):
 
 
 @pytest.mark.thorough("-0.25-failure, margin -0.25")
-@pytest.mark.parametrize(("least", "said"), [(-0.25, "failure, margin -0.25"), (0.1, "no failure, least margin 0.1")])
+@pytest.mark.parametrize(("least", "said"), [(-0.25, "failure, margin -0.25"), (0.1, "no failure; smallest margin 0.1")])
 def test_least_so_far_and_the_worst_point_are_drawn(tmp_path, least, said):
     made = found(least)
     figure = plot_falsify(made, tmp_path / "worst.png", title="a search")
     assert (tmp_path / "worst.png").stat().st_size > 5000
     assert figure.get_suptitle() == f"a search: {said}"
     left, right = figure.axes
-    (so_far,) = [line for line in left.lines if line.get_label() == "least so far"]
+    (so_far,) = [line for line in left.lines if line.get_label() == "smallest so far"]
     assert so_far.get_ydata()[-1] == least
     assert so_far.get_xdata()[-1] == 160
     assert np.array_equal(right.lines[-1].get_xdata(), made.point)
@@ -48,7 +48,7 @@ def test_steps_and_intervals_are_drawn(tmp_path, method):
     made = TuningResult(CampaignPlan("a"), method, {}, *gains, steps, [], seen, held, 320, 1.0)
     figure = plot_tune(made, tmp_path / "tune.png", title="a tuning")
     assert (tmp_path / "tune.png").stat().st_size > 5000
-    assert figure.get_suptitle() == "a tuning: does NOT help in runs it did not see"
+    assert figure.get_suptitle() == "a tuning: does NOT help in runs not used for the tuning"
     cost, gain, worth = figure.axes
     assert np.allclose(cost.lines[0].get_ydata(), [1, 1 / 2, 1 / 3, 1 / 4, 1 / 5])
     assert np.allclose(gain.lines[0].get_ydata(), [0.1, 0.2, 0.3, 0.4, 0.5])

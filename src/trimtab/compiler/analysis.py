@@ -1,6 +1,5 @@
-"""Analysis of a program before it becomes text: needed results, and values that agree in all runs of a batch.
-
-What is the same in every run is computed once, and branches on it stay branches.
+"""Analysis of a program before it is written as C: which values are needed, and which differ between the runs of a
+batch. Values that are the same in all runs are computed once, and branches on such values stay branches.
 """
 
 from typing import Any
@@ -21,7 +20,7 @@ class _NeededValues:
         self.todo: list[Value] = []
 
     def collect_uses(self, block: Block, around: list[Any]) -> None:
-        """Note the writers of each buffer, and the requirements of each value besides its operands."""
+        """Record which statements write each buffer, and what each value requires besides its operands."""
         for item in block.items:
             if isinstance(item, Define):
                 self.operands[id(item.value)] = [*item.value.args, *_enclosing_tests(around)]
@@ -136,7 +135,7 @@ class VaryingValues:
 def find_varying(blocks: list[Block], inputs: list[Any], feedback: list[tuple[Any, Any]]) -> VaryingValues:
     """Return the values and buffers that differ between runs if these inputs do.
 
-    feedback: (state as it comes in, state as it goes out) of what the caller carries from call to call.
+    feedback: pairs of a state's input and output, for states that the caller carries from call to call.
     """
     varying = VaryingValues(set(), set())
     for thing in inputs:
@@ -179,9 +178,9 @@ def _mark_block(block: Block, varying: VaryingValues, masked: bool) -> None:
 
 
 CHEAP = ("sqrt", "floor", "ceil", "round_even", "round_away")
-"""Elementary functions that take one or two instructions."""
+"""Elementary functions that compile to one or two instructions."""
 CALL, TURNS = 40, 16
-"""Assumed operations of an elementary function, and turns of a loop that ends on data."""
+"""Assumed number of operations of an elementary function, and of iterations of a loop whose end depends on data."""
 
 
 def vector_share(blocks: list[Block]) -> float:
@@ -216,7 +215,7 @@ def _is_cheap(item: Any) -> bool:
 
 
 def defined_values(blocks: list[Block]) -> list[Value]:
-    """Return all values that are computed in some blocks, nested ones included."""
+    """Return all values that are computed in these blocks, nested blocks included."""
     values: list[Value] = []
     for block in blocks:
         for item in block.items:

@@ -1,4 +1,4 @@
-"""Arrays while a program is lowered: small ones are scalars by index, large ones a buffer that loops run over."""
+"""Arrays during lowering. A small array is a scalar for each index; a large array is a buffer, processed by loops."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -18,7 +18,7 @@ Index = list[Value]
 
 
 class ElementUpdate(NamedTuple):
-    """Element to be written: its row-major position, its value, and whether it is written at all."""
+    """Pending write of an element: row-major position, value, and the condition under which it is written."""
 
     position: Value
     number: Value

@@ -29,12 +29,12 @@ class BlockDefinition(NamedTuple):
     """Definition of a block, before it becomes text.
 
     Attributes:
-        name: before every name in the text.
-        doc: one line on what it is.
+        name: prefix of all names in the C text.
+        doc: one-line description.
         step: (parameters, state, input) -> (state, output); pure.
         init: parameters -> first state.
         parameters: tree of records of numbers: the parameters with their defaults.
-        input: tree of records of the shape of the input; its numbers play no part.
+        input: tree of records with the shapes of the input; the values are not used.
     """
 
     name: str
@@ -66,7 +66,7 @@ class BlockText(NamedTuple):
     flags: tuple[str, ...] = ()
 
     def call(self, p: str, s: str, in_: str, out: str, workspace: str) -> str:
-        """Return the text of a step."""
+        """Return the C statement that calls the step."""
         name = self.name if self.is_function else f"{self.name}_step"
         given = [in_, out] if self.is_function else [p, s, in_, out]
         return f"{name}({', '.join([*given, *([workspace] if self.workspace else [])])});"
@@ -138,7 +138,7 @@ def _step_arguments(name: str, alone: bool) -> list[tuple[str, str]]:
 
 
 def _function_heads(name: str, workspace: int, alone: bool) -> tuple[str, str, str]:
-    """Return declarations of defaults, init and step; for a function only the last."""
+    """Return declarations of defaults, init and step; for a pure function only of its call."""
     more = ", void *workspace" if workspace else ""
     if alone:
         return "", "", f"{name}(const {name}_in *in, {name}_out *out{more})"
@@ -291,7 +291,7 @@ class _Routine:
             copy_into(self.b, target, source)
 
     def has_data_dependent_loop(self) -> bool:
-        """Return True if some loop runs as long as a condition holds."""
+        """Return True if the program has a loop whose number of iterations depends on data."""
         return _has_while_loop(self.blocks)
 
     def write_body(self, w: Writer, function: str, arguments: list[tuple[str, str]]) -> _Body:

@@ -1,4 +1,4 @@
-"""Any function of JAX as a compiled one: `trimtab.compile`, the door to the compiler."""
+"""Compilation of any JAX function: `trimtab.compile`."""
 
 import inspect
 import threading
@@ -25,7 +25,7 @@ from trimtab.core.quantity import Option, declarations, is_record
 
 LANES = (1, 4, 8)
 VECTORS = 0.98
-"""Share of a single run's operations in loops over arrays from which lanes gain nothing."""
+"""Share of operations in vectorised loops above which side-by-side runs (lanes) save no time."""
 PART = "compile"
 
 
@@ -42,7 +42,8 @@ def compile(
     Args:
         function: pure; arrays, numbers, and trees of them (tuples, lists, dicts, records) in and out. Gradients too:
             ``compile(jax.grad(f), x)``.
-        example: its arguments. Shapes and types are those that the compiled function takes; the numbers play no part.
+        example: example arguments. Shapes and types are those that the compiled function takes; the numbers play no
+        part.
             Numbers of Python are float64 and int64. The function is traced with ``jax.enable_x64``; the user's own
             setting ``jax_enable_x64`` stays as it is.
             Numbers of Python are float64 and int64. The function is traced with ``jax.enable_x64``; the user's own
@@ -118,7 +119,7 @@ class CompiledFunction:
         )
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        """The function at these arguments.
+        """Call the function with these arguments.
 
         Raises InputError for arguments of another structure, shape or type than the example's.
         """
@@ -127,7 +128,7 @@ class CompiledFunction:
         return self._call(*arguments)
 
     def lanes(self, *arguments: Any) -> Any:
-        """The function at many arguments: each array with one axis more, the first, that counts the runs.
+        """Call the function for many runs: each array has an additional first axis, the number of the run.
 
         An array of the example's own shape is the same for all runs. Results have the same axis. It is
         ``jax.vmap``, computed side by side in lanes and shared by threads; the bits are those of single calls.
@@ -189,7 +190,7 @@ class CompiledFunction:
         except KeyError as missing:
             raise self._refusal(f"argument {missing.args[0]!r} is missing") from None
         if rest:
-            raise self._refusal(f"there is no argument {next(iter(rest))!r}", choices=self._names)
+            raise self._refusal(f"the function has no argument {next(iter(rest))!r}", choices=self._names)
         return placed
 
     def _normalise(self, *arguments: Any) -> tuple[Any, ...]:
@@ -221,7 +222,7 @@ class CompiledFunction:
             have = (
                 ", ".join(f"{self._path(p)} has {n} runs" for n, p in counts.items()) or "no array has an axis of runs"
             )
-            raise self._refusal(have, fix="give arrays an axis more, the first, of one length in all")
+            raise self._refusal(have, fix="give arrays an additional first axis, of the same length in all")
         return arrays, next(iter(counts), 1)
 
     def _array(self, path: Any, value: Any, wanted: ArrayType, batch: bool) -> Any:

@@ -1,4 +1,4 @@
-"""Folder of a block as C: its text, a test that anyone can run, and the samples for that test."""
+"""Export folder of a block: its C text, a test program, and the test's data."""
 
 import json
 from collections.abc import Callable
@@ -332,5 +332,5 @@ def export_function(
 
 
 def _row(tree: Any) -> Any:
-    """Return all numbers of a tree in a row."""
+    """Return all numbers of a tree in one flat array."""
     return np.concatenate([np.zeros(0, object), *(exact_numbers(v).ravel() for v in jax.tree.leaves(tree))])

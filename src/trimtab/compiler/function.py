@@ -84,7 +84,7 @@ class Function:
         return vector_share(self.blocks)
 
     def _result_names(self) -> dict[int, str]:
-        """Name the buffers in the caller's arrays, because they are results unchanged."""
+        """Let the buffers that are results lie in the caller's arrays."""
         own = {id(i.buffer) for block in (self.b.prologue, self.b.top) for i in block.items if isinstance(i, Local)}
         names: dict[int, str] = {}
         for i, a in enumerate(self.outputs):

@@ -25,7 +25,10 @@ class Buffer:
 
     def __init__(self, dtype: str, size: int, kind: str, name: str = "", data: Any = None) -> None:
         if size > LARGEST:
-            problem, fix = f"an array has {size} numbers", f"work on parts of at most {LARGEST}: indices have 32 bits"
+            problem, fix = (
+                f"an array has {size} numbers",
+                f"split the array into parts of at most {LARGEST} numbers: indices have 32 bits",
+            )
             raise InputError("compiler", problem, fix=fix)
         self.dtype, self.size, self.kind, self.name, self.data = dtype, size, kind, name, data
 

@@ -1,4 +1,4 @@
-"""Least squares between bounds in flight: an active set, a fixed number of plain operations, no exception.
+"""Least squares between bounds for flight code: an active-set method with a fixed number of steps and no exceptions.
 
     minimise  x.H x/2 + g.x    subject to  low <= x <= high
 
@@ -14,11 +14,11 @@ import jax.numpy as jnp
 from trimtab.core.linalg import solve_spd
 
 ROUNDING = 1e-9
-"""Relative tolerance of the tests against bounds and of the signs of multipliers."""
+"""Relative tolerance when a number is compared with its bound, or a multiplier with zero."""
 
 
 class BoxSolution(NamedTuple):
-    """x (n,); side (n,): -1 at the lower bound, 1 at the upper, 0 between; solved: no further step would help."""
+    """x (n,); side (n,): -1 at the lower bound, 1 at the upper, 0 between. solved: True if x is the minimum."""
 
     x: Any
     side: Any
@@ -28,16 +28,16 @@ class BoxSolution(NamedTuple):
 def solve_box_least_squares(H: Any, g: Any, low: Any, high: Any, start: Any, *, steps: int) -> BoxSolution:
     """Return the x between bounds that minimises x.H x/2 + g.x. `solved` is False if `steps` steps were not enough.
 
-    Each step goes to the least for those that are between their bounds. A bound in the way is held; one that is held
-    and pulls inward is let go, the strongest first [1, algorithm 1]. Twice as many steps as unknowns are nearly always
-    enough. low = high holds an unknown for ever.
+    Each step minimises over the unknowns that are not held at a bound. An unknown that reaches a bound is held there. A
+    held unknown whose multiplier points inward is released, the largest multiplier first [1, algorithm 1]. Twice as
+    many steps as unknowns are nearly always enough. An unknown with low = high is always held.
 
     Args:
         H: symmetric positive definite (n, n).
         g: (n,).
         low, high: bounds (n,), low <= high.
-        start: first x (n,), put between the bounds.
-        steps: largest number of steps of the active set.
+        start: initial x (n,), which is clipped to the bounds.
+        steps: maximum number of steps.
     """
     x = jnp.clip(start, low, high)
     fixed = high <= low

@@ -1,4 +1,4 @@
-"""The user's cache: folders of this user's alone, for code that will be run again."""
+"""The user's cache: private folders for compiled code, which is run again later."""
 
 import hashlib
 import os
@@ -6,13 +6,13 @@ from pathlib import Path
 
 
 def cache_folder(name: str) -> Path:
-    """Return the folder `name` of the cache, made if need be: absolute, this user's own, writable by nobody else.
+    """Return the absolute path of the folder `name` of the cache; create it if it is missing.
+
+    Only this user can write there.
 
     The cache is $TRIMTAB_CACHE, else trimtab where this system keeps caches: on Linux below $XDG_CACHE_HOME or
-    ~/.cache, on macOS below ~/Library/Caches. That the file system is full or read-only shows only when something is
-    written.
-
-    Raises OSError where there can be no such folder, PermissionError where it isn't safe to run what lies there.
+    ~/.cache, on macOS below ~/Library/Caches. Raises OSError if the folder cannot be created, PermissionError if others
+    could change the code in it. A full or read-only file system is noticed only at the first write.
     """
     cache = os.environ.get("TRIMTAB_CACHE")
     if not cache:
@@ -21,7 +21,7 @@ def cache_folder(name: str) -> Path:
         try:
             cache = platformdirs.user_cache_dir("trimtab", appauthor=False)
         except RuntimeError as unknown:
-            raise FileNotFoundError(f"no home folder: {unknown}") from unknown
+            raise FileNotFoundError(f"the home folder is unknown: {unknown}") from unknown
     folder = Path(cache).absolute() / name
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not is_owned_by_user(folder.stat()):
@@ -45,7 +45,7 @@ def enable_cache() -> None:
 
 
 def package_stamp() -> str:
-    """Changes when a file of this package does: by names, sizes and times alone, which takes milliseconds."""
+    """Return a hash that changes with the package's files. It uses only their names, sizes and times, to be fast."""
     files = sorted(Path(__file__).parents[1].rglob("*.py"))
     about = [f"{file} {(s := file.stat()).st_mtime_ns} {s.st_size}" for file in files]
     return hashlib.sha256("\n".join(about).encode()).hexdigest()

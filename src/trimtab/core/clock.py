@@ -1,4 +1,4 @@
-"""Clocks: code that waits or reads the time is handed a Clock, so that it also runs in virtual time.
+"""Clocks. Code that waits or reads the time gets a Clock as an argument, so that it also runs in virtual time.
 
 The system's clock is `SYSTEM_CLOCK`. The virtual clock is `trimtab.flight.virtual_time`.
 Source: docs page, Testing.
@@ -10,19 +10,19 @@ from typing import Protocol
 
 NS_PER_SECOND = 1_000_000_000
 SELECTABLE = 1024
-"""Descriptors from this number on are too large for select()."""
+"""Smallest file descriptor that is too large for select()."""
 
 
 class Waitable(Protocol):
     """An object that can become ready to read, such as a socket."""
 
     def fileno(self) -> int:
-        """Return the descriptor of the object, -1 once it is closed."""
+        """Return the file descriptor of the object, or -1 after it is closed."""
         ...
 
 
 class Clock(Protocol):
-    """The time of one process, and the only call by which live code waits."""
+    """Time of one process, and the call with which live code waits."""
 
     def monotonic_ns(self) -> int:
         """Return the monotonic time (ns)."""
@@ -37,7 +37,7 @@ class Clock(Protocol):
         ...
 
     def wait(self, ready: Waitable | None, timeout: float) -> bool:
-        """Wait until an object is ready to read; return False when `timeout` seconds have passed before.
+        """Wait until an object is ready to read. Return False if it is not ready after `timeout` seconds.
 
         Args:
             ready: object to wait for. None: wait for the timeout only.
@@ -62,7 +62,7 @@ class SystemClock:
         return time.thread_time_ns()
 
     def wait(self, ready: Waitable | None, timeout: float) -> bool:
-        """Wait until an object is ready to read; return False when `timeout` seconds have passed before."""
+        """Wait until an object is ready to read. Return False if it is not ready after `timeout` seconds."""
         if ready is None:
             time.sleep(max(timeout, 0.0))
             return False

@@ -1,4 +1,4 @@
-"""Control characters in text of unknown origin: shown as escapes, because a terminal would obey them."""
+"""Control characters in text of unknown origin, shown as escapes, because a terminal would execute them."""
 
 import unicodedata
 
@@ -7,14 +7,14 @@ KEPT = "\n\t"
 
 
 def show_controls(text: str, kept: str = "") -> str:
-    r"""Return text with control and direction characters as escapes; the others stay as they are.
+    r"""Return a text with control and direction characters replaced by escapes.
 
     >>> show_controls("mass\n\x1b[2Kproved")
     'mass\\n\\x1b[2Kproved'
 
     Args:
         text: a name or a value read from a file.
-        kept: control characters that stay, e.g. KEPT for text of several lines.
+        kept: control characters that are not replaced, e.g. KEPT for several lines.
     """
     if text.isprintable():
         return text

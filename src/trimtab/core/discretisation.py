@@ -1,4 +1,5 @@
-"""A discrete model of a continuous one, exact while what acts on it is held: pure, no LAPACK, so that it flies.
+"""Discretisation of a linear model, exact for an input held over the step. Pure functions without LAPACK, for flight
+code.
 
 Source: Van Loan, "Computing integrals involving the matrix exponential", IEEE Trans. AC 23 (1978); Moler, Van Loan,
 "Nineteen dubious ways to compute the exponential of a matrix", SIAM Review 20 (1978), method 3.
@@ -12,11 +13,11 @@ import jax.numpy as jnp
 from trimtab.core.linalg import symmetric
 
 SQUARINGS, TERMS = 6, 12
-"""A Taylor series of A/2^6, squared six times: exact to rounding while the largest row sum of |A| is below 32."""
+"""Order of the Taylor series of A/2^6, which is squared six times: exact for a row sum of |A| below 32."""
 
 
 class DiscreteModel(NamedTuple):
-    """x_k+1 = Ad x_k + Bd b + w over a step, b held: Bd is the integral of expm(A s), Qd covers w; all (n, n)."""
+    """Model x_k+1 = Ad x_k + Bd b + w of a step, b held. Bd: integral of expm(A s). Qd: covariance of w (n, n)."""
 
     Ad: Any
     Bd: Any
@@ -24,7 +25,7 @@ class DiscreteModel(NamedTuple):
 
 
 def matrix_exponential(A: Any) -> Any:
-    """Return expm(A) (n, n), for a largest row sum of |A| below 32. Scaling, Taylor, squaring."""
+    """Return expm(A) (n, n) by scaling, a Taylor series and squaring. The largest row sum of |A| must be below 32."""
     n = A.shape[0]
     X, one = A / 2.0**SQUARINGS, jnp.eye(n)
 
@@ -36,9 +37,9 @@ def matrix_exponential(A: Any) -> Any:
 
 
 def discretise(A: Any, Q: Any, dt: Any) -> DiscreteModel:
-    """x' = A x + b + w over a step.
+    """Return the discrete model of x' = A x + b + w over a step.
 
-    A: (n, n).  Q: power spectral density of w (n, n), symmetric.  dt: (s); A dt as `matrix_exponential` takes it.
+    A: (n, n).  Q: power spectral density of w (n, n), symmetric.  dt: step (s); A dt as for `matrix_exponential`.
     """
     n = A.shape[0]
     zero, one = jnp.zeros((n, n)), jnp.eye(n)

@@ -1,9 +1,9 @@
-"""Errors before the loop: each names the part, the value, the valid choices and the fix.
+"""Errors raised before a run. Each names the part, the value, the valid choices and the fix.
 
 Inside the loop nothing raises; staleness, rejection and saturation are signals.
 
-A fix is spelled in its reader's language: ``runs=1000`` in Python, ``--runs 1000`` at the command line. Who raises it
-says `argument("runs", 1000)`; who has another reader than Python says so by `spell_with`.
+A fix is spelled in its reader's language: ``runs=1000`` in Python, ``--runs 1000`` at the command line. Code that
+raises an error writes `argument("runs", 1000)`. Code with readers outside Python sets their spelling by `spell_with`.
 """
 
 import shlex
@@ -29,9 +29,9 @@ class InputError(ValueError):
     'm' is not a unit of this quantity, which is in kg ('kg', 'g', 'lb')
 
     Args:
-        part: what refuses, e.g. ``world.vehicle.mass`` or ``scenario 'hovercraft/spin'``.
+        part: the part that rejects the value, e.g. ``world.vehicle.mass`` or ``scenario 'hovercraft/spin'``.
         problem: what is wrong, with the value.
-        choices: the valid values, where they can be listed.
+        choices: the valid values, if they can be listed.
         fix: what to type or write instead.
     """
 
@@ -45,41 +45,41 @@ class InputError(ValueError):
         super().__init__(text)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Rebuild from the parts, so that it passes from a worker process whole."""
+        """Return what pickle rebuilds the error from, so that it passes complete from a worker process."""
         return partial(type(self), choices=self.choices, fix=self.fix), (self.part, self.problem)
 
 
 Spelling = Callable[[str, Any, str | None], str]
-"""Function that writes an argument. It takes the name in Python, the value (None: name only), and the path."""
+"""Function that spells an argument, from its name in Python, its value (None: name only), and its path."""
 
 
 def argument(name: str, value: Any, path: str | None = None) -> str:
-    """Return an argument as the reader types it, for a fix.
+    """Return an argument as the reader has to type it, for the fix of an error.
 
     >>> argument("runs", 1000), argument("settings", "20 ms", "autopilot.period")
     ('runs=1000', 'settings={"autopilot.period": "20 ms"}')
 
     Args:
-        name: of the parameter in Python.
-        value: a number, True or False, a text, or a list of texts where it may be given several times.
-        path: where the argument has a value for each path, that one.
+        name: name of the parameter in Python.
+        value: a number, True or False, a text, or a list of texts for an argument that may be repeated.
+        path: the path whose value is given, for an argument with one value for each path.
     """
     return _SPELLING.get()(name, value, path)
 
 
 def argument_name(name: str, of: str | None = None) -> str:
-    """Return the argument itself, for the part that refuses. of: which of several, by its path or its text."""
+    """Return the name of an argument, for the part of an error. of: path or text that selects one of several values."""
     return _SPELLING.get()(name, None, of)
 
 
 def command(shell: str, python: str) -> str:
-    """Return what the reader types: a command of the shell, or a call in Python."""
+    """Return the shell command or the Python call, depending on where the reader types."""
     return python if argument_name("name") == "name" else shell
 
 
 @contextmanager
 def spell_with(spelling: Callable[[Spelling, str, Any, str | None], str]) -> Iterator[None]:
-    """Within it, in this thread, arguments are written so. It is given how they are written without it, too, first."""
+    """Context in which a function spells this thread's arguments. Its first argument is the spelling outside."""
     token = _SPELLING.set(partial(spelling, _SPELLING.get()))
     try:
         yield
@@ -88,7 +88,7 @@ def spell_with(spelling: Callable[[Spelling, str, Any, str | None], str]) -> Ite
 
 
 def spell_python(name: str, value: Any, path: str | None) -> str:
-    """Return an argument as in Python."""
+    """Return an argument as typed in Python."""
     if value is None:
         return name if path is None else f"{name} {path}"
     values = [_quote(v) for v in value] if isinstance(value, list) else _quote(value)
@@ -107,7 +107,7 @@ _SPELLING: ContextVar[Spelling] = ContextVar("spelling", default=spell_python)
 def install_command(extra: str = "", package: str = "trimtab") -> str:
     """Return the command that installs an extra for the running Python: ``python -m pip install "trimtab[logs]"``.
 
-    extra: of the package; none: the package itself.
+    extra: name of the extra; empty for the package itself.
     """
     import shutil  # only where something is missing
 

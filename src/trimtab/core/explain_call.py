@@ -1,4 +1,4 @@
-"""Calls with wrong arguments, answered with the nearest right name instead of Python's bare TypeError."""
+"""Calls with wrong arguments: an InputError names the nearest valid argument, in place of Python's bare TypeError."""
 
 import functools
 import inspect
@@ -24,13 +24,13 @@ OTHER_NAMES = {
     "tf": "duration",
     "time": "duration",
 }
-"""Common names of an argument in other packages -> its name here."""
+"""Names of arguments in other packages -> name of the same argument in this package."""
 
 
 def explain_call(elsewhere: Mapping[str, str] | None = None) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Return a decorator: a call with wrong arguments raises InputError with what to write.
 
-    elsewhere: argument of another function -> the call that takes it.
+    elsewhere: argument of another function -> the call that accepts this argument.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -70,7 +70,7 @@ def _refuse_call(
     if len(args) > places and keywords:
         value = f"{args[places]!r:.40}"
         is_time = "duration" in keywords and isinstance(args[places], int | float)
-        fix = f'write duration="{value} s"' if is_time else f"write {value} with one of these names"
+        fix = f'write duration="{value} s"' if is_time else f"write NAME={value}, with one of the choices as NAME"
         return InputError(part, f"the argument {value} has no name", choices=keywords, fix=fix)
     needed = [n for n, p in parameters.items() if p.default is p.empty]
     fix = f"{part[:-2]}({', '.join(f'{n}=…' for n in needed)})"
@@ -78,6 +78,6 @@ def _refuse_call(
 
 
 def _public_name(function: Callable[..., object]) -> str:
-    """Return the name under which the package offers a function; that of a class for its ``__init__``."""
+    """Return the public name of a function; for an ``__init__``, that of its class."""
     own = function.__qualname__.removesuffix(".__init__")
     return next((name for name, home in trimtab.HOMES.items() if home.endswith(f":{own}")), own)

@@ -1,13 +1,13 @@
-"""Formulas of signal temporal logic as text: what is read, and the tree that it becomes.
+"""Formulas of signal temporal logic: their syntax, and the reader that turns a text into a tree.
 
-    FORMULA    always(F)  eventually(F)  F until F     from now on; with [5 s, 15 s] only then, counted from now
-               historically(F)  once(F)  F since F     the same of what was before
+    FORMULA    always(F)  eventually(F)  F until F     from now on; with [5 s, 15 s] 5 to 15 s from now
+               historically(F)  once(F)  F since F     the same for the past
                not F   F and F   F or F   F implies F   (F)
-               NUMBER <= NUMBER                         <, >=, >, == and != too
+               NUMBER <= NUMBER                         also <, >=, >, == and !=
     NUMBER     a signal by its path, with [0] a component of it; 3, or with a unit 3 deg/s; + - * / abs( ) ( )
 
-Of these, those below bind tighter: implies, or, and, until and since, the words before one F, comparisons, + and -,
-* and /. Times without a unit are in seconds, and numbers in SI units and radians.
+Operators from the loosest to the tightest: implies; or; and; until, since; not, always and the like; comparisons; + and
+-; * and /. Times without a unit are in seconds, and numbers in SI units and radians.
 
 Source: Maler, Nickovic, "Monitoring temporal properties of continuous signals", FORMATS 2004; docs page, Temporal
 logic.
@@ -36,7 +36,7 @@ _UNIT = re.compile(r"\s*([%°A-Za-zµμ][A-Za-z0-9/^²*µμ°]*)")
 
 
 class Literal(NamedTuple):
-    """A number as written. unit: "" where none is written.  column: where, from 1 on."""
+    """A number as written. unit: "" if no unit is written. column: position in the text, counted from 1."""
 
     value: float
     unit: str
@@ -44,7 +44,7 @@ class Literal(NamedTuple):
 
 
 class SignalPath(NamedTuple):
-    """A signal. component: its number, where the signal has several."""
+    """A signal. component: index of a component, for a signal with several."""
 
     path: str
     component: int | None
@@ -77,7 +77,7 @@ class Connective(NamedTuple):
 
 
 class Temporal(NamedTuple):
-    """word: one of TEMPORAL.  low, high: its interval, 100 ns; high None for no end.  formulas: one or two."""
+    """word: one of TEMPORAL. low, high: interval (100 ns); high None: no end. formulas: one or two operands."""
 
     word: str
     low: int
@@ -90,7 +90,7 @@ def parse_formula(text: str) -> Any:
     """Return the tree of a formula.
 
     Raises:
-        InputError: what is no formula, with the column, and what to type.
+        InputError: the syntax error, with its column, and what to type.
     """
     reader = _Reader(text)
     tree = reader.read_implication()
@@ -99,17 +99,17 @@ def parse_formula(text: str) -> Any:
 
 
 def is_temporal(text: str) -> bool:
-    """Return True if a text has a word that only formulas have."""
+    """Return True if a text contains a word that only occurs in formulas."""
     return re.search(rf"(?<![\w.:])({'|'.join(TEMPORAL)})(?![\w.:])", text) is not None
 
 
 def refuse_column(text: str, column: int, problem: str, *, choices: Any = (), fix: str = "") -> NoReturn:
-    """Raise InputError for a formula at a column."""
+    """Raise InputError for the problem at a column of a formula."""
     raise InputError(f"formula {text!r}", f"at column {column}: {problem}", choices=choices, fix=fix or EXAMPLE)
 
 
 class Token(NamedTuple):
-    """kind: number, name, sign or end."""
+    """Part of the text of a formula. kind: number, name, sign or end."""
 
     kind: str
     text: str
@@ -117,7 +117,7 @@ class Token(NamedTuple):
 
 
 class _Reader:
-    """Reads from left to right, one token ahead; each method reads what its name says."""
+    """Parser of a formula. It reads from left to right, with one token of lookahead."""
 
     def __init__(self, text: str) -> None:
         self.text, self.position = text, 0
@@ -130,7 +130,7 @@ class _Reader:
             column = len(self.text) - len(rest) + 1
             if rest:
                 fix = f"write words: and, or, not, implies; e.g. {EXAMPLE}"
-                refuse_column(self.text, column, f"{rest[0]!r} is nothing that a formula has", fix=fix)
+                refuse_column(self.text, column, f"{rest[0]!r} is not allowed in a formula", fix=fix)
             return Token("end", "", column)
         self.position = match.end()
         kind = str(match.lastgroup)
@@ -141,7 +141,7 @@ class _Reader:
         return token
 
     def take(self, *texts: str) -> Token | None:
-        """Return the next token, if it is one of these."""
+        """Return the next token and move on, if its text is one of `texts`; else return None."""
         return self.advance() if self.next.text in texts and self.next.kind != "number" else None
 
     def expect(self, text: str, after: str) -> Token:
@@ -155,26 +155,28 @@ class _Reader:
     def refuse_rest(self) -> None:
         token = self.next
         if token.text in RELATIONS:
-            problem = f"{token.text!r} is a second comparison"
+            problem = f"{token.text!r} compares a comparison again"
             refuse_column(self.text, token.column, problem, fix="write 0 m < x and x < 3 m")
         if token.kind != "end":
-            problem = f"{token.text!r} does not continue the formula before it"
+            problem = f"{token.text!r} cannot follow a complete formula"
             near = closest(token.text, WORDS, 1)
             fix = f"write {near[0]!r}" if near else "join formulas with and, or, implies, until; e.g. F and G"
             refuse_column(self.text, token.column, problem, fix=fix)
 
     def check_formula(self, tree: Any) -> Any:
-        """Return the tree, which has to be a formula and not a number."""
+        """Return a tree that must be a formula. Raise InputError if it is a number."""
         if not isinstance(tree, Predicate | Connective | Temporal):
             problem = "this is a number, but a formula needs a comparison"
             refuse_column(self.text, tree.column, problem, choices=RELATIONS, fix=f"write e.g. {EXAMPLE}")
         return tree
 
     def check_number(self, tree: Any) -> Any:
-        """Return the tree, which has to be a number and not a formula."""
+        """Return a tree that must be a number. Raise InputError if it is a formula."""
         if isinstance(tree, Predicate | Connective | Temporal):
             problem = "this is a formula, but a number is needed"
-            refuse_column(self.text, tree.column, problem, fix="write x > 0 and y > 0 for both, x + y for a sum")
+            refuse_column(
+                self.text, tree.column, problem, fix="write x > 0 and y > 0 for two conditions, x + y for a sum"
+            )
         return tree
 
     def read_implication(self) -> Any:
@@ -201,7 +203,7 @@ class _Reader:
         both = self.check_formula(left), self.check_formula(self.read_prefix())
         if self.next.text in ("until", "since"):
             fix = "write (F until G) until H"
-            refuse_column(self.text, self.next.column, "the order of two until needs brackets", fix=fix)
+            refuse_column(self.text, self.next.column, "two until in a row need brackets", fix=fix)
         return Temporal(token.text, low, high, both, token.column)
 
     def read_prefix(self) -> Any:
@@ -250,7 +252,7 @@ class _Reader:
         return self.read_signal()
 
     def read_literal(self) -> Literal:
-        """Return a number, and the unit that stands right after it."""
+        """Return a number with the unit that follows directly."""
         number = self.next
         unit = self._read_unit()
         self.next = self._scan()
@@ -289,12 +291,12 @@ class _Reader:
         index = self.advance()
         if index.kind != "number" or not index.text.isdecimal():
             fix = f"write {token.text}[0]; an interval stands after always, eventually, until, …"
-            refuse_column(self.text, index.column, f"{index.text!r} is not the number of a component", fix=fix)
-        self.expect("]", "after the component's number")
+            refuse_column(self.text, index.column, f"{index.text!r} is not an index of a component", fix=fix)
+        self.expect("]", "after the index of the component")
         return SignalPath(token.text, int(index.text), token.column)
 
     def read_interval(self) -> tuple[int, int | None]:
-        """Return the times of [a, b]; from 0 on without an end where there is none."""
+        """Return the times of an interval [a, b], or 0 and no end if no interval is written."""
         opening = self.take("[")
         if opening is None:
             return 0, None
@@ -303,13 +305,15 @@ class _Reader:
         high = None if self.take("inf") else self._read_time()
         self.expect("]", "after an interval")
         if high is not None and high < low:
-            refuse_column(self.text, opening.column, "the interval must begin before it ends", fix="exchange its ends")
+            refuse_column(
+                self.text, opening.column, "the interval must begin before it ends", fix="exchange the two times"
+            )
         return low, high
 
     def _read_time(self) -> int:
         if self.next.kind != "number":
             fix = "write e.g. [5 s, 15 s], [0, 200 ms], or [5 s, inf] for no end"
-            refuse_column(self.text, self.next.column, f"{self.next.text!r} is not a time, at least 0", fix=fix)
+            refuse_column(self.text, self.next.column, f"{self.next.text!r} is not a time of at least 0", fix=fix)
         token = self.next
         literal = self.read_literal()
         size = find_sizes(literal.unit).get("s") if literal.unit else 1.0
@@ -324,7 +328,7 @@ class _Reader:
 
 
 def _compute(operator: Token, one: Any, other: Any) -> Any:
-    """Return the tree of an operator between two numbers; of two bare ones the number itself."""
+    """Return the tree of an operator between two numbers. Two numbers without units are computed at once."""
     bare = isinstance(one, Literal) and isinstance(other, Literal) and not (one.unit or other.unit)
     if not bare or (operator.text == "/" and other.value == 0):
         return Arithmetic(operator.text, (one, other), operator.column)

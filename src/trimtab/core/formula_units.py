@@ -1,7 +1,7 @@
-"""A formula held against the signals that there are: every path known, every unit fitting, every number in SI.
+"""Check of a formula against the signals of a log: paths must exist and units must match. Numbers are converted to SI.
 
-What is added, subtracted or compared must be of one unit; a bare number has the unit of what it meets. What the number
-of a whole formula is in: the unit of its comparisons, where they all have one.
+Numbers that are added, subtracted or compared must have the same unit. A number without a unit takes the unit of the
+other operand. The robustness of a formula has the unit of its comparisons, if all comparisons have the same unit.
 
 Source: docs page, Temporal logic.
 """
@@ -24,14 +24,14 @@ from trimtab.core.suggestions import closest
 from trimtab.core.units import find_sizes
 
 MIXED = "mixed units"
-"""Unit of a formula whose comparisons have several units. Its value is the smallest, in SI units."""
+"""Unit of a formula whose comparisons have different units. Its value is the smallest of theirs, in SI units."""
 _FACTOR = re.compile(r"([A-Za-z%]+)(?:\^(-?[0-9]+))?")
 Dimension = tuple[tuple[str, int], ...]
-"""Symbols of units with their powers, sorted; () for a plain number."""
+"""A unit as sorted pairs of symbol and power; () for a number without a unit."""
 
 
 class Formula(NamedTuple):
-    """A formula that fits its signals. root: its tree, numbers in SI.  unit: of its robustness.  paths: of signals."""
+    """A checked formula. root: tree with numbers in SI. unit: unit of the robustness. paths: paths of its signals."""
 
     text: str
     root: Any
@@ -40,7 +40,7 @@ class Formula(NamedTuple):
 
 
 def parse_dimension(unit: str) -> Dimension:
-    """Return symbols and powers of a declared unit; one of an unusual form is a symbol itself."""
+    """Return symbols and powers of a declared unit. A unit of an unusual form becomes one symbol."""
     powers: dict[str, int] = {}
     for k, part in enumerate(unit.split("/")):
         for factor in part.split():
@@ -53,7 +53,7 @@ def parse_dimension(unit: str) -> Dimension:
 
 
 def format_dimension(dimension: Dimension) -> str:
-    """As one writes it, e.g. "m/s^2"; "1" for a plain number."""
+    """Return the text of a unit, e.g. "m/s^2"; "1" for a number without a unit."""
     above = [s if p == 1 else f"{s}^{p}" for s, p in dimension if p > 0]
     below = [s if p == -1 else f"{s}^{-p}" for s, p in dimension if p < 0]
     return "/".join([" ".join(above) or "1", *below])
@@ -62,16 +62,16 @@ def format_dimension(dimension: Dimension) -> str:
 def fit_formula(
     text: str, shapes: Mapping[str, tuple[int, ...]], units: Mapping[str, str], full: Callable[[str], str] = str
 ) -> Formula:
-    """Read a formula of given signals.
+    """Read a formula, and check it against the given signals.
 
     Args:
         text: the formula.
         shapes: path -> shape of each signal at one instant.
         units: path -> its unit.
-        full: path of a name that may be a short one.
+        full: function that returns the full path of a short name.
 
     Raises:
-        InputError: what is no formula, an unknown signal, units that don't fit; with the column, and what to type.
+        InputError: a syntax error, an unknown signal, or units that do not match; with the column, and what to type.
     """
     fitting = _Fitting(text, shapes, units, full)
     root, found = fitting.fit(parse_formula(text))
@@ -80,7 +80,7 @@ def fit_formula(
 
 
 class _Fitting:
-    """One walk over a tree: formulas give the units of their comparisons, numbers their own."""
+    """Walk over a tree that returns the units of the comparisons in a formula, and the unit of a number."""
 
     def __init__(
         self,
@@ -98,14 +98,16 @@ class _Fitting:
             count = len(self.paths)
             left, right, dimension = self.fit_pair(tree.left, tree.right, tree.column, f"compared by {tree.relation}")
             if len(self.paths) == count:
-                refuse_column(self.text, tree.column, "two constants are compared", fix="name a signal on one side")
+                refuse_column(
+                    self.text, tree.column, "both sides of the comparison are constants", fix="put a signal on one side"
+                )
             return tree._replace(left=left, right=right), {dimension}
         assert isinstance(tree, Connective | Temporal)
         below = [self.fit(formula) for formula in tree.formulas]
         return tree._replace(formulas=tuple(t for t, _ in below)), set().union(*(found for _, found in below))
 
     def fit_pair(self, left: Any, right: Any, column: int, how: str) -> tuple[Any, Any, Dimension]:
-        """Two numbers that must be of one unit; one that stands alone may be of several, and takes the other's."""
+        """Return two numbers in the same unit, and the unit. A literal is converted to the unit of the other number."""
         literals = [isinstance(number, Literal) for number in (left, right)]
         if literals[0] and not literals[1]:
             (right, wanted), left_unit = self.fit_number(right), None
@@ -118,11 +120,12 @@ class _Fitting:
         if dimensions[0] != dimensions[1]:
             units = [format_dimension(d) for d in dimensions]
             problem = f"{units[0]} and {units[1]} are {how}"
-            refuse_column(self.text, column, problem, fix=f"give both the unit {units[0]}, or multiply one by a unit")
+            fix = f"give both sides the unit {units[0]}, or multiply one side by a number with a unit"
+            refuse_column(self.text, column, problem, fix=fix)
         return left, right, dimensions[0]
 
     def fit_literal(self, literal: Literal, wanted: Dimension) -> tuple[Literal, Dimension]:
-        """Return a number that meets one of a unit: in that unit, where it can be; a bare one is in it."""
+        """Return a number converted to a unit, if possible. A number without a unit is taken to be in this unit."""
         if not literal.unit:
             return literal, wanted
         sizes = {parse_dimension(kept): size for kept, size in find_sizes(literal.unit).items()}
@@ -168,7 +171,7 @@ class _Fitting:
 
 
 def _plain(dimension: Dimension) -> Dimension:
-    """Return the same, where flags and counts are plain numbers."""
+    """Return a unit, in which flags and counts are numbers without a unit."""
     return tuple((symbol, power) for symbol, power in dimension if symbol not in ("flag", "count"))
 
 
@@ -185,9 +188,9 @@ def look_ahead(tree: Any) -> int | None:
 
 
 def least_length(tree: Any) -> int:
-    """Return the shortest length of a log that covers all intervals of a formula.
+    """Return the shortest duration (100 ns) of a log that covers all intervals of a formula.
 
-    100 ns; an interval without an end has to begin in it.
+    Intervals without an end must begin in the log.
     """
     if isinstance(tree, Predicate):
         return 0

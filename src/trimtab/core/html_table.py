@@ -1,11 +1,11 @@
-"""A table as HTML, which is how a notebook shows what it is given."""
+"""A table as HTML, for display in a notebook."""
 
 from collections.abc import Iterable, Sequence
 from html import escape
 
 
 def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]], note: str = "") -> str:
-    """A table with a title above and a note below; all texts are escaped. header: of the columns; none when empty."""
+    """Return a table as HTML, with title and note. All texts are escaped. header: titles of the columns, or empty."""
     head = "".join(f"<th style='text-align:left'>{escape(h)}</th>" for h in header)
     body = "".join(
         "<tr>" + "".join(f"<td style='text-align:left'>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows

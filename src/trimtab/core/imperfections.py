@@ -1,6 +1,7 @@
-"""Imperfections: what can be left out of a part. Each is declared at the fields that it changes.
+"""Imperfections: effects, such as noise, that can be switched off in a part.
 
-`off=` says what a field is without it; `imperfection()` and `switch()` declare a size and a flag of nothing else.
+An imperfection is declared at the fields that it changes: `off=` gives the field's value without it. `imperfection()`
+and `switch()` declare a size or a flag that belongs to one imperfection.
 """
 
 from collections.abc import Mapping
@@ -14,7 +15,7 @@ T = TypeVar("T")
 
 
 def imperfections(tree: Any, path: str = "") -> dict[str, list[str]]:
-    """Name of each imperfection below a tree of records -> paths of the records at whose fields it is declared."""
+    """Return name of each imperfection in a tree of records -> paths of the records that declare it."""
     names: dict[str, list[str]] = {}
     for name in [name for field in fields(tree) for name in field.metadata["off"]] if is_record(tree) else ():
         names[name] = [path]
@@ -25,14 +26,15 @@ def imperfections(tree: Any, path: str = "") -> dict[str, list[str]]:
 
 
 def without(tree: T, name: str) -> T:
-    """Return a copy of a tree of records with an imperfection switched off, wherever it is declared in it.
+    """Return a copy of a tree of records with an imperfection switched off in all records that declare it.
 
-    Raises: InputError where it is declared nowhere.
+    Raises:
+        InputError: no record declares it.
     """
     known = imperfections(tree)
     if name not in known:
         fix = "name one of them" if known else "leave it as it is"
-        raise InputError(type(tree).__name__, f"it has no imperfection {name!r}", choices=known, fix=fix)
+        raise InputError(type(tree).__name__, f"the part has no imperfection {name!r}", choices=known, fix=fix)
     return _switch_off(tree, name)
 
 

@@ -1,4 +1,4 @@
-"""Integration of the truth between two instants: explicit steps, and what they say of their error.
+"""Integration of the truth between two instants: explicit steps with error estimates.
 
 A step is a function (f, t, x, h) -> (x at t + h, estimate of its error), x any pytree of floats.
 
@@ -29,16 +29,16 @@ WEIGHTS = (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84)
 ERROR_WEIGHTS = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
 """Weights of the error: result of order five minus result of order four. Source: [1] table 5.2."""
 SAFETY, SHRINK, GROW = 0.9, 0.2, 5.0
-"""Safety factor, smallest and largest ratio of the next step to this one. Source: [1] eq. 4.13."""
+"""Safety factor, and smallest and largest ratio of the next step size to the present one. Source: [1] eq. 4.13."""
 
 
 def rk4(f: Callable[[Scalar, X], X], t: Scalar, x: X, h: Scalar) -> X:
-    """One classical Runge–Kutta step of x' = f(t, x) from t to t + h; x is any pytree of floats.
+    """Return x after one classical Runge–Kutta step of x' = f(t, x) from t to t + h; x is any pytree of floats.
 
     Args:
         f: derivative, same structure as x.
         t: time (s).
-        h: step (s); 0 gives x back.
+        h: step (s); a step of 0 returns x.
 
     Source: Hairer, Nørsett, Wanner, "Solving ordinary differential equations I", table 1.2.
     """
@@ -46,19 +46,22 @@ def rk4(f: Callable[[Scalar, X], X], t: Scalar, x: X, h: Scalar) -> X:
 
 
 def rk4_with_error(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
-    """The same step, to the bit, and how far an embedded formula of order three is from it: h/10 (f(t + h, x1) - k4).
+    """Return the result of `rk4`, to the bit, and its difference from an embedded formula of order three, h/10 (f(t +
+    h, x1) - k4).
 
     The formula takes a tenth of k4's weight away and gives it to the derivative at the end; the conditions of order
-    three see no difference between the two [1, theorem 2.1]. It errs more than the step itself.
+    three see no difference between the two [1, theorem 2.1]. The estimate is larger than the error of the step.
     """
     x1, k4 = _rk4_stages(f, t, x, h)
     return x1, jax.tree.map(lambda a, b: h / 10 * (a - b), f(t + h, x1), k4)
 
 
 def rk4_with_doubling(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
-    """Return the same step, to the bit, and how far it is off by two steps of half the length: 16/15 of the difference.
+    """Return the result of `rk4`, to the bit, and its error estimated by two steps of half the length.
 
-    Asymptotically the error itself, of order five; an embedded formula's is one order larger. Source: [1] section II.4.
+    The estimate is 16/15 of the difference, for small steps the error itself, of order five. An embedded formula's
+    estimate is one order larger.
+    Source: [1] section II.4.
     """
     x1 = rk4(f, t, x, h)
     finer = rk4(f, t + h / 2, rk4(f, t, x, h / 2), h / 2)
@@ -77,7 +80,7 @@ def _rk4_stages(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
 
 
 def dormand_prince(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
-    """One step of order five, and how far the embedded formula of order four is from it. Source: [1] table 5.2."""
+    """Return x after a step of order five, and its difference from the embedded order four. Source: [1] table 5.2."""
 
     def combine(weights: tuple[float, ...], ks: list[Any]) -> Any:
         terms = [(w, k) for w, k in zip(weights, ks, strict=True) if w]
@@ -92,9 +95,9 @@ def dormand_prince(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
 
 
 def error_ratio(error: Any, x: Any, x1: Any, relative: Any, absolute: Any) -> Any:
-    """The largest |error| in parts of absolute + relative max(|x|, |x1|), over all numbers; inf where one is no number.
+    """Return the largest |error| / (absolute + relative max(|x|, |x1|)) over all numbers; inf if a number is NaN.
 
-    error, x, x1: of one structure, before and after a step.
+    x, x1: state before and after a step; error: of the same structure.
     """
     worst = jnp.zeros(())
     for e, a, b in zip(*map(jax.tree.leaves, (error, x, x1)), strict=True):
@@ -104,6 +107,6 @@ def error_ratio(error: Any, x: Any, x1: Any, relative: Any, absolute: Any) -> An
 
 
 def next_step(h: Any, ratio: Any, order: int) -> Any:
-    """Return the next step after a step h of this order. ratio: its error over the tolerance. Source: [1] eq. 4.13."""
+    """Return the size of the next step after a step h. ratio: error divided by tolerance. Source: [1] eq. 4.13."""
     bounded = jnp.clip(ratio, 1e-12, 1e12)  # and an error that is no number shrinks it as far as one goes
     return h * jnp.clip(SAFETY * jnp.exp(-jnp.log(bounded) / order), SHRINK, GROW)

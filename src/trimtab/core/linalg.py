@@ -1,6 +1,6 @@
 """Small linear algebra, unrolled: flight code calls no LAPACK, so it exports and batches like everything else.
 
-A matrix that is not positive definite gives NaN: a signal, never an exception.
+A matrix that is not positive definite gives NaN, not an exception.
 """
 
 from typing import Any
@@ -12,7 +12,8 @@ jax.config.update("jax_enable_x64", True)
 
 
 def cholesky(A: Any) -> Any:
-    """Lower triangular L with A = L Lᵀ for symmetric positive definite A (n, n); NaN where it is not.
+    """Return lower triangular L with A = L Lᵀ for symmetric positive definite A (n, n); NaN if A is not positive
+    definite.
 
     Only the lower triangle of A is read. Source: Golub & Van Loan, "Matrix computations", section 4.2.
     """
@@ -27,9 +28,9 @@ def cholesky(A: Any) -> Any:
 
 
 def semidefinite_root(A: Any) -> Any:
-    """Lower triangular L with A = L Lᵀ for a covariance A (n, n) that may be singular, as noise that is none has it.
+    """Return lower triangular L with A = L Lᵀ for a covariance A (n, n) that may be singular, as for zero noise.
 
-    A pivot that rounding has made 0 or less gives a column of zeros. Source: Golub & Van Loan, "Matrix computations",
+    A pivot of 0, or below 0 by rounding, gives a column of zeros. Source: Golub & Van Loan, "Matrix computations",
     section 4.2.8.
     """
     n = A.shape[0]
@@ -63,7 +64,7 @@ def solve_upper(U: Any, B: Any) -> Any:
 
 
 def solve_spd(A: Any, B: Any) -> Any:
-    """Return X with A X = B for symmetric positive definite A (n, n) and B (n,) or (n, m); NaN where A is not.
+    """Return X with A X = B for symmetric positive definite A (n, n) and B (n,) or (n, m); NaN if A is not.
 
     Source: Golub & Van Loan, "Matrix computations", section 4.2.
     """
@@ -72,7 +73,7 @@ def solve_spd(A: Any, B: Any) -> Any:
 
 
 def inverse_spd(A: Any) -> Any:
-    """The inverse of a symmetric positive definite A (n, n) in loops, for matrices too large to unroll; else NaN.
+    """Return the inverse of a symmetric positive definite A (n, n) by loops, for large matrices; NaN if A is not.
 
     Source: the sweep operator, J. Goodnight, "A tutorial on the SWEEP operator", American Statistician 33 (1979) 149.
     """

@@ -1,7 +1,7 @@
 """Lines for the user, written by a thread. Code that reports a line never waits for a terminal, a pipe or a disk.
 
-A paused terminal, a full pipe and a disk that hangs hold up a write for as long as they like. A flight must not wait
-for them. Lines that the thread cannot write, or that do not fit into the queue, are counted.
+A paused terminal, a full pipe or a stalled disk can block a write for any time. A flight must not wait for them. Lines
+that the thread cannot write, or that do not fit into the queue, are counted.
 """
 
 import os
@@ -11,9 +11,9 @@ from contextlib import suppress
 from queue import SimpleQueue
 
 ROOM = 1000
-"""Largest number of waiting lines."""
+"""Maximum number of lines that wait in the queue."""
 CLOSE_S = 1.0
-"""Longest time (s) for which closing waits for lines that were not written yet."""
+"""Maximum time (s) for which closing waits until the remaining lines are written."""
 
 
 class LineWriter:
@@ -29,11 +29,11 @@ class LineWriter:
 
     @property
     def lost_count(self) -> int:
-        """Number of lines that were not written so far, and will not be."""
+        """Number of lines lost so far: they will not be written."""
         return self._overflowed + self._failed
 
     def put(self, text: str) -> None:
-        """Hand a line over. Never waits. A line that does not fit is lost."""
+        """Put a line into the queue. Never waits. If the queue is full, the line is lost."""
         if self._lines.qsize() >= ROOM:
             self._overflowed += 1
         else:
@@ -42,7 +42,7 @@ class LineWriter:
     def settle(self, patience: float = CLOSE_S) -> int:
         """Wait until the waiting lines are written, for at most `patience` seconds. Return the number of lost lines.
 
-        Lines that still wait then count as lost. Further lines may follow.
+        Lines that are not written by then count as lost. More lines may be put into the queue later.
         """
         written = threading.Event()
         self._lines.put(written)

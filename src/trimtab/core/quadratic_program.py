@@ -1,4 +1,4 @@
-"""A quadratic program in flight: a fixed number of plain operations, warm started; what is left open is a signal.
+"""Quadratic programs for flight code: a fixed number of plain operations with a warm start. Failures are signals.
 
     minimise  x.P x/2 + q.x    subject to  l <= A x <= u
 
@@ -14,27 +14,26 @@ import jax.numpy as jnp
 from trimtab.core.linalg import inverse_spd
 
 SIGMA, RELAXATION = 1e-6, 1.6
-"""Regularisation that makes K definite, and over-relaxation. Source: [1], algorithm 1."""
+"""Regularisation sigma, which makes K definite, and over-relaxation alpha. Source: [1], algorithm 1."""
 RHO_LOW, RHO_HIGH, RHO_EQUALITY = 1e-6, 1e6, 1e3
-"""Least and most weight of a constraint; what an equality has more than an inequality."""
+"""Minimum and maximum weight of a constraint, and factor between the weights of an equality and an inequality."""
 RHO_CHANGE = 5.0
-"""A change of the weight by less isn't worth it [1, section 5.2]."""
+"""Smallest factor by which the weight of the constraints is changed [1, section 5.2]."""
 EQUILIBRATIONS = 4
 LOOSE = 1e20
-"""Bounds of this size or more are none."""
+"""Size from which on a bound counts as infinite."""
 
 
 class ChangeRows(NamedTuple):
-    """An A that isn't written out: each entry of x, then by how much it exceeds that `width` before it.
+    """Constraint matrix A for a plan of moves of `width` numbers, not stored as an array.
 
-    It is the limits of moves and of their changes in a plan of moves of `width` numbers, and costs sums instead of
-    products.
+    A x has the entries of x, then their changes from move to move. Products with A are computed by sums.
     """
 
     width: int
 
     def times(self, x: Any) -> Any:
-        """Return a x (2n,)."""
+        """Return A x (2n,)."""
         return jnp.concatenate([x, x - jnp.concatenate([jnp.zeros(self.width), x[: -self.width]])])
 
     def back(self, y: Any) -> Any:
@@ -54,7 +53,7 @@ class ChangeRows(NamedTuple):
 
 
 class _MatrixRows(NamedTuple):
-    """An A (m, n) that is written out."""
+    """Constraint matrix A (m, n) stored as an array."""
 
     matrix: Any
 
@@ -69,8 +68,10 @@ class _MatrixRows(NamedTuple):
 
 
 class QuadraticProgram(NamedTuple):
-    """P (n, n) symmetric positive semidefinite, q (n,), A (m, n) or `ChangeRows`, l and u (m,) with l <= u; infinite
-    where there is no bound, equal where there is an equality."""
+    """P (n, n) symmetric positive semidefinite, q (n,), A (m, n) or `ChangeRows`, l <= u (m,).
+
+    An infinite l or u means no bound, l = u an equality.
+    """
 
     P: Any
     q: Any
@@ -80,7 +81,7 @@ class QuadraticProgram(NamedTuple):
 
 
 class QuadraticStart(NamedTuple):
-    """Where to begin: x (n,), multipliers y (m,) of A x, and the weight rho of constraints."""
+    """Start of the iteration: x (n,), multipliers y (m,) of A x, and weight rho of the constraints."""
 
     x: Any
     y: Any
@@ -88,12 +89,12 @@ class QuadraticStart(NamedTuple):
 
 
 class QuadraticSolution(NamedTuple):
-    """x, y and rho to begin the next solution with, and what there is to say of this one.
+    """Solution x, y and rho, from which the next solution can start, and its quality.
 
-    primal: largest entry of A x - z, z within the bounds and on one wherever y is not zero: 0 is feasible and
-    complementary. dual: largest entry of P x + q + A.T y.
-    solved: both are within the tolerance, relative to the terms that they are differences of [1, eqs. 34, 35].
-    infeasible: the last change of y proves that no x fits the bounds, to 1e-4 [1, eq. 37].
+    primal: largest entry of A x - z, with z within the bounds, and at a bound where y is not zero. dual: largest entry
+    of P x + q + A.T y. solved: True if primal and dual are within the tolerance, relative to the size of their terms
+    [1, eqs. 34, 35]. infeasible: True if the last change of y proves that no x is within the bounds, to 1e-4 [1, eq.
+    37].
     """
 
     x: Any
@@ -113,7 +114,7 @@ class _Iterate(NamedTuple):
 
 
 def first_start(n: int, m: int) -> QuadraticStart:
-    """Nothing known."""
+    """Return the start for a program without a known solution: zeros."""
     return QuadraticStart(jnp.zeros(n), jnp.zeros(m), jnp.asarray(0.1))
 
 
@@ -124,10 +125,10 @@ def solve_quadratic_program(
 
     Args:
         given: the program.
-        start: the last solution of a program like it, or `first_start`.
-        rounds: how often the weight of the constraints is chosen and K factorised.
-        iterations: in each round.
-        tolerance: with which it counts as solved.
+        start: solution of a similar program, or `first_start`.
+        rounds: number of times that rho is chosen and K is factorised.
+        iterations: number of iterations in each round.
+        tolerance: relative tolerance of the residuals of a solved program.
     """
     if isinstance(given.A, ChangeRows):  # its entries are one, and stay so
         scaled, D, E = given, jnp.ones_like(given.q), jnp.ones_like(given.l)
@@ -150,7 +151,7 @@ def solve_quadratic_program(
 
 
 def _equilibrate(given: QuadraticProgram) -> tuple[QuadraticProgram, Any, Any]:
-    """The program with rows and columns of [[P, A.T], [A, 0]] near one, and the scales of x and y [1, algorithm 2]."""
+    """Return the program with rows and columns of [[P, A.T], [A, 0]] scaled to one, and the scales [1, algorithm 2]."""
     P, A = given.P, given.A
     D, E = jnp.ones(P.shape[0]), jnp.ones(A.shape[0])
     for _ in range(EQUILIBRATIONS):
@@ -162,7 +163,7 @@ def _equilibrate(given: QuadraticProgram) -> tuple[QuadraticProgram, Any, Any]:
 
 
 def _iterate(p: QuadraticProgram, now: _Iterate, weights: Any, iterations: int) -> _Iterate:
-    """[1, algorithm 1], with the linear system reduced to P + sigma I + A.T R A."""
+    """Return the next iterate of [1, algorithm 1], with the linear system reduced to P + sigma I + A.T R A."""
     K = p.P + SIGMA * jnp.eye(p.P.shape[0]) + p.A.gram(weights)
     inverse = inverse_spd(K)
 
@@ -177,9 +178,9 @@ def _iterate(p: QuadraticProgram, now: _Iterate, weights: Any, iterations: int) 
 
 
 def _choose_rho(p: QuadraticProgram, now: _Iterate, rho: Any, least: float) -> Any:
-    """So that both residuals, each relative to its terms, fall alike [1, section 5.2].
+    """Return a rho with which the relative primal and dual residuals become equal [1, section 5.2].
 
-    least: residuals below it count as that, or rho would follow what is rounding.
+    least: lower bound of the residuals in this choice, so that rho does not follow rounding errors.
     """
     Ax, Px, Aty = p.A.times(now.x), p.P @ now.x, p.A.back(now.y)
     primal = _size(Ax - now.z) / (jnp.maximum(_size(Ax), _size(now.z)) + 1e-10)

@@ -2,12 +2,12 @@
 
 Three kinds of field:
 
-- ``quantity``  a number or array; a run-time input, so that changing it never compiles anything again;
+- ``quantity`` a number or array. It is a run-time input: a new value needs no new compilation;
 - ``part``      another record, a mapping or tuple of records, or None;
-- ``option``    a choice or a period; it shapes the program, so changing it compiles again.
+- ``option`` a choice or a period. It shapes the program: a new value needs a new compilation.
 
-What is declared here is the name of the same thing in ``--set``, the log, the plots and the exported code. This module
-does not import JAX: what only reads logs, draws them or flies a compiled program starts without it.
+A field has the same name in ``--set``, the log, the plots and the exported code. This module does not import JAX, so
+programs that only read logs, draw them or run compiled code start without JAX.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ import numpy as np
 from trimtab.core.units import check_kept, check_symbols
 
 Scalar = Any
-"""A float, or an array of shape () while a run is traced."""
+"""Type of a number: a float, or an array of shape () while a run is traced."""
 
 DTYPES = {
     "real": np.float64,
@@ -40,7 +40,7 @@ MISSING = dataclasses.MISSING
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """Meaning of a numeric field. Bounds are checked before a run; `above` is strict, `low` and `high` are not."""
+    """Declaration of a numeric field. Bounds are checked before a run. Values must be > above, >= low and <= high."""
 
     unit: str
     doc: str
@@ -60,7 +60,7 @@ class Quantity:
 
 @dataclasses.dataclass(frozen=True)
 class Part:
-    """A nested record. optional: what takes the place of None where a setting names one of its fields."""
+    """Declaration of a nested record. optional: record that replaces None when a setting names one of its fields."""
 
     doc: str
     optional: Any = None
@@ -68,7 +68,7 @@ class Part:
 
 @dataclasses.dataclass(frozen=True)
 class Option:
-    """A static choice. Kind `period` is a time in integer units of 100 ns and must be at least `low`."""
+    """Declaration of a static choice. Kind `period` is a time in integer units of 100 ns, at least `low`."""
 
     doc: str
     kind: str = "choice"
@@ -79,7 +79,7 @@ class Option:
 Declaration = Quantity | Part | Option
 
 Off = Mapping[str, Any]
-"""Name of an imperfection -> what the field is without it: a value, or a function of the record that gives one."""
+"""Name of an imperfection -> the field's value without it, or a function that returns this value for the record."""
 NOTHING_OFF: Off = MappingProxyType({})
 
 
@@ -103,7 +103,7 @@ def quantity(
     >>> from trimtab import quantity, record
     >>> @record
     ... class Spring:
-    ...     stiffness: float = quantity("N/m", "Force per length.", default=20.0, above=0)
+    ...     stiffness: float = quantity("N/m", "Spring stiffness.", default=20.0, above=0)
     >>> Spring()
     Spring(stiffness=20.0)
     """
@@ -122,11 +122,11 @@ def part(doc: str, *, default: Any = MISSING, off: Off = NOTHING_OFF, optional: 
     >>> from trimtab.links.wire import Wire
     >>> @record
     ... class Line:
-    ...     wire: Wire = part("What carries it.", default=Wire())
+    ...     wire: Wire = part("Wire of the line.", default=Wire())
     >>> Line().wire.period
     10000
 
-    optional: for a part that may be None, the record that a setting of one of its fields puts there.
+    optional: for a part that may be None, the record that replaces None when a setting names one of its fields.
     """
     return _field(Part(doc, optional), default, off)
 
@@ -144,7 +144,7 @@ def option(
     >>> from trimtab import option, record
     >>> @record
     ... class Gearbox:
-    ...     gear: str = option("Which gear.", default="low", choices=("low", "high"))
+    ...     gear: str = option("Selected gear.", default="low", choices=("low", "high"))
     >>> Gearbox("high").gear
     'high'
     """
@@ -157,7 +157,7 @@ def period(doc: str, *, default: Any = MISSING, low: int = 1, off: Off = NOTHING
     >>> from trimtab import period, record
     >>> @record
     ... class Lamp:
-    ...     blink: int = period("Between two blinks.", default="500 ms")
+    ...     blink: int = period("Time between two blinks.", default="500 ms")
     >>> Lamp().blink
     5000000
     """
@@ -174,12 +174,12 @@ def imperfection(
     high: float | None = None,
     source: str = "",
 ) -> Any:
-    """Declare the size of an imperfection; at 0 it is switched off."""
+    """Declare the size of an imperfection. The size 0 switches the imperfection off."""
     return quantity(unit, doc, default=default, low=low, high=high, source=source, off={name: 0.0})
 
 
 def switch(doc: str, name: str) -> Any:
-    """Declare whether an imperfection is there; it is, until it is switched off."""
+    """Declare a flag that is True while an imperfection is switched on. The default is True."""
     return option(doc, default=True, choices=(True, False), off={name: False})
 
 
@@ -201,7 +201,7 @@ def _is_record_class(kind: type) -> bool:
 
 
 def declarations(cls: Any) -> Mapping[str, Declaration]:
-    """Return field name -> what was declared, for a record or its class."""
+    """Return field name -> declaration, for a record or a class of records."""
     return _declarations_of(cls if isinstance(cls, type) else type(cls))
 
 
@@ -211,7 +211,7 @@ def _declarations_of(kind: Any) -> Mapping[str, Declaration]:
 
 
 def children(value: Any) -> list[tuple[str, Any, Declaration | None]]:
-    """Name, value and declaration of everything one level below a record, mapping or tuple."""
+    """Yield name, value and declaration of each child of a record, mapping or tuple."""
     if is_record(value):
         declared = declarations(value)
         return [(n, getattr(value, n), d) for n, d in declared.items()]
@@ -225,7 +225,7 @@ def children(value: Any) -> list[tuple[str, Any, Declaration | None]]:
 
 
 def absent_parts(value: Any, path: str = "") -> Iterator[tuple[str, Part]]:
-    """Return every optional part below value that is not there, as (dotted path, declaration), in declared order."""
+    """Return every optional part below value that is None, as (dotted path, declaration), in field order."""
     for name, child, declared in children(value):
         here = f"{path}.{name}" if path else name
         if child is None and isinstance(declared, Part) and declared.optional is not None:
@@ -235,13 +235,13 @@ def absent_parts(value: Any, path: str = "") -> Iterator[tuple[str, Part]]:
 
 
 def records(value: Any, path: str = "") -> list[tuple[str, Any]]:
-    """Return path and record, of a record and of all below it."""
+    """Yield (path, record) for a record and for all records below it."""
     below = [pair for name, child, _ in children(value) for pair in records(child, f"{path}.{name}" if path else name)]
     return [(path, value), *below] if is_record(value) else below
 
 
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any, Quantity | Option]]:
-    """Return every quantity and option below value, as (dotted path, value, declaration), in declared order."""
+    """Return every quantity and option below value, as (dotted path, value, declaration), in field order."""
     for name, child, declared in children(value):
         here = f"{path}.{name}" if path else name
         if isinstance(declared, Quantity | Option):
@@ -260,26 +260,26 @@ def part_classes(tree: Any, path: str = "") -> dict[str, str]:
 
 
 def plain_setting(value: Any) -> Any:
-    """Return a quantity or an option as a log's metadata has it."""
+    """Return the value of a quantity or an option in the form in which a log's metadata stores it."""
     if isinstance(value, str | bool | int) or value is None:
         return value
     return np.asarray(value).tolist()
 
 
 def split_component(path: str) -> tuple[str, int | None]:
-    """Return a signal's path, and which of its numbers is meant: "truth.velocity[2]" is ("truth.velocity", 2)."""
+    """Return path and index of a number of a signal: ("truth.velocity", 2) for "truth.velocity[2]"."""
     match = re.fullmatch(r"(.+)\[(\d+)\]", path)
     return (match[1], int(match[2])) if match else (path, None)
 
 
 def split_index(path: str) -> tuple[str, tuple[int, ...] | None]:
-    """A parameter's path, and which of its numbers is meant: "autopilot.law.K[0,1]" is ("autopilot.law.K", (0, 1))."""
+    """Return path and index of a number of a parameter: ("autopilot.law.K", (0, 1)) for "autopilot.law.K[0,1]"."""
     match = re.fullmatch(r"([^\[\]]+)\[(\d+(?:\s*,\s*\d+)*)\]", path.strip())
     return (match[1], tuple(int(i) for i in match[2].split(","))) if match else (path, None)
 
 
 def has_index(shape: tuple[int, ...], at: tuple[int, ...] | None) -> bool:
-    """Return True if an array of this shape has a number there; None is that of one number alone."""
+    """Return True if an array of this shape has a number at this index. The index of a scalar is None."""
     return len(at or ()) == len(shape) and all(i < n for i, n in zip(at or (), shape, strict=True))
 
 
@@ -289,5 +289,5 @@ def first_number(path: str, shape: tuple[int, ...]) -> str:
 
 
 def component_paths(path: str, shape: tuple[int, ...]) -> list[str]:
-    """The path of each number of a signal: itself, or "truth.velocity[0]" and on; its numbers in a flat order."""
+    """Return the path of each number of a signal: its own path for a scalar, else "truth.velocity[0]" and so on."""
     return [f"{path}[{i}]" for i in range(math.prod(shape))] if shape else [path]

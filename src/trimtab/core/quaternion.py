@@ -21,7 +21,7 @@ SMALL2 = 1e-8
 
 
 def multiply(p: Any, q: Any) -> Any:
-    """Return the product p q (4,): first q, then p, of vectors that both take from right to left."""
+    """Return the product p q (4,), the rotation by q followed by the rotation by p."""
     return jnp.stack(
         [
             p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
@@ -33,7 +33,7 @@ def multiply(p: Any, q: Any) -> Any:
 
 
 def conjugate(q: Any) -> Any:
-    """Return q* (4,): of a unit quaternion the inverse, q_BW of q_WB."""
+    """Return the conjugate q* (4,), which is the inverse of a unit quaternion: q_BW for q_WB."""
     return jnp.stack([q[0], -q[1], -q[2], -q[3]])
 
 
@@ -43,12 +43,12 @@ def normalise(q: Any) -> Any:
 
 
 def rotate(q_WB: Any, v_B: Any) -> Any:
-    """Return v_W (3,) of v_B (3,)."""
+    """Return v_W (3,), the vector v_B (3,) rotated by q_WB."""
     return to_matrix(q_WB) @ v_B
 
 
 def to_matrix(q: Any) -> Any:
-    """Return R_WB (3, 3) of q_WB (4,) of any length but zero."""
+    """Return R_WB (3, 3) for q_WB (4,) of any length except zero."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     s = 2 / (w * w + x * x + y * y + z * z)
     return jnp.stack(
@@ -61,7 +61,7 @@ def to_matrix(q: Any) -> Any:
 
 
 def from_matrix(R: Any) -> Any:
-    """Return q_WB (4,) of a rotation R_WB (3, 3), w >= 0: by the largest of its numbers, as Shepperd has it."""
+    """Return q_WB (4,), w >= 0, for a rotation R_WB (3, 3), computed from its largest number as Shepperd does."""
     T = R[0, 0] + R[1, 1] + R[2, 2]
     a, b, c = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     d, e, f = R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] + R[1, 2]
@@ -79,7 +79,7 @@ def from_matrix(R: Any) -> Any:
 
 
 def from_euler(roll: Scalar, pitch: Scalar, yaw: Scalar) -> Any:
-    """Return q_WB (4,) of roll, pitch, yaw (rad), order 3-2-1."""
+    """Return q_WB (4,) for roll, pitch and yaw (rad), order 3-2-1."""
     cr, sr, cp, sp, cy, sy = (g(a / 2) for a in (roll, pitch, yaw) for g in (jnp.cos, jnp.sin))
     return jnp.stack(
         [
@@ -92,7 +92,7 @@ def from_euler(roll: Scalar, pitch: Scalar, yaw: Scalar) -> Any:
 
 
 def exponential(v: Any) -> Any:
-    """Return q (4,) that turns by |v| (rad) about v (3,), with its series near zero."""
+    """Return q (4,) that rotates by |v| (rad) about v (3,). Near zero a series is used."""
     a2 = (v @ v) / 4
     small = a2 < SMALL2
     a = jnp.sqrt(jnp.where(small, 1.0, a2))
@@ -102,7 +102,7 @@ def exponential(v: Any) -> Any:
 
 
 def logarithm(q: Any) -> Any:
-    """Return the shortest v (3,) with exponential(v) = ± q: at most half a turn, of a unit quaternion (4,)."""
+    """Return the shortest v (3,) (rad) with exponential(v) = ± q, at most half a turn, for a unit quaternion q (4,)."""
     sign = jnp.where(q[0] < 0, -1.0, 1.0)
     w, x = sign * q[0], sign * q[1:]
     s2 = x @ x
@@ -113,12 +113,12 @@ def logarithm(q: Any) -> Any:
 
 
 def retract(q_WB: Any, v_B: Any) -> Any:
-    """Return q_WB (4,) after a further turn by v_B (3,) (rad), in body axes: the group's own addition."""
+    """Return q_WB (4,) after a further rotation by v_B (3,) (rad), given in body axes."""
     return multiply(q_WB, exponential(v_B))
 
 
 def local(p_WB: Any, q_WB: Any) -> Any:
-    """Return v_B (3,) (rad) with retract(p, v) = ± q: the group's own difference, q from p."""
+    """Return v_B (3,) (rad) with retract(p, v) = ± q: the rotation from p to q in body axes."""
     return logarithm(multiply(conjugate(p_WB), q_WB))
 
 

@@ -1,9 +1,9 @@
 """Records: frozen dataclasses that are pytrees, each field declared once with unit, meaning and valid range.
 
-Who declares a record imports everything from here, also what `core.quantity` declares fields with.
+Code that declares a record imports everything from this module, also the functions of `core.quantity`.
 
-JAX computes in float64: states are integrated and time is counted in 64 bits everywhere. Importing this module sees to
-that, and whatever computes imports it, itself or through another; a module that knows no record sets it itself.
+JAX computes in float64: states are integrated and time is counted in 64 bits everywhere. Importing this module sets
+float64. A module that computes without importing this module must set float64 itself.
 """
 
 import dataclasses
@@ -71,7 +71,7 @@ FAST_COMPILE_OPTIONS: Any = {"xla_backend_optimization_level": 0, "xla_llvm_disa
 if jax.__version_info__ < (0, 11):
     # The older way to build loops compiles in half the time. One piece takes less time in all than the usual 32.
     FAST_COMPILE_OPTIONS |= {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1}
-"""For jax.jit(…, compiler_options=FAST_COMPILE_OPTIONS) of what runs once: there compiling is what takes the time."""
+"""Options for jax.jit(…, compiler_options=…) of code that runs once, so that it compiles in less time."""
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(quantity, part, option, period))
@@ -81,24 +81,26 @@ def record(cls: type[T]) -> type[T]:
     >>> from trimtab import quantity, record
     >>> @record
     ... class Tank:
-    ...     level: float = quantity("m", "Of the water.", default=1.0, low=0)
+    ...     level: float = quantity("m", "Level of the water.", default=1.0, low=0)
     >>> Tank(level="150 cm").level
     1.5
 
     A number may be given as a text with its unit, ``mass="3 kg"``, a period as ``"20 ms"``. The fields, with units and
-    meanings, are written below the class's docstring, where ``help`` shows them.
+    meanings, are appended to the class's docstring, so ``help`` shows them.
     """
     _accept_texts(cls)
     try:
         frozen: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
     except TypeError as error:  # a field without annotation, or one without default after one with
-        fix = 'name: float = quantity("m", "What it means.", default=0.0), each with a default or none'
+        fix = 'name: float = quantity("m", "Meaning of the field.", default=0.0), each with a default or none'
         raise InputError(f"record {cls.__name__}", str(error), fix=fix) from None
     _explain_changes(frozen)
     for f in dataclasses.fields(frozen):
         if "declared" not in f.metadata:
-            problem = f"{f.name!r} is not declared: what it is, its unit and its meaning"
-            fix = f'{f.name}: float = quantity("m", "What it means.", default=0.0), or part(), option(), period()'
+            problem = f"{f.name!r} has no declaration of its unit and meaning"
+            fix = (
+                f'{f.name}: float = quantity("m", "Meaning of the field.", default=0.0), or part(), option(), period()'
+            )
             raise InputError(f"record {cls.__name__}", problem, fix=fix)
     _register_pytree(frozen)
     frozen.__doc__ = f"{inspect.cleandoc(cls.__doc__ or cls.__name__)}\n\n{_describe_fields(frozen)}".rstrip()
@@ -106,18 +108,18 @@ def record(cls: type[T]) -> type[T]:
 
 
 def _explain_changes(cls: Any) -> None:
-    """Have an assignment to a field of a record say what to write instead."""
+    """Make an assignment to a field of a record raise an error that says what to write instead."""
 
     def __setattr__(self: Any, name: str, value: Any) -> None:
         kind = type(self).__name__.lower()
-        problem = f"cannot assign to field {name!r}: a record does not change"
+        problem = f"cannot assign to field {name!r}: records are immutable"
         raise dataclasses.FrozenInstanceError(f"{problem}; write {kind} = replace({kind}, {name}=…), from trimtab")
 
     cls.__setattr__ = __setattr__
 
 
 def _accept_texts(cls: Any) -> None:
-    """Have a class turn what it is given as text into numbers, before what it does itself with its fields."""
+    """Make the constructor of a class convert texts such as "3 kg" to numbers, before its own __post_init__."""
     after = getattr(cls, "__post_init__", None)
 
     def __post_init__(self: Any) -> None:
@@ -161,7 +163,7 @@ def _describe_fields(cls: Any) -> str:
 
 
 def _register_pytree(cls: Any) -> None:
-    """Quantities and parts are the children of the pytree, options its structure."""
+    """Register a record as a pytree: quantities and parts are children, options belong to the structure."""
     declared = declarations(cls)
     dynamic = tuple(n for n, d in declared.items() if not isinstance(d, Option))
     static = tuple(n for n, d in declared.items() if isinstance(d, Option))
@@ -199,7 +201,7 @@ def replace(r: T, /, **changes: Any) -> T:
         if known and name not in known:
             near = closest(name, known, 3) or known
             fix = f"replace({type(r).__name__.lower()}, {near[0]}=…)"
-            raise InputError(f"{type(r).__name__}.{name}", "there is no such field", choices=near, fix=fix)
+            raise InputError(f"{type(r).__name__}.{name}", "the record has no such field", choices=near, fix=fix)
     copy: Any = dataclasses.replace(r, **changes)  # pyright: ignore[reportArgumentType, reportUnknownVariableType, reportCallIssue]
     return copy
 
@@ -207,7 +209,7 @@ def replace(r: T, /, **changes: Any) -> T:
 def with_leaf(value: Any, path: str, change: Callable[[Any, Quantity | Option], Any]) -> Any:
     """Return a copy of a tree of records in which the leaf at a dotted path is change(old value, declaration).
 
-    Raises KeyError with the path where there is no such leaf.
+    Raises KeyError with the path if the leaf does not exist.
     """
     head, _, rest = path.partition(".")
     for name, child, declared in children(value):
@@ -223,7 +225,7 @@ def with_leaf(value: Any, path: str, change: Callable[[Any, Quantity | Option], 
 
 
 def with_part_of(value: T, path: str) -> T:
-    """A copy of a tree of records with the optional part that a dotted path leads into, or itself if nothing lacks."""
+    """Return a tree in which no optional part along a dotted path is None: a copy, or the tree itself."""
     for where, declared in absent_parts(value):
         below = path.removeprefix(f"{where}.").partition(".")[0]
         if path.startswith(f"{where}.") and below in declarations(declared.optional):
@@ -232,7 +234,7 @@ def with_part_of(value: T, path: str) -> T:
 
 
 def with_child(value: Any, path: str, child: Any) -> Any:
-    """Return a copy of a tree of records with another child at a dotted path; one of a mapping may be new."""
+    """Return a copy of a tree of records with a new child at a dotted path. A mapping may get a new key."""
     head, _, rest = path.partition(".")
     if not rest:
         return _replace_child(value, head, child)
@@ -253,12 +255,12 @@ def _replace_child(value: Any, name: str, child: Any) -> Any:
 
 
 def tree_where(condition: Any, a: T, b: T) -> T:
-    """a where the condition holds, else b, number by number of two trees of one structure."""
+    """Return a if the condition holds, else b, for each number of two trees with the same structure."""
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
 
 
 def to_arrays(tree: T) -> T:
-    """The same tree with every quantity as a numpy array of its declared type, so that equal programs compile once."""
+    """Return the tree with each quantity as a numpy array of its declared type, so that equal programs compile once."""
 
     def convert(value: Any) -> Any:
         if is_record(value):

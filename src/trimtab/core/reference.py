@@ -1,10 +1,9 @@
 """References for a vehicle in the plane: circle, figure eight, and polynomials through positions.
 
-A reference fits `core.interfaces.Reference`: `at(t)` gives the wanted place and four derivatives of it. So many, for an
-underactuated vehicle turns its thrust by its heading: the second derivative says where the nose points, the fourth with
-which torque it gets there. All of it is pure and compiles to C, so that a law can hold it in flight.
-
-A reference begins at t = 0 (s) and starts when whoever holds it begins; it says nothing of the vehicle that follows.
+A reference fits `core.interfaces.Reference`: `at(t)` gives the reference position and four derivatives. An
+underactuated vehicle needs four, because it turns its thrust by its heading: the second derivative determines the
+heading, the fourth the torque. References are pure functions and compile to C, so a law can contain one in flight.
+Their time t (s) is 0 when the law starts. A reference does not depend on the vehicle that follows.
 """
 
 import math
@@ -18,30 +17,34 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, quantity, record
 
 DEGREE = 5
-"""Degree of the polynomials: position and four derivatives are continuous where two of them meet."""
+"""Degree of the polynomials. Position and four derivatives are continuous where two polynomials meet."""
 REST_FACTOR = 1.875
-"""Maximum over mean speed of a move from rest to rest by a polynomial of degree 5."""
+"""Ratio of maximum to mean speed in a move from rest to rest by a polynomial of degree 5."""
 
 
 @record
 class ReferencePoint:
-    """Wanted point at one instant. Frames: W, (north, east). Source: docs page, References."""
+    """Point of a reference at one instant. Frames: W, (north, east). Source: docs page, References."""
 
-    place: Any = quantity("m", "Place.", frame="W", shape=(2,))
-    velocity: Any = quantity("m/s", "Derivative of the position.", frame="W", shape=(2,))
-    acceleration: Any = quantity("m/s^2", "Second derivative of the position.", frame="W", shape=(2,))
-    jerk: Any = quantity("m/s^3", "Third derivative of the position.", frame="W", shape=(2,))
-    snap: Any = quantity("m/s^4", "Fourth derivative of the position.", frame="W", shape=(2,))
-    heading: Scalar = quantity("rad", "Wanted heading, if the motion leaves it free.", kind="angle", frame="W")
-    has_heading: Scalar = quantity("1", "True if a heading is wanted.", kind="flag")
+    place: Any = quantity("m", "Reference position: north, east.", frame="W", shape=(2,))
+    velocity: Any = quantity("m/s", "Reference velocity: first time derivative of the position.", frame="W", shape=(2,))
+    acceleration: Any = quantity(
+        "m/s^2", "Reference acceleration: second time derivative of the position.", frame="W", shape=(2,)
+    )
+    jerk: Any = quantity("m/s^3", "Reference jerk: third time derivative of the position.", frame="W", shape=(2,))
+    snap: Any = quantity("m/s^4", "Reference snap: fourth time derivative of the position.", frame="W", shape=(2,))
+    heading: Scalar = quantity(
+        "rad", "Reference heading, for a vehicle whose motion does not determine the heading.", kind="angle", frame="W"
+    )
+    has_heading: Scalar = quantity("1", "True if the reference gives a heading.", kind="flag")
 
 
 def retime(point: ReferencePoint, rates: tuple[Any, Any, Any, Any]) -> ReferencePoint:
-    """Return a point of a reference whose time is itself a function of time, by the chain rule.
+    """Return a point of a reference whose parameter theta is a function of time, by the chain rule.
 
     Args:
-        point: of the reference, at its own time theta.
-        rates: first to fourth derivative of theta by time.
+        point: point of the reference at theta.
+        rates: first to fourth time derivative of theta.
     """
     a, b, c, d = rates
     p1, p2, p3, p4 = point.velocity, point.acceleration, point.jerk, point.snap
@@ -57,7 +60,8 @@ def retime(point: ReferencePoint, rates: tuple[Any, Any, Any, Any]) -> Reference
 
 
 def _ease_in(t: Any, ease: Any) -> tuple[Any, tuple[Any, Any, Any, Any]]:
-    """Return the own time of a reference that starts from rest, and its derivatives: the rate rises to 1 in `ease`.
+    """Return the parameter theta of a reference that starts from rest, and its derivatives. Its rate rises to 1 in
+    `ease` (s).
 
     The rate is the polynomial of degree 7 whose first three derivatives vanish at both ends.
     """
@@ -74,7 +78,7 @@ def _ease_in(t: Any, ease: Any) -> tuple[Any, tuple[Any, Any, Any, Any]]:
 
 
 def _harmonic_point(centre: Any, terms: Any, phase: Any, w: Any) -> ReferencePoint:
-    """Return a sum of harmonics and its derivatives: terms (multiple k, vector u), each u sin(k phase), phase' = w."""
+    """Return a sum of terms (k, shift, u), each u sin(k phase + shift) with phase' = w, and its derivatives."""
     derivatives = [centre, 0.0, 0.0, 0.0, 0.0]
     for k, shift, u in terms:
         s, c = jnp.sin(k * phase + shift), jnp.cos(k * phase + shift)
@@ -90,16 +94,18 @@ class Circle:
     Frames:  W; angles clockwise from north, seen from the centre.    Source:  elementary.
     """
 
-    radius: Scalar = quantity("m", "Radius.", default=1.5, above=0)
-    period: Scalar = quantity("s", "Period of one round.", default=20.0, above=0)
+    radius: Scalar = quantity("m", "Radius of the circle.", default=1.5, above=0)
+    period: Scalar = quantity("s", "Time of one round at full speed.", default=20.0, above=0)
     north: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
     start: Scalar = quantity("rad", "Angle on the circle at the start.", kind="angle", default=0.0)
-    ease: Scalar = quantity("s", "Time to reach full speed.", default=8.0, low=0)
-    clockwise: bool = option("True: clockwise; false: counter-clockwise.", default=True, choices=(True, False))
+    ease: Scalar = quantity("s", "Time from rest to full speed at the start.", default=8.0, low=0)
+    clockwise: bool = option(
+        "Direction of motion: True for clockwise, False for counter-clockwise.", default=True, choices=(True, False)
+    )
 
     def at(self, t: Any) -> ReferencePoint:
-        """Return the wanted point at t (s)."""
+        """Return the point of the reference at t (s)."""
         theta, rates = _ease_in(t, self.ease)
         w = 2 * np.pi / self.period * (1 if self.clockwise else -1)
         north, east = self.radius * np.array([1.0, 0.0]), self.radius * np.array([0.0, 1.0])
@@ -110,27 +116,27 @@ class Circle:
 
 @record
 class FigureEight:
-    """A lying eight, through its centre twice a period, after a start from rest at a tip.
+    """A figure eight, which passes its centre twice a period, after a start from rest at a tip.
 
         along = (length/2) cos(phase)      across = -(width/2) (sin(2 phase) + sin(4 phase)/40)
 
-    The acceleration vanishes in the crossing and changes sign there. The last term makes its direction stand still
-    while it does (direction' and direction'' are zero), so that whoever thrusts along it needs no torque just then;
-    it changes the width by 0.2 %.
+    The acceleration vanishes in the crossing and changes sign there. Because of the last term, the direction of the
+    acceleration is constant at the crossing (direction' and direction'' are zero). So a vehicle that thrusts along the
+    acceleration needs no torque there. The last term changes the width by 0.2 %.
 
     Frames:  W; `axis` clockwise from north; across is 90 degrees clockwise of it.    Source:  own derivation.
     """
 
     length: Scalar = quantity("m", "Length of the figure eight from tip to tip.", default=5.0, above=0)
     width: Scalar = quantity("m", "Width of the loops of the figure eight.", default=1.5, above=0)
-    period: Scalar = quantity("s", "Period of one figure eight.", default=30.0, above=0)
+    period: Scalar = quantity("s", "Time of one figure eight at full speed.", default=30.0, above=0)
     north: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
     axis: Scalar = quantity("rad", "Direction of the tip at which the figure eight begins.", kind="angle", default=0.0)
-    ease: Scalar = quantity("s", "Time to reach full speed.", default=8.0, low=0)
+    ease: Scalar = quantity("s", "Time from rest to full speed at the start.", default=8.0, low=0)
 
     def at(self, t: Any) -> ReferencePoint:
-        """Return the wanted point at t (s)."""
+        """Return the point of the reference at t (s)."""
         theta, rates = _ease_in(t, self.ease)
         w = 2 * np.pi / self.period
         c, s = jnp.cos(self.axis), jnp.sin(self.axis)
@@ -142,7 +148,7 @@ class FigureEight:
 
 @record
 class PiecewisePath:
-    """Consecutive polynomials of degree 5, as `interpolate_path` and `pass_waypoints` make them.
+    """A path of consecutive polynomials of degree 5, as made by `interpolate_path` and `pass_waypoints`.
 
     Piece k holds from times[k] to times[k + 1]: sum of coefficients[k, i] (t - times[k])^i, of north, east and heading.
     Before the first time and after the last, the path rests at its ends.
@@ -151,7 +157,7 @@ class PiecewisePath:
     """
 
     times: Any = quantity(
-        "s", "Start times of the pieces, and end of the last one; rising.", default=np.array([0.0, 1.0])
+        "s", "Start times of the pieces, and end time of the last piece, in rising order.", default=np.array([0.0, 1.0])
     )
     coefficients: Any = quantity(
         "m, rad",
@@ -159,18 +165,21 @@ class PiecewisePath:
         frame="W",
         default=np.zeros((1, DEGREE + 1, 3)),
     )
-    has_heading: Scalar = quantity("1", "True if a heading is wanted at all times.", kind="flag", default=False)
+    has_heading: Scalar = quantity("1", "True if the path gives a heading.", kind="flag", default=False)
 
     def check(self) -> None:
         """Raise InputError for an invalid path."""
         times, shape = np.asarray(self.times, np.float64), np.shape(self.coefficients)
         if times.ndim != 1 or shape != (len(times) - 1, DEGREE + 1, 3) or not (np.diff(times) > 0).all():
-            problem = f"{np.size(times)} times and coefficients of shape {shape} must be pieces in rising order"
+            problem = (
+                "times must rise and be one more than the pieces in coefficients,"
+                f" got {np.size(times)} times and coefficients of shape {shape}"
+            )
             fix = "make it with core.reference.interpolate_path or pass_waypoints"
             raise InputError("PiecewisePath.times", problem, fix=fix)
 
     def at(self, t: Any) -> ReferencePoint:
-        """Return the wanted point at t (s)."""
+        """Return the point of the reference at t (s)."""
         times = jnp.asarray(self.times)
         piece = jnp.sum(t >= times[1:-1], dtype=np.int32)
         first = jnp.int32(0)
@@ -190,21 +199,21 @@ def interpolate_path(times: Any, places: Any, headings: Any = None, *, rests: bo
     """Return the spline of degree 5 through positions at times.
 
     Args:
-        times: s, rising (n,); four at least, or two if it rests at its ends.
-        places: m, north and east in W (n, 2).
-        headings: rad (n,), unwrapped; None: none is wanted.
+        times: times (s) in rising order (n,), at least four, or two if the path rests at its ends.
+        places: positions (m), north and east in W (n, 2).
+        headings: headings (rad), unwrapped (n,), or None.
         rests: True if velocity and acceleration vanish at both ends.
 
     Raises:
-        InputError: too few, or in no rising order.
+        InputError: too few positions, or times that do not rise.
     """
     from scipy.interpolate import make_interp_spline  # before a run only
 
     t, x = np.asarray(times, np.float64), np.asarray(places, np.float64)
     fewest = 2 if rests else DEGREE + 1
     if t.ndim != 1 or x.shape != (len(t), 2) or len(t) < fewest or not (np.diff(t) > 0).all():
-        problem = f"{np.size(t)} times and {len(x)} places, of which no smooth path can be made"
-        fix = f"give {fewest} at least, each with its time, times rising"
+        problem = f"{np.size(t)} times and {len(x)} places do not determine a smooth path"
+        fix = f"give at least {fewest} places, each with a time, in rising order of time"
         raise InputError("path", problem, fix=fix)
     angles = np.zeros(len(t)) if headings is None else np.asarray(headings, np.float64)
     still: Any = [(1, np.zeros(3)), (2, np.zeros(3))]
@@ -216,15 +225,15 @@ def interpolate_path(times: Any, places: Any, headings: Any = None, *, rests: bo
 
 
 def pass_waypoints(places: Any, speeds: Any) -> PiecewisePath:
-    """Return a smooth path from rest to rest through positions, leg by leg.
+    """Return a smooth path through positions that begins and ends at rest.
 
     Args:
-        places: m, north and east in W (n, 2).
-        speeds: m/s, mean of each leg (n - 1,), or of all; the first and the last leg take longer, for they begin or
-            end at rest.
+        places: positions (m), north and east in W (n, 2).
+        speeds: mean speed (m/s) of each leg (n - 1,), or one for all legs. The first and the last leg take longer,
+            because they begin or end at rest.
 
     Raises:
-        InputError: fewer than two places, two alike in a row, or a speed that is none.
+        InputError: fewer than two places, two equal places in a row, or a speed that is not above 0.
     """
     x = np.asarray(places, np.float64)
     if x.ndim != 2 or x.shape[1] != 2 or len(x) < 2:
@@ -233,8 +242,8 @@ def pass_waypoints(places: Any, speeds: Any) -> PiecewisePath:
     v = np.broadcast_to(np.asarray(speeds, np.float64), legs.shape)
     if not (legs > 0).all():
         k = int(np.argmin(legs))
-        problem = f"number {k + 1} and number {k + 2} are the same position, {x[k, 0]:g} {x[k, 1]:g}"
-        raise InputError("waypoints", problem, fix="leave one of them out")
+        problem = f"way-points {k + 1} and {k + 2} are the same position, {x[k, 0]:g} {x[k, 1]:g}"
+        raise InputError("waypoints", problem, fix="remove one of the two way-points")
     if not (v > 0).all():
         raise InputError(
             "waypoints", f"a speed must be above 0, got {v.min():g} m/s", fix="give a positive speed, e.g. speed=0.4"

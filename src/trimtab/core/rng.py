@@ -1,11 +1,11 @@
 """Counter-based random numbers: threefry 2x32 in plain integer arithmetic.
 
-A number depends only on (seed, run), on the sample's index and on the stream that a block owns: the same bits in every
-backend, any run can be repeated alone, and switching one part off leaves the noise of the others as it was.
+A number depends only on (seed, run), on the sample's index and on the block's stream. So all backends draw the same
+bits, any run can be repeated alone, and the noise of a part does not change when another part is switched off.
 
-In place of the run's number there may be a word for each of several groups, among which the draws are dealt out:
-another word of one changes its part of the noise, and the rest stays to the bit. It is what a Markov chain towards a
-rare failure moves (docs page, Rare failures).
+The draws may be divided into groups, with one word for each group in place of the run's number. A new word for a group
+changes the noise of this group only. A Markov chain towards a rare failure changes these words (docs page, Rare
+failures).
 
 Source: Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (20 rounds).
 """
@@ -22,21 +22,21 @@ from trimtab.core.record import Scalar, option, quantity, record
 ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))
 PARITY = 0x1BD11BDA
 TERMS = 8
-"""Number of normal numbers in the sum that makes one, where groups of draws have their own words."""
+"""Number of normal numbers that are summed to one, if the draws are divided into groups."""
 TERM_STRIDE = 0x9E3779B1
-"""Between the streams of these; odd, so that they fall into different groups."""
+"""Difference of the stream numbers of the summed normal numbers. It is odd, so they are in different groups."""
 
 
 @record
 class Key:
-    """Key of the random numbers of a block: words (seed, run) and its own stream. Frames: none. Source: this module."""
+    """Key of a block's random numbers: the words (seed, run), and a stream. Frames: none. Source: this module."""
 
     seed: Scalar = quantity("1", "First key word: the seed of a study.", kind="word")
     run: Any = quantity("1", "Second key word: the number of a run; or one word for each group of draws.", kind="word")
     stream: int = option("First stream number of the block, derived from its path.", default=0)
 
     def at(self, name: str) -> "Key":
-        """The key of a named sub-block: its streams depend on its path alone, not on what else is in the loop."""
+        """Return the key of a named sub-block. Its streams depend only on its path, not on other parts of the loop."""
         return Key(self.seed, self.run, zlib.crc32(name.encode(), self.stream))
 
 
@@ -46,13 +46,13 @@ def key(seed: int, run: int = 0) -> Key:
 
 
 def split(key: Key, n: int) -> Key:
-    """Return keys of n alike blocks, fields (n,): each draws its own numbers, whatever n is."""
+    """Return keys of n equal blocks, fields (n,). Each block draws different numbers, which do not depend on n."""
     a, b = threefry2x32(key.seed, key.run, np.arange(n, dtype=np.uint32), np.uint32(key.stream))
     return Key(a, b, key.stream)
 
 
 def threefry2x32(k0: Any, k1: Any, c0: Any, c1: Any) -> tuple[Any, Any]:
-    """Return two random 32-bit words of a key (k0, k1) and a counter (c0, c1), all uint32, any shape."""
+    """Return two random 32-bit words for a key (k0, k1) and a counter (c0, c1); all uint32, of any shape."""
     k0, k1, c0, c1 = (jnp.asarray(word, np.uint32) for word in (k0, k1, c0, c1))
     words = (k0, k1, k0 ^ k1 ^ np.uint32(PARITY))
     x0, x1 = c0 + words[0], c1 + words[1]
@@ -66,7 +66,7 @@ def threefry2x32(k0: Any, k1: Any, c0: Any, c1: Any) -> tuple[Any, Any]:
 
 
 def _group_word(run: Any, counter: Any, streams: Any) -> Any:
-    """Return the second key word of some draws: the run's number, or that of the group that each draw belongs to.
+    """Return the second key word of draws: the run's number, or the word of each draw's group.
 
     counter, streams: uint32, of shapes that broadcast.
     """
@@ -84,9 +84,9 @@ def uniform2(key: Key, index: Any, stream: int = 0) -> tuple[Any, Any]:
     """Return two independent uniforms in (0, 1).
 
     Args:
-        key: of the block.
-        index: which sample, e.g. the instant divided by the block's period; any integer.
-        stream: tells the draws of one sample apart; each value gives another pair.
+        key: key of the block.
+        index: number of the sample, e.g. the instant divided by the block's period; any integer.
+        stream: number of the draw within a sample. Each number gives another pair.
     """
     c0, c1 = jnp.asarray(index).astype(np.uint32), np.uint32((key.stream + stream) % 2**32)
     a, b = threefry2x32(key.seed, _group_word(key.run, c0, c1), c0, c1)
@@ -100,7 +100,7 @@ def normal2(key: Key, index: Any, stream: int = 0) -> tuple[Any, Any]:
 
 
 def normals(key: Key, index: Any, n: int) -> Any:
-    """n independent standard normals, shape (n,) before that of index; streams 0, 1, … of the key, all at once."""
+    """Return n independent standard normals, of shape (n,) + shape of index, from the streams 0, 1, … of the key."""
     pairs = (n + 1) // 2
     counter = jnp.asarray(index).astype(np.uint32)
     streams = np.array([(key.stream + i) % 2**32 for i in range(pairs)], np.uint32).reshape(-1, *[1] * counter.ndim)
@@ -109,8 +109,10 @@ def normals(key: Key, index: Any, n: int) -> Any:
 
 
 def _normal_pair(key: Key, counter: Any, streams: Any) -> tuple[Any, Any]:
-    """Two normals of each; with a word for each group the sums of TERMS, each of another group, so that one changes
-    a little where one group's word does."""
+    """Return two normals for each draw.
+
+    With groups, each is a sum of TERMS normals of different groups. So it changes little when one group's word changes.
+    """
     if not jnp.ndim(key.run):
         return _box_muller(*threefry2x32(key.seed, key.run, counter, streams))
     x, y = 0.0, 0.0

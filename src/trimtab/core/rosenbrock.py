@@ -1,7 +1,8 @@
-"""A linearly implicit step for stiff systems: contact, stiff springs, fast valves. No iteration, one matrix a step.
+"""A linearly implicit step for stiff systems: contact, stiff springs, fast valves. One matrix a step, no iteration.
 
 Source: [1] Hairer, Wanner, "Solving ordinary differential equations II", Springer 1996, section IV.7: RODAS, order four
-with an embedded formula of order three, both stiffly accurate, so that what is infinitely fast is at once at rest.
+with an embedded formula of order three, both stiffly accurate, so that an infinitely fast motion is at rest after one
+step.
 """
 
 from typing import Any
@@ -36,9 +37,9 @@ TIMES = (0.25, -0.1043, 0.1035, -0.0362, 0.0, 0.0)
 
 
 def rodas(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
-    """One step of x' = f(t, x) from t to t + h, and how far the embedded formula is from it.
+    """Return x after one step of x' = f(t, x) from t to t + h, and the difference from the embedded formula.
 
-    x: any pytree of floats, n numbers in all; the Jacobian (n, n) comes by differentiation of f.
+    x: any pytree of floats, n numbers in all; the Jacobian (n, n) is computed by differentiating f.
     """
     leaves, tree = jax.tree.flatten(x)
     shapes = [np.shape(v) for v in leaves]

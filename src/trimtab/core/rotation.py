@@ -21,12 +21,12 @@ STEEP = 0.99
 
 
 def wrap(angle: Scalar) -> Scalar:
-    """Return an angle (rad) as its equal in [-pi, pi)."""
+    """Return an angle (rad) wrapped to [-pi, pi)."""
     return angle - 2 * np.pi * jnp.floor((angle + np.pi) / (2 * np.pi))
 
 
 def wrap_positive(angle: Scalar) -> Scalar:
-    """Return an angle (rad) as its equal in [0, 2 pi)."""
+    """Return an angle (rad) wrapped to [0, 2 pi)."""
     wrapped = angle - 2 * np.pi * jnp.floor(angle / (2 * np.pi))
     return jnp.where(wrapped < 2 * np.pi, wrapped, 0.0)  # a tiny negative angle rounds up to a full turn
 
@@ -50,10 +50,10 @@ def from_euler(roll: Scalar, pitch: Scalar, yaw: Scalar) -> Any:
 
 
 def to_euler(R_WB: Any) -> Any:
-    """Roll, pitch, yaw (3,) of a rotation (3, 3).
+    """Return roll, pitch, yaw (3,) (rad) of a rotation (3, 3).
 
-    Near the vertical, pitch and yaw are those of the rotation without its roll: in any precision, the angles give the
-    rotation back. At pitch ±90° roll and yaw are not unique: only their sum or difference is.
+    Near the vertical, pitch and yaw are computed after removing the roll, so that the three angles reproduce the
+    rotation in any precision. At pitch ±90° roll and yaw are not unique: only their sum or difference is.
     """
     steep = jnp.abs(R_WB[2, 0]) > STEEP
     roll = jnp.arctan2(R_WB[2, 1], R_WB[2, 2])
@@ -72,7 +72,7 @@ def cross_matrix(v: Any) -> Any:
 
 
 def from_rotation_vector(v: Any) -> Any:
-    """Return R (3, 3) that turns by |v| (rad) about v: Rodrigues' formula, with its series near zero."""
+    """Return R (3, 3) that rotates by |v| (rad) about v: Rodrigues' formula, or its series near zero."""
     a2 = v @ v
     small = a2 < 1e-8
     a = jnp.sqrt(jnp.where(small, 1.0, a2))
@@ -83,10 +83,10 @@ def from_rotation_vector(v: Any) -> Any:
 
 
 def rotate_by_vector(R_WB: Any, turn: Any) -> Any:
-    """Return R_WB (3, 3) after a turn by the vector `turn` (3,), the integral of w_WB_B over the step (rad).
+    """Return R_WB (3, 3) after a step with the rotation vector `turn` (3,), the integral of w_WB_B over the step (rad).
 
     With v = -turn, E = I + sin|v|/|v| [v×] + (1 - cos|v|)/|v|² [v×]² carries the transpose, R_BW(k) = E R_BW(k-1), so
-    R_WB(k) = R_WB(k-1) Eᵀ. Exact while the axis stands still over the step.
+    R_WB(k) = R_WB(k-1) Eᵀ. Exact if the axis of rotation is constant over the step.
 
     Source: [1] eq. 3.4, corrected (docs page, Errata); [1] Z. Kulis, "Feedback control of a hovercraft over a wireless
     link", University of Maryland, 2006.

@@ -1,4 +1,4 @@
-"""Steps on the rotation group: a quaternion goes from attitude to attitude by turns, and so keeps its length by itself.
+"""Integration steps on the rotation group: a quaternion is updated by rotations, so its length stays one.
 
 Source: [1] Hairer, Lubich, Wanner, "Geometric numerical integration", 2nd ed., Springer 2006, section IV.8: methods of
 Munthe-Kaas. [2] Bortz, "A new mathematical formulation for strapdown inertial navigation", IEEE T-AES 7 (1971).
@@ -18,11 +18,13 @@ SERIES = (1 / 12, 1 / 720, 1 / 30240, 1 / 1209600)
 
 
 def rotation_step(step: Step, names: Sequence[str]) -> Step:
-    """Return the same step with the fields `names` of the state, quaternions q_WB (4,), turned instead of added to.
+    """Return a step that integrates the fields `names` of the state, quaternions q_WB (4,), by rotations instead of
+    sums.
 
-    Within a step q = q0 exp(v), and v (3,) goes by Bortz's equation v' = w + v × w/2 + … of the angular velocity w that
-    the derivative of q says; what else that says, such as a term that brings the length back, is left out.
-    Of order p where the step is: RK4 becomes Munthe-Kaas's method of order four. What it says of its error is of q.
+    Within a step q = q0 exp(v), and v (3,) obeys Bortz's equation v' = w + v × w/2 + …, with the angular velocity w
+    computed from the derivative of q. Other parts of that derivative, such as a term that corrects the length, are
+    ignored. The order of the step is kept: RK4 becomes Munthe-Kaas's method of order four. The error estimate is that
+    of q.
     """
 
     def turn(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
@@ -44,7 +46,7 @@ def rotation_step(step: Step, names: Sequence[str]) -> Step:
 
 
 def _turn_rate(v: Any, q: Any, dq: Any) -> Any:
-    """Return v' (3,) where q = q0 exp(v) has the derivative dq."""
+    """Return v' (3,) for q = q0 exp(v), given the derivative dq of q."""
     w = 2 * quaternion.multiply(quaternion.conjugate(q), jnp.asarray(dq))[1:] / (q @ q)
     a2, c = v @ v, jnp.zeros(())
     for term in reversed(SERIES):

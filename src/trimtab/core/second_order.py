@@ -1,4 +1,4 @@
-"""Second-order sections of digital filters: the difference equations that sensors respond with and flight code inverts.
+"""Second-order sections of digital filters: difference equations of sensor responses, which flight code inverts.
 
     y_k = b0 u_k + b1 u_{k-1} + b2 u_{k-2} - a1 y_{k-1} - a2 y_{k-2}
 
@@ -23,7 +23,7 @@ class Section:
     a2: Scalar = quantity("1", "Coefficient of the output two samples ago.", default=0.0)
 
     def gain(self) -> Any:
-        """Output over a constant input."""
+        """Return the static gain: output divided by a constant input."""
         return (self.b0 + self.b1 + self.b2) / (1 + self.a1 + self.a2)
 
 
@@ -50,12 +50,11 @@ def filter_sample(section: Section, state: SectionState, u: Any) -> tuple[Sectio
 
 
 def low_pass(frequency: Any, damping: Any, sampling_period: Any) -> Section:
-    """w²/(s² + 2 z w s + w²) by the bilinear transform, exact at its natural frequency.
+    """Return the section for w²/(s² + 2 z w s + w²) by the bilinear transform, exact at the natural frequency.
 
     Args:
         frequency: natural frequency (Hz), below half the sampling rate; for z = 1/√2 that is the -3 dB bandwidth.
-        damping: z.
-        sampling_period: time between samples (s).
+        damping: damping ratio z. sampling_period: time between samples (s).
 
     Source: Oppenheim, Schafer, "Discrete-time signal processing", section 7.1, with the frequency prewarped.
     """

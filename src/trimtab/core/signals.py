@@ -1,4 +1,4 @@
-"""The messages that the parts of the loop exchange. Every sample carries the time at which it was measured.
+"""Messages that the parts of the loop exchange. Every sample carries the time of its measurement.
 
 Frames: W is north-east-down with its origin on the floor; B sits at the centre of mass, x forward, y starboard, z down.
 Times are integers of 100 ns; ages are seconds.
@@ -16,11 +16,11 @@ from trimtab.core.time import NEVER, to_seconds
 
 @record
 class SurroundingAir:
-    """The air about a vehicle, at its centre of mass. Source: docs page, Turbulence."""
+    """Air around a vehicle, at its centre of mass. Source: docs page, Turbulence."""
 
     height: Scalar = quantity("m", "Height of the vehicle above the sea.")
-    velocity: Any = quantity("m/s", "Velocity of the air over the ground, in B.", frame="B", shape=(3,))
-    rate: Any = quantity("rad/s", "Angular velocity of the air about the vehicle.", frame="B", shape=(3,))
+    velocity: Any = quantity("m/s", "Velocity of the air relative to the ground, in B.", frame="B", shape=(3,))
+    rate: Any = quantity("rad/s", "Angular velocity of the air around the vehicle.", frame="B", shape=(3,))
 
 
 @record
@@ -32,38 +32,38 @@ class Gust:
 
 
 NO_GUST = Gust(np.zeros(3), np.zeros(3))
-"""No gust: air that is still, or moves with the mean wind."""
+"""Zero gust: the air is still, or moves with the mean wind."""
 
 
 @record
 class Bending:
-    """Bending of a vehicle: its modes, by their numbers in the state. Source: docs page, Hypersonic."""
+    """Motion of a vehicle's bending modes, in the order of the modes in the state. Source: docs page, Hypersonic."""
 
     rate: Any = quantity("1/s", "Rate of each bending mode (n,), in its own unit per second.")
-    acceleration: Any = quantity("1/s^2", "Acceleration of each bending mode (n,), in its own unit.")
+    acceleration: Any = quantity("1/s^2", "Acceleration of each bending mode (n,), in its own unit per second squared.")
 
 
 @record
 class Motion:
-    """All that a sensor on the vehicle can feel, at one instant.
+    """Motion and surroundings of the vehicle at one instant: all that a sensor on the vehicle can measure.
 
     Frames:  p_WB in W; attitude is roll, pitch, yaw (3-2-1) of B in W, unwrapped; the rest in B.
     Source:  docs page, Conventions.
     """
 
-    t: Scalar = quantity("100 ns", "Time of the motion.", kind="time")
+    t: Scalar = quantity("100 ns", "Time at which the vehicle has this motion.", kind="time")
     p_WB: Any = quantity("m", "Position: north, east, down.", frame="W", shape=(3,))
     attitude: Any = quantity("rad", "Roll, pitch, yaw; yaw counts full turns.", frame="WB", shape=(3,))
     v_WB_B: Any = quantity("m/s", "Velocity: surge, sway, heave.", frame="B", shape=(3,))
     w_WB_B: Any = quantity("rad/s", "Angular velocity: roll, pitch, yaw rate.", frame="B", shape=(3,))
     a_WB_B: Any = quantity("m/s^2", "Acceleration of the centre of mass in W, resolved in B.", frame="B", shape=(3,))
-    alpha_WB_B: Any = quantity("rad/s^2", "Angular acceleration.", frame="B", shape=(3,))
+    alpha_WB_B: Any = quantity("rad/s^2", "Angular acceleration of B in W, resolved in B.", frame="B", shape=(3,))
     air: Any = part("Air about the vehicle, a SurroundingAir; empty for a vehicle without air.", default=())
     bending: Any = part("Bending modes of the vehicle, a Bending; empty for a rigid vehicle.", default=())
 
 
 def surrounding_air(motion: Motion) -> SurroundingAir:
-    """Return the air about a vehicle; of one that knows none it is still, and the sea lies at the origin of W."""
+    """Return the air around a vehicle. If the motion has none, the air is still, and the sea is at the origin of W."""
     if isinstance(motion.air, SurroundingAir):
         return motion.air
     still = jnp.zeros_like(motion.v_WB_B)
@@ -71,20 +71,20 @@ def surrounding_air(motion: Motion) -> SurroundingAir:
 
 
 def no_motion() -> Motion:
-    """At rest at the origin at time zero: the structure of a motion, where its numbers don't matter."""
+    """Return a motion at rest at the origin at time zero, for code that needs only the structure of a motion."""
     three = np.zeros(3)
     return Motion(np.int64(0), three, three, three, three, three, three)
 
 
 @record
 class Sample:
-    """A value with the time at which it was measured; what sensors give and channels carry. Source: docs page, Time."""
+    """Message of a sensor: a value with the time of its measurement. Source: docs page, Time."""
 
     value: Any = part("Measured value.")
     t: Scalar = quantity("100 ns", "Time of measurement.", kind="time")
-    age: Scalar = quantity("s", "Age of the sample: time since its measurement, by the clock of its holder.")
-    fresh: Scalar = quantity("1", "True if the sample is seen for the first time.", kind="flag")
-    valid: Scalar = quantity("1", "True once the sensor has measured.", kind="flag")
+    age: Scalar = quantity("s", "Age of the sample: time since its measurement, by the receiver's clock.")
+    fresh: Scalar = quantity("1", "True at the first step at which the receiver has this sample.", kind="flag")
+    valid: Scalar = quantity("1", "True after the sensor's first measurement.", kind="flag")
 
 
 def new_sample(t: Any, value: Any, *, fresh: Any = True) -> Sample:
@@ -93,14 +93,15 @@ def new_sample(t: Any, value: Any, *, fresh: Any = True) -> Sample:
 
 
 def hold_sample(now: Any, sample: Sample, *, fresh: Any = False) -> Sample:
-    """Return the same sample as seen at a later time `now`."""
+    """Return the sample with its age at a later time `now`."""
     return replace(sample, age=to_seconds(now - sample.t), fresh=fresh)
 
 
 def is_new(sample: Sample, seen: Any) -> Any:
-    """Return True if a sample differs from the one measured at integer time `seen`, which makes it fresh.
+    """Return True if a sample is fresh:
 
-    The time of measurement decides, as the clocks of the two ends of a link may differ.
+    measured at another integer time than `seen`. Times of measurement are compared for inequality, because the clocks
+    at the two ends of a link may differ.
     """
     return sample.valid & (sample.fresh | (sample.t != seen))
 
@@ -109,25 +110,25 @@ def is_new(sample: Sample, seen: Any) -> Any:
 class Frame:
     """Input of the autopilot: the newest sample of every sensor, by the sensor's name. Source: docs page, Time."""
 
-    t: Scalar = quantity("100 ns", "Time of the autopilot.", kind="time")
-    samples: Mapping[str, Sample] = part("Newest sample of each sensor.")
+    t: Scalar = quantity("100 ns", "Time by the autopilot's clock.", kind="time")
+    samples: Mapping[str, Sample] = part("Newest sample of each sensor, by the sensor's name.")
 
 
 @record
 class Estimate:
     """Input of a law. Source: docs page, Time."""
 
-    t: Scalar = quantity("100 ns", "Time of the autopilot.", kind="time")
-    age: Scalar = quantity("s", "Time since the newest measurement in the estimate.")
-    fresh: Scalar = quantity("1", "True if a measurement arrived at this instant.", kind="flag")
-    valid: Scalar = quantity("1", "True once the estimated state can be used.", kind="flag")
+    t: Scalar = quantity("100 ns", "Time by the autopilot's clock.", kind="time")
+    age: Scalar = quantity("s", "Age of the newest measurement used in the estimate.")
+    fresh: Scalar = quantity("1", "True if a new measurement arrived at this step.", kind="flag")
+    valid: Scalar = quantity("1", "True while the estimated state may be used.", kind="flag")
     state: Any = part("Estimated state, a record.")
-    stick: Any = part("Newest sample of the pilot's stick, for a law that reads it; else None.", default=None)
-    dt: Any = part("Time between two steps of the law (s), for the law alone; else None.", default=None)
+    stick: Any = part("Newest sample of the pilot's stick for a law that reads the stick, else None.", default=None)
+    dt: Any = part("Time between two steps of the law (s) in the law's input, else None.", default=None)
 
 
 STICK_MODES = ("manual", "damped", "assisted")
-"""Modes of a pilot's stick: it commands the thrust vector, velocities in the body, or the velocity over the floor."""
+"""Modes of a pilot's stick. It commands the thrust vector, velocities in the body, or the velocity over the floor."""
 
 
 @record
@@ -136,21 +137,25 @@ class Stick:
 
     forward: Scalar = quantity("1", "Forward deflection, -1 to 1.", low=-1, high=1)
     turn: Scalar = quantity("1", "Sideways deflection, -1 to 1; positive turns clockwise from above.", low=-1, high=1)
-    mode: Scalar = quantity("1", "Mode of the stick.", kind="mode", modes=STICK_MODES)
+    mode: Scalar = quantity("1", "Mode selected by the stick.", kind="mode", modes=STICK_MODES)
 
 
 @record
 class Command:
     """Output of the autopilot, for the actuators. Source: docs page, Time."""
 
-    t: Scalar = quantity("100 ns", "Time of issue.", kind="time")
-    valid: Scalar = quantity("1", "False: the autopilot has no estimate yet, actuators stay neutral.", kind="flag")
+    t: Scalar = quantity("100 ns", "Time at which the autopilot sent the command.", kind="time")
+    valid: Scalar = quantity(
+        "1",
+        "True if the command is valid. False while there is no valid estimate: actuators stay neutral.",
+        kind="flag",
+    )
     value: Any = part("Actuator commands, a record.")
 
 
 @record
 class PlanarState:
-    """Velocity and heading of a vehicle in the plane: what planar laws read. Source: docs page, Conventions."""
+    """Velocity and heading of a vehicle in the plane, as read by planar laws. Source: docs page, Conventions."""
 
     surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B")
     sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B")
@@ -168,9 +173,11 @@ class PlanarForce:
 
 @record
 class PeerMessage:
-    """Message of a craft of a swarm to the others: its reference point. Source: docs page, Swarms."""
+    """Message with the reference point of a craft, sent to the other craft of a swarm. Source: docs page, Swarms."""
 
-    t: Scalar = quantity("100 ns", "Time at which the message was valid.", kind="time", default=np.int64(NEVER))
+    t: Scalar = quantity(
+        "100 ns", "Time for which position and velocity in the message are valid.", kind="time", default=np.int64(NEVER)
+    )
     north: Scalar = quantity("m", "Reference point, north.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Reference point, east.", frame="W", default=0.0)
     north_velocity: Scalar = quantity("m/s", "Velocity of the reference point, north.", frame="W", default=0.0)
@@ -179,17 +186,17 @@ class PeerMessage:
 
 @record
 class Peers:
-    """Messages that a craft has received from each craft of its swarm, by number. Not logged: n² messages.
+    """Newest message that a craft has received from each craft of its swarm. Not logged, because there are n² messages.
 
     Source: docs page, Swarms.
     """
 
     messages: Any = part(
-        "Newest message of each craft, as a tuple of the fields of PeerMessage, (n,); t is NEVER without one."
+        "Fields of PeerMessage, each (n,), with the newest message of each craft; t is NEVER without a message."
     )
 
     def message(self) -> PeerMessage:
-        """Return the messages as a record, fields (n,)."""
+        """Return the messages as a PeerMessage whose fields have the shape (n,)."""
         return PeerMessage(*self.messages)
 
 
@@ -203,7 +210,7 @@ class PeerView:
 
 @record
 class SwarmInput:
-    """Input and message of each craft; demand, command and input of a swarm. Source: docs page, Swarms."""
+    """Input and message of each craft: demand, command and input of a swarm. Source: docs page, Swarms."""
 
     act: Any = part("Input of each craft, or demand for its actuators; fields (n,).")
     say: PeerMessage = part("Message of each craft; fields (n,).")
@@ -211,7 +218,7 @@ class SwarmInput:
 
 @record
 class SwarmMotion:
-    """Motion of a swarm, as its sensors feel it. Source: docs page, Swarms."""
+    """Motion of all craft of a swarm, the input of its sensors. Source: docs page, Swarms."""
 
     each: Motion = part("Motion of each craft, fields (n, …).")
     say: PeerMessage = part("Message of each craft, fields (n,).")

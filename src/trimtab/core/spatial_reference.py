@@ -1,7 +1,8 @@
-"""Where a vehicle in space is wanted, for every time: a helix, one place, or a path in the plane at a height.
+"""References for a vehicle in space:
 
-A reference in space gives `at(t)` a SpatialPoint: the place and four derivatives, the heading and two. All is pure and
-compiles to C, so that a law can hold it in flight.
+a helix, a fixed place, and a path in the plane at a constant height. `at(t)` gives a SpatialPoint: the position and
+four derivatives, the heading and two derivatives. References are pure functions and compile to C, so a law can contain
+one in flight.
 """
 
 from typing import Any
@@ -15,27 +16,29 @@ from trimtab.core.reference import Circle
 
 @record
 class SpatialPoint:
-    """Reference at one instant. Frames: W, (north, east, down). Source: docs page, References."""
+    """Point of a reference in space at one instant. Frames: W, (north, east, down). Source: docs page, References."""
 
-    place: Any = quantity("m", "Wanted position.", frame="W", shape=(3,))
-    velocity: Any = quantity("m/s", "Derivative of the wanted position.", frame="W", shape=(3,))
-    acceleration: Any = quantity("m/s^2", "Second derivative of the wanted position.", frame="W", shape=(3,))
-    jerk: Any = quantity("m/s^3", "Third derivative of the wanted position.", frame="W", shape=(3,))
-    snap: Any = quantity("m/s^4", "Fourth derivative of the wanted position.", frame="W", shape=(3,))
-    heading: Scalar = quantity("rad", "Wanted heading of the nose.", kind="angle", frame="W")
-    heading_rate: Scalar = quantity("rad/s", "Rate of the wanted heading.", frame="W")
-    heading_acceleration: Scalar = quantity("rad/s^2", "Second derivative of the wanted heading.", frame="W")
+    place: Any = quantity("m", "Reference position: north, east, down.", frame="W", shape=(3,))
+    velocity: Any = quantity("m/s", "Reference velocity: first time derivative of the position.", frame="W", shape=(3,))
+    acceleration: Any = quantity(
+        "m/s^2", "Reference acceleration: second time derivative of the position.", frame="W", shape=(3,)
+    )
+    jerk: Any = quantity("m/s^3", "Reference jerk: third time derivative of the position.", frame="W", shape=(3,))
+    snap: Any = quantity("m/s^4", "Reference snap: fourth time derivative of the position.", frame="W", shape=(3,))
+    heading: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle", frame="W")
+    heading_rate: Scalar = quantity("rad/s", "Reference yaw rate: first time derivative of the heading.", frame="W")
+    heading_acceleration: Scalar = quantity("rad/s^2", "Second time derivative of the reference heading.", frame="W")
 
 
 @record
 class FixedPlace:
-    """One place for ever, the nose one way. Frames: W. Source: elementary."""
+    """A constant position and heading. Frames: W. Source: elementary."""
 
-    place: Any = quantity("m", "Wanted position.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
-    heading: Scalar = quantity("rad", "Wanted heading of the nose.", kind="angle", frame="W", default=0.0)
+    place: Any = quantity("m", "Reference position: north, east, down.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
+    heading: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle", frame="W", default=0.0)
 
     def at(self, t: Any) -> SpatialPoint:
-        """Return the wanted point at t (s)."""
+        """Return the point of the reference at t (s)."""
         o, three = jnp.asarray(0.0), jnp.zeros(3)
         heading = jnp.asarray(self.heading, float)
         return SpatialPoint(jnp.asarray(self.place, float), three, three, three, three, heading, o, o)
@@ -43,7 +46,7 @@ class FixedPlace:
 
 @record
 class Helix:
-    """An elliptic helix along north, at full speed from the first instant, with a heading that turns steadily.
+    """An elliptic helix along north, with a constant yaw rate. It starts at full speed.
 
         (speed t, across sin wt, -lift cos wt) + origin      heading = turn t
 
@@ -55,12 +58,14 @@ class Helix:
     speed: Scalar = quantity("m/s", "Speed along the axis of the helix.", default=0.4)
     across: Scalar = quantity("m", "Half the width of the helix.", default=0.4)
     lift: Scalar = quantity("m", "Half the height of the helix.", default=-0.6)
-    w: Scalar = quantity("rad/s", "Angular frequency of the turns of the helix.", default=np.pi)
-    turn: Scalar = quantity("rad/s", "Rate of the heading.", default=np.pi)
-    origin: Any = quantity("m", "Start of the axis of the helix.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
+    w: Scalar = quantity("rad/s", "Angular frequency w of the rotation about the helix axis.", default=np.pi)
+    turn: Scalar = quantity("rad/s", "Constant yaw rate of the reference heading.", default=np.pi)
+    origin: Any = quantity(
+        "m", "Point at which the axis of the helix starts.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0)
+    )
 
     def at(self, t: Any) -> SpatialPoint:
-        """Return the wanted point at t (s)."""
+        """Return the point of the reference at t (s)."""
         w, s, c = self.w, jnp.sin(self.w * t), jnp.cos(self.w * t)
         o = jnp.zeros_like(s)
         y, z = self.across, -self.lift
@@ -79,17 +84,17 @@ class Helix:
 
 @record
 class LevelPath:
-    """A path in the plane, flown at one height with one heading.
+    """A path in the plane, at a constant height with a constant heading.
 
     Frames:  W.    Source:  elementary.
     """
 
     path: Any = part("Reference in the horizontal plane, as core.interfaces.Reference.", default=Circle())
     height: Scalar = quantity("m", "Height above the origin of W.", frame="W", default=1.5)
-    heading: Scalar = quantity("rad", "Heading of the nose.", kind="angle", frame="W", default=0.0)
+    heading: Scalar = quantity("rad", "Constant reference heading of the nose.", kind="angle", frame="W", default=0.0)
 
     def at(self, t: Any) -> SpatialPoint:
-        """Return the wanted point at t (s)."""
+        """Return the point of the reference at t (s)."""
         p = self.path.at(t)
         o = jnp.zeros(1)
         down = jnp.stack([-jnp.asarray(self.height, float)])

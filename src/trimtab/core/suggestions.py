@@ -10,7 +10,7 @@ from trimtab.core.errors import InputError, argument, argument_name, command
 
 
 def missing_member(owner: Any, name: str, write: str) -> AttributeError:
-    """Return the error for a member that an object does not have. write: what to write instead; "" if unknown."""
+    """Return the error for a missing attribute of an object. write: text to write instead, or ""."""
     if name.startswith("_"):
         return AttributeError(f"{type(owner).__name__!r} object has no attribute {name!r}", name=name, obj=owner)
     near = closest(name, [n for n in dir(owner) if not n.startswith("_")], 1)
@@ -19,10 +19,7 @@ def missing_member(owner: Any, name: str, write: str) -> AttributeError:
 
 
 def unknown_setting(name: str, path: str, known: Iterable[str]) -> InputError:
-    """Problem reported for a path without a setting.
-
-    name: of the argument that has it, e.g. "settings".  known: the paths that there are.
-    """
+    """Return the error for a path that is not a setting. name: argument with the path. known: valid paths."""
     known = list(known)
     below = [p for p in known if p.startswith(path + ".")]
     near = below[:8] or closest(path, known, 6) or sorted({p.split(".")[0] for p in known})
@@ -35,7 +32,7 @@ def unknown_setting(name: str, path: str, known: Iterable[str]) -> InputError:
 
 
 def closest(name: str, choices: Iterable[str], n: int = 3) -> list[str]:
-    """Return up to n choices that look like name, best first; empty when none does."""
+    """Return up to n choices similar to a name, the most similar first."""
     import difflib  # only after a mistake
 
     names = list(choices)
@@ -46,5 +43,5 @@ def closest(name: str, choices: Iterable[str], n: int = 3) -> list[str]:
 
 
 def _last_word(name: str) -> str:
-    """Return the words of a setting's path or of a scenario's name, in small letters."""
+    """Return the words in the path of a setting or the name of a scenario, in small letters."""
     return name.lower().replace("/", ".").rpartition(".")[2]

@@ -1,6 +1,6 @@
 """Integer time: units of 100 ns, so that 1 ms = 10 000 and the 6.5536 ms tick of an IMU = 65 536 are both exact.
 
-A run walks the ordered instants at which some block is due. Due predicates depend on time alone.
+A run steps through the instants at which a block is due, in order. Whether a block is due depends only on the time.
 """
 
 import functools
@@ -17,9 +17,9 @@ UNITS_PER_SECOND = 10_000_000
 SECONDS_PER_UNIT = 1e-7
 NAMES = {"min": "60", "s": "1", "ms": "1e-3", "us": "1e-6", "µs": "1e-6", "ns": "1e-9"}
 FOREVER = 2**62
-"""Time later than any instant of a run."""
+"""Time later than all instants of a run."""
 NEVER = -FOREVER
-"""Time earlier than any instant, for events that have not happened yet."""
+"""Time earlier than all instants of a run, for events that have not happened."""
 
 
 def seconds(value: float | str | Decimal) -> int:
@@ -51,7 +51,7 @@ def ms(value: float | str) -> int:
 
 
 def parse_time(text: str | float) -> int:
-    """Return the integer time of ``20 ms``, ``6.5536ms``, ``150 us``, ``2 s``, ``3 min``, or a number of seconds."""
+    """Return the integer time for a text such as ``20 ms``, ``150 us``, ``2 s``, ``3 min``, or a number of seconds."""
     match = re.fullmatch(r"\s*([-+0-9.eE]+?)\s*(min|s|ms|us|µs|ns)?\s*", str(text))
     if not match:
         raise InputError("time", f"{text!r} is not a time", choices=NAMES, fix="write e.g. '20 ms' or 0.02")
@@ -63,7 +63,7 @@ def parse_time(text: str | float) -> int:
 
 
 def nearest_time(text: str, usual: str) -> str:
-    """Return the likely meaning of a text that is not a time: 3 min for 3 m; else the usual text."""
+    """Return the time that was probably meant, such as 3 min for 3 m, or `usual` if unknown."""
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(m|mins?|minutes?|h|hours?|secs?|seconds?)\s*", text, re.IGNORECASE)
     if match is None:
         return usual
@@ -72,9 +72,10 @@ def nearest_time(text: str, usual: str) -> str:
 
 
 def as_time(part: str, value: Any) -> int:
-    """Return a time as integer units, from such units or a text such as ``20 ms``. Raise InputError for other numbers.
+    """Return a time as integer units, from integer units or a text such as ``20 ms``. Raise InputError for other
+    numbers.
 
-    part: name of the argument, e.g. ``duration``.
+    part: name of the argument, for the error, e.g. ``duration``.
     """
     if isinstance(value, str):
         try:
@@ -98,23 +99,23 @@ def format_time(units: int) -> str:
 
 
 def to_seconds(units: Any) -> Any:
-    """Return integer time as float seconds; also for arrays and while a run is traced."""
+    """Return integer time in seconds, as a float. Also works for arrays and while a run is traced."""
     return units * SECONDS_PER_UNIT
 
 
 class Instant(NamedTuple):
-    """The present instant, and the periods known to be due at every instant of this walk."""
+    """The present instant, and the periods known to be due at every instant of the run."""
 
     t: Any
     always: frozenset[int] = frozenset()
 
     def due(self, period: int) -> Any:
-        """Return whether a block of this period is due now: the Python value True if that is certain beforehand."""
+        """Return True if a block of this period is due now: Python's True, not an array, if it is always due."""
         return True if period in self.always else self.t % period == 0
 
 
 class Timetable(NamedTuple):
-    """The instants of a run, half open: t[0] = 0 and the last step ends at the run's duration.
+    """Instants of a run. t[0] is 0; the last step ends at the run's duration, which is not an instant.
 
     t: int64 (n,), strictly rising.  h: int64 (n,), the time from each instant to the next.
     always: the periods that are due at every instant.
@@ -129,8 +130,8 @@ def timetable(periods: Iterable[int], duration: int, max_step: int) -> Timetable
     """Return all instants in [0, duration) at which a period is due, with gaps longer than max_step split evenly.
 
     Args:
-        periods: in 100 ns units, each at least 1; they need no common divisor.
-        duration: end of the run, not itself an instant.
+        periods: in 100 ns units, each at least 1, with or without common divisor.
+        duration: end of the run, which is not an instant.
         max_step: longest integration step.
     """
     return _merge_instants(tuple(sorted({int(p) for p in periods})), int(duration), int(max_step))

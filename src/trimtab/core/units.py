@@ -1,6 +1,6 @@
-"""Units that people and loggers write, and what each is in SI and radians.
+"""Units that users and logs may use, and their sizes in SI and radians.
 
-Quantities are kept in SI and radians, but for a fan's speed at the bench, which the field has in rpm.
+Quantities are stored in SI and radians, except for fan speeds in rpm.
 """
 
 import math
@@ -17,7 +17,7 @@ FREE_FALL = 9.80665
 FLAG, COUNT = "flag", "count"
 TURN = 2 * math.pi
 POUND = 0.45359237
-"""kg."""
+"""One pound (kg)."""
 
 RATES: Mapping[str, float] = {
     "rad/s": 1.0,
@@ -62,9 +62,9 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "Hz": {"Hz": 1.0},
     "rpm": {"rpm": 1.0, "krpm": 1e3, "rad/s": 60 / TURN, "Hz": 60.0},
 }
-"""Unit that a quantity is kept in -> units that it may be written in -> size of one of them.
+"""Unit of storage -> units in which the quantity may be written -> their size in the unit of storage.
 
-Of a unit that stands twice, such as g, the first is meant where nothing says what is measured.
+A unit that occurs twice, such as g, means the first if the quantity is unknown.
 """
 SPELLINGS = {
     "": "1",
@@ -92,7 +92,7 @@ SPELLINGS = {
     "deglongitude": "deg",
     "bool": FLAG,
 }
-"""Other spellings -> the unit."""
+"""Other spellings of a unit -> its symbol."""
 
 NAMES = {
     "metre": "m",
@@ -113,16 +113,16 @@ NAMES = {
     "inch": "in",
     "pound": "lb",
 }
-"""Units spelled out -> the symbol by which a declaration has them."""
+"""Units spelled out -> the symbol to use in a declaration."""
 
 IMPERIAL = ("ft", "in", "lbf", "ft/s")
-"""Units in which a vehicle of a publication may be declared, as the hypersonic one."""
+"""Non-SI units that a declaration may use, for vehicles from publications such as the hypersonic vehicle."""
 
 NUMBER = re.compile(r"\s*([-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf))\s*(.*?)\s*", re.IGNORECASE)
 
 
 class Unit(NamedTuple):
-    """scale: of one unit in SI and radians.  name: of the unit there.  kind: "real", "flag" or "count"."""
+    """Unit of a text. scale: size of the unit in SI and radians. name: SI unit. kind: "real", "flag" or "count"."""
 
     scale: float
     name: str
@@ -130,10 +130,10 @@ class Unit(NamedTuple):
 
 
 def find_unit(where: str, text: str) -> Unit:
-    """Return the unit of a text, which may begin with a factor, e.g. ``1e-7 deg``.
+    """Return the unit written in a text, which may begin with a factor, e.g. ``1e-7 deg``.
 
     Raises:
-        InputError: an unknown one.
+        InputError: unknown unit.
     """
     plain = _spell_plainly(text)
     match = re.fullmatch(r"([-+0-9.eE]+)\s+(\S.*)", plain)
@@ -149,47 +149,47 @@ def find_unit(where: str, text: str) -> Unit:
 
 
 def find_size(text: str, kept: str) -> float | None:
-    """Return size of one unit of a text in the unit that a quantity is kept in; None where it is no unit of that."""
+    """Return the size of a written unit in the unit of storage, or None if it measures another quantity."""
     return find_sizes(text).get(kept)
 
 
 def find_sizes(text: str) -> dict[str, float]:
-    """Return units that a quantity may be kept in -> size of one unit of a text in them; empty where it is no unit."""
+    """Return possible units of storage -> size of a written unit in each; empty for an unknown unit."""
     plain = _spell_plainly(text)
     name = SPELLINGS.get(plain, plain)
     return {kept: sizes[name] for kept, sizes in UNITS.items() if name in sizes}
 
 
 def check_symbols(unit: str) -> None:
-    """Raise InputError for a declared unit that is spelled out, for nothing could be converted to it.
+    """Raise InputError if a declared unit is spelled out, because conversion needs the symbol.
 
     Raises:
-        InputError: naming the symbol.
+        InputError: names the symbol.
     """
     for word in re.findall("[A-Za-z]+", unit):
         symbol = NAMES.get(word.lower(), NAMES.get(word.lower().removesuffix("s")))
         if symbol is not None:
-            problem = f"the unit {unit!r} is spelled out: units are declared by their symbols"
+            problem = f"the unit {unit!r} is spelled out, must be a symbol"
             raise InputError("quantity", problem, fix=f'quantity("{unit.replace(word, symbol)}", …)')
 
 
 def check_kept(unit: str) -> None:
-    """Raise InputError for a declared unit that quantities are not kept in, such as deg.
+    """Raise InputError if a declared unit is not a unit of storage, such as deg.
 
     Raises:
-        InputError: naming the unit to declare.
+        InputError: names the unit to declare.
     """
     kept = next((kept for kept, sizes in UNITS.items() if unit in sizes), unit)
     if unit not in (*UNITS, *IMPERIAL) and kept != unit:
-        problem = f"the unit must be {kept}, in which the value is kept, got {unit}"
+        problem = f"the unit must be {kept}, in which the value is stored, got {unit}"
         raise InputError("quantity", problem, fix=f'quantity("{kept}", …, default="1 {unit}")')
 
 
 def parse_unit(part: str, text: str, kept: str) -> float:
-    """Return size of a unit that is written behind a number, in the unit that the number is kept in; 1 where none is.
+    """Return the size of the unit written after a number, in the unit of storage; 1 if no unit is written.
 
     Raises:
-        InputError: a unit that does not measure what is kept in that one.
+        InputError: the written unit measures another quantity.
     """
     if not text or text == kept:
         return 1.0
@@ -199,18 +199,19 @@ def parse_unit(part: str, text: str, kept: str) -> float:
         choices = [kept, *(u for unit in own for u in UNITS[unit] if u != kept)]
         raise InputError(
             part,
-            f"{text!r} is not a unit of this quantity, which is in {kept}",
+            f"{text!r} is not a unit of this quantity, whose unit is {kept}",
             choices=choices,
-            fix=f"give it in {kept}",
+            fix=f"give the value in {kept}",
         )
     return sizes[common] / own[common]
 
 
 def parse_amount(part: str, text: str, kept: str) -> float:
-    """A number as ``3 kg``, ``3000 g`` or ``3``, in the unit that it is kept in; ``nan`` and ``inf`` are numbers.
+    """Return the number in a text such as ``3 kg``, ``3000 g`` or ``3``, in the unit of storage. ``nan`` and ``inf``
+    are numbers.
 
     Raises:
-        InputError: no number, or another kind of unit.
+        InputError: not a number, or a unit of another quantity.
     """
     match = NUMBER.fullmatch(text)
     if match is None:

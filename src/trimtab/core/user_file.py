@@ -1,4 +1,4 @@
-"""Files that a user names. Only plain files are read: a pipe could hang, and a device could fill the memory."""
+"""Files that a user names. Only plain files are read: a pipe could block, and a device could fill the memory."""
 
 import errno
 import os
@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 LARGEST_TEXT = 1 << 28
-"""Largest size of a text (bytes)."""
+"""Maximum size of a text file (bytes)."""
 
 
 def open_user_file(path: str | os.PathLike[str]) -> BinaryIO:
-    """Open a plain file for reading. Raises OSError: it cannot be read, or is a pipe, a device or a folder."""
+    """Open a plain file for reading. Raises OSError: the file cannot be read, or is a pipe, a device or a folder."""
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
     mode = os.fstat(descriptor).st_mode
     if stat.S_ISREG(mode):
@@ -27,10 +27,10 @@ def read_user_bytes(path: str | os.PathLike[str], largest: int | None = None) ->
 
     Args:
         path: path of the file.
-        largest: largest accepted size (bytes); None: no limit.
+        largest: maximum size (bytes), or None for no limit.
 
     Raises:
-        OSError: it cannot be read, is a pipe, a device or a folder, or is too large.
+        OSError: the file cannot be read, is a pipe, a device or a folder, or is too large.
     """
     with open_user_file(path) as file:
         if largest is not None and os.fstat(file.fileno()).st_size > largest:
@@ -42,8 +42,8 @@ def read_user_text(path: str | os.PathLike[str], encoding: str = "utf-8", larges
     """Return the text of a plain file, with lines that end in a line feed.
 
     Raises:
-        OSError: as `read_user_bytes`.
-        UnicodeDecodeError: it is not a text in this encoding.
+        OSError: as for `read_user_bytes`.
+        UnicodeDecodeError: the file is not a text in this encoding.
     """
     text = read_user_bytes(Path(path), largest).decode(encoding)
     return text.replace("\r\n", "\n").replace("\r", "\n")

@@ -11,15 +11,17 @@ from trimtab.core.record import Scalar, option, quantity, record
 SIGNS = ("minus", "published", "off")
 FORMS = ("smooth", "sign", "off")
 SIZES = (100.0, 20.0, 20.0, 0.01, 0.02, 0.2, 2.0, 0.2, 2.0)
-"""Sizes of the errors (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') in ft, s, rad and (slug ft)^1/2."""
+"""Typical tracking errors (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') in ft, s, rad and (slug ft)^1/2."""
 
 
 @record
 class AdaptationState:
-    """Estimated bounds. Source: [1] eq. 18."""
+    """Estimated bounds of the uncertainty. Source: [1] eq. 18."""
 
-    rho0: Scalar = quantity("ft/s^2", "Bound of the uncertainty that is independent of the error.")
-    rho1: Scalar = quantity("ft/s^2", "Bound of the uncertainty per scaled error.")
+    rho0: Scalar = quantity(
+        "ft/s^2", "Estimated part of the uncertainty bound that does not depend on the tracking error."
+    )
+    rho1: Scalar = quantity("ft/s^2", "Estimated increase of the uncertainty bound per scaled tracking error.")
 
 
 class RobustTerms(NamedTuple):
@@ -39,25 +41,34 @@ class AdaptiveRobust:
         rho0' = q0 (|s| - sigma rho0)                             published: sigma = 0
         rho1' = q1 (|e| |s| - sigma rho1)
 
-    |e| is that of the error divided by `sizes`; otherwise the altitude would dominate. With the gain K = -R^-1 B'P of a
-    linear quadratic regulator the published u_h halves K, because its sign is wrong; minus makes it 1.5 K. The
-    published bounds only grow, and sgn chatters. Here sgn is smoothed, the bounds may leak, and they stop at `cap`.
+    |e| is the length of the error divided by `sizes`. Without the division the altitude would dominate. With the gain K
+    = -R^-1 B'P of a linear quadratic regulator the published u_h halves K, because its sign is wrong; minus makes it
+    1.5 K. The published bounds only grow, and sgn chatters. In this law sgn is smoothed, and the bounds leak and stop
+    at `cap`.
 
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
-             flight vehicle", Aerospace 2022, 9(4), 206, eqs. 16-18, mended as docs page, Adaptive robust terms, says;
-             it prints none of the constants.
+             flight vehicle", Aerospace 2022, 9(4), 206, eqs. 16-18, corrected (docs page, Adaptive robust terms). [1]
+             prints none of the constants.
     """
 
     BP: Any = quantity("1", "Matrix B'P of the Lyapunov function e'Pe.", shape=(2, 9))
     R: Any = quantity("1", "Diagonal of the weight R of v.", default=(0.01, 0.04), shape=(2,), above=0)
-    sizes: Any = quantity("1", "Sizes of the errors, for scaling.", default=SIZES, shape=(9,), above=0)
+    sizes: Any = quantity(
+        "1",
+        "Typical sizes of the tracking errors, by which the errors are divided.",
+        default=SIZES,
+        shape=(9,),
+        above=0,
+    )
     damping: str = option("Sign of the damping term u_h.", default="off", choices=SIGNS)
     switching: str = option("Form of the switching term u_s.", default="off", choices=FORMS)
-    kappa: Scalar = quantity("1", "Bound of the uncertainty of the input's gain.", default=0.0, low=0)
+    kappa: Scalar = quantity("1", "Bound kappa of the relative uncertainty of the input gain.", default=0.0, low=0)
     q0: Scalar = quantity("1", "Rate of adaptation of rho0.", default=10.0, low=0)
     q1: Scalar = quantity("1", "Rate of adaptation of rho1.", default=0.01, low=0)
-    eps: Scalar = quantity("1", "Width of the smoothing, in units of s.", default=0.01, above=0)
-    sigma: Scalar = quantity("1/s", "Leak rate of both bounds.", default=0.0, low=0)
+    eps: Scalar = quantity(
+        "1", "Width eps of the smoothed sign function, in the unit of s = B'P e.", default=0.01, above=0
+    )
+    sigma: Scalar = quantity("1/s", "Leak rate sigma of the adapted bounds rho0 and rho1.", default=0.0, low=0)
     cap: Scalar = quantity("ft/s^2", "Largest value of the adapted bounds rho0 and rho1.", default=20.0, above=0)
 
     def check(self) -> None:
@@ -83,7 +94,7 @@ class AdaptiveRobust:
         return RobustTerms(u_h, u_s, s)
 
     def adapt(self, dt: Any, state: AdaptationState, e: Any, s: Any) -> AdaptationState:
-        """Return the bounds after dt (s); they do not adapt where u_s is off."""
+        """Return the bounds after a step dt (s). The bounds stay constant while the switching term u_s is off."""
         if self.switching == "off":
             return state
         size = jnp.sqrt(jnp.sum(s * s))

@@ -1,4 +1,4 @@
-"""A law with a constant demand: shows a vehicle's own motion, or its response to steps of the input."""
+"""A law with a constant demand, to show a vehicle's own motion or its response to input steps."""
 
 from typing import Any, ClassVar
 
@@ -17,7 +17,7 @@ class ConstantInputOutput:
 class ConstantInput:
     """Demands the input u0, independent of the estimate. A schedule may change u0 in flight.
 
-    Frames:  the input's.
+    Frames: as for the vehicle's input.
     Source:  docs page, Constant input.
     """
 
@@ -26,7 +26,7 @@ class ConstantInput:
     reads: ClassVar[tuple[str, ...]] = ()
 
     def init(self, key: Any) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this law has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], ConstantInputOutput]:

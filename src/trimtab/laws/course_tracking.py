@@ -1,4 +1,4 @@
-"""State feedback about a precomputed course: reference state and input by time, as from an output inversion."""
+"""State feedback about a precomputed course. A course is a table of reference states and inputs over time."""
 
 from typing import Any
 
@@ -14,10 +14,10 @@ from trimtab.laws.state_vector import add_to_input
 
 @record
 class CourseTrackingState:
-    """Running time and the feedback's integrals. Source: this module."""
+    """State of the law: time since its start, and integrals of the errors. Source: this module."""
 
     time: Scalar = quantity("s", "Time since the law started.", default=0.0)
-    feedback: StateFeedbackState = part("State of the feedback.", default=StateFeedbackState(np.zeros(0)))
+    feedback: StateFeedbackState = part("Integrals of the feedback's errors.", default=StateFeedbackState(np.zeros(0)))
 
 
 @record
@@ -30,18 +30,25 @@ class CourseTracking:
     phase, x_d moves before the output (`design.output_inversion`). A course is valid only for its own vehicle.
 
     Frames:  of the states.
-    Valid:   near the course, for a gain that holds along it. A quaternion is interpolated number by number: nodes a
-             small turn apart.
+    Valid: near the course, if the gain stabilises the vehicle along all of it. Quaternions are interpolated number by
+    number, so neighbouring nodes must be a small turn apart.
     Source:  S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
              Control 41(7), 1996, section IV.
     """
 
-    feedback: StateFeedback = part("Feedback, with its gain about the course's first point.", default=StateFeedback())
-    x: Any = quantity("1", "Reference state x_d at the nodes (k, n), as the feedback's x0.", default=np.zeros((2, 4)))
+    feedback: StateFeedback = part(
+        "State feedback on the deviation from the course; x0 and u0 are the course's first point.",
+        default=StateFeedback(),
+    )
+    x: Any = quantity(
+        "1",
+        "Reference state x_d at the nodes (k, n), its numbers in the order of the feedback's x0.",
+        default=np.zeros((2, 4)),
+    )
     du: Any = quantity(
         "1", "Reference input u_d minus the feedback's u0, at the nodes (k, m).", default=np.zeros((2, 2))
     )
-    spacing: Scalar = quantity("s", "Time between nodes.", default=0.1, above=0)
+    spacing: Scalar = quantity("s", "Time between two nodes of the course.", default=0.1, above=0)
 
     def check(self) -> None:
         """Raise InputError if the course does not match the gain."""
@@ -53,7 +60,7 @@ class CourseTracking:
 
     @property
     def reads(self) -> tuple[str, ...]:
-        """Return the state fields that the feedback reads."""
+        """Return the names of the state fields that the feedback reads."""
         return self.feedback.reads
 
     def init(self, key: Any) -> CourseTrackingState:

@@ -1,4 +1,4 @@
-"""Depth and heading autopilots of an underwater vehicle: successive loops for depth and pitch, PID for the heading."""
+"""Depth and heading autopilots of an underwater vehicle: nested loops for depth and pitch, PID for the heading."""
 
 from typing import Any, ClassVar
 
@@ -15,9 +15,9 @@ class DivingState:
     """State of the autopilots. Source: Fossen, "Handbook", 2021, section 15.3."""
 
     began: Scalar = quantity("1", "True after the first step.", kind="flag")
-    depth: Scalar = quantity("m", "Depth reference on its way to the commanded depth.", frame="W")
+    depth: Scalar = quantity("m", "Depth reference, which moves to the commanded depth at a limited rate.", frame="W")
     depth_integral: Scalar = quantity("m s", "Integral of the depth error.")
-    pitch_integral: Scalar = quantity("rad s", "Integral of the pitch angle's error.")
+    pitch_integral: Scalar = quantity("rad s", "Integral of the pitch error.")
     steering: SteeringState = part("State of the heading autopilot.")
 
 
@@ -26,22 +26,27 @@ class DivingOutput:
     """Demand and signals of the autopilots. Source: Fossen, "Handbook", 2021, section 15.3."""
 
     demand: TorpedoControls = part("Demand to the fins and the shaft.")
-    depth_reference: Scalar = quantity("m", "Depth reference on its way to the commanded depth.", frame="W")
+    depth_reference: Scalar = quantity(
+        "m", "Depth reference, which moves to the commanded depth at a limited rate.", frame="W"
+    )
     depth_error: Scalar = quantity("m", "Depth error: positive when too deep.")
     pitch_asked: Scalar = quantity("rad", "Pitch angle commanded by the depth loop.", kind="angle")
-    heading_reference: Scalar = quantity("rad", "Reference of the heading autopilot.", kind="angle", frame="W")
+    heading_reference: Scalar = quantity(
+        "rad", "Heading of the heading autopilot's reference model.", kind="angle", frame="W"
+    )
 
 
 @record
 class Diving:
     """Holds depth and heading at a given shaft speed.
 
-        z_r goes to the commanded depth, no faster than `climb`
+        z_r moves to the commanded depth at a rate of at most `climb`
         theta_c = -asin(z_r'/U) + kz (z - z_r) + kzi integral,     |theta_c| <= steepest
         delta_s = (U0/U)^2 (kp (theta - theta_c) + kd q + ki integral)
         the rudder as in `Steering`
 
-    The integrals compensate buoyancy, propeller torque and a roll angle; each is held at its limit.
+    The integrals compensate buoyancy, propeller torque and a roll angle. Each integral is held while its output is
+    limited.
 
     Frames:  depth down, pitch nose up; positive stern planes push the tail up and the nose down, as SNAME has it.
     Valid:   small roll; above the speed at which the planes can hold the buoyancy.
@@ -51,20 +56,29 @@ class Diving:
 
     reads: ClassVar[tuple[str, ...]] = ("depth", "pitch", "heading", "surge_velocity", "pitch_rate", "yaw_rate")
 
-    depth: Scalar = quantity("m", "Wanted.", frame="W", default=5.0)
-    heading: Scalar = quantity("rad", "Wanted.", kind="angle", default=0.0)
+    depth: Scalar = quantity("m", "Commanded depth.", frame="W", default=5.0)
+    heading: Scalar = quantity("rad", "Commanded heading.", kind="angle", default=0.0)
     shaft_speed: Scalar = quantity(
         "rad/s", "Speed of the propeller shaft, held constant.", default=CRUISE * 1750 / 1500, low=0
     )
     climb: Scalar = quantity("m/s", "Maximum rate of the depth reference.", default=0.25, above=0)
-    kz: Scalar = quantity("rad/m", "Pitch angle per depth error.", default=0.2, low=0)
-    kzi: Scalar = quantity("rad/(m s)", "Pitch angle per integral of the depth error.", default=0.02, low=0)
+    kz: Scalar = quantity("rad/m", "Gain of the depth loop: commanded pitch angle per depth error.", default=0.2, low=0)
+    kzi: Scalar = quantity(
+        "rad/(m s)",
+        "Integral gain of the depth loop: commanded pitch angle per integral of the depth error.",
+        default=0.02,
+        low=0,
+    )
     steepest: Scalar = quantity("rad", "Maximum commanded pitch angle.", kind="angle", default=0.3, above=0)
-    kp: Scalar = quantity("1", "Stern plane angle per pitch error.", default=1.0, low=0)
-    kd: Scalar = quantity("s", "Stern plane angle per pitch rate.", default=1.4, low=0)
-    ki: Scalar = quantity("1/s", "Stern plane angle per integral of the pitch error.", default=0.2, low=0)
-    speed: Scalar = quantity("m/s", "Speed U0 for which the gains are given.", default=1.76, above=0)
-    slowest: Scalar = quantity("m/s", "Speed below which the gains stay constant.", default=1.2, above=0)
+    kp: Scalar = quantity(
+        "1", "Proportional gain of the pitch loop: stern plane angle per pitch error.", default=1.0, low=0
+    )
+    kd: Scalar = quantity("s", "Rate gain of the pitch loop: stern plane angle per pitch rate.", default=1.4, low=0)
+    ki: Scalar = quantity(
+        "1/s", "Integral gain of the pitch loop: stern plane angle per integral of the pitch error.", default=0.2, low=0
+    )
+    speed: Scalar = quantity("m/s", "Speed U0 through the water for which the gains are given.", default=1.76, above=0)
+    slowest: Scalar = quantity("m/s", "Speed below which the gains are not increased further.", default=1.2, above=0)
     limit: Scalar = quantity("rad", "Maximum stern plane angle.", kind="angle", default=0.237, above=0)
     steering: Steering = part(
         "Heading autopilot.",
@@ -77,7 +91,7 @@ class Diving:
         return DivingState(jnp.asarray(False), zero, zero, zero, self.steering.init())
 
     def step(self, t: Any, state: DivingState, estimate: Estimate) -> tuple[DivingState, DivingOutput]:
-        """Return the demand at integer time t; nothing changes while the estimate is not valid."""
+        """Return the demand at integer time t. Demand and state stay constant while the estimate is not valid."""
         x, dt = estimate.state, estimate.dt
         speed = jnp.maximum(x.surge_velocity, self.slowest)
         on_way = jnp.where(state.began, state.depth, x.depth)

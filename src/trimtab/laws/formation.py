@@ -1,7 +1,8 @@
-"""A craft of a formation: its point keeps its place beside the leader and clear of the others, and the craft follows.
+"""Law of one craft in a formation. A reference point keeps a place beside the leader, and the craft follows the point.
 
-Three layers: a velocity command of the point, from the leader's newest message; the barrier, from all messages
-(`laws.separation`); and the craft, whose centre of percussion follows its point.
+The law has three layers. The first commands the velocity of the point, from the leader's newest message. The second is
+the barrier, computed from all messages (`laws.separation`). The third makes the craft's centre of percussion follow the
+point.
 """
 
 from typing import Any, ClassVar
@@ -18,20 +19,20 @@ from trimtab.laws.separation import Separation, norm
 from trimtab.vehicles.hovercraft import Hovercraft
 
 LONGEST_STEP = ms(100)
-"""Longest pause between steps that is integrated; during a longer one the point stands still."""
+"""Longest time between two steps over which the point moves. After a longer pause the point stays where it was."""
 TURN_ROUND = 0.3
-"""Cosine of the angle between force and nose beyond which the other end of the craft is turned to the force."""
+"""Cosine of the angle between force and nose at which the craft switches between turning nose and tail to the force."""
 
 
 @record
 class FormationState:
-    """Point that the craft follows. Source: own derivation."""
+    """State of the law: the reference point that the craft follows. Source: own derivation."""
 
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
     north: Scalar = quantity("m", "Reference point, north.", frame="W")
     east: Scalar = quantity("m", "Reference point, east.", frame="W")
-    backing: Scalar = quantity("1", "True if the tail goes first.", kind="flag")
-    reverse: Scalar = quantity("1", "True if the fan turns in reverse.", kind="flag")
+    backing: Scalar = quantity("1", "True if the craft moves with its tail ahead.", kind="flag")
+    reverse: Scalar = quantity("1", "True if the fan runs in reverse.", kind="flag")
 
 
 @record
@@ -40,21 +41,21 @@ class FormationOutput:
 
     demand: SwarmInput = part("Demanded force at the rudder pivot, and the message to the others.")
     off_place: Scalar = quantity(
-        "m", "Distance of the point from its place in the formation; 0 while the leader is unknown."
+        "m", "Distance of the reference point from its place in the formation; 0 without a message from the leader."
     )
-    off_point: Scalar = quantity("m", "Distance of the centre of percussion from the point.")
+    off_point: Scalar = quantity("m", "Distance of the centre of percussion from the reference point.")
     clearance: Scalar = quantity(
-        "m", "Worst-case distance to the nearest neighbour's point, minus the distance to be kept."
+        "m", "Worst-case distance to the nearest neighbour's reference point, minus the minimum distance."
     )
     oldest: Scalar = quantity(
         "s", "Age of the oldest of the neighbours' newest messages; the start of time if none came."
     )
-    speed: Scalar = quantity("m/s", "Speed of the point.")
+    speed: Scalar = quantity("m/s", "Speed of the reference point.")
 
 
 @record
 class Formation:
-    """Keeps the craft's place beside craft 0, the leader that knows the route, and its distance from all others.
+    """Keeps the craft's place beside the leader, craft 0, and its distance from all other craft.
 
         leader    u = c' + k (c - q)          c: the route, a circle of `radius` about a centre, at `pace`
         follower  u = u_0 + k (q_0 + age u_0 + place - q)     q_0, u_0, age: the leader's newest message
@@ -63,57 +64,72 @@ class Formation:
         craft     F = m k_v (u + k_p (q - p) - v)      p, v: of the centre of percussion P, a = J/(m d) ahead
                   FX = n.F + m a r^2,   FY = (J/d) k_r (r - r_d),   r_d = k_h wrap(direction of ±F - heading)
 
-    P is accelerated along the nose n alone (`laws.pose`), so that the nose is turned to the force, or away from it.
-    A leader's message older than `horizon` is not extrapolated: the leader counts as at rest there.
+    P is accelerated only along the nose n (`laws.pose`), so either the nose or the tail is turned to the force. A
+    leader's message older than `horizon` is not extrapolated: the leader is taken to be at rest at its last position.
 
     Proven:  apart: see Separation; the points never come nearer than its distance. In formation: while the barrier
              allows what is wanted, and the leader goes at a steady velocity, e = q_0 + place - q obeys e' = -k e,
              however late the messages are, for an extrapolated steady point is exact. Only simulated: that the craft
              stays near its point, formation while the barrier holds back, a leader on a circle (e is at most
              pace^2/radius times age (1/k + age/2)).
-    Decentralised: a command depends on the craft's own estimate, its own point, and the messages received.
-    Valid:   for a fan that gives a force along the nose; starts with points further apart than the distance.
+    Decentralised: a command depends only on the craft's own estimate, its own point, and the messages received.
+    Valid: for a fan that pushes along the nose, and for initial points further apart than the minimum distance.
     Source:  own derivation; leader and followers: J. Desai, J. Ostrowski, V. Kumar, IEEE Trans. Robotics and Automation
              17 (2001) 905. Gains are this project's.
     """
 
     reads: ClassVar[tuple[str, ...]] = ("own", "peers")
 
-    number: Scalar = quantity("1", "Number of this craft; 0 leads.", kind="count", default=np.int32(0))
-    north: Scalar = quantity("m", "Place beside the leader, north.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Place beside the leader, east.", frame="W", default=0.0)
-    centre_north: Scalar = quantity("m", "Centre of the route, north.", frame="W", default=0.0)
-    centre_east: Scalar = quantity("m", "Centre of the route, east.", frame="W", default=0.0)
-    radius: Scalar = quantity("m", "Radius of the route; 0: the leader stays at the centre.", default=0.0, low=0)
-    pace: Scalar = quantity("m/s", "Speed along the route.", default=0.1, low=0)
-    k: Scalar = quantity("1/s", "Speed of the point per distance to its place.", default=0.2, above=0)
-    horizon: Scalar = quantity("s", "Longest extrapolation of the leader's last message.", default=3.0, above=0)
-    leash: Scalar = quantity("m", "Lag of the craft at which its point waits.", default=0.6, above=0)
-    kp: Scalar = quantity("1/s", "Speed per lag.", default=0.35, above=0)
-    catch_up: Scalar = quantity("m/s", "Maximum speed due to the lag.", default=0.2, above=0)
-    kv: Scalar = quantity("1/s", "Gain on the speed of P.", default=1.4, above=0)
-    kh: Scalar = quantity("1/s", "Yaw rate per error of the nose.", default=1.1, above=0)
-    kr: Scalar = quantity("1/s", "Yaw acceleration per error of yaw rate.", default=1.3, above=0)
+    number: Scalar = quantity("1", "Number of this craft. Craft 0 is the leader.", kind="count", default=np.int32(0))
+    north: Scalar = quantity("m", "Position in the formation relative to the leader, north.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Position in the formation relative to the leader, east.", frame="W", default=0.0)
+    centre_north: Scalar = quantity("m", "Centre of the leader's circular route, north.", frame="W", default=0.0)
+    centre_east: Scalar = quantity("m", "Centre of the leader's circular route, east.", frame="W", default=0.0)
+    radius: Scalar = quantity(
+        "m", "Radius of the leader's circular route. If 0, the leader stays at the centre.", default=0.0, low=0
+    )
+    pace: Scalar = quantity("m/s", "Speed of the leader along its route.", default=0.1, low=0)
+    k: Scalar = quantity(
+        "1/s",
+        "Gain k: speed of the reference point per distance from its place in the formation.",
+        default=0.2,
+        above=0,
+    )
+    horizon: Scalar = quantity(
+        "s", "Maximum time over which the leader's last message is extrapolated.", default=3.0, above=0
+    )
+    leash: Scalar = quantity(
+        "m", "Distance between craft and reference point at which the point stops and waits.", default=0.6, above=0
+    )
+    kp: Scalar = quantity(
+        "1/s", "Position gain: speed of the craft per distance from its reference point.", default=0.35, above=0
+    )
+    catch_up: Scalar = quantity("m/s", "Maximum speed that the position gain adds.", default=0.2, above=0)
+    kv: Scalar = quantity("1/s", "Gain of the velocity error of the centre of percussion.", default=1.4, above=0)
+    kh: Scalar = quantity("1/s", "Heading gain: yaw rate per heading error.", default=1.1, above=0)
+    kr: Scalar = quantity("1/s", "Yaw rate gain: yaw acceleration per yaw rate error.", default=1.3, above=0)
     turn_rate: Scalar = quantity("rad/s", "Maximum yaw rate.", default=1.1, above=0)
     push: Scalar = quantity("N", "Maximum forward force.", default=1.4, above=0)
     pull: Scalar = quantity("N", "Maximum backward force.", default=0.5, above=0)
     swing: Scalar = quantity("N", "Maximum force to the side.", default=0.35, above=0)
-    cone: Scalar = quantity("1", "Minimum force along the nose per force to the side.", default=2.7, low=0)
-    grip: Scalar = quantity("N", "Force along the nose at which the fan changes its direction.", default=0.1, above=0)
-    dead_zone: Scalar = quantity("N", "Force below which the nose does not turn.", default=0.08, above=0)
-    separation: Separation = part("Barrier that keeps the points apart.", default=Separation())
+    cone: Scalar = quantity(
+        "1", "Minimum ratio of the force along the nose to the force to the side.", default=2.7, low=0
+    )
+    grip: Scalar = quantity("N", "Force along the nose at which the fan reverses.", default=0.1, above=0)
+    dead_zone: Scalar = quantity("N", "Demanded force below which the nose does not turn.", default=0.08, above=0)
+    separation: Separation = part("Barrier that keeps the reference points of the craft apart.", default=Separation())
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Raise InputError if the leader is too fast for the others."""
+        """Raise InputError if the leader is as fast as the reference points may move, or faster."""
         if np.any(np.asarray(self.pace) >= np.asarray(self.separation.speed)):
             problem = (
-                f"the leader's pace, {self.pace} m/s, must be below that of the points, {self.separation.speed} m/s"
+                f"the leader's pace must be below separation.speed, {self.separation.speed} m/s, got {self.pace} m/s"
             )
-            raise InputError("Formation.pace", problem, fix="set a pace below separation.speed")
+            raise InputError("Formation.pace", problem, fix="set pace below separation.speed")
 
     def init(self, key: Any) -> FormationState:
-        """Return the initial state, without a point: it starts at the craft."""
+        """Return the initial state. The reference point is set to the craft's position at the first step."""
         return FormationState(np.int64(NEVER), *np.zeros(2), *np.zeros(2, np.bool_))
 
     def step(self, t: Any, state: FormationState, estimate: Estimate) -> tuple[FormationState, FormationOutput]:
@@ -147,7 +163,7 @@ class Formation:
         )
 
     def _find_place(self, t: Any, q: Any, peers: Peers) -> tuple[Any, Any]:
-        """Return the vector (2,) from the point to its place, and the velocity (2,) of that place."""
+        """Return the vector (2,) from the reference point to its place, and the velocity (2,) of the place."""
         said = peers.message()
         place = jnp.stack([self.north, self.east])
         age = to_seconds(t - said.t[0])
@@ -164,7 +180,7 @@ class Formation:
         return way, jnp.where(leads, along, jnp.where(known, u, 0.0))
 
     def _steer(self, state: FormationState, F: Any, nose: Any, s: Any) -> tuple[PlanarForce, Any, Any]:
-        """Return the demand for a force F (2,) in W, whether the tail goes first, and whether the fan is in reverse."""
+        """Return the demand for a force F (2,) in W, True if the tail is ahead, and True if the fan runs in reverse."""
         size, along = norm(F), nose @ F
         backing = along < size * jnp.where(state.backing, TURN_ROUND, -TURN_ROUND)
         end = jnp.where(backing, -F, F)

@@ -1,4 +1,4 @@
-"""Tracking in space by thrust along one body axis: geometric control on SE(3), without a singular angle.
+"""Position tracking by thrust along one body axis: geometric control on SE(3), which has no singular attitude.
 
 [1] is T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010.
 """
@@ -18,11 +18,11 @@ from trimtab.vehicles.quadrotor import Multirotor, RotorDemand
 
 DOWN = np.array([0.0, 0.0, 1.0])
 LEAST_LENGTH = 1e-6
-"""Smallest length of a vector, in its unit, for a direction: a shorter one is divided by this."""
+"""Smallest length by which a vector is divided when its direction is computed."""
 
 
 UNLIMITED = 1e9
-"""Force limit (N) that means no limit."""
+"""Value of the force limit (N) that stands for no limit."""
 
 
 class Motion3(NamedTuple):
@@ -54,7 +54,7 @@ class GeometricTrackingOutput:
 
 @record
 class GeometricTrackingState:
-    """Running time of the law. Source: this module."""
+    """State of the law: time since its start. Source: this module."""
 
     time: Scalar = quantity("s", "Time since the law started.", default=0.0)
 
@@ -67,9 +67,9 @@ class GeometricTracking:
         M = -kR eR - kW eW + W × J W - J (W^ R.T Rc Wc - R.T Rc Wc')
         Psi = tr(I - Rc.T R)/2      eR = (Rc.T R - R.T Rc)v/2      eW = W - R.T Rc Wc
 
-    Rc has the third axis -A/|A| and the first one nearest to the reference heading. Its rates follow from the vehicle
-    model, without drag and lag. Errors decay exponentially from Psi < 1, and are attracted from Psi < 2, with a bound
-    on eW [1, propositions 2 to 4].
+    Rc has the third axis -A/|A| and the first one nearest to the reference heading. The rates of Rc follow from the
+    vehicle model, without drag and actuator lag. Errors decay exponentially from Psi < 1, and are attracted from Psi <
+    2, with a bound on eW [1, propositions 2 to 4].
 
     Frames:  W north-east-down, B body.
     Valid:   A ≠ 0: the reference is not in free fall; the heading is not along the thrust.
@@ -77,11 +77,11 @@ class GeometricTracking:
     """
 
     craft: Multirotor = part("Vehicle model used by the law: mass, inertia and gravity.", default=Multirotor())
-    reference: Any = part("Reference position in space.", default=FixedPlace())
-    kx: Scalar = quantity("N/m", "Position gain.", default=16 * 4.34, above=0, source="[1] 16 m")
-    kv: Scalar = quantity("N s/m", "Velocity gain.", default=5.6 * 4.34, above=0, source="[1] 5.6 m")
-    kR: Scalar = quantity("N m", "Attitude gain.", default=8.81, above=0, source="[1]")
-    kW: Scalar = quantity("N m s", "Gain of the angular rate.", default=2.54, above=0, source="[1]")
+    reference: Any = part("Reference position in space, as a function of time.", default=FixedPlace())
+    kx: Scalar = quantity("N/m", "Gain of the position error.", default=16 * 4.34, above=0, source="[1] 16 m")
+    kv: Scalar = quantity("N s/m", "Gain of the velocity error.", default=5.6 * 4.34, above=0, source="[1] 5.6 m")
+    kR: Scalar = quantity("N m", "Gain of the attitude error.", default=8.81, above=0, source="[1]")
+    kW: Scalar = quantity("N m s", "Gain of the angular rate error.", default=2.54, above=0, source="[1]")
     most: Scalar = quantity("N", "Maximum length of -kx ex - kv ev; [1] has no such limit.", default=UNLIMITED, above=0)
 
     reads: ClassVar[tuple[str, ...]] = ("position", "velocity", "attitude", "rate")
@@ -98,7 +98,7 @@ class GeometricTracking:
         return GeometricTrackingState(state.time + estimate.dt), output
 
     def track(self, wanted: SpatialPoint, x: Any) -> GeometricTrackingOutput:
-        """Return the demand of a state x, which has what the law reads, for a reference point."""
+        """Return the demand for a state x with the fields that the law reads, and for a reference point."""
         R = quaternion.to_matrix(x.attitude)
         A = self.command_force(wanted, x, R)
         thrust = -A.value @ R[:, 2]
@@ -124,7 +124,8 @@ class GeometricTracking:
     def command_force(self, wanted: SpatialPoint, x: Any, R: Any) -> Motion3:
         """Return A (N) in W, and its derivatives as the model moves under the resulting thrust.
 
-        Each derivative of the correction follows from that of the velocity, which the force just found gives.
+        Each derivative of A needs a derivative of the velocity, which follows from the force found one derivative
+        earlier.
         """
         m, g = self.craft.mass, self.craft.gravity * DOWN
         ex, ev = x.position - wanted.place, x.velocity - wanted.velocity
@@ -148,7 +149,9 @@ class GeometricTracking:
 
 
 def flyable_state(estimate: Estimate) -> Any:
-    """Return the estimated state; before there is one (a quaternion of zeros), level with the nose to the north."""
+    """Return the estimated state. Before the first estimate (a quaternion of zeros) the attitude is level, nose to the
+    north.
+    """
     x = estimate.state
     return replace(x, attitude=jnp.where(estimate.valid, x.attitude, jnp.array([1.0, 0.0, 0.0, 0.0])))
 

@@ -1,4 +1,4 @@
-"""Ground collision avoidance: in a descent below a deck, rolls the wings level and pulls up, by load-factor control.
+"""Ground collision avoidance: below a minimum altitude the law rolls the wings level and pulls up.
 
 [1] is P. Heidlauf, A. Collins, M. Bolender, S. Bak, "Verification challenges in F-16 ground collision avoidance and
 other automated maneuvers", ARCH 2018.
@@ -30,12 +30,12 @@ class LoadFactorControl:
     Gains are those of a linear quadratic regulator at 502 ft/s and 1000 ft (`scenarios.f16._gains`).
 
     Frames:  body rates; load factors at the accelerometers, which [1] has 15 ft before the centre of mass.
-    Source:  [1], low-level controller; ny in parts of g is added to r in rad/s there.
+    Source:  [1], low-level controller; [1] adds ny (in g) to r (in rad/s).
     """
 
     longitudinal: Any = quantity(
         "1",
-        "Gain of the elevator (rad) over alpha (rad), q (rad/s), integral (s).",
+        "Gain from angle of attack (rad), pitch rate (rad/s) and load integral (s) to the elevator (rad).",
         shape=(3,),
         default=np.array([-2.7452436, -0.5424604, -0.6759631]),
         source="scenarios.f16._gains",
@@ -52,9 +52,13 @@ class LoadFactorControl:
         ),
         source="scenarios.f16._gains",
     )
-    trim_alpha: Scalar = quantity("rad", "Angle of attack in level flight.", default=0.0387535, kind="angle")
-    trim_elevator: Scalar = quantity("rad", "Elevator in level flight.", default=-0.0130925, kind="angle")
-    throttle: Scalar = quantity("1", "Throttle.", default=0.1401371, low=0, high=1)
+    trim_alpha: Scalar = quantity(
+        "rad", "Angle of attack at the trim in level flight.", default=0.0387535, kind="angle"
+    )
+    trim_elevator: Scalar = quantity(
+        "rad", "Elevator angle at the trim in level flight.", default=-0.0130925, kind="angle"
+    )
+    throttle: Scalar = quantity("1", "Throttle at the trim in level flight.", default=0.1401371, low=0, high=1)
 
     def errors(self, x: Any, load: Any, roll: Any) -> Any:
         """Return the integrands (3,): load factor (1), roll rate about the path (rad/s), and slip."""
@@ -62,7 +66,7 @@ class LoadFactorControl:
         return jnp.stack([x.normal_load - 1 - load, about_path - roll, x.side_load + x.yaw_rate])
 
     def surfaces(self, x: Any, integrals: Any) -> F16Controls:
-        """Return the surfaces for a measured flight and the three integrals."""
+        """Return the surface angles for a measured flight condition and the three integrals."""
         along = jnp.stack([x.alpha - self.trim_alpha, x.pitch_rate, integrals[0]])
         aside = jnp.stack([x.beta, x.roll_rate, x.yaw_rate, integrals[1], integrals[2]])
         aileron, rudder = -jnp.asarray(self.lateral) @ aside
@@ -75,19 +79,19 @@ class GroundAvoidanceState:
     """State of the law. Frames: none. Source: [1]."""
 
     integrals: Any = quantity("s", "Integrals of load factor, roll rate (rad), side load and yaw rate.", shape=(3,))
-    mode: Scalar = quantity("1", "Active mode.", kind="mode", modes=MODES)
-    pulls: Scalar = quantity("s", "Duration of the pull-up so far.")
+    mode: Scalar = quantity("1", "Mode: standby, roll or pull.", kind="mode", modes=MODES)
+    pulls: Scalar = quantity("s", "Time since the pull-up began.")
 
 
 @record
 class GroundAvoidanceOutput:
     """Demand of the law. Source: [1]."""
 
-    demand: F16Controls = part("Demand to the surfaces and the throttle.")
-    mode: Scalar = quantity("1", "Active mode.", kind="mode", modes=MODES)
-    load_wanted: Scalar = quantity("1", "Commanded load factor above 1.")
+    demand: F16Controls = part("Demanded surface angles and throttle.")
+    mode: Scalar = quantity("1", "Mode: standby, roll or pull.", kind="mode", modes=MODES)
+    load_wanted: Scalar = quantity("1", "Commanded load factor minus 1.")
     roll_wanted: Scalar = quantity("rad/s", "Commanded roll rate about the path.")
-    load_error: Scalar = quantity("1", "Load factor above the commanded one.")
+    load_error: Scalar = quantity("1", "Load factor minus the commanded load factor.")
 
 
 @record
@@ -97,23 +101,33 @@ class GroundAvoidance:
         standby  --flies down, below the deck-->  roll  --wings level, roll rate low-->  pull
         pull     --flies up, and has pulled long enough-->  standby
 
-    Standby asks for level load factor and no roll; roll for ps = -k_roll phi - k_damp p; pull for `load` above 1 g.
+    Standby demands a load factor of 1 and no roll. Roll demands ps = -k_roll phi - k_damp p. Pull demands a load factor
+    of 1 + `load`.
 
     Frames:  altitude above the ground at W's origin; roll from the nearest level attitude.
-    Not modelled: terrain, throttle: it stays in trim, as in [1].
+    Not modelled: terrain; throttle control. The throttle stays at its trim value, as in [1].
     Source:  [1]; its numbers are those of the authors' program AeroBenchVV.
     """
 
     control: LoadFactorControl = part("Controller of load factor and roll rate.", default=LoadFactorControl())
     deck: Scalar = quantity("m", "Altitude below which the law acts.", default=1000 * FOOT)
-    load: Scalar = quantity("1", "Load factor above 1 in the pull-up.", default=5.0)
-    roll_gain: Scalar = quantity("1/s", "Roll rate per bank angle.", default=4.0)
-    roll_damping: Scalar = quantity("1", "Reduction of the roll rate per roll rate.", default=2.0)
-    most_roll: Scalar = quantity(
-        "rad/s", "Maximum commanded roll rate; far beyond any real one, as [1] has no limit.", default=100.0, above=0
+    load: Scalar = quantity("1", "Commanded load factor minus 1 in the pull-up.", default=5.0)
+    roll_gain: Scalar = quantity("1/s", "Roll gain: commanded roll rate per bank angle.", default=4.0)
+    roll_damping: Scalar = quantity(
+        "1", "Roll damping: reduction of the commanded roll rate per measured roll rate.", default=2.0
     )
-    level_bank: Scalar = quantity("rad", "Bank angle that counts as level.", default=5 * DEG, kind="angle", above=0)
-    level_rate: Scalar = quantity("rad/s", "Roll rate that counts as zero.", default=10 * DEG, above=0)
+    most_roll: Scalar = quantity(
+        "rad/s",
+        "Maximum commanded roll rate. The default is so large that it never acts, because [1] has no limit.",
+        default=100.0,
+        above=0,
+    )
+    level_bank: Scalar = quantity(
+        "rad", "Bank angle below which the wings count as level.", default=5 * DEG, kind="angle", above=0
+    )
+    level_rate: Scalar = quantity(
+        "rad/s", "Roll rate below which the roll counts as stopped.", default=10 * DEG, above=0
+    )
     path: Scalar = quantity("rad", "Path angle at which the pull-up ends.", default=0.0, kind="angle")
     least_pull: Scalar = quantity("s", "Minimum duration of the pull-up.", default=2.0, low=0)
 
@@ -135,7 +149,7 @@ class GroundAvoidance:
         return GroundAvoidanceState(jnp.zeros(3), np.int32(STANDBY), jnp.zeros(()))
 
     def step(self, t: Any, state: GroundAvoidanceState, estimate: Estimate) -> tuple[Any, GroundAvoidanceOutput]:
-        """Return surfaces and throttle at time t."""
+        """Return the demanded surface angles and throttle at integer time t."""
         x, dt = estimate.state, estimate.dt
         mode = self._next_mode(state, x)
         pulls, rolls = mode == PULL, mode == ROLL

@@ -1,4 +1,4 @@
-"""Turning to a heading by switching between braking and spinning.
+"""Laws that turn to a heading by switching between braking and spinning.
 
 No smooth feedback of the state can hold position and heading of this vehicle (design/stabilisability.py), so these laws
 switch. Heading counts clockwise from north, e = heading - target, and a negative e asks for a positive yaw rate.
@@ -27,19 +27,17 @@ from trimtab.laws.velocity import ZeroVelocity
 
 READS = ("surge_velocity", "sway_velocity", "yaw_rate", "heading")
 DAMP, TURN = 0, 1
-"""Modes."""
-WRAPPING = (
-    "Error by the shortest way, without wrapping, or of the heading in [0, 2 pi) without wrapping the difference."
-)
+"""Modes of a heading law: damp the motion, or turn to the heading."""
+WRAPPING = "Wrapping of the heading error: shortest, none, or modulo (wrap the heading to [0, 2 pi), not the error)."
 
 
 @record
 class HeadingLawState:
     """State of a heading law. Source: [1] section 2.3."""
 
-    mode: Scalar = quantity("1", "Active law.", kind="mode", modes=("damp", "turn"))
-    switches: Scalar = quantity("1", "Number of changes of the active law.", kind="count")
-    spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first.", frame="B")
+    mode: Scalar = quantity("1", "Mode: damp or turn.", kind="mode", modes=("damp", "turn"))
+    switches: Scalar = quantity("1", "Number of switches between the laws damp and turn.", kind="count")
+    spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first turn.", frame="B")
 
 
 @record
@@ -47,12 +45,18 @@ class HeadingOutput:
     """Demand and signals of a heading law. Source: [1] section 2.3."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    mode: Scalar = quantity("1", "Active law.", kind="mode", modes=("damp", "turn"))
-    switches: Scalar = quantity("1", "Number of changes of the active law.", kind="count")
-    spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first.", frame="B")
-    heading_error: Scalar = quantity("rad", "Heading minus target, wrapped as configured.")
-    lyapunov: Scalar = quantity("J", "Lyapunov function: V while damping, W about the present reference while turning.")
-    provision: Scalar = quantity("rad/s", "Lower bound of the next reference, computed from the present one.")
+    mode: Scalar = quantity("1", "Mode: damp or turn.", kind="mode", modes=("damp", "turn"))
+    switches: Scalar = quantity("1", "Number of switches between the laws damp and turn.", kind="count")
+    spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first turn.", frame="B")
+    heading_error: Scalar = quantity(
+        "rad", "Heading error: heading minus target heading, wrapped as the option wrapping says."
+    )
+    lyapunov: Scalar = quantity(
+        "J", "Lyapunov function: V in the mode damp, W about the present reference in the mode turn."
+    )
+    provision: Scalar = quantity(
+        "rad/s", "Minimum yaw rate that is a safe next reference, computed from the present reference."
+    )
 
 
 def heading_error(wrapping: str, heading: Any, target: Any) -> Any:
@@ -70,9 +74,9 @@ def _first_state() -> HeadingLawState:
 def _decide(
     law: Any, state: HeadingLawState, estimate: Estimate, e: Any, start_at: Any, go_on_at: Any
 ) -> HeadingLawState:
-    """Return the next mode and reference; nothing changes while the estimate is not valid.
+    """Return the next mode and reference. Both stay constant while the estimate is not valid.
 
-    Args:     e: heading error (rad).    start_at, go_on_at: reference (rad/s) of a turn that would start, or go on.
+    Args:     e: heading error (rad).    start_at, go_on_at: reference (rad/s) if a turn starts, or goes on.
     """
     off = jnp.abs(e) > law.tolerance
     calm = law.damping.lyapunov(estimate.state) < switching_energy(law.turning.model, start_at)
@@ -91,7 +95,7 @@ def _decide(
 def _output(
     law: Any, t: Any, before: HeadingLawState, now: HeadingLawState, estimate: Estimate, e: Any
 ) -> HeadingOutput:
-    """Return the demand that follows from the present mode and reference."""
+    """Return demand and signals for the present mode and reference."""
     model, reference = law.turning.model, before.spin_reference
     _, damp = law.damping.step(t, (), estimate)
     _, turn = replace(law.turning, reference=now.spin_reference).step(t, (), estimate)
@@ -111,45 +115,51 @@ def _check_law(name: str, law: Any) -> None:
     target = np.asarray(law.target)
     if law.wrapping == "modulo" and not np.all((target >= 0) & (target < 2 * np.pi)):
         problem = f"with wrapping 'modulo' the target must be in [0, 2 pi), got {law.target} rad"
-        raise InputError(f"{name}.target", problem, fix="add a full turn to the target, or use wrapping 'shortest'")
+        raise InputError(f"{name}.target", problem, fix="give a target in [0, 2 pi), or set wrapping='shortest'")
 
 
 @record
 class HeadingBangBang:
-    """Turns to a heading with a yaw rate of one size.
+    """Turns to a heading at a constant yaw rate.
 
         damp:  ZeroVelocity. While |e| > tolerance: r_ref = -sign(e) turn_rate; to turn once V < eps(r_ref).
         turn:  ConstantSpin at r_ref. To damp once |e| <= tolerance or e r_ref > 0 (the target was passed between two
                samples; this exit is reconstructed, see docs Errata).                              [1, section 2.3.3]
 
-    Ends:    in chatter at the edge of the tolerance, since damping alone lets the heading drift.
-    Valid:   turn_rate of about 1 rad/s. A fast turn coasts on past the target for longer than it takes to get there:
-             at 1.5 rad/s one ideal run in a thousand swings to and fro by 120 degrees for ever, at 3 rad/s a third.
-    Source:  [1] section 2.3.3; gains [1] tables 6.1 and 6.4, reconstructed; the default turn_rate is this project's,
-             the thesis's runs use 1.5 rad/s.
+    Ends:    by chattering at the edge of the tolerance, because the heading drifts in the mode damp.
+    Valid:   turn_rate of about 1 rad/s. A faster turn overshoots the target. At 1.5 rad/s one ideal run in a thousand
+             oscillates by 120 degrees for ever, at 3 rad/s every third run.
+    Source:  [1] section 2.3.3; gains [1] tables 6.1 and 6.4, reconstructed; the default turn_rate is this project's.
+             The runs in [1] use 1.5 rad/s.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
 
     target: Scalar = quantity("rad", "Target heading.", kind="angle", default=0.0)
-    turn_rate: Scalar = quantity("rad/s", "Yaw rate of the turn, without sign.", default=1.0, above=0)
+    turn_rate: Scalar = quantity("rad/s", "Magnitude of the yaw rate while turning.", default=1.0, above=0)
     tolerance: Scalar = quantity(
-        "rad", "Tolerance of the heading error.", default=np.pi / 180, above=0, source="[1] 6.1.6"
+        "rad",
+        "Heading error below which the target counts as reached.",
+        default=np.pi / 180,
+        above=0,
+        source="[1] 6.1.6",
     )
-    damping: ZeroVelocity = part("Law of the mode damp.", default=ZeroVelocity())
-    turning: ConstantSpin = part("Law of the mode turn. Its own reference is ignored.", default=ConstantSpin())
+    damping: ZeroVelocity = part("Law used in the mode damp.", default=ZeroVelocity())
+    turning: ConstantSpin = part(
+        "Law used in the mode turn. Its parameter reference is ignored.", default=ConstantSpin()
+    )
     wrapping: str = option(WRAPPING, default="shortest", choices=("shortest", "none", "modulo"))
 
     def check(self) -> None:
-        """Raise InputError if the target cannot be reached."""
+        """Raise InputError if the wrapping is modulo and the target is not in [0, 2 pi)."""
         _check_law("HeadingBangBang", self)
 
     def init(self, key: Any) -> HeadingLawState:
-        """Damping."""
+        """Return the initial state: mode damp."""
         return _first_state()
 
     def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:
-        """Return the demand at integer time t, with the mode and reference after their update."""
+        """Update mode and reference, and return the demand at integer time t."""
         e = heading_error(self.wrapping, estimate.state.heading, self.target)
         now = _decide(self, state, estimate, e, -jnp.sign(e) * self.turn_rate, state.spin_reference)
         return now, _output(self, t, state, now, estimate, e)
@@ -157,53 +167,67 @@ class HeadingBangBang:
 
 @record
 class HeadingProportional:
-    """Turns to a heading with a yaw rate that shrinks with the error.
+    """Turns to a heading at a yaw rate proportional to the heading error.
 
         damp:  ZeroVelocity. While |e| > tolerance: r_ref = -sign(e) max(k |e|, floor); to turn once V < eps(r_ref).
         turn:  ConstantSpin at r_ref = -sign(e) max(v, k |e|, floor), v = provision(W, r_ref).
                To damp once |e| <= tolerance or e r_ref > 0 (reconstructed).              [1, section 2.3, eq. 2.69]
 
     Form:    "literal" is as published: no floor, and the reference follows at every step. Nearly all its runs end in
-             the bad limit point: allowing |r_ref| = v, where the derivation needs more, drives W up to
-             limit_point_value, where v = |r_ref| and nothing moves any more: a constant error and sideways slide.
-             "floored" never asks for less than `floor`, and lets |r_ref| fall only while
-             W < margin * limit_point_value; it may rise at any time. Near the bad limit point the reference then
-             stands still, and as W is below limit_point_value and cannot grow, the turn gets away.
-    Valid:   k of about 1/s. A minute on, 1 % of ideal runs miss by 2 degrees or more at 1.5/s and 60 % at 3/s, where
-             they swing to and fro as HeadingBangBang does.
+             the bad limit point, with a constant heading error and a sideways slide. The reason: it allows |r_ref| = v,
+             while the derivation needs |r_ref| > v, so W grows to limit_point_value. "floored" keeps |r_ref| at `floor`
+             or above, and lets |r_ref| fall only while W < margin * limit_point_value. |r_ref| may rise at any time. So
+             near the bad limit point the reference is constant, and W, which is below limit_point_value, cannot grow:
+             the turn leaves the bad limit point.
+    Valid:   k of about 1/s. After a minute, 1 % of the ideal runs have an error of 2 degrees or more with k = 1.5/s,
+             and 60 % with k = 3/s. The latter oscillate as with HeadingBangBang.
     Source:  [1] section 2.3; floor and margin are this project's; gains [1] tables 6.1 and 6.4, reconstructed.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
 
     target: Scalar = quantity("rad", "Target heading.", kind="angle", default=0.0)
-    k: Scalar = quantity("1/s", "Yaw rate per heading error.", default=1.0, above=0, source="[1] 6.1, figure 6.11")
+    k: Scalar = quantity(
+        "1/s", "Gain k: commanded yaw rate per heading error.", default=1.0, above=0, source="[1] 6.1, figure 6.11"
+    )
     tolerance: Scalar = quantity(
-        "rad", "Tolerance of the heading error.", default=np.pi / 180, above=0, source="[1] 6.1.6"
+        "rad",
+        "Heading error below which the target counts as reached.",
+        default=np.pi / 180,
+        above=0,
+        source="[1] 6.1.6",
     )
-    floor: Scalar = quantity("rad/s", "Minimum size of the reference, if floored.", default=0.8, above=0)
+    floor: Scalar = quantity(
+        "rad/s", "Minimum magnitude of the yaw rate reference in the form floored.", default=0.8, above=0
+    )
     margin: Scalar = quantity(
-        "1", "Fraction of limit_point_value below which the reference may fall.", default=0.7, above=0, high=1
+        "1",
+        "Fraction of limit_point_value that W must be below for the reference to be reduced.",
+        default=0.7,
+        above=0,
+        high=1,
     )
-    damping: ZeroVelocity = part("Law of the mode damp.", default=ZeroVelocity())
-    turning: ConstantSpin = part("Law of the mode turn. Its own reference is ignored.", default=ConstantSpin())
+    damping: ZeroVelocity = part("Law used in the mode damp.", default=ZeroVelocity())
+    turning: ConstantSpin = part(
+        "Law used in the mode turn. Its parameter reference is ignored.", default=ConstantSpin()
+    )
     wrapping: str = option(WRAPPING, default="shortest", choices=("shortest", "none", "modulo"))
     form: str = option(
-        "Variant: literal as published, or floored to avoid the bad limit point.",
+        "Form of the law: literal as published, or floored, which avoids the bad limit point.",
         default="floored",
         choices=("floored", "literal"),
     )
 
     def check(self) -> None:
-        """Raise InputError if the target cannot be reached."""
+        """Raise InputError if the wrapping is modulo and the target is not in [0, 2 pi)."""
         _check_law("HeadingProportional", self)
 
     def init(self, key: Any) -> HeadingLawState:
-        """Damping."""
+        """Return the initial state: mode damp."""
         return _first_state()
 
     def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:
-        """Return the demand at integer time t, with the mode and reference after their update."""
+        """Update mode and reference, and return the demand at integer time t."""
         model, reference = self.turning.model, state.spin_reference
         e = heading_error(self.wrapping, estimate.state.heading, self.target)
         W = lyapunov(model, estimate.state, reference)

@@ -1,8 +1,9 @@
-"""Internal states zeta_d that go with a command, in the order (alpha, Q, eta1, eta1', eta2, eta2').
+"""Reference internal states zeta_d for a command, in the order (alpha, Q, eta1, eta1', eta2, eta2').
 
-Four ways, by the knowledge of the command: all of it beforehand (`InternalTable`, computed offline, stored by time);
-the next few seconds (`PreviewInternal`, computed in flight, moving before the command does); the command's filter
-(`SylvesterInternal`, linear and causal); only the present value (`QuasiStaticInternal`, as though it were constant).
+There are four methods, which need to know different parts of the command: all of it beforehand (`InternalTable`,
+computed offline, stored by time); the next few seconds (`PreviewInternal`, computed in flight, moving before the
+command does); the command's filter (`SylvesterInternal`, linear and causal); only the present value
+(`QuasiStaticInternal`, as though it were constant).
 """
 
 from typing import Any
@@ -21,24 +22,25 @@ from trimtab.vehicles.hypersonic import Hypersonic
 INTERNALS = 6
 """Number of internal states: alpha, Q, eta1, eta1', eta2, eta2'."""
 STATES = 7
-"""Number of states of both filters: h - h_f, h', h'', h''', V - V_f, V', V''."""
+"""Number of states of the two command filters: h - h_f, h', h'', h''', V - V_f, V', V''."""
 NEWTON_STEP_MAX = 0.05
 """Largest Newton step in the angle of attack (rad)."""
 WIDEST = 0.1
-"""Largest angle of attack searched (rad): beyond it the model's curves no longer hold, and searches diverge."""
+"""Largest angle of attack (rad) in a search. Beyond this the model's curves do not hold, and searches diverge."""
 SETTLED = 1e-7
-"""Last Newton step (rad) below which the root counts as found: the next step would be its square."""
+"""Newton step (rad) below which the root counts as found. A further step would be about the square of this."""
 FIRST_ALPHA = 0.03
 """Initial angle of attack of a search (rad)."""
 Complex = tuple[Any, Any]
-"""Real and imaginary part."""
+"""Number of parts of a complex number: real and imaginary."""
 
 
 @record
 class InternalTable:
-    """Reference internal states zeta_d by time: cubic Hermite between nodes, constant before and after them.
+    """Reference internal states zeta_d by time:
 
-    With s the passed part of an interval D between the nodes z0, z1 whose rates are r0, r1:
+    cubic Hermite between nodes, constant before the first and after the last. With s the elapsed fraction of an
+    interval D between the nodes z0, z1 whose rates are r0, r1:
 
         zeta_d = z0 + s^2 (3 - 2 s) (z1 - z0) + D s (1 - s) ((1 - s) r0 - s r1)
 
@@ -51,8 +53,10 @@ class InternalTable:
     nodes: Any = quantity("1", "Internal states zeta_d at the nodes (n, 6), n at least 2, each in its own unit.")
     rates: Any = quantity("1/s", "Rates of zeta_d at the nodes (n, 6).")
     first: Scalar = quantity("s", "Time of the first node.", default=0.0)
-    spacing: Scalar = quantity("s", "Time between nodes.", default=0.1, above=0)
-    exact: bool = option("True if the nodes solve the internal dynamics; False for a linear model.", default=True)
+    spacing: Scalar = quantity("s", "Time between two nodes.", default=0.1, above=0)
+    exact: bool = option(
+        "True if the nodes solve the nonlinear internal dynamics; False if they solve the linear ones.", default=True
+    )
 
     def check(self) -> None:
         """Raise InputError if the table does not have six columns or is not finite."""
@@ -60,29 +64,31 @@ class InternalTable:
             shape = np.shape(value)
             if len(shape) != 2 or shape[0] < 2 or shape[1] != INTERNALS:
                 problem = f"has shape {shape}, must be (n, {INTERNALS}) with n at least 2"
-                raise InputError(f"InternalTable.{name}", problem, fix="give a row for each node")
+                raise InputError(f"InternalTable.{name}", problem, fix="give one row of six numbers for each node")
             if not np.isfinite(np.asarray(value)).all():
                 row = int(np.argmin(np.isfinite(np.asarray(value)).all(axis=1)))
-                raise InputError(f"InternalTable.{name}", f"row {row} is not finite", fix="build the table again")
+                raise InputError(
+                    f"InternalTable.{name}", f"row {row} has a number that is not finite", fix="compute the table again"
+                )
         if np.shape(self.nodes) != np.shape(self.rates):
-            problem = f"got {len(self.nodes)} nodes and {len(self.rates)} rates; the numbers must be equal"
-            raise InputError("InternalTable.rates", problem, fix="give a rate for each node")
+            problem = f"got {len(self.nodes)} nodes and {len(self.rates)} rates, must be as many rates as nodes"
+            raise InputError("InternalTable.rates", problem, fix="give one row of rates for each node")
 
     def check_duration(self, seconds: float) -> None:
-        """Raise InputError if the run is longer than the table: after its end the last node would be held for ever."""
+        """Raise InputError if the run is longer than the table. After its end the table would hold the last node."""
         end = float(self.first + self.spacing * (np.shape(self.nodes)[0] - 1))
         if seconds > end + float(self.spacing):
-            problem = f"the table ends at {end:g} s, but the run at {seconds:g} s"
+            problem = f"the table ends at {end:g} s, before the end of the run at {seconds:g} s"
             shorter, preview = argument("duration", f"{end:g}"), argument("settings", "preview", "internal")
             fix = f"{shorter}, or {preview}, which needs no table"
             raise InputError("InternalTable", problem, fix=fix)
 
     def init(self, key: Any) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this method has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], command: Any) -> tuple[tuple[()], Any]:
-        """Return zeta_d (6,) at time t (s); the command is not read, as the table is made for one command."""
+        """Return zeta_d (6,) at time t (s). The command is not read, because a table is made for one command."""
         return state, self.at(t)
 
     def at(self, t: Any) -> Any:
@@ -99,27 +105,34 @@ class InternalTable:
 
 @record
 class SylvesterInternal:
-    """Reference internal states for a `FilteredClimb`, by the linearised internal dynamics, without the future.
+    """Reference internal states for a `FilteredClimb`, by the linearised internal dynamics, without knowledge of the
+    future.
 
     Both filters obey omega' = S omega with omega = (h - h_f, h', h'', h''', V - V_f, V', V''). With X S = A22 X + G,
 
         zeta_d = zeta_0 + X omega - A22^-1 A21 (dh, 0, dV)
 
-    from the step on, zeta_0 before. It jumps at the step, by what the unstable mode should have begun with before it.
-    Valid for small climbs, as every linearisation.
+    from the step on, zeta_0 before. zeta_d jumps at the step, because the unstable mode would have to move before the
+    step. Valid for small climbs, as every linearisation.
 
     Source: A. Isidori, "Nonlinear Control Systems", Springer 1995, section 8.4, for the equation; the filters are
             those of the command.
     """
 
     X: Any = quantity(
-        "1", "Matrix X: zeta_d by omega (6, 7) of these wh and wV, each entry in its own unit.", shape=(6, STATES)
+        "1",
+        "Matrix X (6, 7) from omega to zeta_d, for the same wh and wV; each entry in its own unit.",
+        shape=(6, STATES),
     )
-    rest: Any = quantity("1", "Matrix A22^-1 A21 (6, 3): by (h, h', V), each entry in its own unit.", shape=(6, 3))
-    zeta_0: Any = quantity("1", "Trim at the start (6,), each in its own unit.", shape=(6,))
+    rest: Any = quantity(
+        "1", "Matrix A22^-1 A21 (6, 3), which multiplies (h, h', V); each entry in its own unit.", shape=(6, 3)
+    )
+    zeta_0: Any = quantity(
+        "1", "Trim of the internal states before the step (6,), each number in its own unit.", shape=(6,)
+    )
 
     def init(self, key: Any) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this method has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], command: FilteredClimb) -> tuple[tuple[()], Any]:
@@ -134,11 +147,11 @@ class SylvesterInternal:
 
 
 def solve_quasi_static(craft: Hypersonic, p: Any, alpha: Any, steps: int) -> tuple[list[Any], Any]:
-    """Return the zeta at which the internal dynamics rest on the reference path, and whether it was found.
+    """Return the zeta at which the internal dynamics rest on the reference path, and True if the search found it.
 
         M(alpha) = 0 with the input of `invert_path`        Q = a_n/V        eta_i = N_i/w_i^2        eta_i' = 0
 
-    by a fixed number of Newton steps; where they fail, the last angle that was finite stays.
+    by a fixed number of Newton steps. Where a step is not finite, the angle before that step is kept.
 
     Args:     p: PathPoint, each field a number or an array of instants.
               alpha: where the search starts (rad), of the same shape.
@@ -166,20 +179,20 @@ def solve_quasi_static(craft: Hypersonic, p: Any, alpha: Any, steps: int) -> tup
 
 @record
 class QuasiStaticState:
-    """State between steps. Source: this module."""
+    """State of the method between steps. Source: this module."""
 
-    alpha: Scalar = quantity("rad", "Angle of attack found last.", kind="angle")
-    found: Scalar = quantity("1", "True if the search ended at a root.", kind="flag")
+    alpha: Scalar = quantity("rad", "Angle of attack found by the last search.", kind="angle")
+    found: Scalar = quantity("1", "True if the last search found a root.", kind="flag")
 
 
 @record
 class QuasiStaticInternal:
     """Reference internal states for the present command, as if it stayed constant.
 
-        M(alpha) = 0 while h'' and V' are as wanted        zeta_d = (alpha, a_n/V, N1/w1^2, 0, N2/w2^2, 0)
+        M(alpha) = 0 while h'' and V' are as commanded        zeta_d = (alpha, a_n/V, N1/w1^2, 0, N2/w2^2, 0)
 
     Needs neither the future nor the past of the command, and no linearisation; it neglects the duration of the internal
-    motion. If there is no such angle of attack, the state records it, and the last one is kept.
+    motion. If no angle of attack is found, the last one is kept and the state's `found` is False.
 
     Source: the internal dynamics of [1] "Angular-accelerometer-based flexible-state estimation and tracking controller
             design for hypersonic flight vehicle", Aerospace 2022, 9(4), 206, eq. 7, with all rates but the path's left
@@ -187,8 +200,10 @@ class QuasiStaticInternal:
     """
 
     craft: Any = part("Vehicle model used by the law.", default=Hypersonic())
-    alpha: Scalar = quantity("rad", "Initial angle of attack of the first search.", default=FIRST_ALPHA, kind="angle")
-    steps: int = option("Newton steps per search.", default=4)
+    alpha: Scalar = quantity(
+        "rad", "Angle of attack at which the first search starts.", default=FIRST_ALPHA, kind="angle"
+    )
+    steps: int = option("Number of Newton steps in one search.", default=4)
 
     def init(self, key: Any) -> QuasiStaticState:
         """Return the initial state, before any search."""
@@ -202,15 +217,15 @@ class QuasiStaticInternal:
 
 @record
 class FadingModes:
-    """Modes q' = l q + L w that decay, one of each complex pair, and their map to the coordinates: zeta = Re(R q).
+    """Decaying modes q' = l q + L w, one of each complex pair, and their map to the coordinates:
 
-    Those that grow are kept as they are in reversed time, where they fade.
+    zeta = Re(R q). Growing modes are stored in reversed time, in which they decay.
 
     Source: any text on linear systems, e.g. T. Kailath, "Linear systems", Prentice Hall 1980, section 2.6.
     """
 
     decay: Any = quantity("1/s", "Real parts of the poles l (p,), below zero.", high=0)
-    turning: Any = quantity("rad/s", "Imaginary parts (p,).")
+    turning: Any = quantity("rad/s", "Imaginary parts of the poles l (p,).")
     left: Any = quantity("1", "Real and imaginary part of L (2, p, k), each entry in its own unit.")
     right: Any = quantity("1", "Real and imaginary part of R (2, k, p), each entry in its own unit.")
 
@@ -228,7 +243,7 @@ class FadingModes:
         return size * jnp.cos(angle), size * jnp.sin(angle)
 
     def weights(self, dt: Any) -> tuple[Complex, Complex]:
-        """Return what w at begin and end of a step dt (s) adds to q, exactly where w is linear between; each (p, 1)."""
+        """Return the factors (p, 1) of w at begin and end of a step dt (s) in the new q, exact for w linear in time."""
         still = dt <= 0
         step = jnp.where(still, 1.0, dt)
         pole = (self.decay[:, None], self.turning[:, None])
@@ -241,14 +256,14 @@ class FadingModes:
 
 @record
 class PreviewState:
-    """State between steps. Source: this module."""
+    """State of the method between steps. Source: this module."""
 
     t: Scalar = quantity("s", "Time of the last step.")
-    q: Any = quantity("1", "Decaying modes, real and imaginary part (2, p, 1).")
+    q: Any = quantity("1", "State of the decaying modes, real and imaginary part (2, p, 1).")
     w: Any = quantity("1", "Input w of the modes at the last step (k, 1), each entry in its own unit per second.")
     alpha: Any = quantity("rad", "Quasi-static angle of attack at the nodes of the last step (n + 1,).", kind="angle")
     started: Scalar = quantity("1", "True after the first step.", kind="flag")
-    found: Scalar = quantity("1", "True if an angle of attack was found at every node.", kind="flag")
+    found: Scalar = quantity("1", "True if the search found an angle of attack at every node.", kind="flag")
 
 
 @record
@@ -257,9 +272,9 @@ class PreviewInternal:
 
         zeta' = A22 zeta + w        w = Psi(zeta_s) - A22 zeta_s        zeta_s: quasi-static
 
-    One pass of the iteration for the bounded solution, w linear between nodes. Modes that fade are carried along from
-    step to step; those that grow are summed backward from the end of the horizon H, where they are as zeta_s says. What
-    is wrong there comes back times exp(-l H). The cost of a step is fixed.
+    One pass of the iteration for the bounded solution, w linear between nodes. Decaying modes are integrated from step
+    to step. Growing modes are summed backward from the end of the horizon H, where they are taken from zeta_s. An error
+    e at the end of the horizon becomes e exp(-l H) at its beginning. The cost of a step is fixed.
 
     Source: [1] S. Devasia, D. Chen, B. Paden, IEEE Transactions on Automatic Control 41(7), 1996, section III; the
             horizon: Q. Zou, S. Devasia, "Preview-based stable-inversion for output tracking of linear systems", ASME
@@ -267,25 +282,31 @@ class PreviewInternal:
     """
 
     A22: Any = quantity("1", "Jacobian dPsi/dzeta at a trim (k, k), each entry in its own unit.")
-    past: FadingModes = part("Decaying modes.")
-    future: FadingModes = part("Growing modes, in reversed time.")
+    past: FadingModes = part("Modes that decay: integrated from step to step.")
+    future: FadingModes = part("Modes that grow, in reversed time: summed backward from the end of the horizon.")
     craft: Any = part("Vehicle model used by the law.", default=Hypersonic())
     horizon: Scalar = quantity("s", "Horizon H over which the command is read ahead.", default=4.0, above=0)
-    alpha: Scalar = quantity("rad", "Initial angle of attack of the first search.", default=FIRST_ALPHA, kind="angle")
-    intervals: int = option("Number of nodes ahead.", default=40)
-    steps: int = option("Newton steps per search.", default=3)
+    alpha: Scalar = quantity(
+        "rad", "Angle of attack at which the first search starts.", default=FIRST_ALPHA, kind="angle"
+    )
+    intervals: int = option("Number of intervals between nodes over the horizon.", default=40)
+    steps: int = option("Number of Newton steps in one search.", default=3)
 
     def check(self) -> None:
         """Raise InputError if the horizon is zero or has no nodes."""
         if not self.horizon > 0:
             problem = f"the horizon must be above 0, got {float(self.horizon):g} s"
-            raise InputError("PreviewInternal.horizon", problem, fix="give some seconds: the error is exp(-l horizon)")
+            raise InputError(
+                "PreviewInternal.horizon",
+                problem,
+                fix="set horizon to some seconds: the error falls as exp(-l horizon)",
+            )
         if self.intervals < 1:
-            problem = f"the number of intervals must be at least 1, got {self.intervals}"
-            raise InputError("PreviewInternal.intervals", problem, fix="give at least one, better one per 0.1 s")
+            problem = f"intervals must be at least 1, got {self.intervals}"
+            raise InputError("PreviewInternal.intervals", problem, fix="set intervals to 10 per second of the horizon")
 
     def init(self, key: Any) -> PreviewState:
-        """Return the initial state; the first step takes the quasi-static solution."""
+        """Return the initial state. The first step replaces it by the quasi-static solution."""
         p, k = jnp.shape(self.past.decay)[0], jnp.shape(self.A22)[0]
         off = jnp.asarray(False)
         alpha = jnp.full(self.intervals + 1, 1.0 * self.alpha)
@@ -305,7 +326,7 @@ class PreviewInternal:
         return new, wanted[:, 0]
 
     def _propagate_past(self, t: Any, state: PreviewState, w: Any, zeta: Any) -> Complex:
-        """Return the decaying modes, from the last step to t; at the first step those of zeta."""
+        """Return the decaying modes at t, integrated from the last step; at the first step, those of zeta."""
         dt = jnp.maximum(t - state.t, 0.0)
         begin, end = self.past.weights(dt)
         E = self.past.powers(dt * jnp.ones((1, 1)))
@@ -315,7 +336,7 @@ class PreviewInternal:
         return jnp.where(state.started, q[0], first[0]), jnp.where(state.started, q[1], first[1])
 
     def _sum_future(self, w: Any, zeta: Any, d: Any) -> Complex:
-        """Return the growing modes, summed from the end of the horizon; in reversed time w has the other sign."""
+        """Return the growing modes, summed backward from the horizon's end. In reversed time w changes its sign."""
         far, near = self.future.weights(d)
         real, imaginary = self.future.modal_input(-w)
         near_part = _multiply(near, (real[:, :-1], imaginary[:, :-1]))

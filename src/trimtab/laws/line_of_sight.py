@@ -1,4 +1,4 @@
-"""Path following by line of sight, with an integral against currents: for vessels that cannot move sideways.
+"""Path following by line of sight with integral action against currents, for vessels that cannot move sideways.
 
 [1] is E. Børhaug, A. Pavlov, K. Y. Pettersen, "Integral LOS control for path following of underactuated marine surface
 vessels in the presence of constant ocean currents", 47th IEEE Conference on Decision and Control, 2008, 4984-4991.
@@ -17,15 +17,17 @@ from trimtab.laws.steering import Steering, SteeringState
 from trimtab.vehicles.surface_vessel import VesselControls
 
 SLOW = 0.05
-"""Pace (m/s) of a path below which it counts as at rest."""
+"""Speed (m/s) of the path's point below which the path counts as at rest."""
 
 
 @record
 class LineOfSightState:
     """Path parameter and integrals of the law. Source: [1], [2]."""
 
-    progress: Scalar = quantity("s", "Path parameter: the path's own time.")
-    tangent: Scalar = quantity("rad", "Direction of the path.", kind="angle", frame="W")
+    progress: Scalar = quantity(
+        "s", "Path parameter theta: the time in the path's definition that the vessel has reached."
+    )
+    tangent: Scalar = quantity("rad", "Direction chi of the path at the path's point.", kind="angle", frame="W")
     integral: Scalar = quantity("m", "Integral of the cross-track error, as in [1].")
     speed_integral: Scalar = quantity("m", "Integral of the speed error.")
     steering: SteeringState = part("State of the heading autopilot.")
@@ -35,36 +37,39 @@ class LineOfSightState:
 class LineOfSightOutput:
     """Demand and signals of the law. Source: [1], [2]."""
 
-    demand: VesselControls = part("Demand to the rudder and the shafts.")
+    demand: VesselControls = part("Demanded rudder angle and shaft speeds.")
     cross_track: Scalar = quantity("m", "Cross-track error: distance of the vessel to starboard of the path.")
-    along_track: Scalar = quantity("m", "Along-track distance ahead of the path's point.")
-    tangent: Scalar = quantity("rad", "Direction of the path.", kind="angle", frame="W")
-    heading_asked: Scalar = quantity("rad", "Heading commanded by line of sight.", kind="angle", frame="W")
+    along_track: Scalar = quantity("m", "Along-track error: distance of the vessel ahead of the path's point.")
+    tangent: Scalar = quantity("rad", "Direction chi of the path at the path's point.", kind="angle", frame="W")
+    heading_asked: Scalar = quantity("rad", "Heading commanded by the line-of-sight guidance.", kind="angle", frame="W")
     heading_reference: Scalar = quantity("rad", "Heading of the autopilot's reference model.", kind="angle", frame="W")
     yaw_rate_reference: Scalar = quantity("rad/s", "Yaw rate of the autopilot's reference model.")
-    integral: Scalar = quantity("m", "I.")
-    north_reference: Scalar = quantity("m", "Path's point, north.", frame="W")
-    east_reference: Scalar = quantity("m", "Path's point, east.", frame="W")
-    progress: Scalar = quantity("s", "Path parameter: the path's own time.")
+    integral: Scalar = quantity("m", "Integral I of the cross-track error, as in [1].")
+    north_reference: Scalar = quantity("m", "Position of the path's point, north.", frame="W")
+    east_reference: Scalar = quantity("m", "Position of the path's point, east.", frame="W")
+    progress: Scalar = quantity(
+        "s", "Path parameter theta: the time in the path's definition that the vessel has reached."
+    )
 
 
 @record
 class LineOfSight:
-    """Steers at a point ahead on the path, and adapts to the angle needed against a current.
+    """Steers towards a point ahead on the path, and learns the crab angle against a current.
 
         psi_c = chi - atan((e + s I)/D)        I' = D e/(D^2 + (e + s I)^2)                          [1]
         D = near + (far - near) exp(-(e/width)^2)
         theta' = (velocity along the path + g a)/(speed of the path's point)                         [2]
 
-    chi is the direction of the path where its own time is theta, e and a how far the vessel is to starboard of that
-    point and ahead of it. The path says where, not when: the vessel goes along it at its own speed. chi is that of the
-    chord over `chord` of its own time about theta: so a corner is begun before it, as handbooks have a vessel do within
-    a circle about a way-point, and a path that rests there has a direction. Beyond its end it goes straight on.
+    The path's point is the path at the path parameter theta, and chi is the path's direction there. e and a are the
+    distances of the vessel to starboard of this point and ahead of it. The vessel follows the path at its own speed:
+    the path gives the place, not the time. chi is the direction of the chord between theta - chord/2 and theta +
+    chord/2. So the vessel starts to turn before a corner, and a path that rests still has a direction. Beyond its end
+    the path is extended straight.
 
-    Shafts: n = n_u u_d + kp (u_d - u) + ki integral of (u_d - u), between none and the limit.
+    Shafts: n = n_u u_d + kp (u_d - u) + ki integral of (u_d - u), between 0 and the limit.
 
-    Stable, on a straight path with heading and speed as asked: e and I go to rest for any lookahead D and 0 < s < the
-    speed over the ground, if the current is slower than the vessel.                                 [1, theorem 1]
+    Stable on a straight path, if heading and speed are as commanded: e and I converge for any lookahead D and 0 < s <
+    the speed over the ground, if the current is slower than the vessel. [1, theorem 1]
     Valid:   curves of a radius greater than the vessel's own and than D.
     Source:  [1]; theta as in [2]; D as in A. M. Lekkas, T. I. Fossen, "A time-varying lookahead distance guidance law
              for path following", IFAC Proceedings 45 (2012) 398-403, with their exponential of e^2.
@@ -73,16 +78,24 @@ class LineOfSight:
     reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate", "heading", "north", "east")
 
     reference: Any = part("Path to be followed.", default=Circle(radius=5.0, period=60.0))
-    speed: Scalar = quantity("m/s", "Speed u_d, over the ground, ahead.", default=0.58, above=0)
-    far: Scalar = quantity("m", "Lookahead on the path.", default=3.0, above=0)
-    near: Scalar = quantity("m", "Lookahead far off the path, for a fast approach.", default=2.0, above=0)
-    width: Scalar = quantity("m", "Error at which the lookahead is reduced by 63 %.", default=2.0, above=0)
+    speed: Scalar = quantity("m/s", "Commanded forward speed u_d over the ground.", default=0.58, above=0)
+    far: Scalar = quantity("m", "Lookahead distance D for a vessel on the path.", default=3.0, above=0)
+    near: Scalar = quantity("m", "Lookahead distance D for a vessel far from the path.", default=2.0, above=0)
+    width: Scalar = quantity(
+        "m", "Cross-track error at which 63 % of the change from far to near is reached.", default=2.0, above=0
+    )
     integral_gain: Scalar = quantity("m/s", "Integral gain s; 0 means no integral action.", default=0.1, low=0)
-    along_gain: Scalar = quantity("1/s", "Gain g: rate at which the path's point returns abeam.", default=1.0, low=0)
-    chord: Scalar = quantity("s", "Interval of the path's own time for its direction.", default=6.0, above=0)
-    shaft_per_speed: Scalar = quantity("rad/m", "n_u.", default=180.0, low=0)
-    speed_gain: Scalar = quantity("rad/m", "kp.", default=150.0, low=0)
-    speed_integral_gain: Scalar = quantity("rad/(m s)", "ki.", default=40.0, low=0)
+    along_gain: Scalar = quantity("1/s", "Gain g: rate at which the along-track error decays.", default=1.0, low=0)
+    chord: Scalar = quantity(
+        "s", "Interval of the path parameter over which the path's direction is computed.", default=6.0, above=0
+    )
+    shaft_per_speed: Scalar = quantity(
+        "rad/m", "Feedforward gain n_u: shaft speed per commanded speed.", default=180.0, low=0
+    )
+    speed_gain: Scalar = quantity("rad/m", "Proportional gain kp: shaft speed per speed error.", default=150.0, low=0)
+    speed_integral_gain: Scalar = quantity(
+        "rad/(m s)", "Integral gain ki: shaft speed per integral of the speed error.", default=40.0, low=0
+    )
     shaft_limit: Scalar = quantity("rad/s", "Maximum commanded shaft speed.", default=209.0, above=0)
     steering: Steering = part("Heading autopilot.", default=Steering())
 
@@ -92,7 +105,7 @@ class LineOfSight:
         return LineOfSightState(zero, zero, zero, zero, self.steering.init())
 
     def step(self, t: Any, state: LineOfSightState, estimate: Estimate) -> tuple[LineOfSightState, LineOfSightOutput]:
-        """Return the demand at integer time t; nothing changes while the estimate is not valid."""
+        """Return the demand at integer time t. Demand and state stay constant while the estimate is not valid."""
         x, dt = estimate.state, estimate.dt
         point, chord = self._path(state.progress)
         way = jnp.sqrt(chord @ chord + 1e-18)
@@ -126,19 +139,19 @@ class LineOfSight:
         return tree_where(estimate.valid, new, state), output
 
     def _path(self, progress: Any) -> tuple[Any, Any]:
-        """Return the path's point (2,) (m) at its own time, and the chord about it (2,) (m)."""
+        """Return the path's point (2,) (m) at the path parameter, and the chord about this point (2,) (m)."""
         half = self.chord / 2
         after, before = self.reference.at(progress + half), self.reference.at(jnp.maximum(progress - half, 0.0))
         return self.reference.at(progress).place, after.place - before.place
 
     def _guide(self, tangent: Any, e: Any, integral: Any) -> tuple[Any, Any]:
-        """Return the commanded heading (rad), and the rate of the integral (m/s per unit of s)."""
+        """Return the commanded heading (rad), and the rate I' of the integral of the cross-track error."""
         lookahead = self.near + (self.far - self.near) * jnp.exp(-((e / self.width) ** 2))
         off = e + self.integral_gain * integral
         return tangent - jnp.arctan2(off, lookahead), lookahead * e / (lookahead**2 + off**2)
 
     def _drive(self, integral: Any, surge: Any, dt: Any) -> tuple[Any, Any]:
-        """Return the shaft speed (rad/s), and the next integral of the speed error (m), which is held at the limits."""
+        """Return the shaft speed (rad/s) and the integral of the speed error (m), held at the limits of the shaft."""
         e = self.speed - surge
         asked = self.shaft_per_speed * self.speed + self.speed_gain * e + self.speed_integral_gain * integral
         shaft = jnp.clip(asked, 0.0, self.shaft_limit)

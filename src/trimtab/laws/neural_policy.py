@@ -1,8 +1,8 @@
-"""A small neural network instead of a multirotor's tracking law; its weights are read from a file.
+"""A small neural network as the tracking law of a multirotor. The weights are read from a file.
 
     y = W3 tanh(W2 tanh(W1 x + b1) + b2) + b3        any number of layers
 
-How one is trained: `examples/neural_policy/train_policy.py`. Source: the tanh perceptron of Rumelhart, Hinton,
+The training program is `examples/neural_policy/train_policy.py`. Source: the tanh perceptron of Rumelhart, Hinton,
 Williams, "Learning representations by back-propagating errors", Nature 323 (1986); that a network of this size flies a
 quadrotor: Hwangbo, Sa, Siegwart, Hutter, "Control of a quadrotor with reinforcement learning", IEEE RA-L 2 (2017), two
 layers of 64.
@@ -29,14 +29,15 @@ from trimtab.vehicles.quadrotor import Multirotor, RotorDemand
 SUFFIX = ".json"
 INPUTS, OUTPUTS = 18, 4
 STANDARD_GRAVITY = 9.80665
-"""Unit of the apparent vertical (m/s^2)."""
+"""Standard gravity (m/s^2), the unit in which the apparent vertical is given to the network."""
 
 
 class Network(NamedTuple):
     """Weights and scales of a policy.
 
-    scale: inputs are divided by it (18,), and held within -1 and 1.  layers: weights (n, m) and biases (n,) of each.
-    centre, span: of thrust (N) and moments (N m): an output of -1 to 1 stands for centre - span to centre + span (4,).
+    scale: the inputs are divided by this (18,), and clipped to -1 and 1.  layers: weights (n, m) and biases (n,) of
+    each. centre, span: of thrust (N) and moments (N m): an output of -1 to 1 stands for centre - span to centre + span
+    (4,).
     """
 
     scale: Any
@@ -47,7 +48,7 @@ class Network(NamedTuple):
 
 @functools.cache
 def read_network(name: str) -> Network:
-    """Return the weights in a file; a name without a folder and without .json is one of the package's own."""
+    """Return the weights in a file. A name without folder and suffix .json means a file of the package."""
     file = Path(name) if name.endswith(SUFFIX) else Path(__file__).with_name(f"policy_{name}{SUFFIX}")
     try:
         told = json.loads(read_user_text(file))
@@ -81,10 +82,10 @@ def _check_network(name: str, network: Network) -> None:
     if not problem and (
         width != OUTPUTS or any(len(x) != OUTPUTS for x in network[2:]) or len(network.scale) != INPUTS
     ):
-        problem = f"it makes {width} numbers, scaled by {len(network.scale)}, not {OUTPUTS} out of {INPUTS}"
+        problem = f"the network must have {INPUTS} inputs and {OUTPUTS} outputs, got {len(network.scale)} and {width}"
     numbers = np.concatenate([np.ravel(x) for x in (network.scale, *sum(network.layers, ()), *network[2:])])
     if not problem and not (np.isfinite(numbers).all() and (network.scale > 0).all()):
-        problem = "all numbers must be finite, and all scales above 0"
+        problem = "all weights must be finite, and all scales above 0"
     if problem:
         raise InputError(
             "policy", f"'{name}': {problem}", fix="python examples/neural_policy/train_policy.py --out mine.json"
@@ -92,10 +93,10 @@ def _check_network(name: str, network: Network) -> None:
 
 
 def observe(wanted: SpatialPoint, x: Any, gravity: Any) -> Any:
-    """Return the inputs of the network (18,), all in B: independent of position and north.
+    """Return the inputs of the network (18,), all in B, so that they do not depend on position and north.
 
-    Errors of position (m) and velocity (m/s), rate (rad/s), apparent vertical where the wanted acceleration is flown
-    (g), the wanted heading's direction, and the wanted jerk (m/s^3).
+    The inputs are: position error (m), velocity error (m/s), angular rate (rad/s), apparent vertical under the
+    reference acceleration (g), direction of the reference heading, and reference jerk (m/s^3).
     """
     R_BW = quaternion.to_matrix(x.attitude).T
     heading = jnp.stack([jnp.cos(wanted.heading), jnp.sin(wanted.heading), jnp.zeros_like(wanted.heading)])
@@ -123,18 +124,20 @@ def evaluate(network: Network, seen: Any) -> Any:
 
 @record
 class NeuralPolicyOutput:
-    """Demand and errors of the network, and the extrapolation beyond its training. Source: own."""
+    """Demand, tracking errors, and largest scaled input of the network. Source: own."""
 
-    demand: RotorDemand = part("Demand to the rotors.")
+    demand: RotorDemand = part("Demanded thrust and moments.")
     position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
     velocity_error: Any = quantity("m/s", "Velocity error: velocity minus reference.", frame="W", shape=(3,))
     distance: Scalar = quantity("m", "Length of the position error.")
-    stretch: Scalar = quantity("1", "Largest input relative to the training range; above 1 it is clipped to 1.")
+    stretch: Scalar = quantity(
+        "1", "Largest input of the network, divided by its training range. Inputs above 1 are clipped to 1."
+    )
 
 
 @record
 class NeuralPolicyState:
-    """Running time of the policy. Source: this module."""
+    """State of the policy: time since its start. Source: this module."""
 
     time: Scalar = quantity("s", "Time since the law started.", default=0.0)
 
@@ -144,21 +147,23 @@ class NeuralPolicy:
     """Thrust and moments by a trained network, from the inputs of `observe`.
 
     The network has no state, and is not trained for another mass or inertia, a turning reference, or wind. Inputs
-    beyond the training range are clipped (`stretch`), as are outputs beyond their span. Nothing is proved.
+    beyond the training range are clipped (`stretch`), and so are outputs beyond their span. Stability is not proved.
 
     Frames:  W north-east-down, B body.
-    Valid:   the craft that it was trained for, within its scale; a reference whose heading stands still.
+    Valid:   the craft for which the network was trained, inputs within `scale`, and a reference with constant heading.
     Source:  this project; trained by examples/neural_policy/train_policy.py on the law of laws/geometric_tracking.py.
     """
 
     craft: Multirotor = part("Vehicle model used by the law: gravity and the number of rotors.", default=Multirotor())
     reference: Any = part("Reference position in space.", default=FixedPlace())
-    policy: str = option("Weights: a name of the package's own, or a file.json.", default="quadrotor")
+    policy: str = option(
+        "Weights: the name of a network in the package, or the path of a .json file.", default="quadrotor"
+    )
 
     reads: ClassVar[tuple[str, ...]] = ("position", "velocity", "attitude", "rate")
 
     def check(self) -> None:
-        """Raise InputError if the file has no fitting weights."""
+        """Raise InputError if the file has no weights, or weights of other sizes."""
         read_network(self.policy)
 
     def init(self, key: Key) -> NeuralPolicyState:
@@ -173,7 +178,7 @@ class NeuralPolicy:
         return NeuralPolicyState(state.time + estimate.dt), output
 
     def track(self, wanted: SpatialPoint, x: Any) -> NeuralPolicyOutput:
-        """Return the demand of a state x, which has what the law reads, for a reference point."""
+        """Return the demand for a state x with the fields that the law reads, and for a reference point."""
         network = read_network(self.policy)
         seen = observe(wanted, x, self.craft.gravity)
         y = evaluate(network, seen)

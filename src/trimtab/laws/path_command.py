@@ -1,4 +1,4 @@
-"""Command of altitude and speed: steps through filters that are smooth enough for the inversion."""
+"""Command of altitude and speed: steps through filters, which make it smooth enough for the inversion."""
 
 import math
 from typing import Any
@@ -13,13 +13,13 @@ from trimtab.core.record import Scalar, quantity, record
 class PathPoint:
     """Commanded altitude and speed at one instant, with the derivatives that an inversion needs. Source: [1] eq. 5."""
 
-    h: Scalar = quantity("ft", "Altitude.", frame="W")
-    h_rate: Scalar = quantity("ft/s", "Rate of the altitude.", frame="W")
-    h_acceleration: Scalar = quantity("ft/s^2", "Second derivative of the altitude.", frame="W")
-    h_jerk: Scalar = quantity("ft/s^3", "Third derivative of the altitude.", frame="W")
-    V: Scalar = quantity("ft/s", "Speed along the path.")
-    V_rate: Scalar = quantity("ft/s^2", "Rate of the speed.")
-    V_acceleration: Scalar = quantity("ft/s^3", "Second derivative of the speed.")
+    h: Scalar = quantity("ft", "Commanded altitude.", frame="W")
+    h_rate: Scalar = quantity("ft/s", "Rate of the commanded altitude.", frame="W")
+    h_acceleration: Scalar = quantity("ft/s^2", "Second time derivative of the commanded altitude.", frame="W")
+    h_jerk: Scalar = quantity("ft/s^3", "Third time derivative of the commanded altitude.", frame="W")
+    V: Scalar = quantity("ft/s", "Commanded speed along the path.")
+    V_rate: Scalar = quantity("ft/s^2", "Rate of the commanded speed.")
+    V_acceleration: Scalar = quantity("ft/s^3", "Second time derivative of the commanded speed.")
 
 
 @record
@@ -28,11 +28,11 @@ class FilteredClimb:
 
         h_d = h0 + dh / (s/wh + 1)^4          V_d = V0 + dV / (s/wV + 1)^3          both steps at `start`
 
-    In closed form, so that any instant can be asked for, later ones too: with a = w (t - start),
+    The response is known in closed form, at any time, future times included: with a = w (t - start),
 
         1 - e^-a (1 + a + … + a^(n-1)/(n-1)!)
 
-    The orders make h'' and V' continuous: what the inversion gets has no jump.
+    With these orders h'' and V' are continuous, so the inputs of the inversion have no jump.
 
     Source: the filters of [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for
             hypersonic flight vehicle", Aerospace 2022, 9(4), 206, are not printed there: chosen here, see docs page.
@@ -40,18 +40,18 @@ class FilteredClimb:
 
     h0: Scalar = quantity("ft", "Altitude before the step.", default=85000.0)
     V0: Scalar = quantity("ft/s", "Speed before the step.", default=7702.0808, above=0)
-    dh: Scalar = quantity("ft", "Step of altitude.", default=0.0)
-    dV: Scalar = quantity("ft/s", "Step of speed.", default=0.0)
-    wh: Scalar = quantity("rad/s", "Bandwidth of the altitude's filter.", default=0.06, above=0, source="chosen")
-    wV: Scalar = quantity("rad/s", "Bandwidth of the speed's filter.", default=0.06, above=0, source="chosen")
-    start: Scalar = quantity("s", "Time of both steps.", default=5.0, low=0, source="chosen")
+    dh: Scalar = quantity("ft", "Height of the altitude step.", default=0.0)
+    dV: Scalar = quantity("ft/s", "Height of the speed step.", default=0.0)
+    wh: Scalar = quantity("rad/s", "Bandwidth wh of the altitude filter.", default=0.06, above=0, source="chosen")
+    wV: Scalar = quantity("rad/s", "Bandwidth wV of the speed filter.", default=0.06, above=0, source="chosen")
+    start: Scalar = quantity("s", "Time of the altitude step and the speed step.", default=5.0, low=0, source="chosen")
 
     def check(self) -> None:
         """Raise InputError if the final speed is zero or below."""
         end = float(self.V0) + float(self.dV)
         if end <= 0:
-            problem = f"the final speed must be above 0, got {end:g} ft/s"
-            raise InputError("FilteredClimb.dV", problem, fix=f"give more than {-float(self.V0):g} ft/s")
+            problem = f"the final speed V0 + dV must be above 0, got {end:g} ft/s"
+            raise InputError("FilteredClimb.dV", problem, fix=f"set dV above {-float(self.V0):g} ft/s")
 
     def at(self, t: Any) -> PathPoint:
         """Return the command at time t (s)."""
@@ -70,7 +70,7 @@ class FilteredClimb:
 
 
 def filtered_step(a: Any, order: int) -> list[Any]:
-    """Return the unit step through (s + 1)^-order at a time a >= 0, and its derivatives up to the order less one.
+    """Return the step response of (s + 1)^-order at a time a >= 0, and its first order - 1 derivatives.
 
     The k-th derivative is e^-a times a polynomial: each differentiation of a^j/j! e^-a gives a^(j-1)/(j-1)! - a^j/j!.
     """

@@ -1,13 +1,15 @@
-"""Feasibility of a reference for the hovercraft: its inverse dynamics, compared with the limits of fan and rudder.
+"""Feasibility of a reference for the hovercraft: the forces that the reference needs, against the limits of fan and
+rudder.
 
 The centre of percussion P of the rudder pivot, a = J/(m d) ahead of the centre of mass, is accelerated only along the
-nose. So its path says everything else. With s the wanted acceleration of P less that of friction,
+nose. So the path of P determines heading, yaw rate and forces. With s the reference acceleration of P minus that of
+friction,
 
     nose along +s or -s       FX = m (n.s + a r^2)       FY = -(J/d) r'  (and the torque of friction)
 
-where r and r' are the first two derivatives of the direction of s. Where s passes through zero its line goes on and the
-thrust turns round. While the thrust is below the dead zone none comes out: the nose is free, and the velocity that s
-would have given is lost.
+where r and r' are the first two derivatives of the direction of s. Where s passes through zero the nose keeps its
+direction and the thrust reverses. While the demanded thrust is in the dead zone the fan gives no thrust. Then any
+heading is allowed, and the velocity change that s demands is lost.
 
 Source: own derivation from the model of [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link",
 University of Maryland, 2006, eq. 2.11; flatness of such vehicles: P. Martin, S. Devasia, B. Paden, "A different look at
@@ -26,14 +28,14 @@ from trimtab.core.rotation import DEG
 from trimtab.vehicles.hovercraft import Hovercraft
 
 STEP = 0.02
-"""Time (s) between the instants that are checked."""
+"""Time (s) between two instants at which the reference is checked."""
 SLOWEST = 8.0
-"""Largest slowdown in the search for a feasible tempo."""
+"""Largest factor by which the search for a feasible reference slows it down."""
 
 
 @record
 class ThrustLimits:
-    """Limits of fan and rudder, as assumed by a law. Defaults: the thesis's, with the rudder at its stops.
+    """Limits of fan and rudder that a law assumes. The defaults are those of the thesis, with the rudder at its stops.
 
     Source: [1] chapter 4, reconstructed (docs page, Errata).
     """
@@ -41,18 +43,23 @@ class ThrustLimits:
     push: Scalar = quantity("N", "Maximum forward force.", default=1.3, above=0)
     pull: Scalar = quantity("N", "Maximum backward force.", default=0.6, above=0)
     angle: Scalar = quantity(
-        "rad", "Maximum angle of the force off the body's axis.", default=21 * DEG, above=0, high=1.5
+        "rad", "Maximum angle between the force and the body's axis.", default=21 * DEG, above=0, high=1.5
     )
-    dead_zone: Scalar = quantity("N", "Dead zone: below this thrust no force comes out.", default=0.05, low=0)
+    dead_zone: Scalar = quantity(
+        "N", "Dead zone of the fan: for a smaller demand it gives no thrust.", default=0.05, low=0
+    )
     turn_rate: Scalar = quantity("rad/s", "Maximum yaw rate.", default=1.5, above=0)
-    drift: Scalar = quantity("m/s", "Maximum velocity that may be lost in the dead zone.", default=0.1, above=0)
-    reserve: Scalar = quantity("1", "Fraction of the forces reserved for errors.", default=0.2, low=0, high=0.9)
+    drift: Scalar = quantity("m/s", "Maximum velocity change that may be lost in the dead zone.", default=0.1, above=0)
+    reserve: Scalar = quantity(
+        "1", "Fraction of the maximum forces that is reserved for feedback.", default=0.2, low=0, high=0.9
+    )
 
 
 class PathMotion(NamedTuple):
-    """Motion that a reference demands of the craft at each instant t (s): arrays (n,), of `specific` (n, 2).
+    """Motion that a reference demands of the craft at each instant t (s):
 
-    heading (rad, unwrapped), yaw_rate (rad/s), FX, FY (N).  specific: acceleration that the thrust has to give, in W.
+    arrays (n,). heading (rad, unwrapped), yaw_rate (rad/s), FX, FY (N). specific: acceleration that the thrust must
+    give (n, 2), in W.
     """
 
     t: Any
@@ -64,7 +71,7 @@ class PathMotion(NamedTuple):
 
 
 class _Breach(NamedTuple):
-    """Violated limit: description, degree of use (above 1), and time."""
+    """Violated limit: its description, demand divided by limit (above 1), and time (s)."""
 
     problem: str
     use: float
@@ -72,7 +79,7 @@ class _Breach(NamedTuple):
 
 
 def path_motion(reference: Any, model: Hovercraft, duration: float, slower: float = 1.0) -> PathMotion:
-    """Return the inverse dynamics of a reference of P over a duration (s); slower: slowdown factor."""
+    """Return the motion that a reference of P demands over a duration (s), slowed down by the factor `slower`."""
     t = np.linspace(0.0, duration * slower, max(int(duration / STEP), 8) + 1)
 
     def at(x: Any) -> ReferencePoint:
@@ -99,7 +106,7 @@ def refuse_infeasible(reference: Any, model: Hovercraft, limits: ThrustLimits, d
     """Raise InputError if the reference violates a limit within the duration (s).
 
     Raises:
-        InputError: which limit, by what, when, and how many times slower it would be feasible.
+        InputError: names the limit, the demand and the time, and the slowdown that makes the reference feasible.
     """
     breach = _worst_breach(path_motion(reference, model, duration), model, limits)
     if breach is None:
@@ -110,7 +117,7 @@ def refuse_infeasible(reference: Any, model: Hovercraft, limits: ThrustLimits, d
 
 
 def _line_of(specific: Any) -> Any:
-    """Return the direction of the thrust's line, continuous through zero; where it is zero, between its neighbours."""
+    """Return the direction of the thrust's line, continuous through zero and interpolated where the thrust is zero."""
     size = np.hypot(*specific.T)
     some = np.flatnonzero(size > 1e-6 * max(float(size.max(initial=0.0)), 1e-6))
     if not len(some):
@@ -146,28 +153,28 @@ def _worst_breach(motion: PathMotion, model: Hovercraft, limits: ThrustLimits) -
     }
     name = max(uses, key=lambda n: float(uses[n].max()))
     k = int(uses[name].argmax())
-    kept = f", of which {100 * float(limits.reserve):g} % are reserved for errors"
+    kept = f", of which {100 * float(limits.reserve):g} % are reserved for feedback"
     texts = {
         "push": f"it needs {FX[k]:.2f} N forward, and the fan gives {float(limits.push):.2f} N{kept}",
         "pull": f"it needs {-FX[k]:.2f} N backward, and the fan gives {float(limits.pull):.2f} N{kept}",
         "side": f"it needs {abs(FY[k]):.2f} N to the side with {abs(FX[k]):.2f} N along the nose,"
         f" and the rudder turns the force by {float(limits.angle) / DEG:.0f} degrees at most",
-        "turn": f"the nose has to turn at {abs(motion.yaw_rate[k]):.2f} rad/s, above its limit of {rate:.2f} rad/s",
-        "drift": f"thrust in the dead zone, below {float(limits.dead_zone):g} N, would lose {lost[k]:.2f} m/s",
+        "turn": f"the nose has to turn at {abs(motion.yaw_rate[k]):.2f} rad/s, above the limit of {rate:.2f} rad/s",
+        "drift": f"it needs thrust in the dead zone, below {float(limits.dead_zone):g} N, and loses {lost[k]:.2f} m/s",
     }
     use = float(uses[name][k])
     return _Breach(texts[name], use, float(t[k])) if use > 1 else None
 
 
 def _velocity_loss(motion: PathMotion, thrusts: Any) -> Any:
-    """Return the velocity (m/s) lost since the thrust fell below the dead zone (n,)."""
+    """Return the velocity change (m/s) lost since the demanded thrust entered the dead zone (n,)."""
     given = np.cumsum(motion.specific, axis=0) * (motion.t[1] - motion.t[0])
     since = np.maximum.accumulate(np.where(thrusts, np.arange(len(motion.t)), 0))
     return np.where(thrusts, 0.0, np.hypot(*(given - given[since]).T))
 
 
 def _feasible_tempo(reference: Any, model: Hovercraft, limits: ThrustLimits, duration: float) -> float | None:
-    """Return the slowdown that makes it feasible, to a hundredth; None: not feasible up to SLOWEST."""
+    """Return the smallest slowdown with which the reference is feasible, to 0.01, or None above SLOWEST."""
 
     def holds(slower: float) -> bool:
         return _worst_breach(path_motion(reference, model, duration, slower), model, limits) is None
@@ -185,11 +192,11 @@ def _feasible_tempo(reference: Any, model: Hovercraft, limits: ThrustLimits, dur
 
 def _slower_text(reference: Any, factor: float | None) -> str:
     if factor is None:
-        return f"it is infeasible even {SLOWEST:g} times slower: make the path larger, or its bends wider"
+        return f"the reference is infeasible even {SLOWEST:g} times slower: make the path larger, or its bends wider"
     times = {n: getattr(reference, n) for n in ("period", "ease") if hasattr(reference, n)}
     if not times:
-        return f"let it take {factor:.2f} times as long: divide its speeds by that, or multiply its times"
+        return f"make the reference {factor:.2f} times slower: divide its speeds by this factor, or multiply its times"
     sets = " ".join(
         argument("settings", f"{float(v) * factor:.3g}", f"autopilot.law.reference.{n}") for n, v in times.items()
     )
-    return f"{factor:.2f} times slower is feasible: {sets}"
+    return f"the reference is feasible {factor:.2f} times slower: {sets}"

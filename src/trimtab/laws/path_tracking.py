@@ -1,4 +1,4 @@
-"""Tracking of a path in time by the hovercraft: thrust along the nose, and the nose turned to the needed thrust.
+"""Trajectory tracking by the hovercraft: it thrusts along the nose, and turns the nose to the needed thrust.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -21,12 +21,14 @@ from trimtab.vehicles.hovercraft import Hovercraft
 
 @record
 class PathTrackingState:
-    """State of the law: its start, and the progress along the path. Source: own derivation."""
+    """State of the law: progress along the path, and state of the law for rest. Source: own derivation."""
 
     began: Scalar = quantity("1", "True after the first step.", kind="flag")
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
-    progress: Scalar = quantity("s", "Path parameter: the path's own time.")
-    heading: Scalar = quantity("rad", "Heading of the craft when the path last began to rest.", kind="angle")
+    progress: Scalar = quantity(
+        "s", "Path parameter: the time in the path's definition that the reference has reached."
+    )
+    heading: Scalar = quantity("rad", "Heading that the craft had when the path last came to rest.", kind="angle")
     rest: PoseState = part("State of the law used while the path rests.")
 
 
@@ -38,19 +40,21 @@ class PathTrackingOutput:
     north_reference: Scalar = quantity("m", "Reference position of P, north.", frame="W")
     east_reference: Scalar = quantity("m", "Reference position of P, east.", frame="W")
     heading_reference: Scalar = quantity(
-        "rad", "Reference heading of the nose; the present one without thrust.", kind="angle"
+        "rad", "Reference heading of the nose; the present heading if no thrust is demanded.", kind="angle"
     )
-    yaw_rate_reference: Scalar = quantity("rad/s", "Reference yaw rate.")
-    position_error: Scalar = quantity("m", "Distance of P from its reference.")
-    velocity_error: Scalar = quantity("m/s", "Velocity error of P.")
+    yaw_rate_reference: Scalar = quantity("rad/s", "Reference yaw rate r_d of the law.")
+    position_error: Scalar = quantity("m", "Distance of P from its reference position.")
+    velocity_error: Scalar = quantity("m/s", "Magnitude of the velocity error of P.")
     lyapunov: Scalar = quantity("m^2/s^2", "Lyapunov function V of the law.")
-    progress: Scalar = quantity("s", "Path parameter: the path's own time.")
+    progress: Scalar = quantity(
+        "s", "Path parameter: the time in the path's definition that the reference has reached."
+    )
     backing: Scalar = quantity("1", "True if the tail, not the nose, points along the demanded thrust.", kind="flag")
-    resting: Scalar = quantity("1", "True if the path rests and the law for rest is active.", kind="flag")
+    resting: Scalar = quantity("1", "True if the path is at rest and the law for rest is active.", kind="flag")
 
 
 class _Errors(NamedTuple):
-    """Errors of P, (2,) in W: position e (m), velocity v (m/s); and the reference: acceleration, jerk, less drag."""
+    """Errors of P, (2,) in W: position e (m), velocity v (m/s). Acceleration, jerk: reference minus that of drag."""
 
     e: Any
     v: Any
@@ -60,7 +64,7 @@ class _Errors(NamedTuple):
 
 
 class _End(NamedTuple):
-    """One end of the craft turned along the demanded thrust: its yaw rate, its part of V, and the torque for it."""
+    """Control with nose or tail along the thrust: reference yaw rate (rad/s), V, and yaw acceleration (rad/s^2)."""
 
     rate: Any
     V: Any
@@ -83,22 +87,23 @@ class PathTracking:
 
         V = |v|^2/2 + (k2/2) e.v + (k1/2 + k2^2/4)|e|^2 + q |s| (|s| - o w) + p (r - r_d)^2/2.
 
-    Stable, proven and held by tests: with G = |s|^4/(|s|^4 + s0^4) and M = (s_perp.s' + 2 tan(delta/2) s.s')/|s|
+    Stable, proven and tested: with G = |s|^4/(|s|^4 + s0^4) and M = (s_perp.s' + 2 tan(delta/2) s.s')/|s|
         V' = -(k1 k2/2)|e|^2 - (k2/2)|v|^2 - q kn G y^2 - p kr (r - r_d)^2 + (1 - G) y (o q M - c)
       for every state, and V doesn't jump when the end changes. While delta is within 90 degrees,
         V' <= -2 mu V + q kn s0^2/2 + 0.57 s0 (3 q |s'| + |c|)        mu = `decay(law)`, (1 - G)|y| <= 0.57 s0,
       so that V falls exponentially to a neighbourhood whose size goes to zero with s0. Where |s| is well above s0, as
-      on a circle, V vanishes but for (s0/|s|)^4. Where the wanted thrust passes through zero the nose isn't hurried:
-      the craft coasts, and thrusts the other way afterwards.
-    Not proven: limits of fan, rudder and yaw rate, delays, the dead zone: simulated. An end more than 90 degrees off
-      is only chosen while the yaw rate favours it.
-    Friction:  what the model has of it is taken off s and off the torque, its rate of change off s', but not its second
-               derivative off r_d'.
-    Progress:  "time": the path's time is that since the law began. "path": it goes slower while the craft is behind
-               and faster, up to twice, while it is ahead; V is as above for a path whose time goes at that rate.
-    Rest:      where the path rests no thrust is wanted that could turn the nose, and the neighbourhood is a circling:
-               there `Pose` takes over, with the path's heading, or that of the craft.
-    Valid:     references that `laws.path_feasibility` doesn't refuse before the run.
+      on a circle, V goes to zero except for a part of order (s0/|s|)^4. Where the demanded thrust passes through zero
+      the nose does not turn: the craft coasts, and then thrusts the other way.
+    Only simulated, not proven: limits of fan, rudder and yaw rate, delays, and the dead zone. An end that is more than
+    90 degrees off is chosen only if the yaw rate is towards it.
+    Friction:  the model's friction is subtracted from s and from the torque, and its rate of change from s'. Its second
+               derivative is not subtracted from r_d'.
+    Progress:  "time": the path parameter is the time since the law started. "path": the path parameter runs slower
+               while the craft is behind, and up to twice as fast while the craft is ahead. V holds for the path at this
+               rate.
+    Rest:      while the path rests no thrust is demanded, so nothing would hold the nose. Then `Pose` takes over, with
+               the path's heading, or that of the craft if the path has none.
+    Valid:     references that `laws.path_feasibility` accepts before the run.
     Source:    own derivation; backstepping: M. Krstic, I. Kanellakopoulos, P. Kokotovic, "Nonlinear and adaptive
                control design", 1995; underactuated vehicles: A. Aguiar, J. Hespanha, IEEE Trans. Automatic Control 52
                (2007) 1362; the choice by V: C. Mayhew, R. Sanfelice, A. Teel, same journal 56 (2011) 2517. Gains are
@@ -107,26 +112,29 @@ class PathTracking:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    reference: Any = part("Reference position of P.", default=Circle())
+    reference: Any = part("Reference position of P, as a function of time.", default=Circle())
     progress: str = option(
-        "Time base of the path: elapsed time, or the craft's progress along the path.",
+        "Path parameter follows the elapsed time (time) or the craft's progress (path).",
         default="time",
         choices=("time", "path"),
     )
-    k1: Scalar = quantity("1/s^2", "Acceleration per position error.", default=0.2, above=0)
-    k2: Scalar = quantity("1/s", "Acceleration per velocity error.", default=0.6, above=0)
-    kn: Scalar = quantity("1/s", "Yaw rate per sine of the nose's error.", default=1.0, above=0)
-    kr: Scalar = quantity("1/s", "Yaw acceleration per error of yaw rate.", default=2.0, above=0)
-    q: Scalar = quantity("s^2", "Weight of the nose in V.", default=10.0, above=0)
-    p: Scalar = quantity("m^2", "Weight of the yaw rate in V.", default=0.5, above=0)
+    k1: Scalar = quantity("1/s^2", "Position gain k1: acceleration per position error.", default=0.2, above=0)
+    k2: Scalar = quantity("1/s", "Velocity gain k2: acceleration per velocity error.", default=0.6, above=0)
+    kn: Scalar = quantity("1/s", "Heading gain kn: yaw rate per sine of the nose's angle error.", default=1.0, above=0)
+    kr: Scalar = quantity("1/s", "Yaw rate gain kr: yaw acceleration per yaw rate error.", default=2.0, above=0)
+    q: Scalar = quantity("s^2", "Weight q of the nose's angle error in the Lyapunov function V.", default=10.0, above=0)
+    p: Scalar = quantity("m^2", "Weight p of the yaw rate error in the Lyapunov function V.", default=0.5, above=0)
     s0: Scalar = quantity(
-        "m/s^2", "Demanded acceleration below which the nose is not turned to it.", default=0.05, above=0
+        "m/s^2", "Demanded acceleration s0 below which the nose does not turn to its direction.", default=0.05, above=0
     )
     kp: Scalar = quantity(
-        "1/m", "Change of the path's rate per distance ahead, with progress by path.", default=1.0, above=0
+        "1/m",
+        "Increase of the path parameter's rate per distance that the craft is ahead, for progress=path.",
+        default=1.0,
+        above=0,
     )
-    rest: Pose = part("Law used while the path rests.", default=Pose())
-    side: Scalar = quantity("N", "Force to the side that is allowed without any along the nose.", default=0.2, above=0)
+    rest: Pose = part("Law used while the path is at rest.", default=Pose())
+    side: Scalar = quantity("N", "Maximum force to the side without a force along the nose.", default=0.2, above=0)
     limits: ThrustLimits = part("Limits of fan and rudder.", default=ThrustLimits())
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
@@ -173,14 +181,14 @@ class PathTracking:
         )
 
     def _away(self, errors: _Errors, backs: Any) -> Any:
-        """Return the angle of the nose from its reference (rad); zero where no thrust is demanded."""
+        """Return reference heading minus heading (rad), or zero where no thrust is demanded."""
         wanted = self._demand(errors)
         line, thrusts = jnp.where(backs, -wanted, wanted), wanted @ wanted > 1e-12
         aim = jnp.arctan2(jnp.where(thrusts, line[1], 0.0), jnp.where(thrusts, line[0], 1.0))
         return jnp.where(thrusts, wrap(aim - errors.heading), 0.0)
 
     def _limit(self, wanted: PlanarForce) -> PlanarForce:
-        """Return the part of a force (N) that fan and rudder can give; a little also to the side alone."""
+        """Return a force (N) limited to what fan and rudder can give. A small side force is allowed without thrust."""
         FX = jnp.clip(wanted.FX, -self.limits.pull, self.limits.push)
         most = jnp.maximum(jnp.tan(self.limits.angle) * jnp.abs(FX), self.side)
         return PlanarForce(FX=FX, FY=jnp.clip(wanted.FY, -most, most))
@@ -188,7 +196,7 @@ class PathTracking:
     def _hold(
         self, t: Any, state: PathTrackingState, estimate: Estimate, point: ReferencePoint, heading: Any
     ) -> tuple[PoseState, PlanarForce]:
-        """Return the demand of the law for rest: P at the point, the nose at the path's heading, or where it was."""
+        """Return the demand of the law for rest: P at the path's point, nose at the path's heading, if any."""
         heading = jnp.where(point.has_heading, point.heading, heading)
         place = point.place - self.model.percussion_arm * planar(heading)[:, 0]
         law = replace(self.rest, north=place[0], east=place[1], heading=heading, model=self.model)
@@ -196,7 +204,7 @@ class PathTracking:
         return rest, output.demand
 
     def _progress(self, t: Any, state: PathTrackingState, s: Any, body: Any) -> tuple[Any, ReferencePoint, Any]:
-        """Return the path's own time now, the reference there, and whether the path rests there."""
+        """Return the path parameter, the reference there, and True if the path rests there."""
         since = jnp.where(state.began, to_seconds(t - state.t), 0.0)
         rate = jnp.asarray(1.0)
         if self.progress == "path":
@@ -272,18 +280,18 @@ class PathTracking:
         return jnp.clip(rate, -self.limits.turn_rate, self.limits.turn_rate)
 
     def error_energy(self, e: Any, v: Any) -> Any:
-        """Return the first three terms of V, of errors of position (m) and velocity (m/s), each (2,)."""
+        """Return the terms of V in the position error (m) and the velocity error (m/s), each (2,)."""
         k1, k2 = self.k1, self.k2
         return v @ v / 2 + k2 / 2 * (e @ v) + (k1 / 2 + k2**2 / 4) * (e @ e)
 
 
 def _size(s: Any) -> Any:
-    """Return |s|, smooth at zero (m/s^2)."""
+    """Return |s| (m/s^2), with a finite derivative at zero."""
     return jnp.sqrt(s @ s + 1e-12)
 
 
 def decay(law: PathTracking) -> float:
-    """Return mu (1/s), the rate at which V falls."""
+    """Return mu (1/s): V falls as exp(-2 mu t)."""
     k1, k2 = float(law.k1), float(law.k2)
     M = np.array([[k1 + k2**2 / 2, k2 / 2], [k2 / 2, 1.0]])
     own = float(np.linalg.eigvals(np.linalg.solve(M, np.diag([k1 * k2, k2]))).real.min()) / 2

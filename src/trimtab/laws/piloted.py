@@ -1,8 +1,10 @@
-"""Piloted hovercraft: the stick moves thrust, velocities in the body, or the velocity over the floor.
+"""Law of a piloted hovercraft: the stick commands the thrust, the velocities in the body, or the velocity over the
+floor.
 
 The fan is at the tail, so sway has no actuator of its own. Without drag a steady turn at speed V and rate w needs the
 force m V w across the path, and the only steady force without a torque is along the nose: in a steady turn the nose
-points to the centre of the circle, whoever flies. `damped` leaves that to the pilot, `assisted` does it by itself.
+points to the centre of the circle. In the mode damped the pilot has to turn the nose there, in the mode assisted the
+law does.
 
 Source: own derivation, but for damping: Z. Kulis, "Feedback control of a hovercraft over a wireless link", University
 of Maryland, 2006, section 2.2, which is [1].
@@ -22,18 +24,18 @@ from trimtab.vehicles.hovercraft import Hovercraft
 
 MANUAL, DAMPED, ASSISTED = range(len(STICK_MODES))
 LONGEST_STEP = ms(100)
-"""Longest pause between steps; after a longer one the references restart at the vehicle's state."""
+"""Longest time between two steps. After a longer pause the references restart at the vehicle's present motion."""
 TURN_DEAD_ZONE = 0.2
-"""Reference yaw rate (rad/s) from which on damped steering ignores sway."""
+"""Reference yaw rate (rad/s) above which the mode damped ignores sway."""
 REVERSE_SWAY = -0.5
-"""Weight of sway while backing; it damps between 0 and -m d^2/J = -2.8."""
+"""Weight s of sway while moving backward. Sway is damped for weights between 0 and -m d^2/J = -2.8."""
 REVERSE_SPEED = 0.1
-"""Backward speed (m/s) at and beyond which sway has that weight."""
+"""Backward speed (m/s) from which on the weight of sway is REVERSE_SWAY."""
 
 NOSE_FREE = 1.6
-"""Force, as a multiple of nose_force, that fully determines the nose's direction."""
+"""Force, as a multiple of nose_force, from which on the nose points along the force alone."""
 BACKING = 0.3, 0.8
-"""Share of the force against the course below which the nose turns to it again; above, the fan pulls back."""
+"""Shares of the force against the course: the fan starts to pull backward above the second, stops below the first."""
 
 
 @record
@@ -41,12 +43,16 @@ class PilotedState:
     """State of the law. Source: own derivation."""
 
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
-    mode: Scalar = quantity("1", "Mode of the stick at the last step.", kind="mode", modes=STICK_MODES)
+    mode: Scalar = quantity("1", "Mode that the stick selected at the last step.", kind="mode", modes=STICK_MODES)
     began: Scalar = quantity("1", "True after the first step.", kind="flag")
-    speed: Scalar = quantity("m/s", "Reference of surge, or of the speed along the course.")
-    rate: Scalar = quantity("rad/s", "Reference of the yaw rate, or of the course's rate.")
-    course: Scalar = quantity("rad", "Reference of the course, clockwise from north; unwrapped.", kind="angle")
-    backing: Scalar = quantity("1", "True if the fan pulls backward instead of turning the nose round.", kind="flag")
+    speed: Scalar = quantity(
+        "m/s", "Reference of the surge velocity in damped, of the speed along the course in assisted."
+    )
+    rate: Scalar = quantity("rad/s", "Reference of the yaw rate in damped, of the course's rate of turn in assisted.")
+    course: Scalar = quantity("rad", "Reference course, clockwise from north, not wrapped.", kind="angle")
+    backing: Scalar = quantity(
+        "1", "True if the fan pulls backward and the nose does not turn to the force.", kind="flag"
+    )
 
 
 @record
@@ -54,23 +60,29 @@ class PilotedOutput:
     """Demand and signals of the law. Source: own derivation."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    mode: Scalar = quantity("1", "Active mode of the stick.", kind="mode", modes=STICK_MODES)
-    stick_lost: Scalar = quantity("1", "True if the stick is missing or too old: it counts as released.", kind="flag")
+    mode: Scalar = quantity("1", "Active mode of the law, as selected by the stick.", kind="mode", modes=STICK_MODES)
+    stick_lost: Scalar = quantity(
+        "1", "True if stick samples are missing or too old. The stick then counts as released.", kind="flag"
+    )
     speed_reference: Scalar = quantity(
-        "m/s", "Reference of surge if damped, of the speed along the course if assisted; else 0."
+        "m/s", "Reference of the surge velocity in damped, of the speed along the course in assisted; 0 in manual."
     )
     rate_reference: Scalar = quantity(
-        "rad/s", "Reference of the yaw rate if damped, of the course's rate if assisted; else 0."
+        "rad/s", "Reference of the yaw rate in damped, of the course's rate of turn in assisted; 0 in manual."
     )
-    course_reference: Scalar = quantity("rad", "Reference course if assisted, else the nose's heading.", kind="angle")
+    course_reference: Scalar = quantity(
+        "rad", "Reference course in assisted; the heading of the nose in other modes.", kind="angle"
+    )
     heading_reference: Scalar = quantity(
-        "rad", "Reference heading of the nose if assisted, else the actual one.", kind="angle"
+        "rad", "Reference heading of the nose in assisted; the actual heading in other modes.", kind="angle"
     )
-    velocity_error: Scalar = quantity("m/s", "Velocity error, of surge if damped; 0 if manual.")
+    velocity_error: Scalar = quantity(
+        "m/s", "Velocity error in assisted, error of the surge velocity in damped; 0 in manual."
+    )
 
 
 class _Hand(NamedTuple):
-    """Stick as the law reads it."""
+    """Stick input of the law: deflections forward and to the side, mode, and True if the stick is lost."""
 
     forward: Any
     turn: Any
@@ -80,69 +92,93 @@ class _Hand(NamedTuple):
 
 @record
 class Piloted:
-    """Follows a pilot's stick in one of three modes that the stick selects.
+    """Follows a pilot's stick in one of three modes. A switch on the stick selects the mode.
 
-        manual    F = thrust forward, turned by deflection turn: FX = |F| cos, FY = -|F| sin, as by a radio control
+        manual    F = thrust forward, turned by deflection turn: FX = |F| cos, FY = -|F| sin, as with a radio control
         damped    FX = k1 (u_r - u)                        FY = k2 (d (r - r_r) - s v)
         assisted  FX = n.F + m a r^2                       FY = (J/d) kr (r - r_d)
                   F = m (v_r' + k (v_r - v_P))             r_d = w_r + kh wrap(heading_d - heading), limited
 
-    n is the direction of the nose, v_r = V_r (cos c_r, sin c_r) the wanted velocity in W, c_r' = w_r; references u_r,
-    r_r, V_r, w_r are the stick times a range, ramped. P lies a = J/(m d) ahead of the centre of mass, where FY causes
-    no acceleration (the centre of percussion of the rudder pivot): v_P' = n (FX/m - a r^2), so v_P' = n (n.F)/m.
-    heading_d is the direction of F plus a part along the course that vanishes as F grows; backing, of -F. At rest the
-    course is that of the nose: ahead is where it points.
+    n is the direction of the nose, v_r = V_r (cos c_r, sin c_r) the reference velocity in W, c_r' = w_r. The references
+    u_r, r_r, V_r, w_r are the stick times a range, with a rate limit. P lies a = J/(m d) ahead of the centre of mass,
+    where FY causes no acceleration (the centre of percussion of the rudder pivot): v_P' = n (FX/m - a r^2), so v_P' = n
+    (n.F)/m. heading_d is the direction of F plus a part along the course that vanishes as F grows; while backing, that
+    of -F. At rest the course is the heading of the nose.
 
     damped, proven (tests):
-      turn let go, u_r >= 0 held: the source's ForwardMomentum and ZeroVelocity, s = 1, globally stable, all k1, k2 > 0.
+      turn released, u_r >= 0 held: ForwardMomentum and ZeroVelocity of [1], s = 1, globally stable for all k1, k2 > 0.
       u_r != 0 held, r_r = 0: locally stable if and only if s u_r > 0 (s > -m d^2/J), so s changes sign with u_r.
-      |r_r| > 0.2 rad/s: s = 0 and (r - r_r)' = -(k2 d^2/J)(r - r_r), exactly; u -> 0 and v -> -k1 u_r/(m r_r), the
-      turn at which the nose looks at the centre: surge can't be held in it.
+      |r_r| > 0.2 rad/s: s = 0 and (r - r_r)' = -(k2 d^2/J)(r - r_r), exactly; u -> 0 and v -> -k1 u_r/(m r_r), the turn
+      in which the nose points to the centre. Surge cannot be held in this turn.
     assisted, proven (tests): r' = kr (r_d - r), whatever the velocity. While course and speed are held,
       E = m |v_r - v_P|^2/2 never grows, whatever the heading, for E' = -m k (n.(v_r - v_P))^2; nor does it under the
-      limits of FX, while m a r^2 < push. A nose that is where it is wanted is not across the error, so that no error
-      above nose_dead_zone/(m k) lasts. Only simulated: how E falls while the nose turns and backing switches,
-      and turns, in which the nose has to come round before F is right.
-    The actuators are in none of the proofs: a force more than some 21 degrees off the body's axis comes out along it.
+      limits of FX, while m a r^2 < push. A nose at its reference heading is not perpendicular to the velocity error, so
+      no error above nose_dead_zone/(m k) lasts. Only simulated: the fall of E while the nose turns and while backing
+      switches, and turns, in which the nose has to turn before F can be given.
+    The proofs leave out the actuators, which turn a force by at most some 21 degrees from the body's axis.
 
-    Dead man:  a stick that is older than stick_timeout, never valid or not a number counts as released, in the mode
-               it had. In manual that is no thrust: the vehicle slides on. Before the first stick the mode is damped.
-    Windup:    references stand still while the law isn't asked, and after a pause or a change of mode begin where the
-               vehicle is; in assisted they slow down as the error of velocity nears `leash`.
+    Dead man:  a stick sample that is older than stick_timeout, invalid or not a number counts as a released stick in
+               its last mode. In manual this means no thrust: the vehicle slides on. Before the first sample the mode is
+               damped.
+    Windup:    references stand still while the law is not called. After a pause or a change of mode they restart at the
+               vehicle's motion. In assisted they change more slowly as the velocity error approaches `leash`.
     Frames:    velocities in B, course and heading clockwise from north in W.
     Source:    own derivation; damping [1] eqs. 2.16, 2.24, 2.30. Gains and ranges are this project's.
     """
 
     reads: ClassVar[tuple[str, ...]] = (*VELOCITIES, "heading")
 
-    thrust: Scalar = quantity("N", "Force of full stick in manual.", default=1.2, above=0)
-    deflection: Scalar = quantity("rad", "Angle of the force at full turn in manual.", default=0.36, above=0, high=1.5)
-    surge_range: Scalar = quantity("m/s", "Surge velocity of full stick in damped.", default=0.8, above=0)
-    yaw_range: Scalar = quantity("rad/s", "Yaw rate of full turn in damped.", default=1.5, above=0)
-    speed_range: Scalar = quantity("m/s", "Speed of full stick in assisted.", default=0.8, above=0)
-    course_range: Scalar = quantity("rad/s", "Rate of the course of full turn in assisted.", default=0.6, above=0)
-    acceleration: Scalar = quantity("m/s^2", "Acceleration limit of the speed reference.", default=0.3, above=0)
+    thrust: Scalar = quantity("N", "Force at full forward stick in the mode manual.", default=1.2, above=0)
+    deflection: Scalar = quantity(
+        "rad", "Angle of the force at full turn in the mode manual.", default=0.36, above=0, high=1.5
+    )
+    surge_range: Scalar = quantity(
+        "m/s", "Surge velocity at full forward stick in the mode damped.", default=0.8, above=0
+    )
+    yaw_range: Scalar = quantity("rad/s", "Yaw rate at full turn in the mode damped.", default=1.5, above=0)
+    speed_range: Scalar = quantity("m/s", "Speed at full forward stick in the mode assisted.", default=0.8, above=0)
+    course_range: Scalar = quantity(
+        "rad/s", "Rate of turn of the course at full turn in the mode assisted.", default=0.6, above=0
+    )
+    acceleration: Scalar = quantity("m/s^2", "Maximum acceleration of the speed reference.", default=0.3, above=0)
     yaw_acceleration: Scalar = quantity(
-        "rad/s^2", "Acceleration limit of the yaw rate reference in damped.", default=1.0, above=0
+        "rad/s^2", "Maximum acceleration of the yaw rate reference in the mode damped.", default=1.0, above=0
     )
     course_acceleration: Scalar = quantity(
-        "rad/s^2", "Acceleration limit of the rate reference in assisted.", default=0.3, above=0
+        "rad/s^2",
+        "Maximum acceleration of the reference of the course's rate of turn in the mode assisted.",
+        default=0.3,
+        above=0,
     )
-    turn_acceleration: Scalar = quantity("m/s^2", "Maximum speed times rate in assisted.", default=0.35, above=0)
-    k1: Scalar = quantity("kg/s", "Gain on surge in damped.", default=2.0, above=0)
-    k2: Scalar = quantity("kg/s", "Gain on sway and yaw rate in damped.", default=2.5, above=0)
-    k: Scalar = quantity("1/s", "Gain on the velocity error in assisted.", default=0.8, above=0)
-    kh: Scalar = quantity("1/s", "Yaw rate per heading error in assisted.", default=1.0, above=0)
-    kr: Scalar = quantity("1/s", "Yaw acceleration per yaw rate error in assisted.", default=3.0, above=0)
-    turn_rate: Scalar = quantity("rad/s", "Maximum yaw rate to turn the nose in assisted.", default=1.0, above=0)
-    push: Scalar = quantity("N", "Maximum forward force in assisted.", default=1.4, above=0)
-    pull: Scalar = quantity("N", "Maximum backward force in assisted.", default=0.7, above=0)
-    swing: Scalar = quantity("N", "Maximum force to the side in assisted.", default=0.4, above=0)
-    nose_force: Scalar = quantity("N", "Force at which the nose leaves the course, in assisted.", default=0.35, above=0)
+    turn_acceleration: Scalar = quantity(
+        "m/s^2",
+        "Maximum lateral acceleration, speed times the course's rate of turn, in the mode assisted.",
+        default=0.35,
+        above=0,
+    )
+    k1: Scalar = quantity("kg/s", "Gain of the surge velocity error in the mode damped.", default=2.0, above=0)
+    k2: Scalar = quantity("kg/s", "Gain of sway velocity and yaw rate error in the mode damped.", default=2.5, above=0)
+    k: Scalar = quantity("1/s", "Gain of the velocity error in the mode assisted.", default=0.8, above=0)
+    kh: Scalar = quantity("1/s", "Heading gain in the mode assisted: yaw rate per heading error.", default=1.0, above=0)
+    kr: Scalar = quantity(
+        "1/s", "Yaw rate gain in the mode assisted: yaw acceleration per yaw rate error.", default=3.0, above=0
+    )
+    turn_rate: Scalar = quantity("rad/s", "Maximum yaw rate in the mode assisted.", default=1.0, above=0)
+    push: Scalar = quantity("N", "Maximum forward force in the mode assisted.", default=1.4, above=0)
+    pull: Scalar = quantity("N", "Maximum backward force in the mode assisted.", default=0.7, above=0)
+    swing: Scalar = quantity("N", "Maximum force to the side in the mode assisted.", default=0.4, above=0)
+    nose_force: Scalar = quantity(
+        "N",
+        "Demanded force at which the nose turns from the course to the force, in the mode assisted.",
+        default=0.35,
+        above=0,
+    )
     nose_dead_zone: Scalar = quantity(
-        "N", "Force below which the nose does not turn, in assisted.", default=0.03, low=0
+        "N", "Demanded force below which the nose does not turn, in the mode assisted.", default=0.03, low=0
     )
-    leash: Scalar = quantity("m/s", "Velocity error at which the references wait, in assisted.", default=0.4, above=0)
+    leash: Scalar = quantity(
+        "m/s", "Velocity error at which the references stop changing, in the mode assisted.", default=0.4, above=0
+    )
     stick_timeout: Scalar = quantity("s", "Maximum age of a stick sample.", default=0.3, above=0)
     stick: str = option("Name of the sensor that gives the pilot's stick.", default="stick")
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
@@ -186,7 +222,7 @@ class Piloted:
         )
 
     def _read_stick(self, state: PilotedState, estimate: Estimate) -> _Hand:
-        """Return the stick; if it is missing, released in the last mode."""
+        """Return the stick input. A missing stick counts as released, in the last mode."""
         if estimate.stick is None:
             return _Hand(jnp.asarray(0.0), jnp.asarray(0.0), state.mode, jnp.asarray(True))
         sample, stick = estimate.stick, estimate.stick.value
@@ -201,7 +237,7 @@ class Piloted:
         return _Hand(take(stick.forward), take(stick.turn), mode, ~held)
 
     def _begin_again(self, t: Any, state: PilotedState, mode: Any, s: Any) -> tuple[PilotedState, Any]:
-        """Return the state at the start of a step, and the time since the last (s): zero after a restart."""
+        """Return the state at the start of a step, and the time (s) since the last step, zero after a restart."""
         gap = t - state.t
         goes_on = state.began & (gap >= 0) & (gap <= LONGEST_STEP) & (mode == state.mode) & (mode != MANUAL)
         backing = s.surge_velocity < 0
@@ -224,7 +260,7 @@ class Piloted:
         return tree_where(goes_on, same, anew), jnp.where(goes_on, to_seconds(gap), 0.0)
 
     def _ramp_damped(self, s: PilotedState, hand: _Hand, dt: Any) -> PilotedState:
-        """Return the references of surge and yaw rate after dt (s)."""
+        """Return the references of surge velocity and yaw rate after dt (s)."""
         speed = _ramp(s.speed, hand.forward * self.surge_range, self.acceleration * dt)
         rate = _ramp(s.rate, hand.turn * self.yaw_range, self.yaw_acceleration * dt)
         return replace(s, speed=speed, rate=rate)
@@ -287,5 +323,5 @@ def _direction(angle: Any) -> Any:
 
 
 def _ramp(value: Any, wanted: Any, most: Any) -> Any:
-    """Return value moved towards the target by at most `most`."""
+    """Return the value, moved towards the target by at most `most`."""
     return value + jnp.clip(wanted - value, -most, most)

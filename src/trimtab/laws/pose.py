@@ -1,17 +1,18 @@
-"""Rest at a position and heading: the hovercraft brakes, aims, goes there straight, turns on the spot, and stays.
+"""Rest at a position and heading: the hovercraft brakes, aims, moves there in a straight line, turns there, and stays.
 
-No smooth feedback of the state can do this (design/stabilisability.py). What makes it easy is a point of the body that
-can be steered like the end of a stick: P, a = J/(m d) ahead of the centre of mass, is the centre of percussion of the
-rudder pivot, where FY causes no acceleration. With FX = m (w + a r^2), P is accelerated by w along the nose, n, and by
-nothing across it:
+No smooth feedback of the state can do this (design/stabilisability.py). The law uses a point of the body whose
+acceleration does not depend on the rudder: P, a = J/(m d) ahead of the centre of mass, is the centre of percussion of
+the rudder pivot, where FY causes no acceleration. With FX = m (w + a r^2), P is accelerated by w along the nose, n, and
+by nothing across it:
 
     v_P' = n w        r' = -(d/J) FY
 
-so that the nose turns however it likes while P rests, and P goes along a line while the nose holds still. What is left
-across the nose is taken away by a small swing of it: pushed ahead on one side and back on the other, P moves across.
+so the nose can turn freely while P rests, and P moves along a straight line while the nose holds its direction. A small
+swing of the nose removes the remaining error across the nose: thrust forward on one side of the swing and backward on
+the other moves P sideways.
 
 Source: own derivation from the model of [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link",
-University of Maryland, 2006, eq. 2.11. The source's own algorithm: `laws/pose_steps.py`.
+University of Maryland, 2006, eq. 2.11. The algorithm of [1] is in `laws/pose_steps.py`.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -29,7 +30,7 @@ from trimtab.vehicles.hovercraft import Hovercraft
 
 READS = (*VELOCITIES, "heading", "north", "east")
 BRAKE, AIM, GO, HOLD = range(4)
-"""Steps."""
+"""Steps of the law, in their order."""
 STEPS = ("brake", "aim", "go", "hold")
 
 
@@ -37,9 +38,9 @@ STEPS = ("brake", "aim", "go", "hold")
 class PoseState:
     """State of the law. Source: own derivation."""
 
-    mode: Scalar = quantity("1", "Step.", kind="mode", modes=STEPS)
+    mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
     nose: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle")
-    rounds: Scalar = quantity("1", "Number of rounds, each begun by braking.", kind="count")
+    rounds: Scalar = quantity("1", "Number of rounds of the steps so far. Each round begins with brake.", kind="count")
 
 
 @record
@@ -47,15 +48,15 @@ class PoseOutput:
     """Demand and signals of the law. Source: own derivation."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    mode: Scalar = quantity("1", "Step.", kind="mode", modes=STEPS)
-    rounds: Scalar = quantity("1", "Number of rounds, each begun by braking.", kind="count")
+    mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
+    rounds: Scalar = quantity("1", "Number of rounds of the steps so far. Each round begins with brake.", kind="count")
     heading_reference: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle")
-    distance: Scalar = quantity("m", "Distance of the centre of percussion from its target.")
+    distance: Scalar = quantity("m", "Distance of the centre of percussion P from its target position.")
     speed: Scalar = quantity("m/s", "Speed of the centre of percussion.")
 
 
 class _Swing(NamedTuple):
-    """Swing of the nose about the target heading: rad, rad/s, rad/s^2."""
+    """Swing of the nose about the target heading: angle (rad), rate (rad/s), acceleration (rad/s^2)."""
 
     angle: Any
     rate: Any
@@ -67,26 +68,27 @@ class Pose:
     """Brings the hovercraft to rest at a position and heading, in four steps about its centre of percussion P.
 
         brake  w = -k n.v_P            the nose turns to the line of v_P          until |v_P| < rest_speed
-        aim    w = -k n.v_P            the nose turns to the line to the goal     until it is there
+        aim    w = -k n.v_P            the nose turns to the line to the goal     until it points there
         go     w = k (v_d - n.v_P)     the nose holds that line                   until P is there or passes beside it
         hold   w = k (v_d - n.v_P) + w_y   the nose at the wanted heading + theta     until P has left
 
         theta = swing q sin(f t), q = min(1, sqrt(|s|/s0));   w_y = (2/swing^2) max(|s|, s0) sign(s) sin(heading error)
-        s = h^2 e_y - 2 h y': e_y the way that is left across the wanted heading, y' the speed of P there
+        s = h^2 e_y - 2 h y'; e_y: remaining distance across the target heading, y': speed of P across it
 
-    e is the way that P has to go; v_d = c n.e, at most `speed`. FX = m (w + a r^2), FY = -(J/d) kr (r_d - r),
-    r_d = kh wrap(nose - heading), at most `turn_rate`. Of a line the nose takes the end that is nearer, so that the
-    craft also backs. A step of which the goal is met at once takes no time.
+    e is the vector from P to its target; v_d = c n.e, at most `speed`. FX = m (w + a r^2), FY = -(J/d) kr (r_d - r),
+    r_d = kh wrap(nose - heading), at most `turn_rate`. Along a line the nose takes the nearer of the two directions, so
+    the craft also moves backward. A step whose goal is already met takes no time.
 
-    Stable:  brake and aim: |v_P|^2/2 falls by k (n.v_P)^2, and stops falling only across the nose, where the nose is
-             turning away from. go: with the nose on the line the way left obeys e'' = -k e' - k c e, stable for all
-             k, c > 0, without overshoot for k >= 4 c. r' = kr (r_d - r) whatever P does. Each round leaves P nearer:
-             what is left after `go` is what was across the line, rest_speed times its duration. hold: across the
-             heading y'' = w sin(heading error), so that w_y pushes to the right side whatever the nose does; averaged
-             over a swing y'' = s, the double root -h, and swing and push vanish with s, so that in the end nothing
-             moves. Simulated, not proven: the average, and steps that end early. (tests)
-    Ends:    within `near` and rest_speed; a new round begins beyond `far`, or faster than leave_speed.
-    Valid:   as far as the actuators give what is asked; the source's fan and rudder give no side force without thrust.
+    Stable:  brake and aim: |v_P|^2/2 falls by k (n.v_P)^2, and is constant only while v_P is across the nose, from
+             where the nose turns away. go: with the nose on the line the remaining distance obeys e'' = -k e' - k c e,
+             stable for all k, c > 0, without overshoot for k >= 4 c. r' = kr (r_d - r) whatever P does. Each round
+             brings P nearer: after `go` only the error across the line is left, at most rest_speed times the duration
+             of `go`. hold: across the heading y'' = w sin(heading error), so w_y pushes to the right side for every
+             heading. Averaged over a swing, y'' = s, with the double root -h. Swing and push vanish with s, so in the
+             end the craft rests. Only simulated, not proven: the average, and steps that end early. (tests)
+    Ends:    at a distance below `near` and a speed below rest_speed. A new round begins at a distance above `far`, or a
+             speed above leave_speed.
+    Valid:   as far as the actuators give the demand. The fan and rudder of [1] give no side force without thrust.
     Source:  own derivation (docs page); a swing that shrinks with the root of the error: R. M'Closkey, R. Murray, IEEE
              Trans. Automatic Control 42 (1997) 614. Gains are this project's.
     """
@@ -96,30 +98,36 @@ class Pose:
     north: Scalar = quantity("m", "Target position of the centre of mass.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Target position of the centre of mass.", frame="W", default=0.0)
     heading: Scalar = quantity("rad", "Target heading of the nose.", kind="angle", default=0.0)
-    k: Scalar = quantity("1/s", "Gain on the speed of P.", default=2.0, above=0)
-    c: Scalar = quantity("1/s", "Speed per remaining distance.", default=0.5, above=0)
-    speed: Scalar = quantity("m/s", "Maximum speed in go.", default=0.6, above=0)
-    kh: Scalar = quantity("1/s", "Yaw rate per error of heading.", default=1.5, above=0)
-    kr: Scalar = quantity("1/s", "Yaw acceleration per error of yaw rate.", default=6.0, above=0)
+    k: Scalar = quantity("1/s", "Gain k of the velocity error of the centre of percussion.", default=2.0, above=0)
+    c: Scalar = quantity("1/s", "Gain c: commanded speed per remaining distance.", default=0.5, above=0)
+    speed: Scalar = quantity("m/s", "Maximum commanded speed in the step go.", default=0.6, above=0)
+    kh: Scalar = quantity("1/s", "Heading gain: yaw rate per heading error.", default=1.5, above=0)
+    kr: Scalar = quantity("1/s", "Yaw rate gain: yaw acceleration per yaw rate error.", default=6.0, above=0)
     turn_rate: Scalar = quantity("rad/s", "Maximum yaw rate.", default=1.5, above=0)
-    aligned: Scalar = quantity("rad", "Heading error of the nose below which go starts.", default=0.001, above=0)
-    near: Scalar = quantity("m", "Remaining distance below which hold starts.", default=0.01, above=0)
-    rest_speed: Scalar = quantity("m/s", "Speed that counts as rest.", default=1e-3, above=0)
-    far: Scalar = quantity("m", "Remaining distance at which a new round begins.", default=0.1, above=0)
-    leave_speed: Scalar = quantity("m/s", "Speed at which a new round begins.", default=0.1, above=0)
-    swing: Scalar = quantity("rad", "Maximum swing of the nose in hold.", default=0.025, above=0)
-    f: Scalar = quantity("rad/s", "Frequency of the swing in hold.", default=3.0, above=0)
-    h: Scalar = quantity("1/s", "Rate at which the lateral error vanishes in hold.", default=0.3, above=0)
-    s0: Scalar = quantity("m/s^2", "Value of s at which the swing is full in hold.", default=1e-3, above=0)
+    aligned: Scalar = quantity("rad", "Heading error below which the step go starts.", default=0.001, above=0)
+    near: Scalar = quantity("m", "Remaining distance below which the step hold starts.", default=0.01, above=0)
+    rest_speed: Scalar = quantity("m/s", "Speed below which the craft counts as at rest.", default=1e-3, above=0)
+    far: Scalar = quantity(
+        "m", "Remaining distance above which the step hold ends and a new round begins.", default=0.1, above=0
+    )
+    leave_speed: Scalar = quantity(
+        "m/s", "Speed above which the step hold ends and a new round begins.", default=0.1, above=0
+    )
+    swing: Scalar = quantity("rad", "Maximum swing angle of the nose in the step hold.", default=0.025, above=0)
+    f: Scalar = quantity("rad/s", "Angular frequency of the nose's swing in the step hold.", default=3.0, above=0)
+    h: Scalar = quantity("1/s", "Decay rate h of the lateral error in the step hold.", default=0.3, above=0)
+    s0: Scalar = quantity(
+        "m/s^2", "Value of s from which on the swing has its maximum angle, in the step hold.", default=1e-3, above=0
+    )
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Raise InputError if the bounds let no hold last."""
+        """Raise InputError if the step hold would end as soon as it begins."""
         for inner, outer in (("near", "far"), ("rest_speed", "leave_speed")):
             low, high = np.asarray(getattr(self, inner)), np.asarray(getattr(self, outer))
             if not np.all(low < high):
                 problem = (
-                    f"hold begins within {inner}, {low}, which must be less than {outer}, {high}, beyond which it ends"
+                    f"{inner}, where hold begins, must be less than {outer}, where hold ends, got {low} and {high}"
                 )
                 raise InputError(
                     f"Pose.{inner}",
@@ -128,12 +136,12 @@ class Pose:
                 )
 
     def init(self, key: Any) -> PoseState:
-        """Braking."""
+        """Return the initial state: step brake."""
         zero = np.asarray(0, np.int32)
         return PoseState(mode=zero, nose=np.asarray(0.0), rounds=np.asarray(1, np.int32))
 
     def step(self, t: Any, state: PoseState, estimate: Estimate) -> tuple[PoseState, PoseOutput]:
-        """Return the demand at integer time t, with the step after its update."""
+        """Update the step, and return the demand at integer time t."""
         s, arm = estimate.state, self.model.percussion_arm
         body = planar(s.heading)
         n = body[:, 0]
@@ -158,7 +166,9 @@ class Pose:
         )
 
     def _swing(self, t: Any, now: PoseState, heading: Any, way: Any, v: Any) -> "tuple[_Swing, Any]":
-        """Return the swing of the nose, and the acceleration along it (m/s^2) that moves P sideways; only in hold."""
+        """Return the nose's swing, and the thrust acceleration (m/s^2) that moves P sideways. Both are zero outside
+        hold.
+        """
         across = planar(self.heading)[:, 1]
         s = jnp.where(now.mode == HOLD, self.h**2 * (across @ way) - 2 * self.h * (across @ v), 0.0)
         size = self.swing * jnp.sqrt(jnp.minimum(jnp.abs(s) / self.s0, 1.0))
@@ -169,7 +179,7 @@ class Pose:
         return _Swing(angle, self.f * size * jnp.cos(phase), -(self.f**2) * angle), push
 
     def _decide(self, state: PoseState, estimate: Estimate, way: Any, v: Any) -> PoseState:
-        """Return the next step and reference heading; nothing changes while the estimate is not valid."""
+        """Return the next step and reference heading. Neither changes while the estimate is not valid."""
         heading = estimate.state.heading
         distance, speed, mode = _size(way), _size(v), state.mode
         left = (mode == HOLD) & ((distance > self.far) | (speed > self.leave_speed))

@@ -1,7 +1,8 @@
-"""Rest at a position and heading as in the thesis: six steps out of laws that each do one thing.
+"""Rest at a position and heading as in the thesis: six steps, each with a simpler law.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-section 2.3.1, in words; the numbers, and what ends a step, are reconstructed (docs page).
+section 2.3.1, which describes the steps in words. The numbers, and the conditions that end a step, are reconstructed
+(docs page).
 """
 
 from typing import Any, ClassVar
@@ -18,7 +19,7 @@ from trimtab.laws.spin import switching_energy
 from trimtab.laws.velocity import ForwardMomentum, ZeroVelocity
 
 COMPUTE, ALIGN, MOVE, STOP, FINAL, HOLD = range(6)
-"""Steps, [1, section 2.3.1] 1 to 6."""
+"""Steps of the law: 1 to 6 in [1, section 2.3.1]."""
 STEPS = ("compute", "align", "move", "stop", "final", "hold")
 
 
@@ -26,12 +27,14 @@ STEPS = ("compute", "align", "move", "stop", "final", "hold")
 class PoseStepsState:
     """State of the law. Source: [1] section 2.3.1."""
 
-    mode: Scalar = quantity("1", "Step.", kind="mode", modes=STEPS)
+    mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
     bearing: Scalar = quantity(
-        "rad", "Bearing of the goal when it was last computed, clockwise from north.", kind="angle"
+        "rad",
+        "Bearing of the target position when the error vector was last computed, clockwise from north.",
+        kind="angle",
     )
-    turning: HeadingLawState = part("State of the heading law in align and final.")
-    rounds: Scalar = quantity("1", "Number of computations of the error vector.", kind="count")
+    turning: HeadingLawState = part("State of the heading law used in the steps align and final.")
+    rounds: Scalar = quantity("1", "Number of times that the error vector was computed.", kind="count")
 
 
 @record
@@ -39,26 +42,29 @@ class PoseStepsOutput:
     """Demand and signals of the law. Source: [1] section 2.3.1."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    mode: Scalar = quantity("1", "Step.", kind="mode", modes=STEPS)
-    rounds: Scalar = quantity("1", "Number of computations of the error vector.", kind="count")
-    heading_reference: Scalar = quantity("rad", "Target of the heading law, present or last.", kind="angle")
-    distance: Scalar = quantity("m", "Distance of the centre of mass from its target.")
-    speed_reference: Scalar = quantity("m/s", "Speed reference in move, else 0.")
+    mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
+    rounds: Scalar = quantity("1", "Number of times that the error vector was computed.", kind="count")
+    heading_reference: Scalar = quantity(
+        "rad", "Target of the heading law in the active step, or in the last step that used it.", kind="angle"
+    )
+    distance: Scalar = quantity("m", "Distance of the centre of mass from its target position.")
+    speed_reference: Scalar = quantity("m/s", "Speed reference in the step move; 0 in other steps.")
 
 
 @record
 class PoseBySteps:
-    """Brings the hovercraft near a place and a heading, in the six steps of the source, over and over.
+    """Brings the hovercraft near a position and heading in the six steps of [1], which repeat for ever.
 
-        compute  the error vector                                                   to align, or where near to final
+        compute  the error vector to align, or to final if near the target
         align    HeadingBangBang to its bearing      until the heading is within the heading law's tolerance
-        move     ForwardMomentum at speed_gain times the way left along the nose, within limits
-                                                     until that is passed, or the bearing is off by too much
+        move     ForwardMomentum at speed_gain times the remaining distance along the nose, within limits
+                                                     until that distance is below `passed`, or the bearing error exceeds
+                                                     off_course
         stop     ZeroVelocity                        until V < margin times the turn's switching energy; to compute
         final    HeadingBangBang to the heading      until within tolerance
         hold     ZeroVelocity                        until 1.5 tolerances away; to compute
 
-    Ends:    never: ZeroVelocity lets the heading drift without bound (its slow manifold), so that rounds go on.
+    Ends:    never, because the heading drifts without bound under ZeroVelocity (its slow manifold).
     Source:  [1] section 2.3.1; gains and tolerances are this project's, see docs page.
     """
 
@@ -67,26 +73,35 @@ class PoseBySteps:
     north: Scalar = quantity("m", "Target position of the centre of mass.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Target position of the centre of mass.", frame="W", default=0.0)
     heading: Scalar = quantity("rad", "Target heading of the nose.", kind="angle", default=0.0)
-    near: Scalar = quantity("m", "Tolerance of the remaining distance.", default=0.3, above=0)
-    near_heading: Scalar = quantity("rad", "Tolerance of the heading error.", default=10 * DEG, above=0)
-    speed_gain: Scalar = quantity("1/s", "Speed per remaining distance in move.", default=0.35, above=0)
-    least_speed: Scalar = quantity("m/s", "Minimum speed in move.", default=0.1, above=0)
-    most_speed: Scalar = quantity("m/s", "Maximum speed in move.", default=0.6, above=0)
-    passed: Scalar = quantity("m", "Remaining distance at which move ends.", default=0.1, low=0)
-    off_course: Scalar = quantity("rad", "Bearing error at which move ends, while not near.", default=0.6, above=0)
+    near: Scalar = quantity("m", "Remaining distance below which the position counts as reached.", default=0.3, above=0)
+    near_heading: Scalar = quantity(
+        "rad", "Heading error below which the heading counts as reached.", default=10 * DEG, above=0
+    )
+    speed_gain: Scalar = quantity(
+        "1/s", "Speed gain: commanded speed per remaining distance, in the step move.", default=0.35, above=0
+    )
+    least_speed: Scalar = quantity("m/s", "Minimum commanded speed in the step move.", default=0.1, above=0)
+    most_speed: Scalar = quantity("m/s", "Maximum commanded speed in the step move.", default=0.6, above=0)
+    passed: Scalar = quantity("m", "Remaining distance along the nose at which the step move ends.", default=0.1, low=0)
+    off_course: Scalar = quantity(
+        "rad",
+        "Bearing error at which the step move ends, while the remaining distance is above 2 near.",
+        default=0.6,
+        above=0,
+    )
     margin: Scalar = quantity(
-        "1", "Fraction of the switching energy below which stop ends.", default=0.3, above=0, high=1
+        "1", "Fraction of the switching energy below which the step stop ends.", default=0.3, above=0, high=1
     )
     turn: HeadingBangBang = part(
-        "Law of the modes align and final. Its own target is ignored.", default=HeadingBangBang()
+        "Law used in the steps align and final. Its parameter target is ignored.", default=HeadingBangBang()
     )
     forward: ForwardMomentum = part(
-        "Law of the mode move. Its own reference is ignored.", default=ForwardMomentum(k1=2.0, k2=9.0)
+        "Law used in the step move. Its parameter reference is ignored.", default=ForwardMomentum(k1=2.0, k2=9.0)
     )
-    damping: ZeroVelocity = part("Law of the modes stop and hold.", default=ZeroVelocity())
+    damping: ZeroVelocity = part("Law used in the steps stop and hold.", default=ZeroVelocity())
 
     def init(self, key: Any) -> PoseStepsState:
-        """Return the initial state: the error vector is computed next."""
+        """Return the initial state: step compute."""
         return PoseStepsState(
             mode=np.asarray(COMPUTE, np.int32),
             bearing=np.asarray(0.0),
@@ -95,7 +110,7 @@ class PoseBySteps:
         )
 
     def step(self, t: Any, state: PoseStepsState, estimate: Estimate) -> tuple[PoseStepsState, PoseStepsOutput]:
-        """Return the demand at integer time t, with the step after its update."""
+        """Update the step, and return the demand at integer time t."""
         s = estimate.state
         way = jnp.stack([self.north - s.north, self.east - s.east])
         distance, along = jnp.sqrt(way @ way), jnp.cos(s.heading) * way[0] + jnp.sin(s.heading) * way[1]
@@ -124,7 +139,7 @@ class PoseBySteps:
         )
 
     def _decide(self, state: PoseStepsState, estimate: Estimate, way: Any, distance: Any, along: Any) -> Any:
-        """Return the next step and bearing; nothing changes while the estimate is not valid."""
+        """Return the next step and bearing. Neither changes while the estimate is not valid."""
         s, mode = estimate.state, state.mode
         towards = jnp.where(distance > 0, jnp.arctan2(way[1], jnp.where(distance > 0, way[0], 1.0)), s.heading)
         off, off_bearing = jnp.abs(wrap(s.heading - self.heading)), jnp.abs(wrap(s.heading - towards))

@@ -1,8 +1,8 @@
-"""Receding-horizon control of the hovercraft: the best next seconds within its limits, fifty times a second.
+"""Receding-horizon control of the hovercraft: optimises the next seconds within its limits, fifty times a second.
 
 Source: own derivation from the model of Z. Kulis, "Feedback control of a hovercraft over a wireless link", University
-of Maryland, 2006, eq. 2.11. The way to solve it is [1] M. Diehl, H. Bock, J. Schlöder, "A real-time iteration scheme
-for nonlinear optimization in optimal feedback control", SIAM Journal on Control and Optimization 43 (2005) 1714.
+of Maryland, 2006, eq. 2.11. The solution method is that of [1] M. Diehl, H. Bock, J. Schlöder, "A real-time iteration
+scheme for nonlinear optimization in optimal feedback control", SIAM Journal on Control and Optimization 43 (2005) 1714.
 """
 
 from typing import Any, ClassVar
@@ -28,28 +28,28 @@ from trimtab.laws.pose import READS
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 STAGES = 13
-"""Number of moves ahead."""
+"""Number of stages in the plan. A stage has one thrust and one force angle."""
 SLOTS = 8
-"""Number of past moves kept: those in transit to the fan."""
+"""Number of past demands kept, for the prediction over the delay to the fan."""
 
 
 @record
 class RecedingHorizonOutput:
-    """Demand, and signals of the solution of the program. Source: docs page."""
+    """Demand, and signals of the quadratic program's solution. Source: docs page."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    thrust: Scalar = quantity("N", "Demanded force of the fan; negative in reverse.")
+    thrust: Scalar = quantity("N", "Demanded thrust of the fan; negative in reverse.")
     force_angle: Scalar = quantity("rad", "Angle of the demanded force from the body's axis.", kind="angle")
     north_reference: Scalar = quantity("m", "Reference position of P, north.", frame="W")
     east_reference: Scalar = quantity("m", "Reference position of P, east.", frame="W")
-    position_error: Scalar = quantity("m", "Distance of P from its reference.")
-    velocity_error: Scalar = quantity("m/s", "Velocity error of P.")
-    primal: Scalar = quantity("1", "Largest violation of a limit in the plan, in N or rad.")
-    dual: Scalar = quantity("1", "Residual gradient: the plan's distance from the optimum.")
-    solved: Scalar = quantity("1", "True if both residuals are within the tolerance.", kind="flag")
-    infeasible: Scalar = quantity("1", "True if no plan keeps the limits.", kind="flag")
-    rho: Scalar = quantity("1", "Weight of the limits in the quadratic program.")
-    cost: Scalar = quantity("1", "Cost of the plan before its improvement.")
+    position_error: Scalar = quantity("m", "Distance of P from its reference position.")
+    velocity_error: Scalar = quantity("m/s", "Magnitude of the velocity error of P.")
+    primal: Scalar = quantity("1", "Primal residual: largest violation of a limit by the plan, in N or rad.")
+    dual: Scalar = quantity("1", "Dual residual: largest gradient of the Lagrangian at the plan, zero at the optimum.")
+    solved: Scalar = quantity("1", "True if the primal and the dual residual are within the tolerance.", kind="flag")
+    infeasible: Scalar = quantity("1", "True if no plan can keep the limits.", kind="flag")
+    rho: Scalar = quantity("1", "Penalty rho of the limits in the quadratic program.")
+    cost: Scalar = quantity("1", "Cost of the plan before the step's improvement.")
 
 
 @record
@@ -58,71 +58,92 @@ class RecedingHorizonState:
 
     began: Scalar = quantity("1", "True after the first step.", kind="flag")
     start: Scalar = quantity("100 ns", "Time of the first step, at which the reference begins.", kind="time")
-    thrust: Any = quantity("N", "Planned signed force of the fan in each stage.", shape=(STAGES,))
+    thrust: Any = quantity("N", "Planned thrust of the fan in each stage; negative in reverse.", shape=(STAGES,))
     angle: Any = quantity("rad", "Planned force angle in each stage.", kind="angle", shape=(STAGES,))
-    multipliers: Any = quantity("1", "Multipliers of the limits in the last quadratic program.", shape=(4 * STAGES,))
-    rho: Scalar = quantity("1", "Weight of the limits in the last quadratic program.")
-    sent_thrust: Any = quantity("N", "Signed force demanded at the last instants, newest first.", shape=(SLOTS,))
-    sent_angle: Any = quantity(
-        "rad", "Force angle demanded at the last instants, newest first.", kind="angle", shape=(SLOTS,)
+    multipliers: Any = quantity(
+        "1", "Lagrange multipliers of the limits in the last quadratic program.", shape=(4 * STAGES,)
     )
-    output: Any = part("Last output, held until the next.")
+    rho: Scalar = quantity("1", "Penalty rho of the limits in the last quadratic program.")
+    sent_thrust: Any = quantity(
+        "N", "Thrust demanded in the last periods, newest first; negative in reverse.", shape=(SLOTS,)
+    )
+    sent_angle: Any = quantity(
+        "rad", "Force angle demanded in the last periods, newest first.", kind="angle", shape=(SLOTS,)
+    )
+    output: Any = part("Last output, held until the next plan.")
 
 
 @record
 class RecedingHorizon:
-    """Follows a reference by the best plan within the limits: flies its first move, then plans again.
+    """Follows a reference by repeated planning: computes the best plan within the limits, applies its first move,
+    replans.
 
-    Each `period` the state is predicted to the arrival of the next move, under the moves in transit. From there the
-    shifted plan of the last period is simulated on the model: U = (thrust, force angle) in STAGES moves of
-    `stage` each. Its residuals (place, velocity, yaw rate, heading, the moves and their changes, each times its weight)
-    are linear in small changes of the plan, and the best of these within the limits is a quadratic program:
+    Each `period` the state is predicted to the time at which the next move acts, under the moves in transit. From there
+    the last plan, shifted by a period, is simulated on the model: U = (thrust, force angle) in STAGES moves of `stage`
+    each. Its residuals (place, velocity, yaw rate, heading, the moves and their changes, each times its weight) are
+    linear in small changes of the plan, and the best of these within the limits is a quadratic program:
 
         minimise |r + J dU|^2 + damping |dU|^2    subject to    limits of U, limits of its change from stage to stage
 
-    One such step of Gauss and Newton is made each period [1].
+    One such Gauss-Newton step is made each period [1].
 
-    Limits:  thrust from -pull to push, force angle within deflection, their rates. The angle is that of the force: a
-             fan that turns backward pulls at the same angles.
-    Holds:   the demand between its periods, so that the autopilot may be faster.
-    Never:   raises. A program that is not solved is a signal; the demand is within the limits all the same.
+    Limits:  thrust from -pull to push, force angle within deflection, their rates. The angle is that of the force, also
+             with the fan in reverse.
+    Holds:   the demand between two plans, so the autopilot may run faster than the planning.
+    Fails:   without an error. An unsolved program sets a signal, and the demand still keeps the limits.
     Valid:   the limits hold for the demand. The allocation's table and dead zone are not in the model.
     Source:  own derivation; [1]. Weights and limits are this project's.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    reference: Any = part("Reference position over time.", default=Circle())
+    reference: Any = part("Reference position, as a function of time.", default=Circle())
     position: Scalar = quantity("1/m", "Weight of the position error.", default=2.0, low=0)
     velocity: Scalar = quantity("s/m", "Weight of the velocity error.", default=1.5, low=0)
-    yaw: Scalar = quantity("s/rad", "Weight of the yaw rate error relative to the path's.", default=0.1, low=0)
-    heading: Scalar = quantity("1/rad", "Weight of the heading error, where a heading is given.", default=0.5, low=0)
-    aim: Scalar = quantity("s^2/m", "Weight of the angle between the nose and the needed force.", default=1.0, low=0)
-    k1: Scalar = quantity("1/s^2", "Acceleration to which the nose turns, per position error.", default=0.25, low=0)
-    k2: Scalar = quantity("1/s", "Acceleration to which the nose turns, per velocity error.", default=0.5, low=0)
-    least: Scalar = quantity(
-        "m/s^2", "Acceleration of the path below which it demands no yaw rate.", default=0.03, above=0
+    yaw: Scalar = quantity(
+        "s/rad", "Weight of the yaw rate error: yaw rate minus that of the path's direction.", default=0.1, low=0
     )
-    last: Scalar = quantity("1", "Factor of the weights in the last stage.", default=2.0, low=0)
-    effort: Scalar = quantity("1/N", "Weight of thrust.", default=0.1, low=0)
-    steering: Scalar = quantity("1/rad", "Weight of the force angle.", default=0.1, low=0)
-    thrust_change: Scalar = quantity("1/N", "Weight of a change of thrust.", default=0.2, low=0)
-    angle_change: Scalar = quantity("1/rad", "Weight of a change of angle.", default=0.3, low=0)
-    damping: Scalar = quantity("1", "Weight of a change of the plan.", default=0.1, above=0)
+    heading: Scalar = quantity(
+        "1/rad", "Weight of the heading error, where the reference has a heading.", default=0.5, low=0
+    )
+    aim: Scalar = quantity("s^2/m", "Weight of the angle between the nose and the needed force.", default=1.0, low=0)
+    k1: Scalar = quantity(
+        "1/s^2",
+        "Gain k1 of the needed acceleration to which the nose turns: acceleration per position error.",
+        default=0.25,
+        low=0,
+    )
+    k2: Scalar = quantity(
+        "1/s",
+        "Gain k2 of the needed acceleration to which the nose turns: acceleration per velocity error.",
+        default=0.5,
+        low=0,
+    )
+    least: Scalar = quantity(
+        "m/s^2", "Reference acceleration below which the reference demands no yaw rate.", default=0.03, above=0
+    )
+    last: Scalar = quantity("1", "Factor by which the weights are larger in the last stage.", default=2.0, low=0)
+    effort: Scalar = quantity("1/N", "Weight of the thrust in the cost.", default=0.1, low=0)
+    steering: Scalar = quantity("1/rad", "Weight of the force angle in the cost.", default=0.1, low=0)
+    thrust_change: Scalar = quantity("1/N", "Weight of the change of thrust from stage to stage.", default=0.2, low=0)
+    angle_change: Scalar = quantity(
+        "1/rad", "Weight of the change of force angle from stage to stage.", default=0.3, low=0
+    )
+    damping: Scalar = quantity("1", "Weight of the change of the plan from period to period.", default=0.1, above=0)
     push: Scalar = quantity("N", "Maximum forward force.", default=1.35, above=0)
     pull: Scalar = quantity("N", "Maximum backward force.", default=0.6, above=0)
     deflection: Scalar = quantity("rad", "Maximum force angle.", default=0.36, above=0, high=1.2, kind="angle")
     thrust_rate: Scalar = quantity("N/s", "Maximum rate of the thrust.", default=8.0, above=0)
     angle_rate: Scalar = quantity("rad/s", "Maximum rate of the force angle.", default=3.0, above=0)
-    lag: Scalar = quantity("s", "Delay from a demand to its force: uplink and servo frame.", default=0.05, low=0)
-    stage: int = period("Duration of a stage.", default=ms(200))
-    period: int = period("Time between plans.", default=ms(20))
-    rounds: int = option("Factorisations per plan.", default=2)
-    iterations: int = option("Iterations after each factorisation.", default=25)
+    lag: Scalar = quantity("s", "Delay from a demand to the force: uplink and servo frame.", default=0.05, low=0)
+    stage: int = period("Duration of one stage of the plan.", default=ms(200))
+    period: int = period("Period of the planning.", default=ms(20))
+    rounds: int = option("Number of matrix factorisations in one quadratic program.", default=2)
+    iterations: int = option("Number of solver iterations after each factorisation.", default=25)
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def init(self, key: Any) -> RecedingHorizonState:
-        """Return an initial plan with a little thrust: without thrust the force angle has no effect."""
+        """Return the initial state. Its plan has a little thrust: without thrust the force angle has no effect."""
         o, no, slots = np.asarray(0.0), np.asarray(False), np.zeros(SLOTS)
         output = RecedingHorizonOutput(PlanarForce(o, o), o, o, o, o, o, o, o, o, no, no, o, o)
         return RecedingHorizonState(
@@ -138,13 +159,13 @@ class RecedingHorizon:
         )
 
     def step(self, t: Any, state: RecedingHorizonState, estimate: Estimate) -> tuple[Any, RecedingHorizonOutput]:
-        """Return the demand at integer time t: a new one each period, held in between."""
+        """Return the demand at integer time t. A new plan is made each period; in between the last demand is held."""
         due = estimate.valid & ((t % self.period == 0) | ~state.began)
         state = jax.lax.cond(due, lambda: self._plan(t, state, estimate), lambda: state)
         return state, state.output
 
     def _plan(self, t: Any, state: RecedingHorizonState, estimate: Estimate) -> RecedingHorizonState:
-        """Return one improved plan, and its first move as the demand."""
+        """Return the state with an improved plan, and the plan's first move as the demand."""
         sent = jnp.stack([state.sent_thrust, state.sent_angle], axis=1)
         here = jnp.stack([getattr(estimate.state, name) for name in READS])
         x = self._carry_on(here, sent, estimate.age + self.lag)
@@ -177,12 +198,12 @@ class RecedingHorizon:
         )
 
     def _limits(self) -> tuple[Any, Any, Any]:
-        """Return the limits of a move and of its rate: minimum, maximum and maximum rate, (2,) each."""
+        """Return minimum, maximum and maximum rate of a move (thrust, force angle), (2,) each."""
         low = jnp.stack([-self.pull, -self.deflection])
         return low, jnp.stack([self.push, self.deflection]), jnp.stack([self.thrust_rate, self.angle_rate])
 
     def _carry_on(self, x: Any, sent: Any, ahead: Any) -> Any:
-        """Return the state (6,) a time `ahead` (s) after the estimate's, under the moves that act until then."""
+        """Return the state (6,) predicted `ahead` (s) beyond the estimate, under the moves that act until then."""
         each = to_seconds(self.period)
 
         def slot(k: Any, x: Any) -> Any:
@@ -192,7 +213,7 @@ class RecedingHorizon:
         return jax.lax.fori_loop(0, SLOTS, slot, x)
 
     def _fly(self, x: Any, move: Any, h: Any) -> Any:
-        """Return the state (6,) h (s) later under a move."""
+        """Return the state (6,) after a time h (s) under a constant move."""
         force = _force(move)
 
         def rate(t: Any, x: Any) -> Any:
@@ -202,7 +223,7 @@ class RecedingHorizon:
         return rk4(rate, 0.0, x, h)
 
     def _program(self, x: Any, begin: Any, nominal: Any, before: Any) -> tuple[QuadraticProgram, Any]:
-        """Return the program in dU (stage by stage: thrust, angle), and the cost of the nominal plan."""
+        """Return the quadratic program in dU (stage by stage: thrust, angle), and the cost of the nominal plan."""
         flat = nominal.reshape(-1)
         r = self._residuals(x, begin, flat)
         J = jax.jacfwd(lambda plan: self._residuals(x, begin, plan))(flat)
@@ -245,7 +266,7 @@ class RecedingHorizon:
         return place, body @ jnp.stack([u, v + arm * r]) - wanted.velocity
 
     def _errors(self, x: Any, wanted: Any) -> Any:
-        """Return the weighted errors (8,) of a state (6,)."""
+        """Return the weighted errors (8,) of one state (6,)."""
         r, heading = x[2], x[3]
         place, velocity = self._away(x, wanted)
         push = wanted.acceleration - self.k1 * place - self.k2 * velocity

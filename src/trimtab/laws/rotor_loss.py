@@ -1,4 +1,4 @@
-"""Tracking after the loss of a rotor: the quadrotor gives up its yaw, spins, and steers the axis of its spin.
+"""Position tracking after the loss of a rotor: the quadrotor spins without yaw control, and steers its spin axis.
 
 [1] is M. W. Mueller, R. D'Andrea, "Stability and control of a quadrocopter despite the complete loss of one, two, or
 three propellers", ICRA 2014; [2] S. Sun, L. Sijbers, X. Wang, C. de Visser, "High-speed flight of quadrotor despite
@@ -25,68 +25,73 @@ UPRIGHT = np.tile([0.0, 0.0, 1.0], (4, 1))
 
 @record
 class RotorLossState:
-    """Running time of the law, and each rotor's time below idle speed. Source: this module."""
+    """State of the law: time since its start, and each rotor's time below idle speed. Source: this module."""
 
-    time: Scalar = quantity("s", "Time since the law started; it stops at the loss of a rotor.")
-    slow: Any = quantity("s", "Each rotor's time below its idle speed (n,); kept for a lost rotor.")
+    time: Scalar = quantity("s", "Time since the law started. Stops at the loss of a rotor.")
+    slow: Any = quantity(
+        "s", "Time that each rotor has been below idle speed (n,). Stays constant after the loss of a rotor."
+    )
 
 
 @record
 class RotorLossOutput:
     """Demand and errors of the law. Source: this module."""
 
-    demand: RotorDemand = part("Demand to the rotors.")
+    demand: RotorDemand = part("Demanded thrust and moments, and the rotors that work.")
     position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
     velocity_error: Any = quantity("m/s", "Velocity error: velocity minus reference.", frame="W", shape=(3,))
     attitude_error: Scalar = quantity(
-        "1", "Attitude error Psi with four rotors; with three, 1 - cos of the axis' error."
+        "1", "Attitude error: Psi with all rotors; 1 - cos of the spin axis error after a loss."
     )
     distance: Scalar = quantity("m", "Length of the position error.")
     lost: Scalar = quantity("1", "True if a rotor is lost.", kind="flag")
-    rotor: Scalar = quantity("1", "Index of the lost rotor, from 0; -1: none.", kind="count")
+    rotor: Scalar = quantity("1", "Index of the lost rotor, counted from 0; -1 if all rotors work.", kind="count")
 
 
 @record
 class RotorLossTracking:
-    """Uses the law for all rotors while they turn; after a loss, steers the axis about which the vehicle then spins.
+    """Tracks with `nominal` while all rotors work. After the loss of a rotor, steers the axis about which the vehicle
+    spins.
 
         d = R.T (-A/|A|)      d' = d × w      s = d - axis
         d'' wanted = -ks s c - kd d'    c = d_z/max(d_z, 0.2)
         T = |A|/axis_z      M = J w' + w × (J w + h e3) + D_w w
 
-    A is the force wanted as in the law for all rotors, by gains of its own; d is its direction in the body, down. The
-    roll and pitch rates follow from s' and s'', exactly at every yaw rate [2, section IV]; yaw is as it comes. The
-    axis is that of the relaxed hover [1], at which the thrust opposite the lost rotor is not zero but a part of the
-    others': so it can push both ways. Without c, which is 1 but for a body on its side or upside down, the axis' mirror
-    image would draw it in as the axis does: a craft that had tipped over would spin there, and fall. Rates and
-    direction are those of `lead` later, for a body that spins turns by as much while links and rotors lag.
+    A is the demanded force as in the law for all rotors, with the gains kx and kv; d is the opposite direction, in the
+    body. Roll and pitch rates follow from s' and s'', exactly at every yaw rate [2, section IV]. Yaw is not controlled.
+    The axis is that of the relaxed hover [1], at which the rotor opposite the lost one gives a fraction of the others'
+    thrust, so its thrust can rise and fall. c is 1 except for a body on its side or upside down. Without c the mirror
+    image of the axis would be stable too: a tipped craft would spin there, and fall. Rates and direction are predicted
+    by `lead`, because the spinning body turns while links and rotors lag.
 
-    A rotor counts as lost, for ever, when it has turned slower than `idle` for `patience`: the allocation lets no
-    working rotor be so slow. The first one that is lost is flown without; a second one is not. From then on it stays
-    where its reference was: three rotors that carry the craft have little left for a path.
+    A rotor counts as lost for ever after turning slower than `idle` for `patience`. The allocation never commands a
+    working rotor below `idle`. The law handles the loss of one rotor, not of a second. After the loss the reference
+    stays where it was, because three rotors that carry the craft have little thrust left for a path.
 
     Frames:  W north-east-down, B body; `axes` points down in B.
-    Valid:   a quadrotor whose rotors' speeds are measured. Not modelled: two lost rotors; drag of the body's way.
+    Valid:   a quadrotor whose rotors' speeds are measured. Not modelled: two lost rotors; drag of the body's motion.
     Source:  [1] section III for the axis; [2] section IV for the inversion; its gains are chosen.
     """
 
-    nominal: GeometricTracking = part("Law while all rotors turn.", default=GeometricTracking())
+    nominal: GeometricTracking = part("Law used while all rotors work.", default=GeometricTracking())
     axes: Any = quantity(
-        "1", "Spin axes, down in B, for each rotor that may be lost (n, 3).", frame="B", default=UPRIGHT
+        "1", "Spin axis after the loss of each rotor, pointing down in B (n, 3).", frame="B", default=UPRIGHT
     )
-    ks: Scalar = quantity("1/s^2", "Gain of the axis error.", default=100.0, above=0)
-    kd: Scalar = quantity("1/s", "Gain of the axis' rate.", default=18.0, above=0)
-    kx: Scalar = quantity("1/s^2", "Gain of the position error.", default=3.0, above=0)
-    kv: Scalar = quantity("1/s", "Gain of the velocity error.", default=2.8, above=0)
-    lead: Scalar = quantity("s", "Time by which rates and direction are predicted.", default=0.02, low=0)
-    idle: Scalar = quantity("rad/s", "Lowest speed of a working rotor.", default=43.0, above=0)
-    patience: Scalar = quantity("s", "Time below that speed after which a rotor counts as lost.", default=0.012, low=0)
+    ks: Scalar = quantity("1/s^2", "Gain ks of the spin axis error.", default=100.0, above=0)
+    kd: Scalar = quantity("1/s", "Gain kd of the rate of the spin axis error.", default=18.0, above=0)
+    kx: Scalar = quantity("1/s^2", "Gain kx of the position error after a loss.", default=3.0, above=0)
+    kv: Scalar = quantity("1/s", "Gain kv of the velocity error after a loss.", default=2.8, above=0)
+    lead: Scalar = quantity(
+        "s", "Prediction time of rates and direction, for the delay of links and rotors.", default=0.02, low=0
+    )
+    idle: Scalar = quantity("rad/s", "Idle speed: minimum speed of a working rotor.", default=43.0, above=0)
+    patience: Scalar = quantity("s", "Time below idle speed after which a rotor counts as lost.", default=0.012, low=0)
 
     reads: ClassVar[tuple[str, ...]] = ("position", "velocity", "attitude", "rate", "rotor_speed")
 
     @property
     def reference(self) -> Any:
-        """Return the reference."""
+        """Return the reference position of the law for all rotors."""
         return self.nominal.reference
 
     def init(self, key: Key) -> RotorLossState:
@@ -116,7 +121,7 @@ class RotorLossTracking:
         return RotorLossState(jnp.where(lost, state.time, state.time + dt), slow), output
 
     def _spin(self, wanted: SpatialPoint, x: Any, gone: Any) -> tuple[RotorDemand, Any]:
-        """Return the demand without the first lost rotor, and 1 - cos of the angle between axis and direction."""
+        """Return the demand without the first lost rotor, and 1 - cos of the angle between spin axis and d."""
         craft = self.nominal.craft
         axis = jnp.asarray(self.axes)[jnp.argmax(gone)]
         ahead, yaw = self._look_ahead(x)
@@ -138,7 +143,7 @@ class RotorLossTracking:
         return RotorDemand(size / axis[2], moment, ~gone), 1 - d @ axis
 
     def _look_ahead(self, x: Any) -> tuple[Any, Any]:
-        """Return the state `lead` later, at the present rotor speeds, and the yaw acceleration (rad/s^2)."""
+        """Return the state predicted by `lead` at the present rotor speeds, and the yaw acceleration (rad/s^2)."""
         turn = self.nominal.craft.accelerations(x, RotorSpeeds(x.rotor_speed))[1]
         rate = x.rate + self.lead * turn
         attitude = quaternion.retract(x.attitude, self.lead / 2 * (x.rate + rate))

@@ -1,7 +1,7 @@
 """Barrier that keeps the reference points of a swarm apart, even with late or lost messages.
 
-Each craft moves a reference point q, whose position it knows exactly, and its body follows that point. The proof
-concerns the points: `Separation` limits each one's velocity so that no two come nearer than `distance`.
+Each craft has a reference point q. The craft computes q, so it knows q exactly, and its body follows q. The proof
+concerns the points: `Separation` limits the velocity of each point so that no two points come nearer than `distance`.
 """
 
 from typing import Any, NamedTuple
@@ -13,15 +13,16 @@ from trimtab.core.signals import Peers
 from trimtab.core.time import NEVER, to_seconds
 
 SLIDES = 3
-"""Number of times the velocity command is moved to the edge of the worst neighbour's limit."""
+"""Number of times that the velocity command is moved to the limit of the most restrictive neighbour."""
 FREE = 1e9
-"""Value larger than any room or speed."""
+"""Value larger than any distance or speed, which stands for no limit."""
 
 
 class _Neighbours(NamedTuple):
-    """Limits by neighbour (n,). room: least of (a/2)(|q - q_j| - D), m/s.  north, east: unit vector from j to q.
+    """Velocity limit of each neighbour (n,). room: lower bound of (a/2)(|q - q_j| - D), m/s.  north, east: unit vector
+    from j to q.
 
-    doubt: bound of that vector's error.  others: False for the craft itself.
+    doubt: bound of the error of this unit vector.  others: False for the craft itself.
     """
 
     room: Any
@@ -33,16 +34,18 @@ class _Neighbours(NamedTuple):
 
 @record
 class Separation:
-    """Limits the velocity of a point so that it keeps clear of all others, of which only old positions are known.
+    """Limits the velocity of a reference point so that it keeps clear of all others, whose positions are known with
+    delay.
 
         h_ij = |q_i - q_j| - D  is to stay >= 0.    Every point keeps |u| <= V.
-        j said q^ at a time `age` ago: it is within V age of q^.   rho = |q_i - q^|,  e^ = (q_i - q^)/rho
+        A message of j, `age` old, has q^: q_j is within V age of q^.     rho = |q_i - q^|,  e^ = (q_i - q^)/rho
         h^ = rho - V age - D <= h_ij                 |e^ - e| <= s = 2 sin(theta/2),  sin theta = V age/rho
         allowed:  e^.u_i >= s |u_i| - (a/2) max(h^, 0)     for each j                                           (*)
 
-    u = 0 is always allowed; a neighbour that was never heard, or may be anywhere (V age >= rho), allows nothing else.
-    The velocity wanted is first moved, three times, to the edge of what the worst neighbour allows, and by `swerve` of
-    that to starboard, so that two that meet pass on the same side; then it is shortened until (*) holds for all.
+    u = 0 is always allowed. It is the only velocity allowed by a neighbour that may be anywhere: one without a message,
+    or with V age >= rho. The wanted velocity is first moved, three times, to the limit of the most restrictive
+    neighbour, and by `swerve` times as much to starboard, so that two craft that meet both turn right. Then it is
+    shortened until (*) holds for all.
 
     Proven:  if h_ij >= 0 at first, it stays so for all time: for any pattern of losses, delays of any length, any
              number of craft, and whatever velocity is wanted. Let d = |q_i - q_j|, e the unit vector between the true
@@ -55,17 +58,21 @@ class Separation:
              (2017) 661; barriers in discrete time: A. Agrawal, K. Sreenath, RSS 2017.
     """
 
-    distance: Scalar = quantity("m", "Minimum distance D of two points.", default=1.8, above=0)
+    distance: Scalar = quantity("m", "Minimum distance D between two reference points.", default=1.8, above=0)
     rate: Scalar = quantity(
-        "1/s", "Rate a: share of the room that two points may use up in a second.", default=1.0, above=0, high=10
+        "1/s",
+        "Rate a: fraction of the distance above the minimum that two points may use up per second.",
+        default=1.0,
+        above=0,
+        high=10,
     )
-    speed: Scalar = quantity("m/s", "Maximum speed V of a point; the same for all.", default=0.2, above=0)
+    speed: Scalar = quantity("m/s", "Maximum speed V of a reference point, equal for all craft.", default=0.2, above=0)
     swerve: Scalar = quantity(
-        "1", "Velocity to starboard per velocity that a neighbour takes away.", default=2.0, low=0
+        "1", "Velocity added to starboard per velocity that a neighbour's limit takes away.", default=2.0, low=0
     )
 
     def limit(self, t: Any, number: Any, q: Any, wanted: Any, peers: Peers) -> tuple[Any, Any, Any]:
-        """Return the allowed velocity (2,), its least room (m), and the oldest age (s) of the messages.
+        """Return the allowed velocity (2,), the worst-case spare distance (m), and the largest age (s) of the messages.
 
         Args:     number: of this craft.    q: its point (2,), m.    wanted: velocity (2,), m/s.
         """
@@ -100,7 +107,7 @@ class Separation:
         return near, jnp.min(jnp.where(others, h, FREE)), jnp.max(jnp.where(others, age, 0.0))
 
     def _slide(self, u: Any, near: _Neighbours) -> Any:
-        """Return the velocity moved away from the neighbour with the least room."""
+        """Return the velocity, moved to the limit of the most restrictive neighbour."""
         speed = norm(u)
         spare = near.north * u[0] + near.east * u[1] - near.doubt * speed + near.room
         spare = jnp.where(near.others, spare, FREE)
@@ -118,7 +125,7 @@ class Separation:
 
 
 def norm(v: Any) -> Any:
-    """Return the length of a vector; its derivative at 0 is 0."""
+    """Return the length of a vector. Its derivative at the zero vector is 0."""
     square = v @ v
     some = square > 0
     return jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 0.0)

@@ -1,6 +1,6 @@
-"""Spinning on the spot at a constant yaw rate, and the conditions for a safe start.
+"""Laws that spin the craft in place at a constant yaw rate, and the conditions for a safe start.
 
-Throughout, a reference is a yaw rate (rad/s), Pir = J reference; J is the inertia and D = d^2 m.
+In this file a reference is a yaw rate (rad/s), Pir = J reference, J is the inertia and D = d^2 m.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, sections
 2.2.6 and 2.3. Equations 2.40 to 2.48 and 2.62 to 2.69 are reconstructed from their results, see docs Errata.
@@ -26,22 +26,24 @@ class ConstantSpin:
 
         FX = -k1 u        FY = -k2 (v - d (r - r_ref))                                    [1, eq. 2.39]
 
-    Stable:  W = m (u^2 + v^2)/2 + J (r - r_ref)^2/2 never grows, for all k1, k2 > 0, but there are two limit points:
-             the good one spins at r_ref on the spot, the bad one slides sideways at v = -d r_ref without turning.
-             From W < limit_point_value the good one is reached; the bad one attracts an open set of other starts.
+    Stable:  W = m (u^2 + v^2)/2 + J (r - r_ref)^2/2 never grows, for all k1, k2 > 0, but there are two limit points.
+             The good one spins at r_ref in place. The bad one slides sideways at v = -d r_ref without turning. All
+             starts with W < limit_point_value reach the good one; an open set of other starts reaches the bad one.
     Slow:    once the pivot's slip has settled, r' = -c r^2 (r - r_ref), c = slow_manifold_rate of the same k1.
     Source:  [1] eq. 2.39; default gains and reference [1] table 6.4.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=0.5, above=0, source="[1] table 6.4")
-    k2: Scalar = quantity("kg/s", "Gain on sway and yaw-rate error.", default=3.5, above=0, source="[1] table 6.4")
+    k1: Scalar = quantity("kg/s", "Gain k1 of the surge velocity.", default=0.5, above=0, source="[1] table 6.4")
+    k2: Scalar = quantity(
+        "kg/s", "Gain k2 of sway velocity and yaw rate error.", default=3.5, above=0, source="[1] table 6.4"
+    )
     reference: Scalar = quantity("rad/s", "Reference yaw rate, Pir/J.", default=3.0, frame="B", source="[1] table 6.4")
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def init(self, key: Any) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this law has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
@@ -51,18 +53,18 @@ class ConstantSpin:
         return state, VelocityOutput(PlanarForce(-self.k1 * s.surge_velocity, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """Return W (J); s: any record with the fields in `reads`."""
+        """Return the Lyapunov function W (J) of s, any record with the fields in `reads`."""
         return lyapunov(self.model, s, self.reference)
 
 
 def lyapunov(model: Hovercraft, s: Any, reference: Any) -> Any:
-    """Return W (J) about a reference yaw rate (rad/s): m (u^2 + v^2)/2 + J (r - reference)^2/2: [1] eq. 2.37."""
+    """Return W (J) for a reference yaw rate (rad/s), m (u^2 + v^2)/2 + J (r - reference)^2/2: [1] eq. 2.37."""
     energy = model.mass * (s.surge_velocity**2 + s.sway_velocity**2) / 2
     return energy + model.inertia * (s.yaw_rate - reference) ** 2 / 2
 
 
 def limit_point_value(model: Hovercraft, reference: Any) -> Any:
-    """Return W (J) at the bad limit point, (J + D) reference^2/2: below it ConstantSpin reaches the good one.
+    """Return W (J) at the bad limit point, (J + D) reference^2/2. From a smaller W ConstantSpin reaches the good one.
 
     Source: [1] section 2.2.6.
     """
@@ -105,8 +107,8 @@ def safe_reference_bound(model: Hovercraft, W: Any, reference: Any) -> Any:
 class SpinSupervisorState:
     """State of the supervisor. Source: [1] section 2.2.6."""
 
-    mode: Scalar = quantity("1", "Active law.", kind="mode", modes=("brake", "spin"))
-    switches: Scalar = quantity("1", "Number of changes of the active law.", kind="count")
+    mode: Scalar = quantity("1", "Mode: brake or spin.", kind="mode", modes=("brake", "spin"))
+    switches: Scalar = quantity("1", "Number of switches from brake to spin: 0 or 1.", kind="count")
 
 
 @record
@@ -114,17 +116,17 @@ class SupervisedSpinOutput:
     """Demand and signals of SupervisedSpin. Source: [1] section 2.2.6."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    mode: Scalar = quantity("1", "Active law.", kind="mode", modes=("brake", "spin"))
-    switches: Scalar = quantity("1", "Number of changes of the active law.", kind="count")
-    lyapunov: Scalar = quantity("J", "Lyapunov function: V while braking, W while spinning.")
+    mode: Scalar = quantity("1", "Mode: brake or spin.", kind="mode", modes=("brake", "spin"))
+    switches: Scalar = quantity("1", "Number of switches from brake to spin: 0 or 1.", kind="count")
+    lyapunov: Scalar = quantity("J", "Lyapunov function: V in the mode brake, W in the mode spin.")
 
 
 @record
 class SupervisedSpin:
-    """Brakes until it is safe to spin, then spins: from any start to the good limit point of ConstantSpin.
+    """Brakes until it is safe to spin, then spins. Reaches the good limit point of ConstantSpin from any start.
 
-    Modes:   brake (ZeroVelocity) -> spin (ConstantSpin) once V < eps(reference); latched, it never brakes again.
-             Nothing switches while the estimate is not valid.
+    Modes:   brake (ZeroVelocity) -> spin (ConstantSpin) once V < eps(reference). The law never brakes again, and does
+             not switch while the estimate is not valid.
     Stable:  globally, on an ideal vehicle: V falls below any eps > 0 in finite time, and V < eps implies
              W < limit_point_value. A reference of 0 keeps braking.
     Source:  [1] section 2.2.6 and eq. 2.48.
@@ -132,22 +134,24 @@ class SupervisedSpin:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    braking: ZeroVelocity = part("Law before the switch.", default=ZeroVelocity())
-    spinning: ConstantSpin = part("Law after the switch; its reference is the commanded one.", default=ConstantSpin())
+    braking: ZeroVelocity = part("Law used in the mode brake.", default=ZeroVelocity())
+    spinning: ConstantSpin = part(
+        "Law used in the mode spin. Its parameter reference is the commanded yaw rate.", default=ConstantSpin()
+    )
     threshold: str = option(
-        "Energy at which to switch: as published, or the sharp bound, 1.74 times as large for the default model.",
+        "Energy at which the law switches: as published, or sharp (1.74 times as large for the default model).",
         default="published",
         choices=("published", "sharp"),
     )
 
     def init(self, key: Any) -> SpinSupervisorState:
-        """Braking."""
+        """Return the initial state: mode brake."""
         return SpinSupervisorState(mode=np.asarray(BRAKE, np.int32), switches=np.asarray(0, np.int32))
 
     def step(
         self, t: Any, state: SpinSupervisorState, estimate: Estimate
     ) -> tuple[SpinSupervisorState, SupervisedSpinOutput]:
-        """Return the demand at integer time t, with the mode after its update."""
+        """Update the mode, and return the demand at integer time t."""
         _, brake = self.braking.step(t, (), estimate)
         _, spin = self.spinning.step(t, (), estimate)
         limit = switching_energy if self.threshold == "published" else switching_energy_sharp

@@ -1,6 +1,6 @@
-"""Tracking of altitude and speed by exact inversion around the bounded internal motion that belongs to the command.
+"""Tracking of altitude and speed by exact inversion, around the bounded internal motion that the command requires.
 
-Before a flight, commands that do not end in level flight and tables of other commands are rejected.
+Before a run the law rejects commands that do not end in level flight, and tables for other commands.
 
 [1] is "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206.
@@ -26,17 +26,17 @@ from trimtab.laws.path_inversion import InputLimits, internal_rates, invert_path
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 INTERNAL_SIZES = (1e-2, 1e-2, 1.0, 10.0, 1.0, 10.0)
-"""Sizes of (alpha, Q, eta1, eta1', eta2, eta2')."""
+"""Typical sizes of the internal states (alpha, Q, eta1, eta1', eta2, eta2')."""
 SOLVED = 1e-4
-"""Largest error of a node's rates, in sizes per second, for the node to solve the internal dynamics."""
+"""Largest error of a table's rates, in typical sizes per second, with which a node solves the internal dynamics."""
 LAST = 1e5
-"""Time (s) by which every command has ended."""
+"""Time (s) at which every command is taken to have ended."""
 STEPS = 8
 K_FLOWN = (
     (0.0893010, 0.688045, -0.355907, 1742.964, 536.101, -0.581358, -0.140480, -1.351494, -0.363934),
     (-0.0184104, -0.132192, -0.465382, -168.6866, -51.9745, 0.0504659, 0.0135084, 0.129350, 0.0334523),
 )
-"""Linear quadratic regulator at 85 000 ft, 7 702 ft/s; `trimtab design hypersonic` computes it."""
+"""Default gain K: linear quadratic regulator at 85 000 ft, 7 702 ft/s, from `trimtab design hypersonic`."""
 R_FLOWN = (0.01, 0.04)
 NO_INTEGRAL = ((0.0, 0.0), (0.0, 0.0))
 
@@ -45,9 +45,9 @@ NO_INTEGRAL = ((0.0, 0.0), (0.0, 0.0))
 class StableInversionState:
     """State of the law. Source: [1] eqs. 13, 18; integrals are an addition."""
 
-    internal: Any = part("State of the reference internal motion.")
-    adaptation: AdaptationState = part("Adapted bounds.")
-    integral: Any = quantity("ft s", "Integrals of the errors of h (ft s) and V (ft).", shape=(2,))
+    internal: Any = part("State of the method that computes the reference internal motion.")
+    adaptation: AdaptationState = part("State of the adaptive robust terms: adapted bounds.")
+    integral: Any = quantity("ft s", "Integrals of the altitude error (ft s) and the speed error (ft).", shape=(2,))
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
     started: Scalar = quantity("1", "True after the first step.", kind="flag")
 
@@ -56,26 +56,26 @@ class StableInversionState:
 class StableInversionOutput:
     """Demand and signals of the law. Frames: as the vehicle's. Source: [1] eqs. 13, 16-18."""
 
-    demand: HypersonicInput = part("Fuel ratio and elevator, within the limits.")
+    demand: HypersonicInput = part("Demanded fuel ratio and elevator angle, within the limits.")
     h_wanted: Scalar = quantity("ft", "Altitude reference.", frame="W")
     V_wanted: Scalar = quantity("ft/s", "Speed reference.")
-    h_error: Scalar = quantity("ft", "Altitude minus reference.")
-    V_error: Scalar = quantity("ft/s", "Speed minus reference.")
+    h_error: Scalar = quantity("ft", "Altitude error: altitude minus reference.")
+    V_error: Scalar = quantity("ft/s", "Speed error: speed minus reference.")
     alpha_wanted: Scalar = quantity("rad", "Angle of attack required by the command.", kind="angle")
     q_wanted: Scalar = quantity("rad/s", "Pitch rate required by the command.")
     eta1_wanted: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1 required by the command.")
     eta1_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Rate of mode 1 required by the command.")
     eta2_wanted: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2 required by the command.")
     eta2_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Rate of mode 2 required by the command.")
-    v: Any = quantity("ft/s^2", "Accelerations of altitude and speed demanded of the inversion.", shape=(2,))
+    v: Any = quantity("ft/s^2", "Demanded accelerations of altitude and speed, the input of the inversion.", shape=(2,))
     s: Any = quantity("1", "Product B'P e of the adaptive robust terms.", shape=(2,))
-    u_h: Any = quantity("ft/s^2", "Damping term.", shape=(2,))
-    u_s: Any = quantity("ft/s^2", "Switching term.", shape=(2,))
-    rho0: Scalar = quantity("ft/s^2", "Adapted bound.")
-    rho1: Scalar = quantity("ft/s^2", "Adapted bound per error.")
-    integral: Any = quantity("ft s", "Integrals of the errors of h (ft s) and V (ft).", shape=(2,))
-    saturated: Scalar = quantity("1", "True if the input is at a limit.", kind="flag")
-    unsolvable: Scalar = quantity("1", "True if no elevator angle gives the demand.", kind="flag")
+    u_h: Any = quantity("ft/s^2", "Damping term u_h of the adaptive robust terms.", shape=(2,))
+    u_s: Any = quantity("ft/s^2", "Switching term u_s of the adaptive robust terms.", shape=(2,))
+    rho0: Scalar = quantity("ft/s^2", "Adapted bound rho0 of the uncertainty: part that does not depend on the error.")
+    rho1: Scalar = quantity("ft/s^2", "Adapted bound rho1 of the uncertainty: increase per scaled error.")
+    integral: Any = quantity("ft s", "Integrals of the altitude error (ft s) and the speed error (ft).", shape=(2,))
+    saturated: Scalar = quantity("1", "True if fuel ratio or elevator is at a limit.", kind="flag")
+    unsolvable: Scalar = quantity("1", "True if no elevator angle gives the demanded accelerations.", kind="flag")
     outside: Scalar = quantity(
         "1", "True if the flight is outside the range for which the model was fitted.", kind="flag"
     )
@@ -85,12 +85,14 @@ class StableInversionOutput:
 class FitRange:
     """Range for which the vehicle's curves were fitted. Source: docs page, Hypersonic vehicle: valid range."""
 
-    h: Any = quantity("ft", "Altitude, minimum and maximum.", default=(80000.0, 95000.0), shape=(2,))
-    V: Any = quantity("ft/s", "Speed, minimum and maximum.", default=(7000.0, 9000.0), shape=(2,))
-    alpha: Any = quantity("rad", "Angle of attack, minimum and maximum.", default=(0.0, 0.0698131700797732), shape=(2,))
+    h: Any = quantity("ft", "Minimum and maximum altitude of the fitted range.", default=(80000.0, 95000.0), shape=(2,))
+    V: Any = quantity("ft/s", "Minimum and maximum speed of the fitted range.", default=(7000.0, 9000.0), shape=(2,))
+    alpha: Any = quantity(
+        "rad", "Minimum and maximum angle of attack of the fitted range.", default=(0.0, 0.0698131700797732), shape=(2,)
+    )
 
     def is_outside(self, h: Any, V: Any, alpha: Any) -> Any:
-        """Return True if one of the three is out of its range."""
+        """Return True if altitude, speed or angle of attack is outside the fitted range."""
         pairs = ((h, self.h), (V, self.V), (alpha, self.alpha))
         return jnp.stack([(value < low) | (value > high) for value, (low, high) in pairs]).any()
 
@@ -102,36 +104,41 @@ class StableInversion:
         v = yd^(r) + K e + Ki integral(e_h, e_V) + u_h + u_s            u = inversion(v)
         e = (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') - wanted
 
-    Altitude and speed are a non-minimum-phase output: inverted alone, the internal motion runs away with a time
-    constant of 0.3 s. `internal` gives the bounded motion that the command needs, which begins before the command does.
+    Altitude and speed are a non-minimum-phase output: under inversion alone the internal motion diverges with a time
+    constant of 0.3 s. `internal` gives the bounded motion that the command requires, which begins before the command
+    does.
 
     Frames:  as the vehicle's, in its units.
-    Stable:  locally, with `design.certificate`; void while the input saturates.
-    Source:  [1] eqs. 13, 16-18, mended. Its printed K destabilises: docs page.
+    Stable:  locally, proved by `design.certificate`, as long as the input does not saturate.
+    Source:  [1] eqs. 13, 16-18, corrected. The K printed in [1] is unstable: docs page.
     """
 
-    internal: Any = part("Reference internal motion: a record of laws.internal_*.", default=QuasiStaticInternal())
+    internal: Any = part(
+        "Method for the reference internal motion: a record of laws.internal_states.", default=QuasiStaticInternal()
+    )
     craft: Hypersonic = part("Vehicle model used by the law.", default=Hypersonic())
     command: Any = part("Command of altitude and speed.", default=FilteredClimb())
-    K: Any = quantity("1", "Feedback gain, v = +K e.", default=K_FLOWN, shape=(2, 9))
-    Ki: Any = quantity("1", "Gain of the integrals of e_h and e_V.", default=NO_INTEGRAL, shape=(2, 2))
+    K: Any = quantity("1", "Feedback gain K, with v = +K e.", default=K_FLOWN, shape=(2, 9))
+    Ki: Any = quantity(
+        "1", "Gain Ki of the integrals of altitude error and speed error.", default=NO_INTEGRAL, shape=(2, 2)
+    )
     robust: AdaptiveRobust = part(
         "Adaptive robust terms.",
         default=AdaptiveRobust(BP=tuple(tuple(-r * k for k in row) for r, row in zip(R_FLOWN, K_FLOWN, strict=True))),
     )
-    limits: InputLimits = part("Limits of the inputs.", default=InputLimits())
-    fit: FitRange = part("Range in which the model holds.", default=FitRange())
+    limits: InputLimits = part("Limits of fuel ratio and elevator.", default=InputLimits())
+    fit: FitRange = part("Range of altitude, speed and angle of attack in which the model holds.", default=FitRange())
 
     reads: ClassVar[tuple[str, ...]] = ("h", "h_rate", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
 
     def check(self) -> None:
-        """Raise InputError if the limits leave no room."""
+        """Raise InputError if the limits are crossed, or the command or table does not fit the vehicle."""
         low, high = self.limits.Phi_low, self.limits.Phi_high
         if not (low < high and self.limits.delta_low < self.limits.delta_high):
             raise InputError(
                 "StableInversion.limits",
-                f"each low must be below its high, got {self.limits}",
-                fix="give low below high",
+                f"each lower limit must be below its upper limit, got {self.limits}",
+                fix="set Phi_low below Phi_high, and delta_low below delta_high",
             )
         check_command_ends(self.craft, self.command, self.limits)
         if isinstance(self.internal, InternalTable) and self.internal.exact:
@@ -150,7 +157,7 @@ class StableInversion:
     def step(
         self, t: Any, state: StableInversionState, estimate: Estimate
     ) -> tuple[StableInversionState, StableInversionOutput]:
-        """Return fuel ratio and elevator at integer time t."""
+        """Return the demanded fuel ratio and elevator angle at integer time t."""
         x, now = estimate.state, to_seconds(t)
         dt = jnp.where(state.started, to_seconds(t - state.t), 0.0)
         want: PathPoint = self.command.at(now)
@@ -192,7 +199,8 @@ class StableInversion:
         """Return the reference internal states for the estimated frequencies of the modes.
 
         A load bends a mode by N/w^2, so a frequency error enters the reference squared. An estimator with the same
-        frequency error is off by as much, and feedback sees no difference; one that estimates the frequency would.
+        frequency error has the same error, so the feedback sees no difference. An estimator that estimates the
+        frequency corrects the reference.
         """
         frequencies = optional_member(x, "frequencies")
         if isinstance(frequencies, tuple):
@@ -202,19 +210,23 @@ class StableInversion:
         return jnp.stack([zeta[i] * by for i, by in enumerate(scale)])
 
     def _error(self, x: Any, want: PathPoint, zeta: Any) -> Any:
-        """Return e (9,), in the order of [1]."""
+        """Return the tracking error e (9,), in the order of [1]."""
         have = (x.h, x.h_rate, x.V, x.alpha, x.q, x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
         wanted = (want.h, want.h_rate, want.V, *(zeta[i] for i in range(6)))
         return jnp.stack([jnp.asarray(a - b) for a, b in zip(have, wanted, strict=True)])
 
 
 def check_command_ends(craft: Any, command: Any, limits: InputLimits) -> None:
-    """Raise InputError if a command begins or ends where the model has no level flight within its limits."""
+    """Raise InputError if a command begins or ends where the model has no level flight within the input limits."""
     found, u, h, V = (np.asarray(a) for a in _level_flight_at_ends(craft, command))
     for i, where in enumerate(("begins", "ends")):
         if not found[i]:
-            problem = f"the command {where} at {h[i]:g} ft, {V[i]:g} ft/s: no angle of attack balances the moment there"
-            raise InputError("command", problem, fix="choose h0, V0, dh and dV near 85000 ft, 7700 ft/s")
+            problem = (
+                f"the command {where} at {h[i]:g} ft, {V[i]:g} ft/s: the pitching moment is zero at no angle of attack"
+            )
+            raise InputError(
+                "command", problem, fix="choose h0, V0, dh and dV so that the command stays near 85000 ft and 7700 ft/s"
+            )
     where = [f"level flight at {a:g} ft, {b:g} ft/s" for a, b in zip(h, V, strict=True)]
     _check_input_limits(limits, u, where)
 
@@ -224,16 +236,16 @@ def check_internal_table(craft: Any, command: Any, table: InternalTable, limits:
     t = table.first + table.spacing * np.arange(len(table.nodes))
     wrong, u = (np.asarray(a) for a in _table_residual(craft, command, t, table.nodes, table.rates))
     if not wrong.max() < SOLVED:
-        when = f"its rates are off by {wrong.max():.2g} of their sizes, at {t[wrong.argmax()]:g} s"
+        when = f"the error of its rates is {wrong.max():.2g} of their typical sizes at {t[wrong.argmax()]:g} s"
         problem = f"the table was made for another command or vehicle: {when}"
         preview = argument("settings", "preview", "internal")
-        fix = f"{preview}, which needs no table, or fly a scenario made with that command"
+        fix = f"{preview}, which needs no table, or run a scenario made for this command"
         raise InputError("internal", problem, fix=fix)
     _check_input_limits(limits, u, [f"the command at {x:g} s" for x in t])
 
 
 def _check_input_limits(limits: InputLimits, u: Any, where: list[str]) -> None:
-    """Return u: fuel ratio and elevator (2, n), at places `where`."""
+    """Raise InputError if u, fuel ratio and elevator angle (2, n), exceeds a limit. where: texts for the message."""
     low, high = (np.array([*pair]) for pair in limits.bounds())
     for value, least, most, what in zip(u, low, high, ("fuel ratio", "elevator (rad)"), strict=True):
         beyond = np.maximum(least - value, value - most)
@@ -245,7 +257,7 @@ def _check_input_limits(limits: InputLimits, u: Any, where: list[str]) -> None:
 
 @partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
 def _level_flight_at_ends(craft: Any, command: Any) -> Any:
-    """Return whether level flight was found at the command's begin and end (2,), its input (2, 2), h and V (2,)."""
+    """Return, for the command's begin and end: True if level flight exists (2,), its input (2, 2), h and V (2,)."""
     p: PathPoint = command.at(jnp.array([0.0, LAST]))
     still = jnp.zeros(2)
     level = PathPoint(p.h, still, still, still, p.V, still, still)

@@ -1,4 +1,4 @@
-"""Feedback of the whole state about a trim, with integral action: the law for a gain of `trimtab design --lqr`."""
+"""State feedback about a trim, with integral action: the law that uses a gain from `trimtab design --lqr`."""
 
 from typing import Any
 
@@ -15,18 +15,18 @@ PLANAR = ("surge_velocity", "sway_velocity", "yaw_rate", "heading")
 
 @record
 class StateFeedbackState:
-    """Integrals of the chosen errors. Source: this module."""
+    """State of the law: integrals of the integrated errors. Source: this module."""
 
-    integrals: Any = quantity("1", "Integrals, each in its state's unit times a second.")
+    integrals: Any = quantity("1", "Integrals of the integrated errors, each in the unit of its state times a second.")
 
 
 @record
 class StateFeedbackOutput:
     """Demand and signals of the law. Source: this module."""
 
-    demand: Any = part("Demanded input.")
-    error: Any = quantity("1", "Deviation of the state, each in its own unit.")
-    integrals: Any = quantity("1", "Integrals, each in its state's unit times a second.")
+    demand: Any = part("Demanded input of the vehicle.")
+    error: Any = quantity("1", "Error e of the state from the trim x0, each number in the unit of its state.")
+    integrals: Any = quantity("1", "Integrals of the integrated errors, each in the unit of its state times a second.")
 
 
 @record
@@ -35,8 +35,9 @@ class StateFeedback:
 
         u = u0 + K e + L z        e = x - x0        z' = e at the rows `integrated`, held within ± most
 
-    A quaternion among the states counts as its turn from x0's, in body axes, as in `design.coordinates`, so that K of
-    a body in space has a column less than the state has numbers. With x0 changed in flight it goes elsewhere.
+    A quaternion counts as three numbers: the rotation from the quaternion in x0, in body axes, as in
+    `design.coordinates`. So K for a body in space has one column less than the state has numbers. To move the
+    set-point, change x0 in flight.
 
     Frames:  of the states; `turned` names fields of the attitude's outer frame whose errors are taken in body axes,
              `places` those whose errors are taken in the body axes of x0.
@@ -46,29 +47,35 @@ class StateFeedback:
     """
 
     reads: tuple[str, ...] = option("Fields of the state, in the order of K's columns.", default=PLANAR)
-    K: Any = quantity("1", "Gain (m, n), including its sign.", default=np.zeros((2, 4)))
-    x0: Any = quantity("1", "State at the trim, the fields' numbers one after another.", default=np.zeros(4))
-    u0: Any = part("Input at the trim, as the vehicle's record of inputs.", default=PlanarForce(0.0, 0.0))
-    integrated: tuple[int, ...] = option("Rows of e that are integrated.", default=())
-    L: Any = quantity("1", "Gain of the integrals (m, k).", default=np.zeros((2, 0)))
-    most: Any = quantity("1", "Maximum size of each integral (k,).", default=np.zeros(0), low=0)
-    attitude: str = option("Field that is a quaternion, needed if `turned` or `places` names a field.", default="")
+    K: Any = quantity("1", "Gain K (m, n), including its sign.", default=np.zeros((2, 4)))
+    x0: Any = quantity("1", "State x0 at the trim: the numbers of all fields, one after another.", default=np.zeros(4))
+    u0: Any = part("Input u0 at the trim, as the vehicle's record of inputs.", default=PlanarForce(0.0, 0.0))
+    integrated: tuple[int, ...] = option("Rows of the error e that are integrated.", default=())
+    L: Any = quantity("1", "Gain L of the integrals (m, k).", default=np.zeros((2, 0)))
+    most: Any = quantity("1", "Maximum magnitude of each integral (k,).", default=np.zeros(0), low=0)
+    attitude: str = option("Name of the quaternion field. Needed only if turned or places is not empty.", default="")
     turned: tuple[str, ...] = option("Fields whose errors are taken in body axes.", default=())
     places: tuple[str, ...] = option("Fields whose errors are taken in the body axes of x0.", default=())
-    believed: Any = part("Vehicle for which K is designed, for comparison in the log; or None.", default=None)
+    believed: Any = part(
+        "Vehicle model for which K was designed, stored for comparison in the log; or None.", default=None
+    )
 
     def check(self) -> None:
         """Raise InputError if the shapes of the gains do not match."""
         K, L, k = np.shape(self.K), np.shape(self.L), len(self.integrated)
         if len(K) != 2 or len(L) != 2 or (K[0], k) != L or np.shape(self.most) != (k,):
-            problem = f"K {K}, L {L}, most {np.shape(self.most)} and {k} integrals don't fit each other"
-            raise InputError("StateFeedback.K", problem, fix="give K (m, n), L (m, k) and most (k,)")
+            problem = f"K {K}, L {L}, most {np.shape(self.most)} and {k} integrals do not match"
+            raise InputError(
+                "StateFeedback.K",
+                problem,
+                fix="give K the shape (m, n), L the shape (m, k) and most the shape (k,), for m inputs and k integrals",
+            )
         if any(not 0 <= row < K[1] for row in self.integrated):
             problem = f"rows must be within 0 to {K[1] - 1}, got {self.integrated}"
-            raise InputError("StateFeedback.integrated", problem, fix="name rows of the error e")
+            raise InputError("StateFeedback.integrated", problem, fix="give row numbers of the error e, counted from 0")
 
     def init(self, key: Any) -> StateFeedbackState:
-        """Return the initial integrals, zero."""
+        """Return the initial state: all integrals are zero."""
         return StateFeedbackState(jnp.zeros(len(self.integrated)))
 
     def step(

@@ -1,4 +1,4 @@
-"""A linear compensator designed elsewhere, flown as a law: x(k+1) = A x(k) + B e(k), u = u0 + C x(k) + D e(k)."""
+"""A linear compensator, designed elsewhere, used as a law: x(k+1) = A x(k) + B e(k), u = u0 + C x(k) + D e(k)."""
 
 from typing import Any
 
@@ -18,21 +18,21 @@ class StateSpaceState:
     """State of the law. Source: this module."""
 
     x: Any = quantity("1", "State of the compensator.")
-    u: Any = quantity("1", "Last output of the compensator, added to the trim's input.")
-    began: Scalar = quantity("100 ns", "Time at which its period began.", kind="time")
+    u: Any = quantity("1", "Last output of the compensator, which is added to the input at the trim.")
+    began: Scalar = quantity("100 ns", "Time at which the compensator's present period began.", kind="time")
 
 
 @record
 class StateSpaceOutput:
     """Demand and signals of the law. Source: this module."""
 
-    demand: Any = part("Demanded input.")
-    error: Any = quantity("1", "Deviation of the fields read, each in its own unit.")
+    demand: Any = part("Demanded input of the vehicle.")
+    error: Any = quantity("1", "Error e of the fields from the trim x0, each number in the unit of its field.")
 
 
 @record
 class StateSpaceLaw:
-    """A discrete linear compensator of e = x - x0, of the fields that it reads.
+    """A discrete linear compensator whose input is e = x - x0, for the fields in `reads`.
 
         x(k+1) = A x(k) + B e(k)        u(k) = u0 + C x(k) + D e(k)        once each `period`, held between
 
@@ -47,21 +47,23 @@ class StateSpaceLaw:
     B: Any = quantity("1", "Matrix B of the compensator (k, n), n errors.", default=np.zeros((1, 4)))
     C: Any = quantity("1", "Matrix C of the compensator (m, k), m inputs.", default=np.zeros((2, 1)))
     D: Any = quantity("1", "Matrix D of the compensator (m, n).", default=np.zeros((2, 4)))
-    x0: Any = quantity(
-        "1", "Trim values of the fields read, the fields' numbers one after another.", default=np.zeros(4)
-    )
-    u0: Any = part("Input at the trim, as the vehicle's record of inputs.", default=PlanarForce(0.0, 0.0))
-    period: int = period("Period for which A, B, C, D are made.", default=ms(1))
+    x0: Any = quantity("1", "Trim x0: the numbers of all fields, one after another.", default=np.zeros(4))
+    u0: Any = part("Input u0 at the trim, as the vehicle's record of inputs.", default=PlanarForce(0.0, 0.0))
+    period: int = period("Sample period for which A, B, C and D are designed.", default=ms(1))
 
     def check(self) -> None:
         """Raise InputError if the shapes of the matrices do not match."""
         A, B, C, D = (np.shape(M) for M in (self.A, self.B, self.C, self.D))
         if not (len(A) == len(B) == len(C) == len(D) == 2) or not (A[0] == A[1] == B[0] == C[1] and (C[0], B[1]) == D):
-            problem = f"A {A}, B {B}, C {C}, D {D} don't fit each other"
-            raise InputError("StateSpaceLaw.A", problem, fix="give (k, k), (k, n), (m, k), (m, n)")
+            problem = f"A {A}, B {B}, C {C}, D {D} do not match"
+            raise InputError(
+                "StateSpaceLaw.A",
+                problem,
+                fix="give A (k, k), B (k, n), C (m, k) and D (m, n), for k states, n errors and m inputs",
+            )
 
     def init(self, key: Any) -> StateSpaceState:
-        """Return the initial state, zero."""
+        """Return the initial state: the compensator's state is zero."""
         return StateSpaceState(jnp.zeros(np.shape(self.A)[0]), jnp.zeros(np.shape(self.C)[0]), np.int64(NEVER))
 
     def step(self, t: Any, state: StateSpaceState, estimate: Estimate) -> tuple[StateSpaceState, StateSpaceOutput]:

@@ -1,6 +1,6 @@
-"""Estimated state as the vector that a linear law multiplies, and a vector of inputs as the vehicle's record.
+"""Conversion of the estimated state to the vector that a linear law multiplies, and of a vector to the input record.
 
-A field of four numbers without a unit is a quaternion, and counts as the turn from the wanted one: three numbers, in
+A field of four numbers without a unit is a quaternion. It counts as three numbers: the rotation from the set-point, in
 body axes.
 """
 
@@ -22,16 +22,16 @@ def state_error(
     turned: Sequence[str] = (),
     places: Sequence[str] = (),
 ) -> Any:
-    """Return the deviation (n,) of the named fields of a state from the point, a vector of them in the same order.
+    """Return the deviation (n,) of the named fields of a state from a set-point with the same fields.
 
     Args:
-        state: of the estimate, a record.
-        names: of its fields, in order; numbers, vectors, a quaternion.
-        point: where it is wanted (k,), a quaternion with its four numbers.
-        attitude: the field that is a quaternion q_XB, where `turned` or `places` names any.
-        turned: fields in the frame X whose deviation is taken in body axes: velocities as they are, minus the point's
-            as it was at the point's attitude.
-        places: fields in the frame X whose deviation is taken in the body axes that the point has.
+        state: estimated state, a record.
+        names: names of its fields, in order: numbers, vectors, a quaternion.
+        point: set-point (k,): the numbers of all fields, four for a quaternion.
+        attitude: name of the quaternion field q_XB. Needed only if `turned` or `places` is not empty.
+        turned: fields in the frame X, such as velocities, that are compared in body axes: the state's value in the
+        state's body axes, minus the set-point's value in the set-point's body axes.
+        places: fields in the frame X whose deviation is taken in the body axes of the set-point.
     """
     wanted = _split_point(state, names, point)
     parts = []
@@ -55,7 +55,7 @@ def _has_no_unit(state: Any, name: str) -> bool:
 
 
 def add_to_input(trim: Any, change: Any) -> Any:
-    """Return the input record of a trim with a vector (m,) added to its numbers, in declared order."""
+    """Return the input record of a trim, with a vector (m,) added to its numbers in the order of its fields."""
     values, tree = jax.tree.flatten(trim)
     new, begin = [], 0
     for own in values:

@@ -20,24 +20,25 @@ class SteeringState:
 
 @record
 class Steering:
-    """Turns to a heading by the rudder, along a smooth reference.
+    """Turns to a heading with the rudder, along a smooth reference.
 
         psi_d' = r_d,   r_d' = w^2 (psi_c - psi_d) - 2 z w r_d,   |r_d| <= fastest        psi_c: commanded
         delta = (U0/U)^2 (kp e + kd (r - r_d) + ki integral of e)          e = psi - psi_d, by the shortest way
 
-    A rudder's force grows with the square of the speed, so the gains go with its inverse, from `slowest` up: a rudder
-    behind a screw has its stream even when the vessel is slow. The integral is held while the rudder is at its limit.
+    The rudder force grows with the square of the speed, so the gains are divided by that square. Below the speed
+    `slowest` they stay constant, because the propeller still drives water past the rudder. The integral is held while
+    the rudder is at its limit.
 
     Frames:  positive rudder pushes the stern to starboard and turns to port, as SNAME has it.
-    Valid:   also for a craft that does not keep its course by itself; then kd must outweigh that.
+    Valid:   also for a craft that is unstable in yaw, if kd is large enough.
     Source:  T. I. Fossen, "Handbook of marine craft hydrodynamics and motion control", 2nd ed., 2021, section 15.3.
     """
 
-    kp: Scalar = quantity("1", "Rudder angle per heading error.", default=1.0, low=0)
-    kd: Scalar = quantity("s", "Rudder angle per yaw rate.", default=0.9, low=0)
-    ki: Scalar = quantity("1/s", "Rudder angle per integral of the error.", default=0.05, low=0)
-    speed: Scalar = quantity("m/s", "Speed U0 for which the gains are given.", default=0.58, above=0)
-    slowest: Scalar = quantity("m/s", "Speed below which the gains stay constant.", default=0.58, above=0)
+    kp: Scalar = quantity("1", "Proportional gain: rudder angle per heading error.", default=1.0, low=0)
+    kd: Scalar = quantity("s", "Rate gain: rudder angle per yaw rate error.", default=0.9, low=0)
+    ki: Scalar = quantity("1/s", "Integral gain: rudder angle per integral of the heading error.", default=0.05, low=0)
+    speed: Scalar = quantity("m/s", "Speed U0 through the water for which the gains are given.", default=0.58, above=0)
+    slowest: Scalar = quantity("m/s", "Speed below which the gains are not increased further.", default=0.58, above=0)
     limit: Scalar = quantity("rad", "Maximum rudder angle.", kind="angle", default=0.6, above=0)
     frequency: Scalar = quantity("rad/s", "Natural frequency w of the reference model.", default=2.0, above=0)
     damping: Scalar = quantity("1", "Damping ratio z of the reference model.", default=1.0, above=0)
@@ -53,12 +54,12 @@ class Steering:
         """Return the rudder angle (rad) for a commanded heading, with the next state.
 
         Args:
-            state: from the step before.
-            asked: heading (rad).
+            state: state from the previous step.
+            asked: commanded heading (rad).
             heading: heading (rad).
             yaw_rate: rate of turn (rad/s).
-            speed: through the water ahead (m/s).
-            dt: since the step before (s).
+            speed: forward speed through the water (m/s).
+            dt: time since the previous step (s).
         """
         first = SteeringState(jnp.asarray(True), heading, yaw_rate, jnp.zeros_like(heading))
         s = tree_where(state.began, state, first)

@@ -1,4 +1,4 @@
-"""Command of a rotating platform: a rate by time, independent of the navigation."""
+"""Law of a rotating platform: a commanded rate of turn over time, independent of the navigation."""
 
 import math
 from typing import Any, ClassVar
@@ -15,17 +15,17 @@ from trimtab.vehicles.rotating_platform import PlatformDrive
 class TurntableOutput:
     """Demand of the law. Source: this module."""
 
-    demand: PlatformDrive = part("Commanded rate.")
+    demand: PlatformDrive = part("Commanded rate of turn of the platform.")
 
 
 @record
 class Turntable:
-    """A rate of turn by time: constant, a square wave or a sine.
+    """Commands a rate of turn over time: constant, a square wave or a sine.
 
         constant:  rate min(1, t/ramp)      square:  rate sign(sin(2 pi t/T))      sine:  rate sin(2 pi t/T)
 
-    t is the time of the run, not that since the first valid estimate, before which nothing is commanded: a ramp over by
-    then is left out. The estimate is not read.
+    t is the time since the start of the run. Nothing is commanded before the first valid estimate, so a ramp that is
+    over by then has no effect. The estimate is not read.
 
     Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
              section 6.2.1: constant rates, and a square wave.
@@ -33,13 +33,17 @@ class Turntable:
 
     reads: ClassVar[tuple[str, ...]] = ()
 
-    rate: Scalar = quantity("rad/s", "Largest rate, with its sign.", default=math.radians(-115))
-    ramp: Scalar = quantity("s", "Time to reach a constant rate; 0: at once.", default=1.0, low=0)
+    rate: Scalar = quantity("rad/s", "Amplitude of the rate of turn, with its sign.", default=math.radians(-115))
+    ramp: Scalar = quantity("s", "Time in which the constant rate is reached. 0 means at once.", default=1.0, low=0)
     cycle: Scalar = quantity("s", "Period T of the square wave or sine.", default=2.0, above=0)
-    waveform: str = option("Waveform of the rate.", default="constant", choices=("constant", "square", "sine"))
+    waveform: str = option(
+        "Waveform of the commanded rate: constant, square or sine.",
+        default="constant",
+        choices=("constant", "square", "sine"),
+    )
 
     def init(self, key: Any) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this law has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], TurntableOutput]:
@@ -47,7 +51,7 @@ class Turntable:
         return state, TurntableOutput(PlatformDrive(rate=self.rate * self.share(to_seconds(t))))
 
     def share(self, s: Any) -> Any:
-        """Return the rate over the largest one at a time (s)."""
+        """Return the rate at a time s (s), divided by the amplitude."""
         if self.waveform == "constant":
             return jnp.where(s < self.ramp, s / jnp.where(self.ramp > 0, self.ramp, 1.0), 1.0)
         phase = s / self.cycle - jnp.floor(s / self.cycle)

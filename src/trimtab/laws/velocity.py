@@ -1,6 +1,7 @@
-"""Laws that drive the hovercraft's velocity to a constant: at rest, forward, backward.
+"""Laws that drive the hovercraft's velocity to a constant: zero, forward or backward.
 
-Sway has no actuator of its own, so heading is free: each law fixes the velocity in the body, none holds a heading.
+Sway has no actuator of its own, so heading is free: each law controls the velocity in the body, and none holds a
+heading.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
 section 2.2.
@@ -23,11 +24,13 @@ class VelocityOutput:
     """Demand of a velocity law. Source: [1] section 2.2."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    lyapunov: Scalar = quantity("J", "Lyapunov function of the law, or the distance used instead.")
+    lyapunov: Scalar = quantity(
+        "J", "Lyapunov function of the law, or a distance from the equilibrium if the law has none."
+    )
 
 
 def _error_energy(model: Hovercraft, s: Any, surge_velocity: Any, stretch: Any = 1.0) -> Any:
-    """Return the kinetic energy (J) of the velocity error, its yaw part times stretch."""
+    """Return the kinetic energy (J) of the velocity error, with the yaw part multiplied by `stretch`."""
     error = s.surge_velocity - surge_velocity
     return model.mass * (error**2 + s.sway_velocity**2) / 2 + stretch * model.inertia * s.yaw_rate**2 / 2
 
@@ -40,20 +43,22 @@ class ZeroVelocity:
 
     Stable:  globally asymptotically for all k1, k2 > 0, with V the kinetic energy,
              V' = -k1 u^2 - k2 (v - d r)^2 [1, eq. 2.17]. V' = 0 on a line, not only at rest; rest is the largest
-             invariant set in it (the source's proof corrected, see docs Errata).
+             invariant set in it (proof of [1] corrected, see docs Errata).
     Slow:    one eigenvalue at rest is zero. Once the rudder pivot no longer slips, r' = -c r^3 with
-             c = slow_manifold_rate(law): the turn dies out like 1/sqrt(2 c t) and the heading drifts without bound.
+             c = slow_manifold_rate(law): the yaw rate decays like 1/sqrt(2 c t), so the heading drifts without bound.
     Source:  [1] eq. 2.16; default gains [1] table 6.1.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.0, above=0, source="[1] table 6.1")
-    k2: Scalar = quantity("kg/s", "Gain on the rudder pivot's slip.", default=2.5, above=0, source="[1] table 6.1")
+    k1: Scalar = quantity("kg/s", "Gain k1 of the surge velocity error.", default=1.0, above=0, source="[1] table 6.1")
+    k2: Scalar = quantity(
+        "kg/s", "Gain k2 of the rudder pivot's sideways velocity v - d r.", default=2.5, above=0, source="[1] table 6.1"
+    )
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def init(self, key: Any) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this law has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
@@ -63,7 +68,7 @@ class ZeroVelocity:
         return state, VelocityOutput(demand, self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """Return V (J), the kinetic energy [1, eq. 2.17]; s: any record with the fields in `reads`."""
+        """Return V (J), the kinetic energy of s, any record with the fields in `reads` [1, eq. 2.17]."""
         return _error_energy(self.model, s, 0.0)
 
     def equilibrium(self) -> HovercraftState:
@@ -72,7 +77,7 @@ class ZeroVelocity:
 
 
 def slow_manifold_rate(law: ZeroVelocity) -> Any:
-    """Return c (s) in r' = -c r^3, the final motion of ZeroVelocity: v = d r, u = d m r^2/k1 to leading order.
+    """Return c (s) in r' = -c r^3, the slow final motion under ZeroVelocity: v = d r, u = d m r^2/k1 to leading order.
 
     c = m^2 d^2 / (k1 (J + d^2 m)). Source: own derivation, not in [1] (docs page).
     """
@@ -89,17 +94,19 @@ class ForwardMomentum:
     Stable:  globally asymptotically for ALL k1, k2, PXr > 0. With kappa = PXr/(k2 d) the function
              W = m ((u - PXr/m)^2 + v^2)/2 + lambda J r^2/2, lambda = 1 + kappa, decreases along every motion: W' is a
              negative definite form whose (v, r) block, k2 [[1, -d], [-d, (1 + kappa) d^2]], has determinant
-             k2^2 kappa d^2 > 0. The source takes lambda = 1 - kappa, which needs k2 > PXr/d, and its own gains
-             (table 6.2: kappa = 2.19) violate that; they are covered here (see docs Errata).
+             k2^2 kappa d^2 > 0. [1] takes lambda = 1 - kappa, which needs k2 > PXr/d. The gains of [1] (table 6.2:
+             kappa = 2.19) violate this; the proof above covers them (see docs Errata).
     Source:  [1] eq. 2.24; lambda: own derivation; default gains [1] table 6.2.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.0, above=0, source="[1] table 6.2")
-    k2: Scalar = quantity("kg/s", "Gain on the rudder pivot's slip.", default=4.0, above=0, source="[1] table 6.2")
+    k1: Scalar = quantity("kg/s", "Gain k1 of the surge velocity error.", default=1.0, above=0, source="[1] table 6.2")
+    k2: Scalar = quantity(
+        "kg/s", "Gain k2 of the rudder pivot's sideways velocity v - d r.", default=4.0, above=0, source="[1] table 6.2"
+    )
     reference: Scalar = quantity(
-        "kg m/s", "Reference momentum PXr, > 0.", default=2.8, frame="B", source="[1] table 6.2"
+        "kg m/s", "Reference forward momentum PXr, must be above 0.", default=2.8, frame="B", source="[1] table 6.2"
     )
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
@@ -108,7 +115,7 @@ class ForwardMomentum:
         _check_forward("ForwardMomentum", self.reference)
 
     def init(self, key: Any) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this law has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
@@ -119,7 +126,7 @@ class ForwardMomentum:
         return state, VelocityOutput(PlanarForce(FX, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """Return W (J) with lambda = 1 + kappa; s: any record with the fields in `reads`."""
+        """Return the Lyapunov function W (J) with lambda = 1 + kappa of s, any record with the fields in `reads`."""
         kappa = self.reference / (self.k2 * self.model.arm)
         return _error_energy(self.model, s, self.reference / self.model.mass, 1 + kappa)
 
@@ -141,9 +148,9 @@ class ForwardMomentumMatched:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.0, above=0, source="[1] table 6.2")
+    k1: Scalar = quantity("kg/s", "Gain k1 of the surge velocity error.", default=1.0, above=0, source="[1] table 6.2")
     reference: Scalar = quantity(
-        "kg m/s", "Reference momentum PXr, > 0.", default=2.8, frame="B", source="[1] table 6.2"
+        "kg m/s", "Reference forward momentum PXr, must be above 0.", default=2.8, frame="B", source="[1] table 6.2"
     )
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
@@ -152,7 +159,7 @@ class ForwardMomentumMatched:
         _check_forward("ForwardMomentumMatched", self.reference)
 
     def init(self, key: Any) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this law has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
@@ -164,7 +171,7 @@ class ForwardMomentumMatched:
         return state, VelocityOutput(PlanarForce(FX, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """Return W (J) with lambda = 1; s: any record with the fields in `reads`."""
+        """Return the Lyapunov function W (J) with lambda = 1 of s, any record with the fields in `reads`."""
         return _error_energy(self.model, s, self.reference / self.model.mass)
 
     def equilibrium(self) -> HovercraftState:
@@ -180,17 +187,19 @@ class ReverseMomentum:
 
     Stable:  locally, for k1, k2 > 0 and theta > J/(d^2 m): the eigenvalues of [1, eq. 2.33] are then in the left half
              plane. The equilibrium is unique. `trimtab design hovercraft/reverse` proves convergence from a region
-             around it. No proof from everywhere is known; random starts all converged, which is evidence, not a proof.
+             around it. Global convergence is not proved; simulations from random starts all converged.
     Source:  [1] eq. 2.30; default gains [1] table 6.3 (theta = 4 J/(d^2 m)).
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.5, above=0, source="[1] table 6.3")
-    k2: Scalar = quantity("kg/s", "Gain on sway and yaw.", default=1.0, above=0, source="[1] table 6.3")
+    k1: Scalar = quantity("kg/s", "Gain k1 of the surge velocity error.", default=1.5, above=0, source="[1] table 6.3")
+    k2: Scalar = quantity(
+        "kg/s", "Gain k2 of sway velocity and yaw rate.", default=1.0, above=0, source="[1] table 6.3"
+    )
     theta: Scalar = quantity("1", "Weight of yaw; more than J/(d^2 m).", default=1.44, source="[1] table 6.3")
     reference: Scalar = quantity(
-        "kg m/s", "Reference momentum PXr, < 0.", default=-1.98, frame="B", source="[1] tab. 6.3"
+        "kg m/s", "Reference momentum PXr, must be below 0 (backward).", default=-1.98, frame="B", source="[1] tab. 6.3"
     )
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
@@ -204,11 +213,13 @@ class ReverseMomentum:
         if not np.all(np.asarray(self.theta) > least):
             problem = f"theta must be above J/(d^2 m) = {least:.4g}, got {self.theta}"
             raise InputError(
-                "ReverseMomentum.theta", problem, fix=f"use e.g. four times that as in the thesis, {4 * least:.4g}"
+                "ReverseMomentum.theta",
+                problem,
+                fix=f"set theta to four times this bound, as in the thesis: {4 * least:.4g}",
             )
 
     def init(self, key: Any) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this law has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
@@ -219,9 +230,11 @@ class ReverseMomentum:
         return state, VelocityOutput(PlanarForce(FX, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """Return (PX - PXr)^2/2m + PY^2/2m + Pi^2/2J (J): a distance, NOT a Lyapunov function: it can grow for a while.
+        """Return (PX - PXr)^2/2m + PY^2/2m + Pi^2/2J (J): a distance, NOT a Lyapunov function, because it can grow for
+        a while.
 
-        s: any record with the fields in `reads`. `trimtab design hovercraft/reverse` finds one that falls in a region.
+        s: any record with the fields in `reads`. `trimtab design hovercraft/reverse` finds a Lyapunov function that
+        holds in a region.
         """
         return _error_energy(self.model, s, self.reference / self.model.mass)
 
@@ -233,5 +246,5 @@ class ReverseMomentum:
 def _check_forward(name: str, reference: Any) -> None:
     if not np.all(np.asarray(reference) > 0):
         problem = f"the reference momentum must be positive, got {reference} kg m/s"
-        fix = "drive backward with ReverseMomentum, stop with ZeroVelocity"
+        fix = "give a positive momentum; to move backward use the law ReverseMomentum, to stop ZeroVelocity"
         raise InputError(f"{name}.reference", problem, fix=fix)

@@ -1,4 +1,4 @@
-"""Path following of a car at constant speed: it steers at a virtual target that runs along the path ahead.
+"""Path following of a car at constant speed: the car steers towards a virtual target that moves along the path.
 
 [1] is A. Micaelli, C. Samson, "Trajectory tracking for unicycle-type and two-steering-wheels mobile robots", INRIA
 report 2097, 1993.
@@ -20,21 +20,25 @@ from trimtab.core.signals import Estimate
 from trimtab.vehicles.dubins_car import CarTurn, DubinsCar
 
 SLOW = 0.05
-"""Minimum pace (m/s) of a path: a lower one counts as this, so that the target leaves places where a path rests."""
+"""Minimum speed (m/s) along a path. A lower speed is raised to this, so that the target leaves a path at rest."""
 REST = 1e-12
-"""Pace (m/s) of a path below which it has no direction."""
+"""Speed (m/s) along a path below which the path has no direction."""
 BEGIN = 0.02
-"""Path's own time (s) at which the path is taken to begin."""
+"""Path parameter (s) at which the target starts."""
 STEP = 0.02
-"""Interval (s) of the path's own time at which its curvature is checked before a run."""
+"""Interval (s) of the path parameter at which the path's curvature is checked before a run."""
 
 
 @record
 class VirtualTargetState:
-    """Progress of the target along the path. Source: [2]."""
+    """State of the law: progress of the target along the path. Source: [2]."""
 
-    progress: Scalar = quantity("s", "Path parameter: the path's own time; below 0 before its beginning.", default=0.0)
-    tangent: Scalar = quantity("rad", "Direction of the path.", kind="angle", frame="W", default=0.0)
+    progress: Scalar = quantity(
+        "s",
+        "Path parameter: time in the path's definition that the target has reached; below 0 before its beginning.",
+        default=0.0,
+    )
+    tangent: Scalar = quantity("rad", "Direction of the path at the target.", kind="angle", frame="W", default=0.0)
 
 
 @record
@@ -43,19 +47,19 @@ class VirtualTargetOutput:
 
     demand: CarTurn = part("Demanded turn rate.")
     cross_track: Scalar = quantity("m", "Cross-track error: distance of the car to the right of the target.")
-    along_track: Scalar = quantity("m", "Along-track distance ahead of the target.")
+    along_track: Scalar = quantity("m", "Along-track error: distance of the car ahead of the target.")
     heading_error: Scalar = quantity(
-        "rad", "Heading error from the path's direction, by the shortest way.", kind="angle"
+        "rad", "Heading error: heading minus the path's direction, by the shortest way.", kind="angle"
     )
     lyapunov: Scalar = quantity("m^2", "Lyapunov function V of the law.")
-    saturated: Scalar = quantity("1", "True if the demand exceeds the car's tightest turn.", kind="flag")
+    saturated: Scalar = quantity("1", "True if the law needs a tighter turn than the car can make.", kind="flag")
     north_reference: Scalar = quantity("m", "Position of the target, north.", frame="W")
     east_reference: Scalar = quantity("m", "Position of the target, east.", frame="W")
-    progress: Scalar = quantity("s", "Path parameter: the path's own time.")
+    progress: Scalar = quantity("s", "Path parameter: time in the path's definition that the target has reached.")
 
 
 class _Tangent(NamedTuple):
-    """place (2,) (m), heading (rad), curvature (1/m), pace (m/s): length per own time of the path; whether it rests."""
+    """Path at the target: place (2,) (m), heading (rad), curvature (1/m), pace (m/s); rests: True if at rest."""
 
     place: Any
     heading: Any
@@ -66,16 +70,16 @@ class _Tangent(NamedTuple):
 
 @record
 class VirtualTarget:
-    """Follows a path in position, not in time: the target runs along it with the car's progress.
+    """Follows a path in position, not in time: a virtual target moves along the path with the car's progress.
 
-        s' = V cos q + k1 a                                  how fast the target runs
-        r = kappa s' - g e V sin(q)/q - k2 q                 how fast the car turns
+        s' = V cos q + k1 a                                  speed of the target
+        r = kappa s' - g e V sin(q)/q - k2 q                 turn rate of the car
 
-    a and e: how far the car is ahead of the target and to the right of it, along the path's tangent; q: its heading
-    from that tangent; kappa: the path's curvature, positive to the right.
+    a and e: distances of the car ahead of the target and to the right of it, in the direction of the path; q: the car's
+    heading minus the path's direction; kappa: the path's curvature, positive to the right.
 
-    Stable: V = (a^2 + e^2)/2 + q^2/(2 g) has V' = -k1 a^2 - k2 q^2/g for any path and any start, while the turn is not
-    at its limit. On a straight path, linear: e'' + k2 e' + g V^2 e = 0.
+    Stable: V = (a^2 + e^2)/2 + q^2/(2 g) has V' = -k1 a^2 - k2 q^2/g for any path and any start, while the turn rate is
+    not limited. On a straight path, linear: e'' + k2 e' + g V^2 e = 0.
 
     Frames:  W; angles clockwise.    Valid: paths of a curvature less than the car's, which `check_duration` holds.
     Source:  [2], without its approach angle; the turn is that of [1], for whom the target is the nearest point.
@@ -85,9 +89,9 @@ class VirtualTarget:
 
     reference: Any = part("Path to be followed.", default=Circle(ease=0.0))
     craft: DubinsCar = part("Model of the car used by the law.", default=DubinsCar())
-    k1: Scalar = quantity("1/s", "Rate at which the target returns abeam.", default=2.0, above=0)
-    k2: Scalar = quantity("1/s", "Turn rate per heading error.", default=2.5, above=0)
-    g: Scalar = quantity("1/m^2", "Heading per cross-track error, squared.", default=2.5, above=0)
+    k1: Scalar = quantity("1/s", "Gain k1: rate at which the along-track error decays.", default=2.0, above=0)
+    k2: Scalar = quantity("1/s", "Gain k2: turn rate per heading error.", default=2.5, above=0)
+    g: Scalar = quantity("1/m^2", "Gain g: turn rate per cross-track error and speed.", default=2.5, above=0)
 
     def check_duration(self, seconds: float) -> None:
         """Raise InputError if the path bends more tightly than the car can within a run of this length."""
@@ -96,8 +100,8 @@ class VirtualTarget:
         k = int(bend.argmax())
         if bend[k] * float(self.craft.radius) > 1 + 1e-9:
             problem = (
-                f"the car can't follow it: at {t[k]:.1f} s the path bends on a circle of {1 / bend[k]:.2f} m,"
-                f" and the car's tightest is {float(self.craft.radius):g} m"
+                f"the car cannot follow the path: its radius at {t[k]:.1f} s is {1 / bend[k]:.2f} m,"
+                f" and the car's minimum turn radius is {float(self.craft.radius):g} m"
             )
             fix = f"give a path with wider bends, e.g. {argument('reference', 'circle(radius=2, period=13 s)')}"
             raise InputError("reference", problem, fix=fix)
@@ -109,7 +113,7 @@ class VirtualTarget:
     def step(
         self, t: Any, state: VirtualTargetState, estimate: Estimate
     ) -> tuple[VirtualTargetState, VirtualTargetOutput]:
-        """Return the turn at integer time t; the target stands still while the estimate is not valid."""
+        """Return the demanded turn rate at integer time t. The target does not move while the estimate is not valid."""
         x, V = estimate.state, self.craft.speed
         target = self._tangent(state.progress, state.tangent)
         c, s = jnp.cos(target.heading), jnp.sin(target.heading)
@@ -134,9 +138,10 @@ class VirtualTarget:
         return tree_where(estimate.valid, new, state), output
 
     def _tangent(self, progress: Any, heading: Any) -> _Tangent:
-        """Return the path at a time of its own (s), extended before its beginning; where it rests it has the heading.
+        """Return the path at a path parameter (s), extended straight before its beginning. heading: direction of a path
+        at rest.
 
-        It is looked at from `BEGIN` on: a path that sets out from rest has a direction there.
+        The path is evaluated from `BEGIN` on, where a path that starts from rest has a direction.
         """
         at = jnp.maximum(progress, BEGIN)
         point = self.reference.at(at)

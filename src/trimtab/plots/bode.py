@@ -1,4 +1,4 @@
-"""Bode plot of a loop as it is flown: each command broken by itself, the others closed."""
+"""Bode plot of a control loop: each command is broken in turn, with all other commands closed."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 
 
 DASHES = ("-", (0, (6, 6)), (0, (2, 6)))
-"""Line styles; with gaps, so that of two equal loops both are visible."""
+"""Line styles. They have gaps, so that two equal curves are both visible."""
 
 
 def plot_bode(loop: LoopMap, path: PicturePath = None, title: str = "") -> "Figure":

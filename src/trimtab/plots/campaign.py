@@ -21,14 +21,14 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 MOST_LINES = 400
-"""Maximum number of runs of each kind drawn as lines; more would merge into one area."""
+"""Maximum number of successes, and of failures, drawn as lines. More lines would merge into one area."""
 LIGHT = "#BFD9EA"
 LOOKS = 60
 """Number of points at which an estimate is drawn."""
 HUGE = 1e12
-"""Value drawn for infinity, which matplotlib can't draw: far outside the plot."""
+"""Value drawn in place of infinity, which matplotlib cannot draw. It is far outside the plot."""
 BEYOND = 4.0
-"""Half width of a histogram around the median, in widths of its middle 90 %; values beyond are only counted."""
+"""Half width of a histogram around the median, in widths of its middle 90 %. Values outside are only counted."""
 
 
 def plot_parallel(

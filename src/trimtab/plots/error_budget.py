@@ -14,7 +14,8 @@ ALONE, WITHOUT, NONE = BLUE, VERMILION, "#E8E8E8"
 
 
 def plot_error_budget(budget: ErrorBudget, path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw the budget: for each measure, the rms with an imperfection alone, and with all others without it.
+    """Draw the budget: for each measure, the rms with only this imperfection, and with all imperfections except this
+    one.
 
     Args:
         budget: the budget.
@@ -43,8 +44,8 @@ def plot_error_budget(budget: ErrorBudget, path: PicturePath = None, title: str 
     panels[0][0].invert_yaxis()
     marks = [
         ("line", "black", "all imperfections"),
-        ("o", WITHOUT, "all but this one"),
-        ("o", ALONE, "this one alone"),
+        ("o", WITHOUT, "all imperfections except this one"),
+        ("o", ALONE, "only this imperfection"),
         ("area", NONE, "no imperfection"),
     ]
     figure.legend(handles=[_legend_mark(*m) for m in marks], loc="outside lower center", ncols=2, frameon=False)

@@ -1,8 +1,8 @@
-"""Plan view of a run: north against east, heading marks, estimate over truth, what was to be followed, the fence.
+"""Plan view of a run: north against east, with heading marks, truth, estimate, reference and fence.
 
-There is one of a vehicle in the plane, whose truth has north and east, and of one in space (`logs.spatial`), which has
-a profile too: its altitude over the way that it flew. What else is drawn follows from the log's paths. North is up,
-east to the right, both to one scale.
+A plan view needs a truth with north and east, or a vehicle in space (`logs.spatial`). For a vehicle in space there is
+also a profile: altitude over distance flown. Other curves are drawn if the log has their paths. North is up and east is
+to the right, at the same scale.
 """
 
 from collections.abc import Mapping
@@ -37,7 +37,7 @@ MARK_LENGTH = 0.05
 EXTENT_MIN = 0.5
 """Smallest extent of the plot (m)."""
 FENCE_FARTHEST = 0.7
-"""Largest distance of a drawn fence, in spans of the flight; a farther one would make the flight small."""
+"""Largest distance of a fence that is drawn, relative to the span of the flight. A farther fence is left out."""
 
 
 class Fence(NamedTuple):
@@ -140,7 +140,7 @@ def find_fence(parameters: Mapping[str, Any]) -> Fence:
 
 
 def _draw_fence(axes: Any, fence: Fence, north: Any, east: Any) -> None:
-    """Draw the sides of a fence that aren't far from the flight."""
+    """Draw the sides of a fence that are near the flight."""
     size, look = _span(north, east), {"color": GREY, "lw": 1.2, "ls": ":"}
     label = {"label": "fence"}
     sides = ((fence.south, north, axes.axhline), (fence.north, north, axes.axhline))

@@ -1,6 +1,6 @@
 """Plot of a replay: each estimated state and each command, recorded and replayed, and both errors.
 
-Which rows there are follows from the logs' paths.
+The rows depend on the paths in the logs.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""One picture of a run: every signal that matters over one time axis, the ideal run beside the real one.
+"""One picture of a run: the main signals over a common time axis, with the ideal run for comparison.
 
 Which panels there are follows from the log's paths, so that any vehicle, law and actuator gets its picture. A vehicle
 in space has altitude, speed, attitude in degrees and rates in the place of its vectors and its quaternion, and beside
@@ -53,7 +53,7 @@ IN_SPACE = {
 }
 """Panels of a vehicle in space, and their signals."""
 LIMIT_FARTHEST = 0.5
-"""Largest distance of a drawn limit of an input, in spans of the input; a farther one would make the input small."""
+"""Largest distance of an input limit that is drawn, relative to the span of the input. A farther limit is left out."""
 TITLE_POINTS, NOTE_POINTS, PANEL_POINTS = 6.2, 3.8, 300.0
 """Width (points) of a character of a panel's title and of its note, and room for both."""
 
@@ -252,7 +252,7 @@ def _draw_panel(axes: Any, panel: Panel, real: Log, ideal: Log | None, targets: 
 
 
 def _draw_limits(axes: Any, panel: Panel, log: Log) -> None:
-    """Draw the declared limits of an input, if they aren't far off."""
+    """Draw the declared limits of an input that are near the curve."""
     path = panel.paths[0]
     declared = log.declaration(path)
     known = log[path][np.isfinite(log[path])]

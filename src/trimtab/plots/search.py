@@ -33,7 +33,7 @@ def plot_falsify(
     _draw_candidates(axes[1], search, names)
     for one in axes:
         style_grid(one)
-    verdict = "failure, margin" if search.fails else "no failure, least margin"
+    verdict = "failure, margin" if search.fails else "no failure; smallest margin"
     return save_figure(figure, path, f"{title}: {verdict} {search.margin:.4g}")
 
 
@@ -48,9 +48,9 @@ def _draw_margins(axes: Any, search: FalsificationResult) -> None:
         if stage == -1:
             name, colour = "over the box", GREY
         elif stage == stages[-1] and len(stages) > 2:
-            name, colour = "other random numbers", SEVERAL[3]
+            name, colour = "same candidate, other random numbers", SEVERAL[3]
         axes.plot(at[mine], least[mine], ".", ms=3, color=colour, alpha=0.6, label=name)
-    axes.plot(at, np.minimum.accumulate(least), color=BLUE, lw=1.8, label="least so far")
+    axes.plot(at, np.minimum.accumulate(least), color=BLUE, lw=1.8, label="smallest so far")
     axes.axhline(0, color=VERMILION, lw=1.4)
     axes.set_xlabel("runs flown", fontsize=9)
     axes.set_ylabel("margin (failure below 0)", fontsize=9)
@@ -105,7 +105,7 @@ def plot_tune(tuning: TuningResult, path: PicturePath = None, title: str = "Tuni
         style_grid(one)
         one.yaxis.label.set_size(9)
     verdict = "helps" if tuning.is_improvement else "does NOT help"
-    return save_figure(figure, path, f"{title}: {verdict} in runs it did not see")
+    return save_figure(figure, path, f"{title}: {verdict} in runs not used for the tuning")
 
 
 def _draw_comparisons(axes: Any, tuning: TuningResult) -> None:

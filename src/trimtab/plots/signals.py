@@ -33,7 +33,7 @@ PANELS_MAX = 24
 
 
 def select_paths(log: Log, wanted: Sequence[str]) -> list[str]:
-    """Select numbers of a log by their paths, in the order wanted: "truth.yaw_rate", "truth.velocity[2]", "law.*".
+    """Select numbers of a log by their paths, in the given order: "truth.yaw_rate", "truth.velocity[2]", "law.*".
 
     A vector gives each of its numbers; derived signals of a flight in space, such as "flight.roll", count too.
 
@@ -54,7 +54,9 @@ def select_paths(log: Log, wanted: Sequence[str]) -> list[str]:
             matching = [path]
         chosen += [number for one in matching for number in ([one] if log[one].ndim == 1 else log.numbers(one))]
     if len(chosen) > PANELS_MAX:
-        raise InputError("signals", f"{len(chosen)} are too many for a picture", fix=f"name {PANELS_MAX} at most")
+        raise InputError(
+            "signals", f"{len(chosen)} signals are too many for one plot", fix=f"name at most {PANELS_MAX} signals"
+        )
     return list(dict.fromkeys(chosen))
 
 

@@ -26,9 +26,10 @@ PicturePath = str | os.PathLike[str] | None
 BINS = 600
 """Number of bins of a line, about the width of a panel in pixels. Each bin keeps its extremes."""
 COLUMNS, TURNS, SWINGS, STRETCH = 100, 4, (0.2, 0.5), 15
-"""Criterion of chatter. A line is cut into COLUMNS columns. It chatters if it turns round TURNS times in each of
-STRETCH adjacent columns, over the lesser share of its span, and over the greater share in half of them. A period is
-then at most some pixels wide."""
+"""Criterion of chatter. A line is cut into COLUMNS columns. It chatters if it reverses TURNS times in each of STRETCH
+adjacent columns, by the smaller share of its span in all, and by the larger share in half of them. A period is then at
+most some pixels wide.
+"""
 CHATTER = "chatter: range and mean"
 """Legend entry of a range that is drawn instead of a line."""
 

@@ -38,12 +38,12 @@ def plot_swarm(real: Log, ideal: Log | None = None, path: PicturePath = None, ti
         title: title of the plot.
     """
     if "truth.north" not in real or real["truth.north"].ndim != 2:
-        problem = "the truth in the log is not that of several craft"
+        problem = "the truth in the log is not of several craft"
         raise InputError("plot_swarm", problem, fix="draw it with plot_run instead")
     figure = new_figure(WIDTH, HEIGHT)
     panels: Any = figure.subplot_mosaic([["floor", "spacing"], ["floor", "astray"]], width_ratios=(1.1, 1.0))
     _draw_floor(panels["floor"], real)
-    for name, note in (("spacing", "least distance of two craft"), ("astray", "largest distance from a place")):
+    for name, note in (("spacing", "smallest distance between two craft"), ("astray", "largest distance from the place")):
         _draw_distance(panels[name], real, ideal, name, note)
     panels["astray"].set_xlabel("time (s)", fontsize=9)
     return save_figure(figure, path, title, "blue: real; red: ideal; dot: start; stroke: nose at the end")

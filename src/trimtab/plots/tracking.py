@@ -31,9 +31,9 @@ WIDTH, ROW_HEIGHT, TOP = 14.0, 1.7, 0.7
 ROOM = 1.3
 """Range of the axes, relative to the range of their content."""
 ABOVE, INSET = 0.8, (0.4, 0.56, 0.59, 0.34)
-"""Room above an error, in its ranges, for an inset at this place of the axes: left, bottom, width, height."""
+"""Free space above an error curve, relative to its range, and the inset's left, bottom, width, height in the axes."""
 WITHOUT = "estimate.state.without_measurement"
-"""Estimate of the model without any measurement: an error that vanishes there too proves nothing."""
+"""Path of an estimate made without measurements, for comparison with the estimator's error."""
 
 
 class SignalRow(NamedTuple):

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import ctypes
 
 GENERATION = "1"
-"""Part of every key: raise it when existing libraries must not be used again."""
+"""Part of every cache key. Increase this number when libraries in the cache must not be used again."""
 COMMON = (
     *("-O2", "-march=native", "-ffp-contract=off", "-fwrapv", "-fno-math-errno"),
     *("-fno-tree-slp-vectorize", "--param=vect-epilogues-nomask=0"),
@@ -68,7 +68,7 @@ LINES, WIDTH = 20, 160
 
 
 class BuildError(InputError):
-    """Failure to build a library with a working compiler; the problem has the first lines of the compiler's output."""
+    """Error: a working compiler failed to build a library. The problem has the first lines of its output."""
 
 
 class _BuildJob(NamedTuple):

@@ -1,6 +1,6 @@
 """The machine's C and C++ compilers: which are present, their identity, and their knowledge of the CPU.
 
-Running a compiler so that it can do no harm: bounded in time, its files in a folder that goes, its end known.
+A compiler runs with a time limit, and writes its files into a temporary folder.
 """
 
 import contextlib

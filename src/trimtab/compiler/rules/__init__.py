@@ -32,4 +32,4 @@ RULES: dict[str, Rule] = {
 }
 RULES |= {name: random.key_rule(RULES[name]) for name in random.OF_KEYS if name in RULES}
 RULES |= {name: composite.one_or_each(RULES[name], rule) for name, rule in composite.EACH.items()}
-"""Rule by primitive name."""
+"""Name of a primitive -> the rule that lowers it."""
