@@ -41,8 +41,7 @@ class LieBracket(NamedTuple):
     """Value of a bracket at the point.
 
     name: e.g. "[FY, [f, FY]]".  degree: number of vector fields in the bracket.  value: (n,).  is_bad: True if it
-        contains f an odd number of
-    times and each input an even number.
+    contains f an odd number of times and each input an even number.
     """
 
     name: str
@@ -55,11 +54,10 @@ class Accessibility(NamedTuple):
     """Result of the accessibility test.
 
     basis: brackets that each give a new direction, by degree.  rank: number of brackets in the basis.  n: number of
-        states.  bad: bad
-    brackets that do not vanish, up to the degree at which the basis is complete.  obstructions: the bad brackets that
-    are not a combination of lower ones.  curved: inputs in which the model is not affine; their first-order part is
-    used.  is_accessible, is_stlc: verdicts; a False is_stlc decides nothing.  is_linear: True if the linear model is
-    controllable and decides alone.
+    states.  bad: bad brackets that do not vanish, up to the degree at which the basis is complete.  obstructions: the
+    bad brackets that are not a combination of lower ones.  curved: inputs in which the model is not affine; their
+    first-order part is used.  is_accessible, is_stlc: verdicts; a False is_stlc decides nothing.  is_linear: True if
+    the linear model is controllable and decides alone.
     """
 
     basis: tuple[LieBracket, ...]

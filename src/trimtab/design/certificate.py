@@ -29,9 +29,8 @@ class ObserverPart(NamedTuple):
     """Filter of some of the states.
 
     estimated: names of the states that it estimates.  A: A_eta (k, k).  C: (p, k).  Q: Q_eta (k, k).  R: (p, p).  P:
-        P_eta (k, k). L:
-    (k, p).  weight: weight of the observer's part of the Lyapunov function.  least_weight: lambda*; inequality (15)
-    holds for larger weights.  poles: of A - L C (k,).
+    P_eta (k, k). L: (k, p).  weight: weight of the observer's part of the Lyapunov function.  least_weight: lambda*;
+    inequality (15) holds for larger weights.  poles: of A - L C (k,).
     """
 
     estimated: tuple[str, ...]

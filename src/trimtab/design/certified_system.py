@@ -29,7 +29,7 @@ class LimitedNumber(NamedTuple):
     """Number computed over a grid, with its limits.
 
     value: must be at least low and below high.  how: grid and method of its computation.  near: largest accepted
-        deviation of the number in a file.
+    deviation of the number in a file.
     """
 
     value: float

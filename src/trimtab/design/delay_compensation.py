@@ -28,7 +28,7 @@ class PredictiveFeedback(NamedTuple):
     """Feedback u(k) = state_gain x(k) + sum of input_gains[j] u(k - 1 - j).
 
     state_gain: K e^(A delay) (m, n).  input_gains: (N, m, m), for the N commands in transit, newest first. A, B:
-        matrices of the plant.  K: (m, n).  delay, period: s.
+    matrices of the plant.  K: (m, n).  delay, period: s.
     """
 
     state_gain: Any

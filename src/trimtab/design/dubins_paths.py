@@ -159,8 +159,7 @@ def _straight(signs: Any, between: Any) -> list[tuple[float, float, float]]:
     """Return headings (rad) before and after a straight line (equal), and the line's length between two circles.
 
     between: vector from the first centre to the last (2,). Lengths are in radii. The line is a tangent of both circles,
-        an inner tangent
-    if the turns differ.
+    an inner tangent if the turns differ.
     """
     direction, squared = float(np.arctan2(between[1], between[0])), float(between @ between)
     if signs[0] == signs[2]:

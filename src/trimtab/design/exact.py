@@ -21,7 +21,7 @@ class DefinitenessProof(NamedTuple):
     """Result of a proof that a symmetric matrix is positive definite.
 
     holds: True if proved.  how: method.  pivot: index from 0 of the first non-positive pivot, or None.  value: that
-        pivot, a ratio of consecutive minors, in the unit of the matrix; NaN without a non-positive pivot.
+    pivot, a ratio of consecutive minors, in the unit of the matrix; NaN without a non-positive pivot.
     """
 
     holds: bool

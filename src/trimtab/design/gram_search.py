@@ -27,7 +27,7 @@ class GramSearch(NamedTuple):
     """Setup of a search.
 
     states: state -> polynomial in the coordinates.  coordinates: coordinate -> polynomial in the states.  forms: name
-        of a hypothesis ("" without a hypothesis) -> single terms, in the coordinates, of its Gram matrix.
+    of a hypothesis ("" without a hypothesis) -> single terms, in the coordinates, of its Gram matrix.
     """
 
     states: Mapping[str, Polynomial]

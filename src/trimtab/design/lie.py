@@ -33,11 +33,11 @@ class RelativeDegree(NamedTuple):
     """Vector relative degree at a point.
 
     degrees: output -> number of differentiations until an input appears, or None if none ever does.  matrix: decoupling
-        matrix d(highest derivatives)/du at the point (p, m); L_g L_f^(r-1) h for affine systems.  condition: its
-        condition number after rows
-    and columns are scaled to size 1, which removes the units.  determinant: of the matrix; NaN if it is not square.
-    margin: output -> size of its row at the point, relative to the largest around it.  total: sum of the degrees.
-    defined: True if the vector relative degree is well defined at the point.  why: otherwise the reasons, as text.
+    matrix d(highest derivatives)/du at the point (p, m); L_g L_f^(r-1) h for affine systems.  condition: its condition
+    number after rows and columns are scaled to size 1, which removes the units.  determinant: of the matrix; NaN if it
+    is not square. margin: output -> size of its row at the point, relative to the largest around it.  total: sum of the
+    degrees. defined: True if the vector relative degree is well defined at the point.  why: otherwise the reasons, as
+    text.
     """
 
     degrees: dict[str, int | None]

@@ -26,8 +26,7 @@ class Eigenmode(NamedTuple):
 
     pole: for a pair, that with positive imaginary part.  frequency: |pole| (rad/s).  damping: -Re/|pole|; NaN at 0.
     time_constant: 1/|Re pole| (s), of decay or growth; infinite for a pole on the imaginary axis.  states: name and
-        participation of the
-    states in the mode, largest first; the participations sum to 1 and do not depend on units.
+    participation of the states in the mode, largest first; the participations sum to 1 and do not depend on units.
     """
 
     pole: complex
@@ -41,8 +40,7 @@ class LinearModel(NamedTuple):
     """Linear model dx' = A dx + B du, dy = C dx + D du, in deviations from (x0, u0, y0).
 
     A: (n, n).  B: (n, m).  C: (p, n).  D: (p, m).  x0, u0, y0: the operating point.  drift: f(x0, u0) (n,), zero at a
-        trim.
-    states, inputs, outputs: names.
+    trim. states, inputs, outputs: names.
     """
 
     A: Any

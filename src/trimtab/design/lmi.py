@@ -44,7 +44,7 @@ class LmiGain(NamedTuple):
     """Gain of v = +K e.
 
     K: (m, n).  P: (n, n), of the inequality.  poles: of A + B K (n,), by falling real part.  margin: smallest
-        eigenvalue of minus the inequality's left side, in the scaled X, Y.  least: smallest eigenvalue of the scaled X.
+    eigenvalue of minus the inequality's left side, in the scaled X, Y.  least: smallest eigenvalue of the scaled X.
     objective: minimised value.  status: the solver's status.
     """
 

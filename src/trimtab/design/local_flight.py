@@ -39,7 +39,7 @@ class LocalFlight(NamedTuple):
     """Vehicle whose RigidBodyState is expressed as a LocalFlightState.
 
     vehicle: the original vehicle.  earth: model of the earth.  path: path of the RigidBodyState in its state, "" if it
-        is the whole state.
+    is the whole state.
     """
 
     vehicle: Any

@@ -31,7 +31,7 @@ class LoopMap(NamedTuple):
 
     Data in transit have the same slots in every matrix. tick: time between instants (s).  states: names of z (n,).
     commands: names of c.  idle (n,): True for states on which no command depends, e.g. a position or a clock.  slowest:
-        period of the slowest part (s).
+    period of the slowest part (s).
     """
 
     A: Any
@@ -128,9 +128,8 @@ class LoopMargins(NamedTuple):
     """Margins of a loop, from its poles.
 
     gain_up, gain_down: largest and smallest stable factor on all commands (inf or 0 without limit).  delay: largest
-        tolerated delay of the
-    command, in whole instants (s; inf beyond the longest tried).  crossings: for each command's loop opened alone:
-    crossover frequencies (rad/s) with phase margins (rad), by the fundamental.
+    tolerated delay of the command, in whole instants (s; inf beyond the longest tried).  crossings: for each command's
+    loop opened alone: crossover frequencies (rad/s) with phase margins (rad), by the fundamental.
     """
 
     gain_up: float

@@ -32,7 +32,7 @@ class FeedbackLoop(NamedTuple):
     """Feedback loop x' = A x + B e, y = C x + D e, closed by e = -y: L(s) = C (s I - A)^-1 B + D.
 
     A: (n, n).  B: (n, m).  C: (m, n).  D: (m, m).  period: 0 for a continuous loop; otherwise the sampling period (s),
-        and x' means x at the next sample.
+    and x' means x at the next sample.
     """
 
     A: Any

@@ -36,8 +36,8 @@ class Lqr(NamedTuple):
     """Regulator v = +K e that minimises the integral of e'Q e + v'R v.
 
     K: (m, n), -R^-1 B'P, sign included.  P: (n, n); e'P e is the cost of a motion that starts at e.  poles: of A + B K
-        (n,), by falling real
-    part.  residual: largest entry of A'P + P A - P B R^-1 B'P + Q, relative to the largest term, scaled.
+    (n,), by falling real part.  residual: largest entry of A'P + P A - P B R^-1 B'P + Q, relative to the largest term,
+    scaled.
     """
 
     K: Any

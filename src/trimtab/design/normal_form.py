@@ -52,8 +52,8 @@ class NormalForm(NamedTuple):
     backward and invert search from the point; they return NaN without a solution nearby. external, internals, virtual:
     names of xi, e.g. ("h", "h'", "V"), zeta and v ("h''", "V'"). xi0, zeta0, v0, x0, u0: the point.  degree: relative
     degree there. jacobian: dPsi/dzeta at the point (k, k), with v held.  condition: condition number of the scaled
-    d(xi, zeta)/dx.
-    inputs_enter: internal coordinates whose derivatives contain the inputs (possible for states chosen as zeta).
+    d(xi, zeta)/dx. inputs_enter: internal coordinates whose derivatives contain the inputs (possible for states chosen
+    as zeta).
     """
 
     forward: Callable[[Any], tuple[Any, Any]]

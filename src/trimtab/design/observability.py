@@ -18,10 +18,9 @@ class Observability(NamedTuple):
     """Observability along a trajectory.
 
     gramian: scaled (n, n).  singular: its singular values, falling; at 1 the measurements give as much information
-        about a direction as the prior.  rank: number of values above the tolerance.  hidden_directions: (n - rank, n),
-        unobservable
-    directions, in units of the prior's sigmas.  remaining_sigmas: standard deviation of each state from prior and
-    measurements, in the state's unit (n,).
+    about a direction as the prior.  rank: number of values above the tolerance.  hidden_directions: (n - rank, n),
+    unobservable directions, in units of the prior's sigmas.  remaining_sigmas: standard deviation of each state from
+    prior and measurements, in the state's unit (n,).
     """
 
     gramian: Any

@@ -23,7 +23,7 @@ class ProofCondition(NamedTuple):
     """One condition of a proof.
 
     name: the condition.  holds: True if proved.  number: margin, deviation or value.  meaning: meaning of the number.
-        how: method. why: reason for failure, or a remark.
+    how: method. why: reason for failure, or a remark.
     """
 
     name: str

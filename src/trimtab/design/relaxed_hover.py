@@ -25,7 +25,7 @@ class RelaxedHover(NamedTuple):
     """Steady spin without one rotor.
 
     axis: unit vector in B (3,) that points down during the spin. rate: angular velocity in B (3,) (rad/s), along axis.
-        thrusts: thrust of each rotor (n,) (N), 0 for the lost rotor.
+    thrusts: thrust of each rotor (n,) (N), 0 for the lost rotor.
     """
 
     axis: Any

@@ -71,7 +71,7 @@ class Claim(NamedTuple):
     """Claim to be proved, all of it from code.
 
     name: name of the claim.  conclusion: the polynomial.  hypotheses: name -> polynomial, the conclusion is only
-        claimed where all are positive.  says: DEFINITE, NONNEGATIVE or POSITIVE.
+    claimed where all are positive.  says: DEFINITE, NONNEGATIVE or POSITIVE.
     """
 
     name: str

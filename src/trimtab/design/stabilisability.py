@@ -220,7 +220,7 @@ class SmoothFeedback(NamedTuple):
 
     brockett: for the whole model.  byrnes_isidori: for the cascade.  cascade, byrnes_isidori: None without a cascade.
     is_excluded: True if one of the two conditions excludes a continuously differentiable stabiliser; False decides
-        nothing.
+    nothing.
     """
 
     brockett: Brockett

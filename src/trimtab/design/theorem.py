@@ -57,11 +57,11 @@ class LawTheorem(NamedTuple):
     name: as in `trimtab design NAME`.  about: settings.  says: the theorem in words.  region: states, positive names
     and point of rest.  field: rate of each state; empty for a theorem without motion.  lyapunov: V of the law, or None
     if the certificate has it.  limits: end points of motions, as state -> polynomial. The proof must find exactly
-    these.
-    hurwitz: polynomials that are positive if the linear loop is stable, for all positive values of hurwitz_positive.
-    claims: further consequences of hypotheses.  identities: name -> polynomial that vanishes. counterexamples: claims
-    that fail.  lines: further conditions.  multipliers: claim -> hypothesis -> its weight, searches: claim -> setup of
-    the search for Gram matrices, proofs: of claims; these only help to make a certificate, and prove nothing.
+    these. hurwitz: polynomials that are positive if the linear loop is stable, for all positive values of
+    hurwitz_positive. claims: further consequences of hypotheses.  identities: name -> polynomial that vanishes.
+    counterexamples: claims that fail.  lines: further conditions.  multipliers: claim -> hypothesis -> its weight,
+    searches: claim -> setup of the search for Gram matrices, proofs: of claims; these only help to make a certificate,
+    and prove nothing.
     """
 
     name: str

@@ -60,7 +60,7 @@ class _Problem(NamedTuple):
     """Problem for the solver. residual, jacobian: functions of the unknowns z (k,). The Jacobian is by all (x, u).
 
     low, high, scale, names: of the unknowns.  equations: names.  x, u: values of the fixed entries.  columns: indices
-        of z in (x, u).
+    of z in (x, u).
     """
 
     residual: Any

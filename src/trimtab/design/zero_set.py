@@ -23,8 +23,7 @@ class ZeroBranch(NamedTuple):
     """One piece of a zero set, a graph over its free unknowns.
 
     values: unknown -> polynomial in the free unknowns and the positive names. free: the free unknowns.  steps: steps of
-        the
-    solution, in words.
+    the solution, in words.
     """
 
     values: dict[str, Polynomial]

@@ -47,8 +47,8 @@ class Slider(NamedTuple):
     """Slider for a number of the loop.
 
     name, unit: as shown.  low, high: ends of the slider.  paths: of the quantities, below the scenario, that it
-        changes.
-    adds: True adds it to the scenario's own numbers, starting at 0; False replaces them, starting at the first.
+    changes. adds: True adds it to the scenario's own numbers, starting at 0; False replaces them, starting at the
+    first.
     """
 
     name: str

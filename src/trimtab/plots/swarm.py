@@ -43,7 +43,8 @@ def plot_swarm(real: Log, ideal: Log | None = None, path: PicturePath = None, ti
     figure = new_figure(WIDTH, HEIGHT)
     panels: Any = figure.subplot_mosaic([["floor", "spacing"], ["floor", "astray"]], width_ratios=(1.1, 1.0))
     _draw_floor(panels["floor"], real)
-    for name, note in (("spacing", "smallest distance between two craft"), ("astray", "largest distance from the place")):
+    notes = (("spacing", "smallest distance between two craft"), ("astray", "largest distance from the place"))
+    for name, note in notes:
         _draw_distance(panels[name], real, ideal, name, note)
     panels["astray"].set_xlabel("time (s)", fontsize=9)
     return save_figure(figure, path, title, "blue: real; red: ideal; dot: start; stroke: nose at the end")

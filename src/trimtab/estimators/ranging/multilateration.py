@@ -40,8 +40,7 @@ def assisted_heading(place_a: Any, place_b: Any, displacement: Any, lever_a: Any
         r_a' = r_a + [r_ins(t_b) - r_ins(t_a)]
 
     displacement: the bracket, north and east (m), shape (2,). Other arguments are as in `two_unit_heading`. The result
-        is exact if the inertial navigation gives the position of unit a. Otherwise the turn's motion of unit a is
-        missing.
+    is exact if the inertial navigation gives the position of unit a. Otherwise the turn's motion of unit a is missing.
 
     Source: [1] section 5.4.
     """

@@ -184,8 +184,7 @@ class RangingPosition:
         """Return a unit's position (2,) from measured ranges (n,), with its quality.
 
         ranges: as measured (m), shape (n,).  arrived: True for each range that arrived, shape (n,).  unit: index of the
-            unit.
-        near: position of the previous fix (m), shape (2,).  known: True if there was a previous fix.
+        unit. near: position of the previous fix (m), shape (2,).  known: True if there was a previous fix.
         """
         beacons = jnp.asarray(self.beacons)
         plan, height = beacons[:, :2], self.down + jnp.asarray(self.units)[unit, 2] - beacons[:, 2]
