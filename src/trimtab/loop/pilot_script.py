@@ -34,7 +34,7 @@ class PilotScript:
         times, requests = np.asarray(self.times), np.asarray(self.requests)
         if times.ndim != 1 or times.shape != requests.shape or (np.diff(times) < self.period).any():
             counts = f"{len(times)} and {len(requests)}"
-            problem = f"times and requests must be equally many, got {counts}; times must rise by at least a period"
+            problem = f"times and requests must be equally many, got {counts}; times must rise, at most one per period"
             fix = f"give one time per request, {self.period} units of 100 ns or more apart"
             raise InputError("times", problem, fix=fix)
 

@@ -78,7 +78,7 @@ def check_state(part: str, step: Callable[..., Any], after: Any, first: Any) -> 
         what,
         after,
         first,
-        "return (state, output) from step(), with a state of the structure that init() returns",
+        "return (state, output), the state as init() made it",
     )
     for own, wanted in zip(jax.tree.leaves(after), jax.tree.leaves(first), strict=True):
         kinds = [jnp.issubdtype(jnp.result_type(v), jnp.inexact) for v in (own, wanted)]

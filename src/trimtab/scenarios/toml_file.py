@@ -142,7 +142,7 @@ def read_scenario_file(name: str, chain: tuple[str, ...] = ()) -> ScenarioFile:
 def _on_base(file: ScenarioFile, where: str, chain: tuple[str, ...]) -> ScenarioFile:
     """Return the file combined with its base, if that is a file, too."""
     if ":" in file.base or file.base.endswith(".py"):
-        problem = f"{file.base!r} is a Python file, which cannot be the base of a scenario file"
+        problem = f"{file.base!r} is a Python file, and a scenario file runs no code"
         raise InputError(where, problem, fix='base = "hovercraft/spin", or another file, "NAME.toml"')
     if not file.base.endswith(TOML):
         return file

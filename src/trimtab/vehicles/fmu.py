@@ -103,7 +103,7 @@ class FmuVehicle:
         """
         if not self.is_stepped:
             problem = "an FMU is a program that is called step by step, so it can't be compiled or differentiated"
-            fix = "use trimtab run, vehicle or fly, which step an FMU; other commands need a vehicle in Python"
+            fix = "use trimtab run, or vehicle and fly: these step an FMU. The others need a vehicle in Python"
             raise InputError("world.vehicle", problem, fix=fix)
         return jax.tree.map(jnp.zeros_like, x)
 
