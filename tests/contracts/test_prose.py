@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from contracts.sources import read_nodes, read_sources
+
 ROOT = Path(__file__).parents[2]
 PHRASES = {
     "believe": r"believ(?:e|es|ed|able|ing)",
@@ -35,8 +37,8 @@ LIMITS = {
         "somebody": 1,
         "anew": 0,
         "so many": 0,
-        "is no": 50,
-        "there is none": 20,
+        "is no": 44,
+        "there is none": 14,
         "fares": 0,
         "first words": 0,
     },
@@ -57,10 +59,10 @@ LIMITS = {
 """Number of occurrences. A change may lower a number; the goal is 0."""
 
 
-def read_source(text: str) -> tuple[list[str], list[str]]:
+def read_words(text: str, tree: ast.Module) -> tuple[list[str], list[str]]:
     """Return the strings and comments of a Python file, and its docstrings alone, those of constants included."""
     words, docstrings = re.findall(r"(?:^|\s)#\s.*", text), []
-    for node in ast.walk(ast.parse(text)):
+    for node in read_nodes(tree):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             words.append(node.value)
         elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
@@ -81,7 +83,7 @@ def count_in(where: str) -> Counter[str]:
         pages = [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CHANGELOG.md"]
         pages = [page for page in pages if "_build" not in page.parts]
         return count_phrases([re.sub(r"```.*?```", "", p.read_text(encoding="utf-8"), flags=re.DOTALL) for p in pages])
-    files = [read_source(path.read_text(encoding="utf-8")) for path in (ROOT / "src").rglob("*.py")]
+    files = [read_words(*source) for source in read_sources().values()]
     found = count_phrases([word for words, _ in files for word in words])
     found["first words"] = sum(bool(FIRST_WORDS.match(d)) for _, docstrings in files for d in docstrings)
     return found
@@ -96,6 +98,6 @@ def test_unclear_phrases_become_fewer(where: str, name: str) -> None:
 
 def test_finds_phrases_and_first_words() -> None:
     text = '"""What flies."""\nA = 1  # nobody is told\n"""Of the law."""\ndef f():\n    """Return it."""\n'
-    words, docstrings = read_source(text)
+    words, docstrings = read_words(text, ast.parse(text))
     assert count_phrases([*words, "-1 is no number", "it is no longer valid"]) == Counter(told=1, **{"is no": 1})
     assert [bool(FIRST_WORDS.match(d)) for d in docstrings] == [True, True, False]
