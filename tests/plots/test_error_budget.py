@@ -26,6 +26,11 @@ def test_a_panel_for_each_measure_and_a_row_for_each_imperfection(tmp_path):
     bars = [[end[0] for end in bar] for bars in first.collections for bar in bars.get_segments()]
     np.testing.assert_allclose(bars, [[0.36, 0.44], [0.0, 0.0], [0.08, 0.12], [0.48, 0.52]], atol=1e-12)  # two sigmas
     named = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert named == ["all imperfections", "all imperfections except this one", "only this imperfection", "no imperfection"]
+    assert named == [
+        "all imperfections",
+        "all imperfections except this one",
+        "only this imperfection",
+        "no imperfection",
+    ]
     low, high = first.get_ylim()
     assert low > high  # the dearest is at the top

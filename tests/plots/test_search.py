@@ -23,7 +23,9 @@ def found(least):
 
 
 @pytest.mark.thorough("-0.25-failure, margin -0.25")
-@pytest.mark.parametrize(("least", "said"), [(-0.25, "failure, margin -0.25"), (0.1, "no failure; smallest margin 0.1")])
+@pytest.mark.parametrize(
+    ("least", "said"), [(-0.25, "failure, margin -0.25"), (0.1, "no failure; smallest margin 0.1")]
+)
 def test_least_so_far_and_the_worst_point_are_drawn(tmp_path, least, said):
     made = found(least)
     figure = plot_falsify(made, tmp_path / "worst.png", title="a search")

@@ -10,7 +10,7 @@ from trimtab.logs.foreign.mapping import parse_mapping
 WRONG_MAPPINGS = {
     "nothing": ({}, r"names no sensor(.|\n)*\[sensor.imu\]"),
     "key": ({"sensors": {}}, r"unknown key 'sensors'(.|\n)*write sensor"),
-    "section": ({"sensor": {"imu": 3}}, r"it must be a table"),
+    "section": ({"sensor": {"imu": 3}}, r"the value must be a table"),
     "field": ({"sensor": {"imu": {"fields": {"w": {"column": "x"}}}}}, r"unknown key 'column'(.|\n)*from, unit"),
     "source": ({"sensor": {"imu": {"fields": {"w": {"unit": "m"}}}}}, r"does not name a source"),
     "unit": (
@@ -25,7 +25,7 @@ WRONG_MAPPINGS = {
     "no fields": ({"sensor": {"imu": {"topic": "x"}}}, r"has no fields"),
     "where": ({"sensor": {"imu": {"where": {"I": "0"}}}}, r"where: I = '0' is not a number"),
     "place": ({"sensor": {"gps": {"geodetic": {"latitude": "Lat"}}}}, r"has no longitude"),
-    "truth": ({"sensor": {"imu": {"fields": {"w": gyro("x")}}}, "truth": 1}, r"it must be a table"),
+    "truth": ({"sensor": {"imu": {"fields": {"w": gyro("x")}}}, "truth": 1}, r"the value must be a table"),
 }
 
 

@@ -21,7 +21,7 @@ WRONG_FILES = {
     "damaged ulog": ("a.ulg", b"ULog\x01\x12\x35\x01" + b"\xff" * 4, "a.ulg': begins as ULog, but can't be read"),
     "damaged mcap": ("a.mcap", b"\x89MCAP0\r\n" + b"\x07" * 90, "begins as MCAP, but can't be read"),
     "damaged bag": ("a.bag", b"#ROSBAG V2.0\n" + b"\x07" * 90, "begins as a ROS bag, but can't be read"),
-    "part of a bag": ("a.db3", b"SQLite format 3\0" + b"\x07" * 90, "is one part of a rosbag2(.|\n)*its folder"),
+    "part of a bag": ("a.db3", b"SQLite format 3\0" + b"\x07" * 90, "is one part of a rosbag2(.|\n)*give the folder"),
 }
 
 
