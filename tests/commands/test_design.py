@@ -107,7 +107,7 @@ def test_a_system_of_your_own(place, tmp_path):
     made.write_text(json.dumps(content))
     done = call(name, "--check", made)
     assert done.exit_code == 1
-    assert "B is that of ball and beam: at theta', w: 1.01, now 1.0" in done.output
+    assert "B is that of ball and beam: at theta', w: 1.01, not 1.0" in done.output
 
 
 @pytest.mark.thorough

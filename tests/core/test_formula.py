@@ -72,7 +72,7 @@ def test_a_text_is_this_tree(text, tree):
         ("", 1, "expected a signal, a number or '(', got the end"),
         ("always", 7, "got the end"),
         ("always(x > 0", 13, "expected ')' that closes '('"),
-        ("always(x > 0))", 14, "')' does not continue"),
+        ("always(x > 0))", 14, "')' cannot follow a complete formula"),
         ("always[5 s 15 s](x > 0)", 12, "expected ',' between the ends of an interval"),
         ("always[15 s, 5 s](x > 0)", 7, "must begin before it ends"),
         ("always[-1 s, 5 s](x > 0)", 8, "'-' is not a time of at least 0"),
@@ -104,7 +104,7 @@ def test_a_text_that_is_none_is_refused_where_it_is_wrong(text, column, says):
 
 
 def test_a_rest_of_a_unit_is_an_operator_and_a_signal():
-    with pytest.raises(InputError, match="at column 13: 's' does not continue"):
+    with pytest.raises(InputError, match="at column 13: 's' cannot follow a complete formula"):
         parse_formula("x < 3 rad/s s")
 
 

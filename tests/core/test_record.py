@@ -97,7 +97,7 @@ def test_records_are_frozen():
 
 
 def test_field_that_is_not_declared_is_refused():
-    with pytest.raises(InputError, match=r"record Bad: 'k1' is not declared"):
+    with pytest.raises(InputError, match=r"record Bad: 'k1' has no declaration"):
 
         @record
         class Bad:

@@ -40,7 +40,7 @@ def test_refusals(cart):
     for limits, words in (
         ({"x": 1.0}, "no limit is given for F, v"),
         ({"x": 0.0, "v": 1.0, "F": 1.0}, "above 0"),
-        ({"y": 1.0, "F": 1.0}, "no 'y'"),
+        ({"y": 1.0, "F": 1.0}, "unknown name 'y'"),
     ):
         with pytest.raises(InputError, match=words):
             weigh_by_limits("cart", cart, limits)

@@ -160,12 +160,12 @@ PROVED = {
     "P > 0": (lambda c: times(c, "P", -1), "pivot at"),
     "(14)": (lambda c: times(c, "Qe", 1.02), "pivot at"),
     "A + B K Hurwitz": (flip_gain, "pivot at"),
-    "left side of (14) = Q_e - Q": (lambda c: c._replace(Q=1.000001 * c.Q), "worst at"),
+    "left side of (14) = Q_e - Q": (lambda c: c._replace(Q=1.000001 * c.Q), "largest deviation at"),
     "R > 0": (lambda c: observed(c, "R", -1), "pivot at 0"),
     "P_eta > 0": (lambda c: observed(c, "P", -1), "pivot at theta"),
     "A_eta - L C Hurwitz": (lambda c: observed(c, "L", -1), "pivot at"),
     "(A_eta, C) observable": (lambda c: inside(c, C=np.array([[0.0, 1.0]])), "rank 1 of 2"),
-    "Riccati equation of P_eta": (lambda c: observed(c, "Q", 1.00001), "worst at"),
+    "Riccati equation of P_eta": (lambda c: observed(c, "Q", 1.00001), "largest deviation at"),
     "(15)": (lambda c: inside(c, weight=0.98 * c.observer.least_weight), "pivot at w."),
     "V falls, gain K": (lambda c: observed(c, "weight", 1e-3), "pivot at w."),
     "V falls, gain K + R_e^-1 B'P/2": (lambda c: observed(c, "weight", 1e-3), "pivot at w."),
@@ -267,7 +267,7 @@ def test_the_observer_is_the_plant_s(certificate):
     system = ball_system(observer=False)
     assert "estimated states are those of ball and beam" in failing(certificate, system)
     without = failing(design_certificate(system))
-    assert without["C" + NAMED].why == "nothing, wanted shape (1, 2)"
+    assert without["C" + NAMED].why == "nothing, must be shape (1, 2)"
     assert "estimated states are those of ball and beam" in without
 
 

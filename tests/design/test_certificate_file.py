@@ -73,7 +73,7 @@ REFUSED = {
     "a size below zero": (lambda c: c["scale"].__setitem__(0, -1.0), "scale"),
     "a number too large for floats": (lambda c: c["K"][0].__setitem__(0, 1e999), "not a number"),
     "nothing of a number": (lambda c: c["P"][0].__setitem__(0, float("nan")), "not a number"),
-    "an entry beyond all systems": (lambda c: c["P"][0].__setitem__(0, 1e60), "beyond 1e[+]50"),
+    "an entry beyond all systems": (lambda c: c["P"][0].__setitem__(0, 1e60), "larger than 1e[+]50"),
     "an integer beyond floats": (lambda c: c["P"][0].__setitem__(0, 10**400), "is not a (valid )?certificate"),
     "a version of no form": (lambda c: c.update(version="best"), "must be a version such as 0.1.0, got 'best'"),
     "settings of no kind": (lambda c: c["about"].update(beam_m=[1.0]), r"about\.beam_m"),

@@ -72,12 +72,12 @@ def test_other_shapes_and_nan_fail(certificate):
     fewer = certificate._replace(A=certificate.A[:3, :3])
     assert (
         broken(compare_with_system(fewer, system))["A is that of ball and beam"].why
-        == "shape (3, 3), wanted shape (4, 4)"
+        == "shape (3, 3), must be shape (4, 4)"
     )
     holes = certificate._replace(A=np.full((4, 4), np.nan))
     assert "A is that of ball and beam" in broken(compare_with_system(holes, system))
     narrow = certificate._replace(K=certificate.K[:, :2])
-    assert "shape (1, 2), wanted (1, 4)" in broken(number_lines(narrow, system))["numbers of the system"].why
+    assert "must have shape (1, 4), got (1, 2)" in broken(number_lines(narrow, system))["numbers of the system"].why
 
 
 @pytest.mark.parametrize("value", [1.0, -1e-9, float("nan")])

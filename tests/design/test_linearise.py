@@ -111,7 +111,7 @@ def test_parts_and_scales():
 
 def test_wrong_input_is_refused():
     found = linearise(hovercraft())
-    with pytest.raises(InputError, match="no 'pitch'"):
+    with pytest.raises(InputError, match="unknown name 'pitch'"):
         found.part(states=("pitch",))
     with pytest.raises(InputError, match=r"scaled\.inputs"):
         found.rescale(np.ones(6), inputs=[1.0, 0.0])

@@ -51,7 +51,7 @@ def test_what_cannot_be_is_refused_with_the_number():
         lqr([[1, 0], [0, -2]], [[0], [1]], np.eye(2), 1.0)
     with pytest.raises(InputError, match=r"Q is zero for the motion of the pole \+0 ± 3i 1/s"):
         lqr([[0, 3, 0], [-3, 0, 0], [0, 0, -1]], [[0], [1], [1]], np.diag([0, 0, 1]), 1.0)
-    with pytest.raises(InputError, match=r"entry \[0, 1\] is nan"):
+    with pytest.raises(InputError, match=r"entry \[0, 1\] must be finite, got nan"):
         lqr([[0, np.nan], [0, 0]], [[0], [1]], np.eye(2), 1.0)
     with pytest.raises(InputError, match="smallest eigenvalue -1"):
         lqr(*DOUBLE_INTEGRATOR, np.eye(2), -1.0)

@@ -60,6 +60,6 @@ def test_identities_name_their_worst_entry():
     term = np.array([[1.0, 2.0], [3.0, 4.0]])
     assert identity_condition(1e-10 * term, term, ("ab", "cd")).holds
     line = identity_condition(np.array([[0.0, 0.0], [1e-6, 0.0]]), term, ("ab", "cd"))
-    assert (line.holds, line.why) == (False, "worst at b, c")
+    assert (line.holds, line.why) == (False, "largest deviation at b, c")
     assert line.number == pytest.approx(2.5e-7)
     assert not identity_condition(np.full((1, 1), np.nan), np.ones((1, 1)), ("a", "b")).holds

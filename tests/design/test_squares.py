@@ -92,7 +92,9 @@ def test_hypotheses_are_used_as_they_are_given():
     assert find_fault(claim, proof(*terms, scale=constant(2)), PLANE) == ""
     assert "differs from the claim" in find_fault(claim, proof(*terms), PLANE)
     assert "unknown hypothesis" in find_fault(claim._replace(hypotheses={"left": 1 + x}), proof(*terms), PLANE)
-    assert "no term" in find_fault(claim._replace(says=POSITIVE), proof(*terms, scale=constant(2)), PLANE)
+    assert "no strictly positive term" in find_fault(
+        claim._replace(says=POSITIVE), proof(*terms, scale=constant(2)), PLANE
+    )
 
 
 def test_weights_and_scales_are_positive_or_refused():

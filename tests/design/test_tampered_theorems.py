@@ -64,7 +64,7 @@ CHANGES = {
     "a theorem that is none": (FORWARD, put("theorem", value="hovercraft/sideways")),
     "says more": (FORWARD, put("says", value=lambda s: s + ", with delay")),
     "says of reverse: from everywhere": (REVERSE, put("says", value=lambda s: s.replace(" with V <= c", ""))),
-    "change a gain": (REVERSE, put("about", "k2", value=1.5)),
+    "other gains": (REVERSE, put("about", "k2", value=1.5)),
     "theta below its bound": (REVERSE, put("about", "theta", value=0.36)),
     "forward instead of backward": (REVERSE, put("about", "reference", value=1.98)),
     "another mass": (GATE, put("about", "mass", value=1.6)),

@@ -128,7 +128,7 @@ def test_an_equation_that_only_rounding_moves_is_left_alone():
 
 def test_wrong_input_is_refused():
     model = hovercraft()
-    with pytest.raises(InputError, match="no 'FZ'"):
+    with pytest.raises(InputError, match="unknown name 'FZ'"):
         trim(model, free=("FZ",))
     with pytest.raises(InputError, match="no state or input is free"):
         trim(model, free=())

@@ -42,7 +42,7 @@ def test_dates_lie_within_the_year():
 
 @pytest.mark.parametrize("year", [2006.0, 2030.0, math.nan])
 def test_years_without_a_model_are_refused(year):
-    with pytest.raises(InputError, match="no World Magnetic Model") as error:
+    with pytest.raises(InputError, match="no installed World Magnetic Model") as error:
         earth_field(0.5, 0.1, 0.0, year)
     assert "field_from_angles" in error.value.fix
 

@@ -81,7 +81,9 @@ def test_an_autopilot_that_is_half_a_minute_behind_catches_up_by_itself(opened):
     accepted = line.run(400)
     assert {m.name for m in accepted} == {"TIMESYNC"}
     assert line.vehicle.counts.stale > 0
-    assert seconds_of(line.said[0], "refused: the clock of 1/191 is {} s behind this one") == pytest.approx(30, abs=2)
+    assert seconds_of(
+        line.said[0], "refused: the clock of 1/191 is {} s behind this computer's clock"
+    ) == pytest.approx(30, abs=2)
     assert line.remote.clock.untimely is None
 
 
@@ -98,7 +100,9 @@ def test_clocks_that_differ_by_more_are_told_at_both_ends_and_one_step_flies_aga
     assert problem.fix.startswith("trimtab fly it --link there --clock vehicle")
     opposite = {"ahead of": "behind", "behind": "ahead of"}[which]
     (said,) = line.said
-    assert seconds_of(said, f"refused: the clock of 1/191 is {{}} s {opposite} this one") == pytest.approx(far, abs=2)
+    assert seconds_of(said, f"refused: the clock of 1/191 is {{}} s {opposite} this computer's clock") == pytest.approx(
+        far, abs=2
+    )
     line.remote.clock.follow()
     assert len(line.run(300)) > 3
     assert line.pilot.counts.refusals == line.pilot.counts.stale + line.pilot.counts.leading

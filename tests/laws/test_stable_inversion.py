@@ -102,7 +102,7 @@ def test_outside_the_fitted_range_is_flagged():
     [
         ({"K": np.full((2, 9), np.inf)}, "not finite"),
         ({"K": np.zeros((2, 8))}, "shape"),
-        ({"limits": InputLimits(Phi_low=1.6)}, "low must be below its high"),
+        ({"limits": InputLimits(Phi_low=1.6)}, "each lower limit must be below its upper limit"),
         ({"command": FilteredClimb(dV=-8000.0)}, "ends at"),
     ],
 )

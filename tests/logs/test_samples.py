@@ -61,7 +61,7 @@ def test_a_run_whose_rows_hide_every_other_sample_is_refused_by_its_settings():
 def test_a_gap_is_named_by_its_time():
     taken = np.delete(np.arange(1000) * TICK, [500, 501])
     log = held(np.arange(0, taken[-1], ms(1)), taken, np.zeros((998, 1)))
-    with pytest.raises(InputError, match=r"usually 6\.5536 ms, but 19\.6608 ms at 3\.2702 s"):
+    with pytest.raises(InputError, match=r"usually every 6\.5536 ms, but 19\.6608 ms at 3\.2702 s"):
         samples(log, "sensors.imu.value.rate")
 
 

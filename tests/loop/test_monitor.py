@@ -152,7 +152,7 @@ def test_it_looks_each_period_and_holds_between():
     [
         ("", ms(10), "'' is not FORMULA"),
         ("always(estimate.x > 0);", ms(10), "'' is not FORMULA"),
-        ("A: always(estimate.x > 0)", ms(10), "nothing that a formula has"),
+        ("A: always(estimate.x > 0)", ms(10), "is not allowed in a formula"),
         ("a: always(estimate.x > 0); a: once(estimate.x > 0)", ms(10), "two formulas are named 'a'"),
         ("eventually(always(estimate.x > 0))", ms(10), "looks ahead without an end"),
         ("always(estimate.x > 0) and once(estimate.x > 0)", ms(10), "looks ahead without an end"),

@@ -91,5 +91,5 @@ def test_refusals():
     with pytest.raises(InputError, match="its period is 1 ms, must be the sensor's, 6 ms") as refused:
         RelayedSensor(inner=Odometer(period=ms(6)), bus=BUS).check()
     assert refused.value.fix == "set bus.period to 6 ms"
-    with pytest.raises(InputError, match="ActingInput feels 'input'"):
+    with pytest.raises(InputError, match="ActingInput measures 'input'"):
         RelayedSensor(inner=ActingInput(period=ms(1)), bus=BUS).check()

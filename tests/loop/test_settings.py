@@ -74,10 +74,10 @@ def test_one_number_of_an_array_is_set_by_its_index():
 @pytest.mark.parametrize(
     ("path", "text", "says"),
     [
-        ("world.vehicle.mass", "3 m", "is in kg"),
-        ("world.vehicle.mass", "3 stone", "is in kg"),
+        ("world.vehicle.mass", "3 m", "unit is kg"),
+        ("world.vehicle.mass", "3 stone", "unit is kg"),
         ("world.vehicle.mass", "kg", "is not a number"),
-        ("initial.heading", "1 rad/s", "is in rad"),
+        ("initial.heading", "1 rad/s", "unit is rad"),
     ],
 )
 def test_another_unit_is_refused_with_what_fits(path, text, says, forward):

@@ -12,7 +12,9 @@ NAME = "hovercraft/spin"
 
 
 def test_a_path_that_is_no_number_is_refused() -> None:
-    with pytest.raises(InputError, match=r"paths world.vehicle.mas: is not a number[\s\S]*world.vehicle.mass"):
+    with pytest.raises(
+        InputError, match=r"paths world.vehicle.mas: is not a numeric parameter[\s\S]*world.vehicle.mass"
+    ):
         find_parameters(build(NAME), ["world.vehicle.mas"])
 
 

@@ -50,14 +50,14 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
             "outputs",
             multiple=True,
             metavar="NAME",
-            help="With --inversion: output that follows the course. May be repeated.",
+            help="Output that follows the course, with --inversion. May be repeated.",
         ),
         click.option(
             "--input",
             "inputs",
             multiple=True,
             metavar="NAME",
-            help="With --inversion: input to use; others stay at their trim values. May be repeated.  [default: all]",
+            help="Input to use, with --inversion; others stay at their trim values. May be repeated.  [default: all]",
         ),
         click.option(
             "--to",
@@ -68,7 +68,7 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--in", "seconds_long", type=float, metavar="SECONDS", help="With --inversion: duration of the course."
         ),
-        PLOT("With --inversion: draw states, inputs and outputs to this picture.", "picture"),
+        PLOT("Draw states, inputs and outputs to this picture, with --inversion.", "picture"),
     )
     for option in reversed(options):
         function = option(function)

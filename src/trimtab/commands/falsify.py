@@ -61,7 +61,7 @@ from trimtab.core.cache_folder import enable_cache
 @THREADS
 @STORE
 @OUT("FILE", "Write a scenario file that repeats the worst run, e.g. worst.py.")
-@PLOT("Picture of the search.")
+@PLOT("Draw the search to this picture.")
 @JSON
 def command(
     scenario: str, runs: int, store: Path | None, out: Path | None, plot: Path | None, as_json: bool, **options: Any

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.option(
-    "--only", multiple=True, metavar="CASE", help="Fly only this case. May be repeated.  [default: all cases]"
+    "--only", multiple=True, metavar="CASE", help="Only this case is flown. May be repeated.  [default: all cases]"
 )
 @click.option("--draw", type=click.IntRange(1), metavar="N", help="Fly N flights drawn at random instead of the cases.")
 @click.option(
@@ -31,7 +31,10 @@ if TYPE_CHECKING:
     help="Seed of the random flights and of virtual time.",
 )
 @click.option(
-    "--real-time", "is_real", is_flag=True, help="Fly with real processes in real time instead of virtual time."
+    "--real-time",
+    "is_real",
+    is_flag=True,
+    help="Ask for flights of real processes, in real time instead of virtual time.",
 )
 @click.option(
     "--jobs",

@@ -15,7 +15,7 @@ from trimtab.core.time import parse_time, to_seconds
 @click.command()
 @click.argument("file", type=FILE, metavar="LOG")
 @click.argument("signals", nargs=-1, metavar="[PATH…]")
-@PLOT("Picture: PNG, SVG or PDF, by its ending.  [default: the log's name with .png]")
+@PLOT("Draw the signals to this picture (PNG, SVG or PDF, by its ending).  [default: the log's name with .png]")
 @click.option("--since", metavar="TIME", help="Start of the plot, e.g. '2 s'.")
 @click.option("--until", metavar="TIME", help="End of the plot.")
 @JSON

@@ -46,7 +46,7 @@ PARTS = ("estimator", "law", "allocation")
     multiple=True,
     metavar="PATH=VALUE",
     callback=parse_settings,
-    help="With --map: change a setting of the scenario of --scenario. May be repeated.",
+    help="Change a setting of the scenario that --scenario names, with --map. May be repeated.",
 )
 @click.option(
     "--with",
@@ -61,7 +61,7 @@ PARTS = ("estimator", "law", "allocation")
     metavar="MODULE:FACTORY",
     help="Estimator to run alone on the samples of any log, without a scenario.",
 )
-@OUT("FILE", "With --estimator: write the log with the estimates added (MCAP).")
+@OUT("FILE", "Write the log with the estimates added (MCAP), with --estimator.")
 @BACKEND
 @PLOT("Draw the recorded and the replayed signals to this picture.")
 @JSON

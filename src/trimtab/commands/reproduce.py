@@ -33,7 +33,9 @@ GroupRows = list[tuple[StudyGroup, list[Row]]]
 
 @click.command()
 @click.argument("study", metavar="[STUDY]", required=False)
-@click.option("--only", multiple=True, metavar="GROUP", help="Recompute only this group of figures. May be repeated.")
+@click.option(
+    "--only", multiple=True, metavar="GROUP", help="Only this group of figures is computed again. May be repeated."
+)
 @OUT("DIR", "Write the study's pictures to this folder.")
 @click.option(
     "--report", type=FILE, metavar="DIR", help="Folder for a one-page report: rows, pictures, errata, environment."

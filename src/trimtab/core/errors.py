@@ -26,7 +26,7 @@ class InputError(ValueError):
     ...     build("hovercraft/spin", {"world.vehicle.mass": "3 m"})
     ... except InputError as error:
     ...     print(error.problem, error.choices)
-    'm' is not a unit of this quantity, which is in kg ('kg', 'g', 'lb')
+    'm' is not a unit of this quantity, whose unit is kg ('kg', 'g', 'lb')
 
     Args:
         part: the part that rejects the value, e.g. ``world.vehicle.mass`` or ``scenario 'hovercraft/spin'``.

@@ -24,13 +24,7 @@ class MyEstimator:  # its fields are settings: --set autopilot.estimator.share=1
     """Low-pass filter of measured velocities; all other measurements pass unchanged. Source: this file."""
 
     sensor: str = option("Name of the sensor.", default="navigation")
-    share: Any = quantity(
-        "1",
-        "Weight of a new measurement in the filter; 1 passes measurements unfiltered.",
-        default=0.3,
-        above=0,
-        high=1,
-    )
+    share: Any = quantity("1", "Weight of a new measurement; 1 means no filter.", default=0.3, above=0, high=1)
 
     @property
     def listens(self) -> tuple[str, ...]:

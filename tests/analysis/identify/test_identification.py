@@ -167,7 +167,7 @@ def test_an_empty_file_with_a_mapping_is_named(tmp_path: Any) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda name, v: np.degrees(v) if name == "heading" else v, "is it in degrees"),
+        (lambda name, v: np.degrees(v) if name == "heading" else v, "if the log is in degrees"),
         (
             lambda name, v: np.where(np.arange(len(v)) // 8 == 50, 99.0, v) if name == "north" else v,
             "'north' differs by",

@@ -300,7 +300,11 @@ def test_it_is_not_valid_before_imu_heading_and_position_have_come():
 
 @pytest.mark.parametrize(
     ("intake", "match"),
-    [(Intake(slots=2), "too few"), (Intake(imu=""), "a name of its own"), (Intake(heading="imu"), "a name of its own")],
+    [
+        (Intake(slots=2), "must be at least"),
+        (Intake(imu=""), "a name of its own"),
+        (Intake(heading="imu"), "a name of its own"),
+    ],
 )
 def test_an_intake_that_cannot_work_is_refused(intake, match):
     with pytest.raises(InputError, match=match):

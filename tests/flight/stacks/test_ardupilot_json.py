@@ -23,7 +23,7 @@ def test_a_frame_of_either_size(magic, channels):
 @pytest.mark.parametrize(
     ("packet", "why"),
     [
-        (b"", "too few"),
+        (b"", "too short"),
         (struct.pack("<HHI", 18458, 400, 7), "8 bytes; a frame of 16 channels must have 40"),
         (struct.pack("<HHI16H", 18459, 400, 7, *PULSES), "starts with 18459"),
         (struct.pack("<HHI16H", 29569, 400, 7, *PULSES), "a frame of 32 channels must have 72"),
