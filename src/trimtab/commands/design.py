@@ -44,7 +44,7 @@ FUNCTION = "certified_system"
     help="Method: Riccati equation (lqr), or a solver (lmi).  [default: lqr]",
 )
 @click.option(
-    "--filter", "filter_", metavar="KIND", help="Filter that estimates the unmeasured states.  [default: tuned]"
+    "--filter", "filter_", metavar="KIND", help="Kind of filter that estimates the unmeasured states.  [default: tuned]"
 )
 @click.option("--integral", is_flag=True, help="Add integral action to the feedback.")
 @click.option(

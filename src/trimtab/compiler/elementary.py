@@ -46,7 +46,7 @@ def elementary_text(lanes: int = 0, names: Iterable[str] | None = None, called: 
     called: those, such as "tt_sin" or "ttv_sin", that are called, not inlined.
     """
     if lanes not in LANES:
-        raise InputError("elementary", f"lanes = {lanes}", choices=map(str, LANES))
+        raise InputError("elementary", f"the number of lanes is {lanes}", choices=map(str, LANES), fix="lanes=0")
     single = [f"{name}f" for name in SINGLE_PRECISION_NAMES]
     known = dict.fromkeys([*FUNCTIONS, *HELPER_FUNCTIONS, *single])
     wanted = list(known) if names is None else list(dict.fromkeys(names))

@@ -131,7 +131,7 @@ class RecordingFeed:
         """Ignore messages: there is no live flight."""
 
     def routes(self) -> list[BaseRoute]:
-        """Return the routes for the flights."""
+        """Return the HTTP routes that serve recorded flights."""
         return [
             Route("/flights/{k:int}", self._pick(lambda flight: JSONResponse(flight.about, headers=HEADERS))),
             Route("/flights/{k:int}/rows", self._pick(lambda flight: Response(flight.rows, headers=HEADERS))),

@@ -96,8 +96,8 @@ class Circle:
 
     radius: Scalar = quantity("m", "Radius of the circle.", default=1.5, above=0)
     period: Scalar = quantity("s", "Time of one round at full speed.", default=20.0, above=0)
-    north: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
+    north: Scalar = quantity("m", "North coordinate of the centre.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "East coordinate of the centre.", frame="W", default=0.0)
     start: Scalar = quantity("rad", "Angle on the circle at the start.", kind="angle", default=0.0)
     ease: Scalar = quantity("s", "Time from rest to full speed at the start.", default=8.0, low=0)
     clockwise: bool = option(
@@ -130,8 +130,8 @@ class FigureEight:
     length: Scalar = quantity("m", "Length of the figure eight from tip to tip.", default=5.0, above=0)
     width: Scalar = quantity("m", "Width of the loops of the figure eight.", default=1.5, above=0)
     period: Scalar = quantity("s", "Time of one figure eight at full speed.", default=30.0, above=0)
-    north: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
+    north: Scalar = quantity("m", "North coordinate of the centre.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "East coordinate of the centre.", frame="W", default=0.0)
     axis: Scalar = quantity("rad", "Direction of the tip at which the figure eight begins.", kind="angle", default=0.0)
     ease: Scalar = quantity("s", "Time from rest to full speed at the start.", default=8.0, low=0)
 

@@ -27,8 +27,8 @@ class LocalFlightState:
     Source: Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., section 1.7.
     """
 
-    latitude: Scalar = quantity("rad", "Geodetic.", kind="angle")
-    longitude: Scalar = quantity("rad", "Geodetic.", kind="angle")
+    latitude: Scalar = quantity("rad", "Geodetic latitude.", kind="angle")
+    longitude: Scalar = quantity("rad", "Longitude.", kind="angle")
     height: Scalar = quantity("m", "Height above the ellipsoid.")
     velocity: Any = quantity("m/s", "Velocity over the ground.", frame="B", shape=(3,))
     attitude: Any = quantity("1", "Quaternion q_NB, scalar first.", frame="NB", shape=(4,))

@@ -230,7 +230,9 @@ def mean_square_growth(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
 
 
 def mean_squares(a: float, q: float, steps: int, *, start: float = 0.0, retransmissions: int = 1) -> Any:
-    """Return E x^2 after 0, 1, …, `steps` steps (steps + 1,): E x(k+1)^2 = growth E x(k)^2 + 1, exact at every step.
+    """Return the mean square E[x^2] of the plant's state after 0, 1, …, `steps` steps, of shape (steps + 1,).
+
+    It is exact: E[x(k+1)^2] = growth * E[x(k)^2] + 1.
 
     Args:
         a: the plant's pole, per step.

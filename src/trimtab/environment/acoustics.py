@@ -77,7 +77,9 @@ def range_ratio(beta: Any) -> Any:
 
 
 def off_axis_angle(height: Any, distance: Any) -> Any:
-    """Return the angle (rad) from the vertical of a line of length `distance`, rise `height` (m); 0 without length."""
+    """Return the angle (rad) between the vertical and a line of length `distance` (m) that rises by `height` (m).
+
+    It is 0 if `distance` is 0."""
     ratio = height / jnp.where(distance > 0, distance, 1.0)
     return jnp.where(distance > 0, jnp.arccos(jnp.clip(ratio, -1.0, 1.0)), 0.0)
 

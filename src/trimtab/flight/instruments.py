@@ -90,7 +90,7 @@ class Instruments:
         return Streams(self._endpoint, streams)
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
-        """Note the data of the safety pilot's receiver, and the place of arming."""
+        """Store the safety pilot's channels when they arrive, and the position at which the vehicle is armed."""
         if isinstance(event, ArmRequest) and event.arm and not self._duties.is_commanded:
             self.globe.mark_home()
         if isinstance(event, ReceiverChannels):

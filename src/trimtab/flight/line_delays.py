@@ -225,7 +225,7 @@ class _DelayMeasurement:
             self._gather_replies(min(at - t, hello_at - t, pace.wait(t)))
 
     def finish(self) -> None:
-        """Wait for the last replies under load, and for the far end's count of requests."""
+        """Wait for the last replies under load, and for the number of requests that reached the far end."""
         end = self._seconds() + self._plan.patience
         while self._seconds() < end and len(self._back) < len(self._sent):
             self._link.send(self._hello)

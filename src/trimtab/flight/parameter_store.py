@@ -42,7 +42,7 @@ def read_parameters(file: Path | None, scenario: str) -> dict[str, str]:
 
 
 class ParameterStore:
-    """File of parameters, while the program runs."""
+    """Stored parameters of a flight, and the file that keeps them."""
 
     def __init__(
         self,

@@ -55,7 +55,7 @@ class HeadingOutput:
         "J", "Lyapunov function: V in the mode damp, W about the present reference in the mode turn."
     )
     provision: Scalar = quantity(
-        "rad/s", "Minimum yaw rate that is a safe next reference, computed from the present reference."
+        "rad/s", "Lower bound on the next yaw-rate reference that is still safe, given the present reference."
     )
 
 

@@ -33,7 +33,9 @@ class Fifo:
     due: Scalar = quantity(
         "100 ns", "Arrival time of the packet in each slot; never falls along the ring.", kind="time"
     )
-    serial: Scalar = quantity("1", "Number of packets sent and not lost, up to each slot.", kind="count")
+    serial: Scalar = quantity(
+        "1", "For each slot of the queue: number of packets sent and not lost, up to the packet in it.", kind="count"
+    )
     offered: Scalar = quantity("100 ns", "Measurement time of the last sample sent.", kind="time")
     held: Scalar = quantity("100 ns", "Measurement time of the sample at the receiving end.", kind="time")
     sent: Scalar = quantity("1", "Packets sent so far, including lost ones.", kind="count")

@@ -70,7 +70,7 @@ class MonitorOutput:
 
 @record
 class MonitorState:
-    """State of a monitor. Frames: none. Source: docs page, Monitor."""
+    """Memory and last outputs of a monitor. Frames: none. Source: docs page, Monitor."""
 
     rows: Scalar = quantity("1", "Number of rows evaluated so far.", kind="count")
     memory: Any = quantity("U", "Stored values of the last rows, for all delay lines one after another.")

@@ -112,7 +112,7 @@ def check_arguments(part: str, function: Callable[..., Any], wanted: str, *input
 
 
 def refuse_within(error: InputError) -> InputError:
-    """Return an InputError raised while a user's file ran, with the file and line that caused it."""
+    """Return the InputError with the line of the user's file that caused it added to its message."""
     frame, number = _frame_at_fault(error)
     is_placed = re.match(r"[\w.-]+\.py:\d+: ", error.problem) is not None
     if frame is None or is_placed or _is_own_package(frame.f_code.co_filename):

@@ -26,7 +26,9 @@ class PilotScript:
     """
 
     times: Any = quantity("100 ns", "Times of the requests; must rise.", kind="time", default=np.zeros(0, np.int64))
-    requests: Any = quantity("1", "What.", kind="mode", modes=REQUESTS, default=np.zeros(0, np.int32), low=0, high=5)
+    requests: Any = quantity(
+        "1", "Requests.", kind="mode", modes=REQUESTS, default=np.zeros(0, np.int32), low=0, high=5
+    )
     period: int = period("Time between samples.", default=ms(10))
 
     def check(self) -> None:

@@ -181,7 +181,7 @@ class Predictor:
         )
 
     def predict(self, t: Any, state: PredictorState, estimate: Estimate) -> tuple[PredictorState, Estimate]:
-        """Return the state and the estimate as the law reads it at integer time t."""
+        """Return the predictor's state and the estimate that the law reads at time t (100 ns)."""
         # The time alone decides, so that a batch of runs has a real branch here.
         state = lax.cond(
             t % self.period == 0, lambda: cast_like(self._predict(t, state, estimate), state), lambda: state

@@ -38,7 +38,7 @@ UNLIMITED = 3e38
 class StepInput:
     """Input of a block with the time of the step. Source: docs page, Vehicle."""
 
-    t: Any = quantity("100 ns", "Now.", kind="time")
+    t: Any = quantity("100 ns", "Present time.", kind="time")
     input: Any = part("Input of the block at this step.")
 
 
@@ -58,7 +58,7 @@ class AutopilotOutput:
 class LoopInput:
     """Input of an exported closed loop at each step. Source: docs page, Export."""
 
-    t: Any = quantity("100 ns", "Now.", kind="time")
+    t: Any = quantity("100 ns", "Present time.", kind="time")
     h: Any = quantity("100 ns", "Time from this instant to the next.", kind="time")
 
 

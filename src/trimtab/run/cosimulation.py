@@ -58,7 +58,7 @@ class SteppedWorldInput:
 class HostInput:
     """Input of a loop around a stepped vehicle at each instant. Source: docs page, FMU."""
 
-    t: Any = quantity("100 ns", "Now.", kind="time")
+    t: Any = quantity("100 ns", "Present time.", kind="time")
     truth: Any = part("True state of the vehicle at this instant.")
 
 

@@ -159,7 +159,7 @@ def _build_file(
     faults: list[str],
     others: "tuple[Calibration | None, bool, Certificate | None]",
 ) -> Scenario:
-    """Return the scenario of a file: its base with the file's settings, recorded as such in logs.
+    """Return the scenario of a file: its base scenario with the file's settings. Logs record both.
 
     others: arguments of `build`, as they are.
     """

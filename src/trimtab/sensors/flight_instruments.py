@@ -33,13 +33,13 @@ class FlightInstrumentsReading:
 
     speed: Scalar = quantity("m/s", "Airspeed; equal to the speed over the ground, as there is no wind.")
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
-    beta: Scalar = quantity("rad", "Sideslip.", kind="angle")
+    beta: Scalar = quantity("rad", "Sideslip angle.", kind="angle")
     altitude: Scalar = quantity("m", "Altitude above the origin of W.", frame="W")
-    roll: Scalar = quantity("rad", "Bank.", frame="WB", kind="angle")
+    roll: Scalar = quantity("rad", "Bank angle.", frame="WB", kind="angle")
     pitch: Scalar = quantity("rad", "Pitch angle, nose up.", frame="WB", kind="angle")
-    roll_rate: Scalar = quantity("rad/s", "P.", frame="B")
-    pitch_rate: Scalar = quantity("rad/s", "Q.", frame="B")
-    yaw_rate: Scalar = quantity("rad/s", "R.", frame="B")
+    roll_rate: Scalar = quantity("rad/s", "Roll rate P.", frame="B")
+    pitch_rate: Scalar = quantity("rad/s", "Pitch rate Q.", frame="B")
+    yaw_rate: Scalar = quantity("rad/s", "Yaw rate R.", frame="B")
     normal_load: Scalar = quantity("1", "Upward load factor in B: 1 in level flight.", frame="B")
     side_load: Scalar = quantity("1", "Load factor along the body's y axis, to starboard.", frame="B")
 

@@ -115,7 +115,7 @@ class Gnss:
     LATE: ClassVar[bool] = True
 
     def check(self) -> None:
-        """Raise InputError for a period at which fixes would be missed."""
+        """Raise InputError if the period is too long to catch every fix."""
         self.timing.check_period(self.period)
 
     def init(self, key: Key) -> GnssState:

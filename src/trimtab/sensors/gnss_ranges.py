@@ -124,7 +124,7 @@ class GnssRanges:
     LATE: ClassVar[bool] = True
 
     def check(self) -> None:
-        """Raise InputError if measurements would be missed, or the satellites are not lists of positions."""
+        """Raise InputError if the period is too long to catch every measurement, or a satellite is not a position."""
         self.timing.check_period(self.period)
         shape = np.shape(self.satellites)
         if len(shape) != 2 or shape[1] != 3 or np.shape(self.velocities) != shape:

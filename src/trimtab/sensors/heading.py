@@ -46,7 +46,7 @@ class HeadingSensor:
     LATE: ClassVar[bool] = True
 
     def check(self) -> None:
-        """Raise InputError if measurements would be missed at this period."""
+        """Raise InputError if the period is too long to catch every measurement."""
         self.timing.check_period(self.period)
 
     def init(self, key: Key) -> LateSensorState:

@@ -57,7 +57,7 @@ class RunningMotor:
     moment: Any = quantity(
         "A m^2", "Dipole moment of the motor at a duty of 1.", frame="B", default=(0.0, 0.3, 0.0), shape=(3,)
     )
-    size: Scalar = quantity("m", "Radius.", default=0.014, above=0)
+    size: Scalar = quantity("m", "Radius of the motor.", default=0.014, above=0)
     instants: Any = quantity(
         "100 ns", "Times at which the motor's duty changes (n,); must rise.", kind="time", default=(0,)
     )
@@ -98,7 +98,7 @@ class FloorSteel:
     moment: Any = quantity(
         "A m^2", "Dipole moment of the magnetised steel.", frame="W", default=(2.0, 0.0, 4.0), shape=(3,)
     )
-    size: Scalar = quantity("m", "Radius.", default=0.1, above=0)
+    size: Scalar = quantity("m", "Radius of the magnetised steel.", default=0.1, above=0)
 
     def field(self, motion: Motion, place: Any) -> Any:
         """Return the field (3,) (T) in B at a place (3,) (m) in B."""

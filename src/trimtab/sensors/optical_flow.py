@@ -68,7 +68,7 @@ class OpticalFlow:
     )
     ground: Scalar = quantity("m", "Down coordinate of the ground.", frame="W", default=0.0)
     nearest: Scalar = quantity("m", "Shortest distance that the ranger measures.", default=0.08, low=0)
-    farthest: Scalar = quantity("m", "Longest.", default=10.0, above=0)
+    farthest: Scalar = quantity("m", "Largest distance that the ranger measures.", default=10.0, above=0)
     fastest: Scalar = quantity("rad/s", "Largest flow that the camera can follow.", default=7.4, above=0)
     period: int = period("Time between samples.", default=ms(20))
 

@@ -53,7 +53,7 @@ class PositionSensor:
     LATE: ClassVar[bool] = True
 
     def check(self) -> None:
-        """Raise InputError if measurements would be missed at this period."""
+        """Raise InputError if the period is too long to catch every measurement."""
         self.timing.check_period(self.period)
 
     def init(self, key: Key) -> LateSensorState:

@@ -26,7 +26,7 @@ class MyActuator:  # its fields are settings: --set world.actuators.stages.force
         off={"my-friction": 0.0},
     )
     time_constant: Any = quantity("s", "Time constant of the lag.", default=0.03, above=0)
-    low: Any = quantity("1", "Stop.", default=-10.0)
+    low: Any = quantity("1", "Lower stop.", default=-10.0)
     high: Any = quantity("1", "Upper stop.", default=10.0)
 
     def init(self, rest: Any) -> Any:

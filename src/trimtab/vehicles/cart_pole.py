@@ -41,12 +41,12 @@ class CartPole:
     Source:  [1]: masses, half-length, gravity.
     """
 
-    cart_mass: Scalar = quantity("kg", "M.", default=1.0, above=0, source="[1]")
-    pole_mass: Scalar = quantity("kg", "m.", default=0.1, above=0, source="[1]")
+    cart_mass: Scalar = quantity("kg", "Mass M of the cart.", default=1.0, above=0, source="[1]")
+    pole_mass: Scalar = quantity("kg", "Mass m of the pole.", default=0.1, above=0, source="[1]")
     half_length: Scalar = quantity(
         "m", "Distance l from the hinge to the centre of mass of the pole.", default=0.5, above=0, source="[1]"
     )
-    gravity: Scalar = quantity("m/s^2", "g.", default=9.8, above=0, source="[1]")
+    gravity: Scalar = quantity("m/s^2", "Gravitational acceleration g.", default=9.8, above=0, source="[1]")
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
     """Vehicle type reported to ground stations, see `wire.telemetry`."""

@@ -40,7 +40,7 @@ class DubinsCar:
     Source:  [1]; speed and radius are this project's.
     """
 
-    speed: Scalar = quantity("m/s", "V.", default=1.0, above=0)
+    speed: Scalar = quantity("m/s", "Speed V of the car.", default=1.0, above=0)
     radius: Scalar = quantity("m", "Smallest turning radius R.", default=0.8, above=0)
 
     MAV_TYPE: ClassVar[str] = "GROUND_ROVER"

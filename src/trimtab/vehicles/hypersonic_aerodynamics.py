@@ -137,7 +137,12 @@ class Propulsion:
     )
     b6: Scalar = quantity("lbf/ft", "Coefficient b6 of thrust per angle of attack.", default=-2.4216e3, source=THRUST)
     b7: Scalar = quantity("lbf/ft", "Coefficient b7 of thrust per fuel ratio.", default=6.3785e3, source=THRUST)
-    b8: Scalar = quantity("lbf/ft", "Else.", default=-1.0090e2, source=THRUST)
+    b8: Scalar = quantity(
+        "lbf/ft",
+        "Coefficient b8 of thrust that does not depend on angle of attack or fuel ratio.",
+        default=-1.0090e2,
+        source=THRUST,
+    )
 
     def thrust_without_fuel(self, alpha: Any) -> Any:
         """Return T0 (lbf/ft), the thrust at zero fuel ratio."""

@@ -72,7 +72,7 @@ class Mariner:
     centre: Scalar = quantity(
         "1", "Distance of the centre of mass ahead of amidships (ship lengths).", default=-0.023, source="[1]"
     )
-    added_surge: Scalar = quantity("1", "-Xu'.", default=42e-5, source="[1]")
+    added_surge: Scalar = quantity("1", "Added mass in surge: -Xu'.", default=42e-5, source="[1]")
     added_sway: Any = quantity(
         "1", "Added mass in sway: -Yv', -Yr'.", default=(748e-5, 9.354e-5), shape=(2,), source="[1]"
     )

@@ -135,7 +135,7 @@ class Multirotor:
              D. Scaramuzza, "Differential flatness of quadrotor dynamics subject to rotor drag", RA-L 2018, for D.
     """
 
-    mass: Scalar = quantity("kg", "Mass.", default=4.34, above=0, source="[1] section V")
+    mass: Scalar = quantity("kg", "Mass of the craft.", default=4.34, above=0, source="[1] section V")
     inertia: Any = quantity(
         "kg m^2",
         "Moments of inertia about x, y, z.",
@@ -145,7 +145,7 @@ class Multirotor:
         above=0,
         source="[1] section V",
     )
-    gravity: Scalar = quantity("m/s^2", "Downward.", default=9.81, low=0)
+    gravity: Scalar = quantity("m/s^2", "Gravitational acceleration, downward.", default=9.81, low=0)
     rotors: Rotors = part("Rotors of the craft.", default=Rotors())
     lag: Scalar = imperfection("s", "Time constant of each rotor's speed.", "motor-lag")
     drag: Any = quantity(

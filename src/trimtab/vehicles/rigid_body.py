@@ -134,7 +134,7 @@ class RigidBody:
              simulations of NASA in the study nesc2015.
     """
 
-    mass: Scalar = quantity("kg", "Mass.", default=1.0, above=0)
+    mass: Scalar = quantity("kg", "Mass of the body.", default=1.0, above=0)
     inertia: Any = quantity(
         "kg m^2", "Moments of inertia Jx, Jy, Jz.", frame="B", shape=(3,), default=np.array([0.1, 0.1, 0.1])
     )
@@ -148,7 +148,9 @@ class RigidBody:
     earth: Earth = part("Earth: gravitation and rotation.", default=Earth())
     wind: Wind = part("Wind velocity over the ground.", default=Wind())
     aerodynamics: Any = part("Model of the aerodynamic forces. None: no air.", default=None)
-    origin: TangentPlane = part("Origin of W on the earth.", default=TangentPlane(0.0, 0.0))
+    origin: TangentPlane = part(
+        "Origin of the local frame W: latitude, longitude and height on the earth.", default=TangentPlane(0.0, 0.0)
+    )
     gust: Any = part("Gust added to the wind; set by a world with turbulence.", default=None)
 
     MAV_TYPE: ClassVar[str] = "GENERIC"

@@ -58,7 +58,7 @@ class NoiseCalibration(NamedTuple):
 def noise_calibration(
     triad: str, axes: Mapping[int, AllanFit], source: str, step: float | None = None
 ) -> NoiseCalibration:
-    """Return a calibration's entries for one triad, from the fits of its axes at rest.
+    """Return the noise entries of a calibration for one sensor triad, from Allan fits of its axes at rest.
 
     Args:
         triad: "gyro" or "accelerometer".

@@ -158,7 +158,7 @@ class InertialState:
     position: Any = part("Checks of the position sensor's samples; None without a position sensor.")
     imu_arrival: Scalar = quantity("100 ns", "Arrival time of the last IMU sample.", kind="time")
     reported: Any = part("Motion reported last: fields of NavigationState by name.")
-    clock: Scalar = quantity("100 ns", "Latest time of the autopilot so far.", kind="time")
+    clock: Scalar = quantity("100 ns", "Largest time of the autopilot's clock that has been received.", kind="time")
     clock_backwards: Scalar = quantity("1", "Number of times the autopilot's time ran backwards.", kind="count")
 
 

@@ -23,7 +23,7 @@ class AirInertialEstimate:
     alpha: Scalar = quantity("rad", "Angle of attack, from the vane.", kind="angle")
     beta: Scalar = quantity("rad", "Sideslip, from the vane.", kind="angle")
     altitude: Scalar = quantity("m", "Altitude of the centre of mass above the origin of W.", frame="W")
-    roll: Scalar = quantity("rad", "Bank.", frame="WB", kind="angle")
+    roll: Scalar = quantity("rad", "Bank angle.", frame="WB", kind="angle")
     pitch: Scalar = quantity("rad", "Pitch angle, nose up.", frame="WB", kind="angle")
     roll_rate: Scalar = quantity("rad/s", "Roll rate P, without the gyro's bias.", frame="B")
     pitch_rate: Scalar = quantity("rad/s", "Pitch rate Q, without the gyro's bias.", frame="B")

@@ -30,7 +30,7 @@ class Increment:
     turn: Any = quantity("1", "Quaternion dR, from B at the end to B at the beginning.", shape=(4,))
     velocity: Any = quantity("m/s", "Integral dv of the specific force.", frame="B", shape=(3,))
     position: Any = quantity("m", "Double integral dp of the specific force.", frame="B", shape=(3,))
-    time: Scalar = quantity("s", "T.")
+    time: Scalar = quantity("s", "Length T of the step.")
 
 
 class Kinematics(NamedTuple):

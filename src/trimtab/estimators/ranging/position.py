@@ -48,7 +48,9 @@ class RangingFix:
     north: Scalar = quantity(
         "m", "Position north of the vehicle's reference point; of the unit while the heading is unknown."
     )
-    east: Scalar = quantity("m", "Likewise.")
+    east: Scalar = quantity(
+        "m", "Position east of the vehicle's reference point; of the unit while the heading is unknown."
+    )
     heading: Scalar = quantity("rad", "Heading from two units, in [-pi, pi).", kind="angle")
     heading_valid: Scalar = quantity("1", "True if both units have a recent fix.", kind="flag")
     unit: Scalar = quantity("1", "Index of the unit located last.", kind="count")
@@ -103,7 +105,7 @@ class _UnitLocation(NamedTuple):
 
 @record
 class RangingPosition:
-    """Locates a unit from each ping: cone compensation, closed form, least squares, and a search for a wrong range.
+    """Locates a unit from each ping. Ranges are corrected for the angle in the sound cone, and one outlier is rejected.
 
     Three ranges or more: Bancroft's closed form, and from there least squares. If the residual is above its limit and
     enough ranges remain, one range is left out, such that the residual is below its limit and the fix within the cones

@@ -52,7 +52,7 @@ static const uint16_t SAFE_PULSES[CHANNELS] = {{{safe}}};
 
 
 def outputs_source(outputs: list[PulseOutput]) -> str:
-    """Return C with the tables of pulses, and with functions that read and set the failsafe's command."""
+    """Return C code with the tables of pulses, and with functions that read and set the failsafe's command."""
     lines = [LICENCE_NOTE, '#include "output_table.h"\n']
     for k, o in enumerate(outputs):
         values, counts = np.asarray(o.pulse.values), np.asarray(o.pulse.widths) * COUNTS_PER_SECOND

@@ -32,7 +32,9 @@ FIX_3D, SATELLITES, ACCURACY = 3, 12, 100
 
 
 class ControlFrame(NamedTuple):
-    """Answer of PX4. time: PX4's (µs); controls: values of its 16 outputs; is_locked: PX4 waits for the next sample."""
+    """Outputs that PX4 sends. time: time (µs) by PX4's clock. controls: values of its 16 outputs.
+
+    is_locked: PX4 waits for the next sample (lockstep)."""
 
     time: int
     controls: tuple[float, ...]

@@ -47,7 +47,7 @@ class TextQueue:
         self.dropped = 0
 
     def queue_text(self, severity: Severity, text: str) -> None:
-        """Append a line."""
+        """Queue a line of text for the station."""
         pieces = _split_text(text)
         if len(self._waiting) + len(pieces) > WAITING_TEXTS_MAX:
             self.dropped += 1

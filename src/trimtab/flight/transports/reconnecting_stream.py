@@ -213,7 +213,7 @@ class StreamLink:
         return not self._rest and self._fd >= 0
 
     def _write(self, data: bytes) -> int:
-        """Write data and return the number of bytes taken; an error that isn't the packet's ends the connection."""
+        """Write data, return the number of bytes written. An error not caused by the packet ends the connection."""
         try:
             return os.write(self._fd, data)
         except BlockingIOError:

@@ -165,7 +165,7 @@ def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]
 
 
 def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
-    """Return text of the parameter -> values of the runs (n,). An array scaled whole has a factor, an option an index.
+    """Return parameter -> its value in each run (n,): a factor for an array that is scaled, an index for an option.
 
     Args:
         spread: spread that was matched with the scenario.
