@@ -222,6 +222,7 @@ def hang_terminal(draw: random.Random) -> Disturbance:
         FLIES,
         seconds,
         (DISARMED,),
+        ("lines for the user were lost",),  # where the terminal hangs to the end
         missing_requirement=explain_virtual_only,
     )
 
