@@ -204,7 +204,7 @@ class GnssInertial:
     def check(self) -> None:
         """Raise InputError if the window is too small or a sensor name is used twice."""
         if self.slots < 2:
-            raise InputError("slots", f"must be at least 2, got {self.slots}", fix="set slots above delay / period, e.g. 176")
+            raise InputError("slots", f"must be at least 2, got {self.slots}", fix="set slots above delay / period")
         if self.carried < 1:
             raise InputError(
                 "carried",
