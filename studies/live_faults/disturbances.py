@@ -322,7 +322,7 @@ def freeze_vehicle(draw: random.Random) -> Disturbance:
             exit_status(AUTOPILOT, 1),
             exit_status(VEHICLE, 1),
         ),
-        (*LOST, *STALE, *NO_COMMAND, "outputs went safe"),
+        (*LOST, *STALE, *NO_COMMAND, "outputs went safe", "sample rejected: .* delayed"),
         stopped_s={VEHICLE: seconds},
         fly=4.5,
         is_last=True,
