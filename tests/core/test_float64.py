@@ -49,29 +49,37 @@ def _reach(module):
     return reached
 
 
-USERS = sorted(m for m in MODULES if "jax" in _imports_at_once(m))
+@cache
+def _users():
+    return sorted(m for m in MODULES if "jax" in _imports_at_once(m))
+
+
 COMPILER = sorted(m for m in MODULES if m.startswith("trimtab.compiler."))
 """Trace inside `jax.enable_x64`, so that the user's own setting stays."""
 
 
 def test_there_are_modules_that_use_jax():
-    assert len(USERS) > 100
-    assert "trimtab.core.record" in USERS
+    assert len(_users()) > 100
+    assert "trimtab.core.record" in _users()
+
+
+@cache
+def _is_switch(module):
+    return f"\n{SWITCH}\n" in MODULES[module].read_text(encoding="utf-8")
 
 
 def _switches(module):
     """The modules that a module imports, itself included, and that switch float64 on."""
-    return [m for m in _reach(module) & set(MODULES) if f"\n{SWITCH}\n" in MODULES[m].read_text(encoding="utf-8")]
+    return [m for m in _reach(module) & set(MODULES) if _is_switch(m)]
 
 
-@pytest.mark.parametrize("module", sorted(set(USERS) - COMPUTES_NOTHING - set(COMPILER)))
-def test_who_imports_jax_switches_float64_on(module):
-    assert _switches(module), f"{module}: import trimtab.core.record, or write {SWITCH}"
+def test_modules_that_import_jax_switch_float64_on():
+    without = [m for m in _users() if m not in COMPUTES_NOTHING and m not in COMPILER and not _switches(m)]
+    assert without == [], f"import trimtab.core.record, or write {SWITCH}"
 
 
-@pytest.mark.parametrize("module", COMPILER)
-def test_compiler_leaves_float64_switch(module):
-    assert _switches(module) == []
+def test_compiler_leaves_float64_switch():
+    assert {module: _switches(module) for module in COMPILER if _switches(module)} == {}
 
 
 RECORD = """

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -14,6 +15,18 @@ LONGEST = {"my_boat": 130}
 """Lines of an example that is more than one thing: vehicle, law and scenario."""
 
 
+@pytest.fixture
+def modules():
+    """Forget the modules that an example imports from its folder, and close its figures."""
+    before = set(sys.modules)
+    yield
+    for name in set(sys.modules) - before:
+        if Path(getattr(sys.modules[name], "__file__", None) or "").parent == ROOT / "examples":
+            del sys.modules[name]
+    plt.close("all")
+
+
+@pytest.mark.usefixtures("modules")
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda f: f.stem)
 def test_example_is_short_and_runs(file, tmp_path, monkeypatch):
     assert len(file.read_text(encoding="utf-8").splitlines()) < LONGEST.get(file.stem, 60)

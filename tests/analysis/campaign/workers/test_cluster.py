@@ -72,7 +72,7 @@ def test_addresses_and_files_that_are_none(folder):
 
 @pytest.mark.real_time
 def test_nobody_listens(folder):
-    with pytest.raises(InputError, match="no scheduler is reached there: Connection refused") as refused:
+    with pytest.raises(InputError, match="cannot reach a scheduler at this address: Connection refused") as refused:
         small(BLOCK).run(workers=cluster_workers("tls://127.0.0.1:9", **files(folder)))
     assert "dask scheduler --protocol tls --port 9" in refused.value.fix
 
@@ -86,7 +86,7 @@ def test_worker_whose_rows_would_be_others():
     for name, column in columns.items():
         assert column.tobytes() == whole[name][3:7].tobytes()
     for name in told:
-        with pytest.raises(InputError, match=f"would not give the same rows: .*{name}: ") as refused:
+        with pytest.raises(InputError, match=f"would give different rows: .*{name}: ") as refused:
             fly_rows(ready.plan.as_dict(), {**told, name: "other"}, 3, 7)
         assert ("a C compiler" in refused.value.fix) == (name == "backend")
 
@@ -104,7 +104,7 @@ def test_campaign_on_two_workers_and_who_is_refused(folder, processes, whole, tm
     stranger = files(folder / "other")
     with pytest.raises(InputError, match="did not sign the scheduler's certificate"):
         small(BLOCK).run(workers=cluster_workers(uri, **stranger))
-    with pytest.raises(InputError, match="it refuses the certificate: TLSV1_ALERT"):
+    with pytest.raises(InputError, match="the scheduler rejects the certificate: TLSV1_ALERT"):
         small(BLOCK).run(workers=cluster_workers(uri, **{**stranger, "ca": folder / "ca.pem"}))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text("def worst(rows):\n    return rows['yaw_rate'].max(axis=1)\n")
