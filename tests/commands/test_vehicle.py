@@ -41,6 +41,28 @@ def test_the_summary_is_of_the_flight_whenever_the_vehicle_is_ended_afterwards(t
     assert whole["final"]["surge_velocity"] == 7.0
 
 
+def test_a_flight_is_assessed_by_its_estimates_from_arming(tmp_path):
+    ticks = np.arange(0, 60) * seconds(1)
+    speed = np.where(ticks < seconds(20), 0.0, 1.02)
+    log = Log(to_seconds(ticks), ticks, {"estimate.state.surge_velocity": speed})
+    file = write_mcap(log, tmp_path / "flight.mcap")
+    target = Target("truth.surge_velocity", 1.0, 0.1)
+    found = flight_summary.assess_estimate(file, seconds(15), [target])
+    assert found == {"on_target": True, "says": "on target after 5 s"}
+    missed = flight_summary.assess_estimate(file, seconds(15), [Target("truth.surge_velocity", 0.0, 0.1)])
+    assert missed["says"] == "not at rest: surge_velocity ends at 1.02, wanted 0 within 0.1"
+
+
+@pytest.mark.parametrize("released", [None, 0])
+def test_a_flight_without_the_targets_estimate_is_not_assessed(tmp_path, released):
+    ticks = np.arange(0, 3) * seconds(1)
+    file = write_mcap(Log(to_seconds(ticks), ticks, {"law.mode": np.zeros(3)}), tmp_path / "flight.mcap")
+    assert flight_summary.assess_estimate(file, released, [Target("truth.heading", 1.0, 0.1)]) is None
+    file.write_bytes(b"")
+    assert flight_summary.assess_estimate(file, released, [Target("truth.heading", 1.0, 0.1)]) is None
+    assert flight_summary.assess_estimate(None, released, [Target("truth.heading", 1.0, 0.1)]) is None
+
+
 def test_a_console_passes_on_what_its_vehicle_refused_with_that_fix_alone(tmp_path):
     store = tmp_path / "hovercraft.key.time"
     first = Stamps(store)

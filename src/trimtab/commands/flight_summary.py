@@ -9,6 +9,7 @@ import click
 import numpy as np
 
 from trimtab.commands.output import format_number, new_table, print_table
+from trimtab.core.errors import InputError
 from trimtab.core.quantity import component_paths
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
@@ -39,11 +40,9 @@ def summarise_truth(
     file: Path | None, release: int | None, targets: Iterable[Target], end: int | None = None
 ) -> dict[str, Any]:
     """Summarise a vehicle's log from its release to its end (100 ns), as `real`; None if the log is too large."""
-    if release is None or file is None or list_files(file) != [file] or file.stat().st_size > MOST_SUMMARISED:
+    whole = None if release is None else _read_flight_log(file)
+    if whole is None or release is None:
         return {"real": None}
-    from trimtab.commands.foreign_logs import read_own_log  # imports JAX, which `run` may not need
-
-    whole = read_own_log(file)
     goes_on = np.zeros(len(whole), bool) if end is None else whole.ticks > end
     flown = (whole.ticks >= release) & ~goes_on
     if not flown.any():
@@ -54,6 +53,45 @@ def summarise_truth(
     log = Log(to_seconds(ticks), ticks, signals, whole.declarations, whole.metadata, final)
     real = summarise_run(log, [t for t in targets if full_path(t.path) in log])
     return {"real": real, "units": metric_units(log, real["metrics"])}
+
+
+def _read_flight_log(file: Path | None) -> Log | None:
+    """Read the log of a live flight; None if there is no log or it is too large."""
+    if file is None or list_files(file) != [file] or file.stat().st_size > MOST_SUMMARISED:
+        return None
+    from trimtab.commands.foreign_logs import read_own_log  # imports JAX, which `run` may not need
+
+    return read_own_log(file)
+
+
+def assess_estimate(file: Path | None, release: int | None, targets: Iterable[Target]) -> dict[str, Any] | None:
+    """Assess a live flight by the autopilot's estimates, as `assess_targets` does by the truth.
+
+    None if the autopilot did not arm, if there is no log or it is too large, or if the autopilot does not estimate the
+    signal of a target.
+
+    Args:
+        file: log of the autopilot.
+        release: time of arming (100 ns).
+        targets: the scenario's targets.
+    """
+    targets = tuple(targets)
+    try:
+        whole = None if release is None else _read_flight_log(file)
+    except InputError:  # a full disk may leave a log without rows, which the flight reports as a problem
+        return None
+    if whole is None or release is None:
+        return None
+    flown = whole.ticks >= release
+    signals, declared = {}, {}
+    for path in (full_path(t.path) for t in targets):
+        own = path if path in whole else f"estimate.state.{path.removeprefix('truth.')}"
+        if own not in whole:
+            return None
+        signals[path], declared[path] = whole[own][flown], whole.declaration(own)
+    ticks = whole.ticks[flown] - release
+    declarations = {path: found for path, found in declared.items() if found is not None}
+    return assess_targets(Log(to_seconds(ticks), ticks, signals, declarations, whole.metadata), targets)
 
 
 def print_truth(result: dict[str, Any], out: Path | None, never: str) -> None:

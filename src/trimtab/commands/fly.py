@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from trimtab.commands.flight_summary import assess_estimate
 from trimtab.commands.line import (
     AUTOPILOT,
     current_machine,
@@ -239,6 +240,7 @@ def _fly_real_time(
         "checks": autopilot.preflight.describe_checks(),
         "armed": flight.arming_time is not None,
         "armed_s": None if flight.arming_time is None else to_seconds(flight.arming_time),
+        "verdict": assess_estimate(log, flight.arming_time, autopilot.scenario.targets),
         "real_time": flight.grant._asdict(),
         "deadlines": flight.deadlines.summary() | {"skipped": flight.skipped},
         "samples": autopilot.autopilot_end.counts.received,
@@ -253,6 +255,10 @@ def _fly_real_time(
 
 
 def _print_flight(result: Mapping[str, Any], granted: str) -> None:
+    if result["verdict"] is not None:
+        click.echo(f"by the autopilot's estimate: {result['verdict']['says']}")
+    elif result["armed"] and result["log"] is None:
+        click.echo("no verdict on the targets: no log was written; to write one: --out DIR")
     _print_deadlines(result["deadlines"], granted)
     counts, log = result["wire"], result["log"]
     click.echo(f"frames: {counts['sent']} sent, {counts['accepted']} accepted, {counts['lost']} lost in transit")
