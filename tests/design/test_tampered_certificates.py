@@ -225,8 +225,8 @@ TEXTS = {
     "an endless number": (lambda text: text.replace("[0.0,", "[Infinity,", 1), "is not a number"),
     "a number in quotes": (lambda text: text.replace("[0.0,", '["0.0",', 1), "must be numbers of shape"),
     "a number as truth": (lambda text: text.replace("[0.0,", "[false,", 1), "must be numbers of shape"),
-    "a digest of another": (lambda text: text.replace('"digest": "', '"digest": "0', 1), "as it was written"),
-    "a digit, digest kept": (lambda text: text.replace("85000.0", "85000.00000000001", 1), "as it was written"),
+    "a digest of another": (lambda text: text.replace('"digest": "', '"digest": "0', 1), "since it was written"),
+    "a digit, digest kept": (lambda text: text.replace("85000.0", "85000.00000000001", 1), "since it was written"),
 }
 
 
