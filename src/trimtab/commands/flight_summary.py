@@ -56,7 +56,7 @@ def summarise_truth(
 
 
 def _read_flight_log(file: Path | None) -> Log | None:
-    """Read the log of a live flight; None if there is no log or it is too large."""
+    """Read the log of a live flight; None without a log, or if the log is too large."""
     if file is None or list_files(file) != [file] or file.stat().st_size > MOST_SUMMARISED:
         return None
     from trimtab.commands.foreign_logs import read_own_log  # imports JAX, which `run` may not need
@@ -67,8 +67,8 @@ def _read_flight_log(file: Path | None) -> Log | None:
 def assess_estimate(file: Path | None, release: int | None, targets: Iterable[Target]) -> dict[str, Any] | None:
     """Assess a live flight by the autopilot's estimates, as `assess_targets` does by the truth.
 
-    None if the autopilot did not arm, if there is no log or it is too large, or if the autopilot does not estimate the
-    signal of a target.
+    None if the autopilot did not arm, if its log is missing or too large, or if the autopilot does not estimate the signal
+    of a target.
 
     Args:
         file: log of the autopilot.
