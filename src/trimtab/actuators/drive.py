@@ -1,4 +1,4 @@
-"""The drive of the vectored fan, from command to force: servo frames, brake, tables and stops.
+"""Drive of the vectored fan, from command to force: servo frames, brake, tables and stops.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -26,7 +26,7 @@ FORWARD, REVERSE, BRAKING = range(3)
 
 @record
 class SpeedControllerState:
-    """State of the speed controller: direction of the last non-zero speed, and the brake.
+    """State of the speed controller: direction of the last non-zero speed, and state of the brake.
 
     Frames:  none.
     Source:  [1] section 6.1.
@@ -49,18 +49,18 @@ class SpeedControllerState:
 
 @record
 class SpeedController:
-    """Speed controller: passes the commanded speed on, and brakes for a fixed time between reverse and forward.
+    """Speed controller that forwards the commanded speed, and brakes for a fixed time between reverse and forward.
 
         forward  --negative-->  reverse        at once
         reverse  --positive-->  braking        output 0 until t + brake
         braking  --negative-->  reverse        at once: the brake is cancelled
         braking  --brake over-> forward
 
-    A zero command changes nothing: the controller stores the last direction of the fan, so that a pause at zero between
-    reverse and forward does not avoid the brake (reconstructed; the source says nothing about pauses).
+    A zero command does not change the mode. The controller stores the last direction of the fan, so a pause at zero
+    between reverse and forward does not avoid the brake. This is reconstructed: [1] does not describe pauses.
 
     Frames:  positive speed pushes the vehicle forward.
-    Source:  [1] chapter 4 and section 6.1: 150 ms, wired so that the delay falls on reverse to forward.
+    Source:  [1] chapter 4 and section 6.1: 150 ms, wired so that the delay occurs from reverse to forward.
     """
 
     brake: int = period(
@@ -72,9 +72,9 @@ class SpeedController:
         return SpeedControllerState()
 
     def step(self, t: Any, state: SpeedControllerState, speed_rpm: Any) -> tuple[SpeedControllerState, Any]:
-        """Return the new state and the speed passed on (rpm) at integer time t.
+        """Return the new state and the forwarded speed (rpm) at integer time t.
 
-        Calls need rising times, not a fixed period.
+        The times of successive calls must increase, but need not have a fixed period.
         """
         negative, positive = speed_rpm < 0, speed_rpm > 0
         was_reverse = state.mode == REVERSE
@@ -118,7 +118,8 @@ def drive_failsafe() -> Failsafe:
 class FanDriveState:
     """State of the drive of the vectored fan.
 
-    Frames:  none. Source: this module."""
+    Frames:  none. Source: this module.
+    """
 
     rudder_pulse: Scalar = quantity("s", "Pulse width latched in the last servo frame.")
     commanded_rpm: Scalar = quantity("rpm", "Speed latched in the last servo frame.")
@@ -194,8 +195,10 @@ class FanDrive:
         if self.fan is not None:
             self.fan.check()
             if self.fan.motor.period != self.period:
-                problem = f"{format_time(self.fan.motor.period)}, must be the drive's, {format_time(self.period)}"
-                raise InputError("fan.motor.period", problem, fix="make them equal")
+                problem = (
+                    f"{format_time(self.fan.motor.period)} must equal the drive's period of {format_time(self.period)}"
+                )
+                raise InputError("fan.motor.period", problem, fix="set both periods to the same value")
 
     def neutral(self) -> DriveOutput:
         """Return the output with the fan at rest and the rudder at the servo's neutral pulse."""

@@ -1,4 +1,4 @@
-"""Pulses of servos and speed controllers: pulse widths for the values of a command."""
+"""Pulses of servos and speed controllers: conversion between the values of a command and pulse widths."""
 
 from typing import Any
 
@@ -19,18 +19,20 @@ class ServoPulse:
 
         ServoPulse(values=(-0.44, 0.0, 0.44), widths=(2e-3, 1.52e-3, 1e-3))     a servo with a reversed horn
 
-    A stage of an ActuatorBank, the first of its row. Values beyond the table are limited to its ends. Values inside are
-    rounded to the timer's resolution. Firmware sends the pulses by the same table (docs page, Servo pulses).
+    It is the first stage of a field in an ActuatorBank. Values beyond the table are limited to its ends. Values inside
+    are rounded to the timer's resolution. Firmware sends the pulses by the same table (docs page, Servo pulses).
 
-    Frames:  its field's.    Not modelled: that pulses come only once a frame; use a ServoFrame for that.
-    Source:  the pulses of radio control: 1.5 ms in the middle, half a millisecond to either end.
+    Frames:  those of its field.    Not modelled: the frame in which pulses are sent; use a ServoFrame for it.
+    Source:  pulses of radio control servos: 1.5 ms in the middle, 1 and 2 ms at the ends.
     """
 
     values: Any = quantity(
-        "1", "Values, rising, in the unit of the actuated value (n,).", default=np.array([-1.0, 1.0])
+        "1",
+        "Values of the table in rising order (n,), in the unit of the actuated value.",
+        default=np.array([-1.0, 1.0]),
     )
     widths: Any = quantity(
-        "s", "Pulse width at each value (n,), rising or falling.", default=np.array([1e-3, 2e-3]), low=0
+        "s", "Pulse width at each value of the table (n,), rising or falling.", default=np.array([1e-3, 2e-3]), low=0
     )
     resolution: Scalar = imperfection("s", "Resolution of the pulse width.", "pulse-steps", default=0.5e-6)
 
@@ -77,12 +79,12 @@ class ServoPulse:
 
 
 def linear_pulse(low: Any, high: Any) -> ServoPulse:
-    """Return a pulse table from 1 ms at the smallest value to 2 ms at the largest."""
+    """Return a linear pulse table from 1 ms at the smallest value to 2 ms at the largest value."""
     return ServoPulse(values=np.array([float(low), float(high)]))
 
 
 def _read_table(x: Any, y: Any, at: Any) -> Any:
-    """Return y interpolated linearly at a position among the points x; constant beyond them. x must rise or fall."""
+    """Return y at a position, interpolated linearly over the points x, constant beyond them. x must rise or fall."""
     x, y = jnp.asarray(x), jnp.asarray(y)
     share = jnp.clip((jnp.asarray(at)[..., None] - x[:-1]) / (x[1:] - x[:-1]), 0.0, 1.0)
     return y[0] + jnp.sum(share * (y[1:] - y[:-1]), axis=-1)
