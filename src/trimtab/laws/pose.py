@@ -65,7 +65,7 @@ class _Swing(NamedTuple):
 
 @record
 class Pose:
-    """Brings the hovercraft to rest at a position and heading, in four steps about its centre of percussion P.
+    """Law that brings the hovercraft to rest at a position and heading, in four steps about its centre of percussion P.
 
         brake  w = -k n.v_P            the nose turns to the line of v_P          until |v_P| < rest_speed
         aim    w = -k n.v_P            the nose turns to the line to the goal     until it points there
@@ -88,15 +88,15 @@ class Pose:
              end the craft rests. Only simulated, not proven: the average, and steps that end early. (tests)
     Ends:    at a distance below `near` and a speed below rest_speed. A new round begins at a distance above `far`, or a
              speed above leave_speed.
-    Valid:   as far as the actuators give the demand. The fan and rudder of [1] give no side force without thrust.
+    Valid:   as far as the actuators can give the demand. The fan and rudder of [1] give no side force without thrust.
     Source:  own derivation (docs page); a swing that shrinks with the root of the error: R. M'Closkey, R. Murray, IEEE
-             Trans. Automatic Control 42 (1997) 614. Gains are this project's.
+             Trans. Automatic Control 42 (1997) 614. Gains are chosen.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    north: Scalar = quantity("m", "Target position of the centre of mass.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Target position of the centre of mass.", frame="W", default=0.0)
+    north: Scalar = quantity("m", "Target position of the centre of mass, north.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Target position of the centre of mass, east.", frame="W", default=0.0)
     heading: Scalar = quantity("rad", "Target heading of the nose.", kind="angle", default=0.0)
     k: Scalar = quantity("1/s", "Gain k of the velocity error of the centre of percussion.", default=2.0, above=0)
     c: Scalar = quantity("1/s", "Gain c: commanded speed per remaining distance.", default=0.5, above=0)
@@ -141,7 +141,7 @@ class Pose:
         return PoseState(mode=zero, nose=np.asarray(0.0), rounds=np.asarray(1, np.int32))
 
     def step(self, t: Any, state: PoseState, estimate: Estimate) -> tuple[PoseState, PoseOutput]:
-        """Update the step, and return the demand at integer time t."""
+        """Update the active step of the law, and return the demand at integer time t."""
         s, arm = estimate.state, self.model.percussion_arm
         body = planar(s.heading)
         n = body[:, 0]

@@ -40,7 +40,7 @@ class SlaveBus:
     would take longer than `queue` is dropped and counted.
 
     Frames:  those of the values carried.    Not modelled: repeated pieces, other traffic.
-    Source:  [1] chapter 5: the unit with the ultrasonic receivers is the bus master, and receives at most 10 bytes every
+    Source:  [1] chapter 5: the unit with the ultrasonic receivers is the bus master, and receives at most 10 bytes in
              10 ms. Bit rate, sizes and queue are reconstructed.
     """
 
