@@ -55,7 +55,7 @@ class ThrustVectorAllocation:
             check_speed_table(self.table, self.thruster)
 
     def init(self, key: Key) -> tuple[()]:
-        """Return an empty state."""
+        """Return an empty record, because this part has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], demand: PlanarForce) -> tuple[tuple[()], DriveCommand]:
@@ -96,7 +96,7 @@ class DirectAllocation:
     """
 
     def init(self, key: Key) -> tuple[()]:
-        """Return an empty state."""
+        """Return an empty record, because this part has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], demand: Any) -> tuple[tuple[()], Any]:
@@ -129,7 +129,7 @@ class DirectActuation:
         return DirectOutput(u=self.neutral_input)
 
     def init(self, key: Key) -> tuple[()]:
-        """Return an empty state."""
+        """Return an empty record, because this part has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], command: Sample) -> tuple[tuple[()], DirectOutput]:

@@ -50,7 +50,7 @@ class ActuatorBank:
     def __post_init__(self) -> None:
         if isinstance(
             self.stages, Mapping
-        ):  # a single stage may be given for a row of one; not while JAX rebuilds the record
+        ):  # allows a single stage instead of a tuple; false while JAX rebuilds the record
             rows = {name: (row if isinstance(row, tuple) else (row,)) for name, row in self.stages.items()}
             object.__setattr__(self, "stages", rows)
 

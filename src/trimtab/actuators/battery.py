@@ -59,7 +59,7 @@ class Battery:
         """Raise InputError for a battery whose voltage rises as it is discharged."""
         if float(self.empty) > float(self.full):
             problem = f"{float(self.empty):g} V must be below the full voltage, {float(self.full):g} V"
-            raise InputError("Battery.empty", problem, fix="set it below full")
+            raise InputError("Battery.empty", problem, fix="set empty below full")
 
     def init(self) -> BatteryState:
         """Return the initial state, with the charge given by `initial`."""

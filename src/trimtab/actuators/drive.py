@@ -135,10 +135,10 @@ class DriveOutput:
     """Output of the vectored fan. Frames: angles from the body's x axis, force in B. Source: this module."""
 
     u: PlanarForce = part("Force at the rudder pivot.")
-    thrust: Scalar = quantity("N", "Signed thrust, along the force angle.")
+    thrust: Scalar = quantity("N", "Signed thrust in the direction of the force angle.")
     rudder: Scalar = quantity("rad", "Rudder angle.", kind="angle")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
-    mode: Scalar = quantity("1", "Mode of the speed controller.", kind="mode", modes=MODES)
+    mode: Scalar = quantity("1", "Mode of the speed controller: forward, reverse or braking.", kind="mode", modes=MODES)
     brakings: Scalar = quantity("1", "Number of times that the fan has been braked so far.", kind="count")
     rudder_saturated: Scalar = quantity("1", "True if the rudder is at a stop.", kind="flag")
     speed_saturated: Scalar = quantity("1", "True if the fan is at its top speed.", kind="flag")
@@ -166,7 +166,7 @@ class FanDrive:
 
     rudder: RudderServo = part("Servo of the rudder.", default=RudderServo())
     geometry: RudderGeometry = part("Relation between rudder angle and force angle.", default=RudderGeometry())
-    controller: SpeedController = part("Speed controller.", default=SpeedController())
+    controller: SpeedController = part("Speed controller of the fan.", default=SpeedController())
     thruster: Thruster = part("Model of the fan's thrust as a function of its speed.", default=Thruster())
     table: BilinearTable | None = part(
         "Table of the thrust over rudder angle and fan speed. None: use the thruster's formula.",

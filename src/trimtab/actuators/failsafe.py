@@ -48,9 +48,13 @@ class FailsafeInput:
     radio: Scalar = quantity(
         "1", "True while the signal of the safety pilot's transmitter is received.", kind="flag", default=False
     )
-    arm: Scalar = quantity("1", "Request to arm.", kind="flag", default=False)
-    disarm: Scalar = quantity("1", "Request to disarm; has priority over a request to arm.", kind="flag", default=False)
-    breach: Scalar = quantity("1", "Limit that the vehicle has exceeded.", kind="mode", modes=BREACHES, default=0)
+    arm: Scalar = quantity("1", "True to request arming.", kind="flag", default=False)
+    disarm: Scalar = quantity(
+        "1", "True to request disarming; has priority over a request to arm.", kind="flag", default=False
+    )
+    breach: Scalar = quantity(
+        "1", "Limit that the vehicle has exceeded: none, fence or envelope.", kind="mode", modes=BREACHES, default=0
+    )
 
 
 @record

@@ -52,11 +52,11 @@ class FirstOrderLag:
     )
 
     def check(self) -> None:
-        """Raise InputError unless low is below high."""
+        """Raise InputError unless the lower stop is below the upper stop."""
         _check_stops(self.low, self.high)
 
     def init(self, rest: Any) -> Any:
-        """Return the initial state, at the rest value."""
+        """Return the initial state, with the actuator at the rest value."""
         return jnp.asarray(rest, float)
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
@@ -68,7 +68,7 @@ class FirstOrderLag:
         left = rest * jnp.exp(-(dt - sliding) / jnp.maximum(self.time_constant, TINY))
         free = value - jnp.where(error < 0, -left, left)
         x = jnp.clip(free, self.low, self.high)
-        slides = (sliding > 1e-6 * dt) & (rest > 1e-9 * size)  # beyond rounding
+        slides = (sliding > 1e-6 * dt) & (rest > 1e-9 * size)  # above rounding errors
         return x, StageOutput(value=x, limited=jnp.any(slides | (x != free)))
 
 
@@ -117,7 +117,7 @@ class SecondOrderLag:
     )
 
     def check(self) -> None:
-        """Raise InputError unless low is below high."""
+        """Raise InputError unless the lower stop is below the upper stop."""
         _check_stops(self.low, self.high)
 
     def check_period(self, period: int) -> None:

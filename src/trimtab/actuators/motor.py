@@ -15,7 +15,7 @@ from trimtab.core.time import ms, to_seconds
 RPM = 30 / np.pi
 """Conversion factor from rad/s to rpm."""
 TURN_COUNTS = 2**16
-"""Number of counts after which the counter wraps to zero."""
+"""Number of counts after which the encoder's counter wraps to zero."""
 
 
 @record
@@ -32,7 +32,7 @@ class MotorInput:
 class MotorState:
     """State of the motor. Frames: positive turns forward. Source: docs page, Motor."""
 
-    speed: Scalar = quantity("rad/s", "Speed of the shaft.", default=np.float64(0.0))
+    speed: Scalar = quantity("rad/s", "Speed of the motor shaft.", default=np.float64(0.0))
     turned: Scalar = quantity(
         "1",
         "Position of the encoder in counts, with fractions; wraps with the encoder's counter.",
@@ -44,7 +44,7 @@ class MotorState:
 class MotorOutput:
     """Output of the motor. Frames: positive turns forward. Source: docs page, Motor."""
 
-    speed_rpm: Scalar = quantity("rpm", "Speed of the shaft.")
+    speed_rpm: Scalar = quantity("rpm", "Speed of the motor shaft.")
     count: Scalar = quantity("1", "Counter of the encoder, 0 to 65535, as in a 16-bit register.", kind="count")
 
 

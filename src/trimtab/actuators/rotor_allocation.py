@@ -24,7 +24,7 @@ EFFORT = 1e-6
 
 @record
 class RotorAllocation:
-    """Rotor thrusts closest to a demand, weighted by priority if the demand can't be met completely.
+    """Allocation that computes the rotor thrusts closest to a demand, with priorities if the demand can't be met.
 
         minimise  |W (B T - v)|^2 + e |T - T0|^2    with  least <= T <= most,    T = 0 for a failed rotor
 
@@ -56,7 +56,7 @@ class RotorAllocation:
             raise InputError("least", problem, fix="give a least thrust between 0 and the greatest")
 
     def init(self, key: Key) -> tuple[()]:
-        """Return an empty state."""
+        """Return an empty record, because this part has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], demand: RotorDemand) -> tuple[tuple[()], RotorSpeeds]:
@@ -111,7 +111,7 @@ class RotorDrive:
         return RotorDriveOutput(RotorSpeeds(jnp.zeros(self.count)))
 
     def init(self, key: Key) -> tuple[()]:
-        """Return an empty state."""
+        """Return an empty record, because this part has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], command: Sample) -> tuple[tuple[()], RotorDriveOutput]:

@@ -23,8 +23,8 @@ SERVO_FRAME = "servo-frame"
 class ServoFrameState:
     """State of a servo frame: the command of the last pulse. Frames: those of its field. Source: this module."""
 
-    held: Any = quantity("1", "Command at the last pulse.")
-    t: Scalar = quantity("100 ns", "Time since the start of the present frame.", kind="time", default=np.int64(0))
+    held: Any = quantity("1", "Command held since the last pulse.")
+    t: Scalar = quantity("100 ns", "Time since the start of the present servo frame.", kind="time", default=np.int64(0))
 
 
 @record

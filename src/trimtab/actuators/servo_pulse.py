@@ -65,7 +65,7 @@ class ServoPulse:
         return _read_table(self.widths, self.values, width)
 
     def init(self, rest: Any) -> tuple[()]:
-        """Return an empty state."""
+        """Return an empty record, because this stage has no state."""
         return ()
 
     def step(self, state: tuple[()], value: Any, dt: Any) -> tuple[tuple[()], StageOutput]:

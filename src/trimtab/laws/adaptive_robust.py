@@ -60,8 +60,8 @@ class AdaptiveRobust:
         shape=(9,),
         above=0,
     )
-    damping: str = option("Sign of the damping term u_h.", default="off", choices=SIGNS)
-    switching: str = option("Form of the switching term u_s.", default="off", choices=FORMS)
+    damping: str = option("Sign of the damping term u_h: minus, published (plus) or off.", default="off", choices=SIGNS)
+    switching: str = option("Form of the switching term u_s: smooth, sign or off.", default="off", choices=FORMS)
     kappa: Scalar = quantity("1", "Bound kappa of the relative uncertainty of the input gain.", default=0.0, low=0)
     q0: Scalar = quantity("1", "Rate of adaptation of rho0.", default=10.0, low=0)
     q1: Scalar = quantity("1", "Rate of adaptation of rho1.", default=0.01, low=0)

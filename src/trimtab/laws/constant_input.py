@@ -8,7 +8,7 @@ from trimtab.core.signals import Estimate, PlanarForce
 
 @record
 class ConstantInputOutput:
-    """Demand of the law. Source: docs page, Constant input."""
+    """Demand of the law `ConstantInput`. Source: docs page, Constant input."""
 
     demand: Any = part("Demanded input of the vehicle.")
 

@@ -14,7 +14,7 @@ from trimtab.laws.state_vector import add_to_input
 
 @record
 class CourseTrackingState:
-    """State of the law: time since its start, and integrals of the errors. Source: this module."""
+    """State of the law `CourseTracking`: time since its start, and integrals of the errors. Source: this module."""
 
     time: Scalar = quantity("s", "Time since the law started.", default=0.0)
     feedback: StateFeedbackState = part(

@@ -26,7 +26,7 @@ TURN_ROUND = 0.3
 
 @record
 class FormationState:
-    """State of the law: the reference point that the craft follows. Source: own derivation."""
+    """State of the law `Formation`: the reference point that the craft follows. Source: own derivation."""
 
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
     north: Scalar = quantity("m", "Position of the reference point, north.", frame="W")
@@ -37,7 +37,7 @@ class FormationState:
 
 @record
 class FormationOutput:
-    """Demand and signals of the law. Source: own derivation."""
+    """Demand and signals of the law `Formation`. Source: own derivation."""
 
     demand: SwarmInput = part("Demanded force at the rudder pivot, and the message to the other craft.")
     off_place: Scalar = quantity(

@@ -26,7 +26,7 @@ UNLIMITED = 1e9
 
 
 class Motion3(NamedTuple):
-    """Vector and its first two derivatives, each (3,)."""
+    """Vector and its first two time derivatives, each (3,)."""
 
     value: Any
     rate: Any
@@ -43,9 +43,9 @@ class AttitudeCommand(NamedTuple):
 
 @record
 class GeometricTrackingOutput:
-    """Demand and errors of the law. Source: [1] section III."""
+    """Demand and errors of the law `GeometricTracking`. Source: [1] section III."""
 
-    demand: RotorDemand = part("Demand to the rotors.")
+    demand: RotorDemand = part("Demanded thrust and moments of the rotors.")
     position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
     velocity_error: Any = quantity("m/s", "Velocity error: velocity minus reference.", frame="W", shape=(3,))
     attitude_error: Scalar = quantity(
@@ -56,7 +56,7 @@ class GeometricTrackingOutput:
 
 @record
 class GeometricTrackingState:
-    """State of the law: time since its start. Source: this module."""
+    """State of the law `GeometricTracking`: time since its start. Source: this module."""
 
     time: Scalar = quantity("s", "Time since the law started.", default=0.0)
 

@@ -76,7 +76,7 @@ class LoadFactorControl:
 
 @record
 class GroundAvoidanceState:
-    """State of the law. Frames: none. Source: [1]."""
+    """State of the law `GroundAvoidance`. Frames: none. Source: [1]."""
 
     integrals: Any = quantity(
         "s", "Integrals of the errors of load factor (s), roll rate (rad), and side load plus yaw rate.", shape=(3,)
@@ -87,7 +87,7 @@ class GroundAvoidanceState:
 
 @record
 class GroundAvoidanceOutput:
-    """Demand of the law. Source: [1]."""
+    """Demand of the law `GroundAvoidance`. Source: [1]."""
 
     demand: F16Controls = part("Demanded surface angles and throttle.")
     mode: Scalar = quantity("1", "Mode: standby, roll or pull.", kind="mode", modes=MODES)

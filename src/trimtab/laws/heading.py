@@ -36,7 +36,7 @@ class HeadingLawState:
     """State of a heading law. Source: [1] section 2.3."""
 
     mode: Scalar = quantity("1", "Mode: damp or turn.", kind="mode", modes=("damp", "turn"))
-    switches: Scalar = quantity("1", "Number of switches between the laws damp and turn.", kind="count")
+    switches: Scalar = quantity("1", "Number of switches between the modes damp and turn.", kind="count")
     spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first turn.", frame="B")
 
 
@@ -46,7 +46,7 @@ class HeadingOutput:
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Mode: damp or turn.", kind="mode", modes=("damp", "turn"))
-    switches: Scalar = quantity("1", "Number of switches between the laws damp and turn.", kind="count")
+    switches: Scalar = quantity("1", "Number of switches between the modes damp and turn.", kind="count")
     spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first turn.", frame="B")
     heading_error: Scalar = quantity(
         "rad", "Heading error: heading minus target heading, wrapped according to the option wrapping."
@@ -198,7 +198,7 @@ class HeadingProportional:
         source="[1] 6.1.6",
     )
     floor: Scalar = quantity(
-        "rad/s", "Minimum magnitude of the yaw rate reference in the form floored.", default=0.8, above=0
+        "rad/s", "Minimum magnitude of the yaw rate reference if the form is floored.", default=0.8, above=0
     )
     margin: Scalar = quantity(
         "1",

@@ -22,7 +22,7 @@ SLOW = 0.05
 
 @record
 class LineOfSightState:
-    """State of the law: path parameter, path direction, integrals and heading autopilot. Source: [1], [2]."""
+    """State of the law `LineOfSight`: path parameter, path direction, integrals, autopilot. Source: [1], [2]."""
 
     progress: Scalar = quantity(
         "s", "Path parameter theta: the time in the path's definition that the vessel has reached."
@@ -35,7 +35,7 @@ class LineOfSightState:
 
 @record
 class LineOfSightOutput:
-    """Demand and signals of the law. Source: [1], [2]."""
+    """Demand and signals of the law `LineOfSight`. Source: [1], [2]."""
 
     demand: VesselControls = part("Demanded rudder angle and shaft speeds.")
     cross_track: Scalar = quantity("m", "Cross-track error: distance of the vessel to starboard of the path.")

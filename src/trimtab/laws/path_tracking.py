@@ -21,7 +21,7 @@ from trimtab.vehicles.hovercraft import Hovercraft
 
 @record
 class PathTrackingState:
-    """State of the law: progress along the path, and state of the law for rest. Source: own derivation."""
+    """State of the law `PathTracking`: path parameter, state of the law for rest. Source: own derivation."""
 
     began: Scalar = quantity("1", "True after the first step.", kind="flag")
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
@@ -34,17 +34,17 @@ class PathTrackingState:
 
 @record
 class PathTrackingOutput:
-    """Demand and signals of the law. P is the centre of percussion. Source: own derivation."""
+    """Demand and signals of the law `PathTracking`. P is the centre of percussion. Source: own derivation."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    north_reference: Scalar = quantity("m", "Reference position of P, north.", frame="W")
-    east_reference: Scalar = quantity("m", "Reference position of P, east.", frame="W")
+    north_reference: Scalar = quantity("m", "Reference position of the centre of percussion P, north.", frame="W")
+    east_reference: Scalar = quantity("m", "Reference position of the centre of percussion P, east.", frame="W")
     heading_reference: Scalar = quantity(
         "rad", "Reference heading of the nose, equal to the present heading if no thrust is demanded.", kind="angle"
     )
     yaw_rate_reference: Scalar = quantity("rad/s", "Reference yaw rate r_d of the law.")
-    position_error: Scalar = quantity("m", "Distance of P from its reference position.")
-    velocity_error: Scalar = quantity("m/s", "Magnitude of the velocity error of P.")
+    position_error: Scalar = quantity("m", "Distance of the centre of percussion P from its reference position.")
+    velocity_error: Scalar = quantity("m/s", "Magnitude of the velocity error of the centre of percussion P.")
     lyapunov: Scalar = quantity("m^2/s^2", "Lyapunov function V of the law.")
     progress: Scalar = quantity(
         "s", "Path parameter: the time in the path's definition that the reference has reached."
@@ -113,7 +113,7 @@ class PathTracking:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    reference: Any = part("Reference position of P, as a function of time.", default=Circle())
+    reference: Any = part("Reference position of the centre of percussion P, as a function of time.", default=Circle())
     progress: str = option(
         "Rate of the path parameter: follows the elapsed time (time) or the craft's progress (path).",
         default="time",

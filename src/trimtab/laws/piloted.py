@@ -38,7 +38,7 @@ BACKING = 0.3, 0.8
 
 @record
 class PilotedState:
-    """State of the law. Source: own derivation."""
+    """State of the law `Piloted`. Source: own derivation."""
 
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
     mode: Scalar = quantity("1", "Mode that the stick selected at the last step.", kind="mode", modes=STICK_MODES)
@@ -57,7 +57,7 @@ class PilotedState:
 
 @record
 class PilotedOutput:
-    """Demand and signals of the law. Source: own derivation."""
+    """Demand and signals of the law `Piloted`. Source: own derivation."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Active mode of the law, as selected by the stick.", kind="mode", modes=STICK_MODES)
@@ -325,5 +325,5 @@ def _direction(angle: Any) -> Any:
 
 
 def _ramp(value: Any, wanted: Any, most: Any) -> Any:
-    """Return the value, moved towards the target by at most `most`."""
+    """Return the value moved towards the wanted value by at most `most`."""
     return value + jnp.clip(wanted - value, -most, most)

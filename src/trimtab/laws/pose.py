@@ -30,13 +30,13 @@ from trimtab.vehicles.hovercraft import Hovercraft
 
 READS = (*VELOCITIES, "heading", "north", "east")
 BRAKE, AIM, GO, HOLD = range(4)
-"""Steps of the law, in their order."""
+"""Numbers of the steps of the law Pose, in their order."""
 STEPS = ("brake", "aim", "go", "hold")
 
 
 @record
 class PoseState:
-    """State of the law. Source: own derivation."""
+    """State of the law `Pose`. Source: own derivation."""
 
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
     nose: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle")
@@ -45,7 +45,7 @@ class PoseState:
 
 @record
 class PoseOutput:
-    """Demand and signals of the law. Source: own derivation."""
+    """Demand and signals of the law `Pose`. Source: own derivation."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
@@ -117,7 +117,10 @@ class Pose:
     f: Scalar = quantity("rad/s", "Angular frequency of the nose's swing in the step hold.", default=3.0, above=0)
     h: Scalar = quantity("1/s", "Decay rate h of the lateral error in the step hold.", default=0.3, above=0)
     s0: Scalar = quantity(
-        "m/s^2", "Value of s from which on the swing has its maximum angle, in the step hold.", default=1e-3, above=0
+        "m/s^2",
+        "Demanded lateral acceleration s above which the swing has its maximum angle, in the step hold.",
+        default=1e-3,
+        above=0,
     )
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 

@@ -25,7 +25,7 @@ STEPS = ("compute", "align", "move", "stop", "final", "hold")
 
 @record
 class PoseStepsState:
-    """State of the law. Source: [1] section 2.3.1."""
+    """State of the law `PoseBySteps`. Source: [1] section 2.3.1."""
 
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
     bearing: Scalar = quantity(
@@ -39,7 +39,7 @@ class PoseStepsState:
 
 @record
 class PoseStepsOutput:
-    """Demand and signals of the law. Source: [1] section 2.3.1."""
+    """Demand and signals of the law `PoseBySteps`. Source: [1] section 2.3.1."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)

@@ -40,10 +40,10 @@ class RecedingHorizonOutput:
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     thrust: Scalar = quantity("N", "Demanded thrust of the fan; negative in reverse.")
     force_angle: Scalar = quantity("rad", "Angle of the demanded force from the body's axis.", kind="angle")
-    north_reference: Scalar = quantity("m", "Reference position of P, north.", frame="W")
-    east_reference: Scalar = quantity("m", "Reference position of P, east.", frame="W")
-    position_error: Scalar = quantity("m", "Distance of P from its reference position.")
-    velocity_error: Scalar = quantity("m/s", "Magnitude of the velocity error of P.")
+    north_reference: Scalar = quantity("m", "Reference position of the centre of percussion P, north.", frame="W")
+    east_reference: Scalar = quantity("m", "Reference position of the centre of percussion P, east.", frame="W")
+    position_error: Scalar = quantity("m", "Distance of the centre of percussion P from its reference position.")
+    velocity_error: Scalar = quantity("m/s", "Magnitude of the velocity error of the centre of percussion P.")
     primal: Scalar = quantity("1", "Primal residual: largest violation of a limit by the plan, in N or rad.")
     dual: Scalar = quantity("1", "Dual residual: largest gradient of the Lagrangian at the plan, zero at the optimum.")
     solved: Scalar = quantity("1", "True if the primal and the dual residual are within the tolerance.", kind="flag")
@@ -54,7 +54,7 @@ class RecedingHorizonOutput:
 
 @record
 class RecedingHorizonState:
-    """State of the law. Source: docs page."""
+    """State of the law `RecedingHorizon`. Source: docs page."""
 
     began: Scalar = quantity("1", "True after the first step.", kind="flag")
     start: Scalar = quantity("100 ns", "Time of the first step, at which the reference begins.", kind="time")

@@ -25,7 +25,7 @@ UPRIGHT = np.tile([0.0, 0.0, 1.0], (4, 1))
 
 @record
 class RotorLossState:
-    """State of the law: time since its start, and each rotor's time below idle speed. Source: this module."""
+    """State of the law `RotorLossTracking`: time, and each rotor's time below idle speed. Source: this module."""
 
     time: Scalar = quantity("s", "Time since the law started. Stops at the loss of a rotor.")
     slow: Any = quantity(
@@ -35,7 +35,7 @@ class RotorLossState:
 
 @record
 class RotorLossOutput:
-    """Demand and errors of the law. Source: this module."""
+    """Demand and errors of the law `RotorLossTracking`. Source: this module."""
 
     demand: RotorDemand = part("Demanded thrust and moments, and the rotors that work.")
     position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))

@@ -28,7 +28,7 @@ from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 INTERNAL_SIZES = (1e-2, 1e-2, 1.0, 10.0, 1.0, 10.0)
 """Typical sizes of the internal states (alpha, Q, eta1, eta1', eta2, eta2')."""
 SOLVED = 1e-4
-"""Largest error of a table's rates, in typical sizes per second, with which a node solves the internal dynamics."""
+"""Largest error of a table's rates, in typical sizes per second, for which the table counts as exact."""
 LAST = 1e5
 """Time (s) at which every command is assumed to have ended."""
 STEPS = 8
@@ -43,7 +43,7 @@ NO_INTEGRAL = ((0.0, 0.0), (0.0, 0.0))
 
 @record
 class StableInversionState:
-    """State of the law. Source: [1] eqs. 13, 18; the integrals are not in [1]."""
+    """State of the law `StableInversion`. Source: [1] eqs. 13, 18; the integrals are not in [1]."""
 
     internal: Any = part("State of the method that computes the reference internal motion.")
     adaptation: AdaptationState = part("State of the adaptive robust terms: adapted bounds.")
@@ -54,7 +54,7 @@ class StableInversionState:
 
 @record
 class StableInversionOutput:
-    """Demand and signals of the law. Frames: those of the vehicle. Source: [1] eqs. 13, 16-18."""
+    """Demand and signals of the law `StableInversion`. Frames: those of the vehicle. Source: [1] eqs. 13, 16-18."""
 
     demand: HypersonicInput = part("Demanded fuel ratio and elevator angle, within the limits.")
     h_wanted: Scalar = quantity("ft", "Altitude reference.", frame="W")
@@ -223,7 +223,7 @@ def check_command_ends(craft: Any, command: Any, limits: InputLimits) -> None:
     for i, where in enumerate(("begins", "ends")):
         if not found[i]:
             problem = (
-                f"the command {where} at {h[i]:g} ft, {V[i]:g} ft/s: the pitching moment is zero at no angle of attack"
+                f"the command {where} at {h[i]:g} ft, {V[i]:g} ft/s: no angle of attack makes the pitching moment zero"
             )
             raise InputError(
                 "command", problem, fix="choose h0, V0, dh and dV so that the command stays near 85000 ft and 7700 ft/s"

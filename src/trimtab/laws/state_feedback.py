@@ -15,7 +15,7 @@ PLANAR = ("surge_velocity", "sway_velocity", "yaw_rate", "heading")
 
 @record
 class StateFeedbackState:
-    """State of the law: integrals of the errors. Source: this module."""
+    """State of the law `StateFeedback`: integrals of the errors. Source: this module."""
 
     integrals: Any = quantity(
         "1", "Integrals of the errors that the law integrates, each in the unit of its state times a second."
@@ -24,7 +24,7 @@ class StateFeedbackState:
 
 @record
 class StateFeedbackOutput:
-    """Demand and signals of the law. Source: this module."""
+    """Demand and signals of the law `StateFeedback`. Source: this module."""
 
     demand: Any = part("Demanded input of the vehicle.")
     error: Any = quantity("1", "Error e: state minus the trim state x0, each number in the unit of its state.")
@@ -35,7 +35,7 @@ class StateFeedbackOutput:
 
 @record
 class StateFeedback:
-    """Linear feedback about a trim (x0, u0).
+    """Law of linear state feedback about a trim (x0, u0), with integral action.
 
         u = u0 + K e + L z        e = x - x0        z' = e at the rows `integrated`, held within ± most
 
@@ -56,7 +56,9 @@ class StateFeedback:
     K: Any = quantity("1", "Feedback gain K (m, n), including its sign.", default=np.zeros((2, 4)))
     x0: Any = quantity("1", "State x0 at the trim: the numbers of all fields, one after another.", default=np.zeros(4))
     u0: Any = part("Input u0 at the trim, as the vehicle's record of inputs.", default=PlanarForce(0.0, 0.0))
-    integrated: tuple[int, ...] = option("Rows of the error e that are integrated.", default=())
+    integrated: tuple[int, ...] = option(
+        "Indices of the elements of the error e that are integrated, counted from 0.", default=()
+    )
     L: Any = quantity("1", "Gain L of the integrals (m, k).", default=np.zeros((2, 0)))
     most: Any = quantity("1", "Maximum magnitude of each integral (k,).", default=np.zeros(0), low=0)
     attitude: str = option("Name of the quaternion field. Needed only if turned or places is not empty.", default="")

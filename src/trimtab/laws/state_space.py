@@ -15,7 +15,7 @@ from trimtab.laws.state_vector import add_to_input, state_error
 
 @record
 class StateSpaceState:
-    """State of the law. Source: this module."""
+    """State of the law `StateSpaceLaw`. Source: this module."""
 
     x: Any = quantity("1", "State of the compensator.")
     u: Any = quantity("1", "Last output of the compensator, which is added to the input at the trim.")
@@ -24,7 +24,7 @@ class StateSpaceState:
 
 @record
 class StateSpaceOutput:
-    """Demand and signals of the law. Source: this module."""
+    """Demand and signals of the law `StateSpaceLaw`. Source: this module."""
 
     demand: Any = part("Demanded input of the vehicle.")
     error: Any = quantity("1", "Error e: state fields minus the trim x0, each number in the unit of its field.")

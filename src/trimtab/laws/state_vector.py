@@ -55,7 +55,7 @@ def _has_no_unit(state: Any, name: str) -> bool:
 
 
 def add_to_input(trim: Any, change: Any) -> Any:
-    """Return the input record of a trim with a vector (m,) added to its numbers, in the order of the record's fields."""
+    """Return the input record of a trim with a vector (m,) added to its numbers in the order of its fields."""
     values, tree = jax.tree.flatten(trim)
     new, begin = [], 0
     for own in values:

@@ -19,14 +19,14 @@ SWING, BALANCE = range(2)
 
 @record
 class SwingUpState:
-    """State of the law: its active mode. Source: this module."""
+    """State of the law `SwingUp`: its active mode. Source: this module."""
 
     mode: Scalar = quantity("1", "Mode: swing or balance.", kind="mode", modes=MODES, default=np.int32(SWING))
 
 
 @record
 class SwingUpOutput:
-    """Demand and signals of the law. Source: this module."""
+    """Demand and signals of the law `SwingUp`. Source: this module."""
 
     demand: CartForce = part("Demanded force on the cart.")
     mode: Scalar = quantity("1", "Mode: swing or balance.", kind="mode", modes=MODES)

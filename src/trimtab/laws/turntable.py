@@ -13,7 +13,7 @@ from trimtab.vehicles.rotating_platform import PlatformDrive
 
 @record
 class TurntableOutput:
-    """Demand of the law. Source: this module."""
+    """Demand of the law `Turntable`. Source: this module."""
 
     demand: PlatformDrive = part("Commanded rate of turn of the platform.")
 

@@ -31,7 +31,7 @@ STEP = 0.02
 
 @record
 class VirtualTargetState:
-    """State of the law: progress of the target along the path. Source: [2]."""
+    """State of the law `VirtualTarget`: progress of the target along the path. Source: [2]."""
 
     progress: Scalar = quantity(
         "s",
@@ -43,7 +43,7 @@ class VirtualTargetState:
 
 @record
 class VirtualTargetOutput:
-    """Demand and signals of the law. Source: [2]."""
+    """Demand and signals of the law `VirtualTarget`. Source: [2]."""
 
     demand: CarTurn = part("Demanded turn rate.")
     cross_track: Scalar = quantity("m", "Cross-track error: distance of the car to the right of the target.")

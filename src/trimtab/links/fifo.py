@@ -27,8 +27,8 @@ class Fifo:
     Frames: those of the values carried. Source: docs page.
     """
 
-    key: Any = part("Random key of the draws; None without draws.")
-    values: Any = part("Value in each slot.")
+    key: Any = part("Key of the random draws; None without random draws.")
+    values: Any = part("Value in each slot of the ring buffer.")
     measured: Scalar = quantity("100 ns", "Measurement time of the value in each slot.", kind="time")
     due: Scalar = quantity(
         "100 ns", "Arrival time of the packet in each slot; never decreases along the ring.", kind="time"
@@ -151,7 +151,7 @@ def check_ring(name: str, capacity: int, longest: float, send_period: int, perio
         raise InputError(
             f"{name}.send_period",
             f"{format_time(send_period)} is shorter than the link's period, {format_time(period)}: "
-            "packets would be sent between instants",
+            "packets would be sent between two calls of the link",
             fix=f"set send_period to {format_time(period)} or more, or period to {format_time(send_period)} or less",
         )
     needed = required_slots(longest, send_period, period)

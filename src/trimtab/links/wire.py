@@ -44,7 +44,7 @@ class Wire:
 class DelayLine:
     """State of a chain of unit delays. Arrays have a leading axis of `steps` slots. Source: docs page."""
 
-    values: Any = part("Value in each slot.")
+    values: Any = part("Value in each slot of the delay line.")
     measured: Scalar = quantity("100 ns", "Measurement time of the value in each slot.", kind="time")
     held: Scalar = quantity("100 ns", "Measurement time of the sample at the receiving end.", kind="time")
 

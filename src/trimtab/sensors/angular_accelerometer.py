@@ -126,7 +126,7 @@ class AngularAccelerometerUnit:
             problem = (
                 f"a bandwidth of {self.bandwidth:g} Hz is too high for a sampling period of {format_time(self.period)}"
             )
-            raise InputError("bandwidth", problem, fix=f"set it below {0.5 / tick:g} Hz, or 0 for no limit")
+            raise InputError("bandwidth", problem, fix=f"set bandwidth below {0.5 / tick:g} Hz, or to 0 for no limit")
         if not self.delay <= (DELAYS - 1) * tick:
             problem = f"{self.delay:g} s is longer than the {DELAYS - 1} samples that the sensor keeps"
             raise InputError("delay", problem, fix=f"give at most {(DELAYS - 1) * tick:g} s")

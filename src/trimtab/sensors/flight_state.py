@@ -104,7 +104,7 @@ class ActingInput:
     FEELS: ClassVar[str] = "input"
 
     def init(self, key: Key) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this sensor has no state."""
         return ()
 
     def measure(self, u: Any) -> Any:
@@ -129,7 +129,7 @@ class TrueState:
     FEELS: ClassVar[str] = "state"
 
     def init(self, key: Key) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this sensor has no state."""
         return ()
 
     def measure(self, x: Any) -> Any:
@@ -169,7 +169,7 @@ class FlexibleTruth:
     FEELS: ClassVar[str] = "state"
 
     def init(self, key: Key) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this sensor has no state."""
         return ()
 
     def measure(self, x: HypersonicState) -> FlexibleTruthReading:

@@ -62,7 +62,7 @@ class LateFix:
             raise InputError("latency", problem, fix=f"give at most {to_seconds(self.interval):g} s")
         if self.offset >= self.interval:
             problem = f"{format_time(self.offset)} must be less than the interval, {format_time(self.interval)}"
-            raise InputError("offset", problem, fix="give less than the interval")
+            raise InputError("offset", problem, fix="give an offset below the interval")
 
     def check_period(self, sensor_period: int) -> None:
         """Raise InputError if a sensor with this period (100 ns) would miss measurements."""

@@ -73,13 +73,13 @@ class RunningMotor:
         """Raise InputError if the numbers of duties and instants differ, or the instants do not increase."""
         instants, duty = np.asarray(self.instants), np.asarray(self.duty)
         if instants.ndim != 1 or instants.shape != duty.shape or not instants.size:
-            problem = f"got {instants.shape} instants for {duty.shape} duties"
-            raise InputError("RunningMotor.duty", problem, fix="give one duty cycle for each instant")
+            problem = f"got instants of shape {instants.shape} and duties of shape {duty.shape}"
+            raise InputError("RunningMotor.duty", problem, fix="give one duty for each instant")
         if (np.diff(instants) <= 0).any():
-            raise InputError("RunningMotor.instants", f"{instants.tolist()} must rise", fix="sort them")
+            raise InputError("RunningMotor.instants", f"{instants.tolist()} must increase", fix="sort the instants")
 
     def field(self, motion: Motion, place: Any) -> Any:
-        """Return the field (3,) (T) in B at a place (3,) (m) in B."""
+        """Return the magnetic field (3,) (T) in B at a position (3,) (m) in B."""
         begun = jnp.sum(motion.t >= jnp.asarray(self.instants))
         duty = jnp.where(begun > 0, jnp.asarray(self.duty)[jnp.maximum(begun - 1, 0)], 0.0)
         away = jnp.asarray(place) - jnp.asarray(self.position)
@@ -103,7 +103,7 @@ class FloorSteel:
     size: Scalar = quantity("m", "Radius of the magnetised steel.", default=0.1, above=0)
 
     def field(self, motion: Motion, place: Any) -> Any:
-        """Return the field (3,) (T) in B at a place (3,) (m) in B."""
+        """Return the magnetic field (3,) (T) in B at a position (3,) (m) in B."""
         R_WB = from_euler(*motion.attitude)
         away = motion.p_WB + R_WB @ jnp.asarray(place) - jnp.asarray(self.position)
         return R_WB.T @ dipole_field(jnp.asarray(self.moment), away, self.size)

@@ -27,7 +27,7 @@ class PlanarNavigation:
     period: int = period("Time between samples.", default=ms(1))
 
     def init(self, key: Key) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this sensor has no state."""
         return ()
 
     def measure(self, motion: Motion) -> PlanarState:

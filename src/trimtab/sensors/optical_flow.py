@@ -60,7 +60,7 @@ class OpticalFlow:
         "rad/s", "Standard deviation of the flow noise of each sample.", "optical-flow-noise", default=0.02
     )
     scale_factor: Scalar = imperfection(
-        "1", "Relative error of the focal length.", "optical-flow-scale-factor", default=0.01, low=None
+        "1", "Relative error of the camera's focal length.", "optical-flow-scale-factor", default=0.01, low=None
     )
     gyro_noise: Scalar = imperfection(
         "rad/s", "Standard deviation of the gyro noise of each sample.", "optical-flow-gyro-noise", default=0.005
@@ -72,9 +72,9 @@ class OpticalFlow:
         default=0.005,
     )
     range_noise: Scalar = imperfection(
-        "m", "Standard deviation of the ranger's samples.", "optical-flow-range-noise", default=0.01
+        "m", "Standard deviation of the noise of each range sample.", "optical-flow-range-noise", default=0.01
     )
-    ground: Scalar = quantity("m", "Down coordinate of the ground.", frame="W", default=0.0)
+    ground: Scalar = quantity("m", "Down coordinate of the ground in W.", frame="W", default=0.0)
     nearest: Scalar = quantity("m", "Shortest distance that the ranger measures.", default=0.08, low=0)
     farthest: Scalar = quantity("m", "Largest distance that the ranger measures.", default=10.0, above=0)
     fastest: Scalar = quantity("rad/s", "Largest flow that the camera can follow.", default=7.4, above=0)

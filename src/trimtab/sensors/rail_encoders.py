@@ -32,7 +32,7 @@ class RailEncoders:
     period: int = period("Time between samples.", default=ms(10))
 
     def init(self, key: Key) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this sensor has no state."""
         return ()
 
     def measure(self, motion: Motion) -> CartPoleState:

@@ -37,7 +37,7 @@ class Beacons:
 
     map: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=CEILING_SQUARE, frame="W")
     survey_error: Scalar = imperfection(
-        "m", "Standard deviation of each coordinate of the surveyed positions.", "survey-error"
+        "m", "Standard deviation of the survey error of each beacon coordinate.", "survey-error"
     )
     reach: Scalar = quantity("m", "Longest measurable range (30 ft).", default=9.144, above=0, source="[1] section 5.5")
     cone: Scalar = quantity(
@@ -68,7 +68,11 @@ class Beacons:
         """Raise InputError if the map's shape is not (n, 3), or a fault is not given for n beacons."""
         shape = np.shape(self.map)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
-            raise InputError("Beacons.map", f"has shape {shape}", fix="give one row north, east, down for each beacon")
+            raise InputError(
+                "Beacons.map",
+                f"has shape {shape}, must be (n, 3)",
+                fix="give one row (north, east, down) for each beacon",
+            )
         for name, value, per_beacon in (("moved", self.moved, shape), ("dead", self.dead, shape[:1])):
             if np.shape(value) not in ((), per_beacon):
                 problem = f"has shape {np.shape(value)} for {shape[0]} beacons"
@@ -98,7 +102,7 @@ class RangeErrors:
 class Medium:
     """Air that carries the sound, and the air that the receiver assumes. Source: docs page."""
 
-    actual: Air = part("Actual air.", default=Air())
+    actual: Air = part("Actual air through which the sound travels.", default=Air())
     assumed: Air = part(
         "Air assumed by the receiver for its speed of sound.",
         default=Air(),

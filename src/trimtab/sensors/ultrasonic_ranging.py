@@ -113,11 +113,13 @@ class UltrasonicRanging:
         default=Beacons(),
         off={"clock-error": lambda sensor: replace(sensor.beacons, crystal=0.0)},
     )
-    units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=np.zeros((1, 3)), frame="B")
+    units: Any = quantity(
+        "m", "Positions (m, 3) of the vehicle's ultrasonic units.", default=np.zeros((1, 3)), frame="B"
+    )
     channel: CarrierSense = part("Rules by which replies share the radio channel.", default=CarrierSense())
-    errors: RangeErrors = part("Errors of single ranges.", default=RangeErrors())
+    errors: RangeErrors = part("Errors of each measured range.", default=RangeErrors())
     medium: Medium = part("Air that carries the sound.", default=Medium())
-    clock: UnitClock = part("Clock of a unit.", default=UnitClock())
+    clock: UnitClock = part("Clock of an ultrasonic unit on the vehicle.", default=UnitClock())
     clients: int = option(
         "Number of clients that take turns; those beyond the vehicle's units belong to other vehicles.", default=1
     )
@@ -132,7 +134,11 @@ class UltrasonicRanging:
         """Raise InputError if the units' shape is not (m, 3), m > `clients`, or `period` does not divide `slot`."""
         shape = np.shape(self.units)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
-            raise InputError("UltrasonicRanging.units", f"has shape {shape}", fix="give one row x, y, z for each unit")
+            raise InputError(
+                "UltrasonicRanging.units",
+                f"has shape {shape}, must be (m, 3)",
+                fix="give one row (x, y, z) for each unit",
+            )
         if not shape[0] <= self.clients <= 10:
             problem = (
                 f"got {self.clients} clients for {shape[0]} units; at least one per unit and at most 10 are needed"
@@ -142,7 +148,7 @@ class UltrasonicRanging:
             )
         if self.slot % self.period:
             problem = f"{format_time(self.slot)} must be a multiple of the period, {format_time(self.period)}"
-            raise InputError("UltrasonicRanging.slot", problem, fix="set period to a divisor of it, e.g. 1 ms")
+            raise InputError("UltrasonicRanging.slot", problem, fix="set period to a divisor of slot, e.g. 1 ms")
 
     def init(self, key: Key) -> RangingState:
         """Return the initial state, without a ping in transit."""
@@ -153,7 +159,7 @@ class UltrasonicRanging:
         return RangingState(key=key, coming=none, pinged=zero, due=never, held=none, measured=zero, any=np.bool_(False))
 
     def pinging_unit(self, t: Any) -> tuple[Any, Any]:
-        """Return whether a unit of this vehicle pings at integer time t, and the index of the slot's unit."""
+        """Return True if a unit of this vehicle pings at integer time t, and the index of the slot's unit."""
         client = (t // self.slot) % self.clients
         m = np.shape(self.units)[0]
         return (t % self.slot == 0) & (client < m), jnp.minimum(client, m - 1).astype(np.int32)

@@ -104,7 +104,7 @@ class FmuVehicle:
         """
         if not self.is_stepped:
             problem = "an FMU is a program that is called step by step, so it can't be compiled or differentiated"
-            fix = "use trimtab run, or vehicle and fly: these step an FMU. The others need a vehicle in Python"
+            fix = "use trimtab run, vehicle or fly, which step an FMU. The other commands need a vehicle in Python"
             raise InputError("world.vehicle", problem, fix=fix)
         return jax.tree.map(jnp.zeros_like, x)
 
@@ -202,7 +202,7 @@ def _read_description(file: str) -> Any:
         return fmpy.read_model_description(file, validate=False)
     except Exception as error:
         problem = f"it can't be read as an FMU: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
-        raise InputError(f"FMU {file!r}", problem, fix="give the path of an .fmu file, by FMI 2.0 or 3.0") from None
+        raise InputError(f"FMU {file!r}", problem, fix="give the path of an .fmu file for FMI 2.0 or 3.0") from None
 
 
 def import_fmpy() -> Any:
@@ -273,7 +273,7 @@ def _check_component(component: str) -> None:
 
 
 class FmuInstance:
-    """A running FMU with methods to read its outputs, write its inputs and step it.
+    """Running FMU with methods to read its outputs, write its inputs and step it.
 
     Inputs and outputs are each passed as one flat list of numbers.
     """
@@ -360,4 +360,4 @@ class FmuInstance:
 TERMINATED = 3
 """Value of fmi2StatusKind in FMI 2.0. With it, the status tells if the FMU requests the end of the simulation."""
 _REAL = ("Float64", "Float32", "Real")
-_PLATFORM_FIX = "an FMU with a binary for this machine, and parameters that it takes"
+_PLATFORM_FIX = "use an FMU with a binary for this machine, and parameter values that the FMU accepts"

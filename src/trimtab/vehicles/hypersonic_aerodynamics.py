@@ -43,7 +43,7 @@ class ExponentialAtmosphere:
         "slug/ft^3", "Air density rho0 at the altitude h0.", default=6.7429e-5, above=0, source="[1], [2]"
     )
     h0: Scalar = quantity("ft", "Altitude h0 at which the air density is rho0.", default=85000.0, source="[1], [2]")
-    hs: Scalar = quantity("ft", "Scale height.", default=21358.0, above=0, source="[1], [2]")
+    hs: Scalar = quantity("ft", "Scale height of the air density.", default=21358.0, above=0, source="[1], [2]")
 
     def density(self, h: Any) -> Any:
         """Return the air density (slug/ft^3) at altitude h (ft)."""
@@ -153,7 +153,7 @@ class Propulsion:
         return ((self.b1 * alpha + self.b3) * alpha + self.b5) * alpha + self.b7
 
     def thrust(self, alpha: Any, Phi: Any) -> Any:
-        """Return the thrust T (lbf/ft)."""
+        """Return the thrust T (lbf/ft) at an angle of attack (rad) and a fuel equivalence ratio."""
         return self.thrust_without_fuel(alpha) + self.thrust_per_fuel_ratio(alpha) * Phi
 
 
@@ -166,7 +166,7 @@ class RigidForces:
     propulsion: Any = part("Propulsion: thrust and its lever arm.", default=Propulsion())
 
     def dynamic_pressure(self, h: Any, V: Any) -> Any:
-        """Return rho V^2/2 (lbf/ft^2)."""
+        """Return the dynamic pressure rho V^2/2 (lbf/ft^2)."""
         return self.atmosphere.density(h) * V * V / 2
 
     def at(self, h: Any, V: Any, alpha: Any, Phi: Any, delta_e: Any) -> Forces:

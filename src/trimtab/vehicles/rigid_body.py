@@ -100,10 +100,10 @@ class BluntBody:
     Source:  the form of a damping derivative: Stevens, Lewis, Johnson, "Aircraft control and simulation", 2.3.
     """
 
-    area: Scalar = quantity("m^2", "Reference area S.", default=0.01824, above=0)
+    area: Scalar = quantity("m^2", "Reference area S of the aerodynamic coefficients.", default=0.01824, above=0)
     drag: Scalar = quantity("1", "Drag coefficient CD.", default=0.1, low=0)
-    span: Scalar = quantity("m", "Reference length b of roll and yaw.", default=0.1, above=0)
-    chord: Scalar = quantity("m", "Reference length c of pitch.", default=0.1, above=0)
+    span: Scalar = quantity("m", "Reference length b of the roll and yaw moments.", default=0.1, above=0)
+    chord: Scalar = quantity("m", "Reference length c of the pitch moment.", default=0.1, above=0)
     roll_damping: Scalar = quantity("1", "Roll damping coefficient Clp; negative if it damps.", default=0.0)
     pitch_damping: Scalar = quantity("1", "Pitch damping coefficient Cmq; negative if it damps.", default=0.0)
     yaw_damping: Scalar = quantity("1", "Yaw damping coefficient Cnr; negative if it damps.", default=0.0)
@@ -155,7 +155,7 @@ class RigidBody:
     gust: Any = part("Gust added to the wind; set by a world with turbulence.", default=None)
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
-    """Type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
     QUATERNIONS: ClassVar[tuple[str, ...]] = ("attitude",)
     """Quaternion fields of the state, for an integration on the rotation group."""
 
@@ -251,7 +251,7 @@ class RigidBody:
     def start(
         self, latitude: Any, longitude: Any, height: Any, *, velocity: Any, angles: Any, rate: Any, over_ground: bool
     ) -> RigidBodyState:
-        """Return the state at time zero.
+        """Return the initial state at time zero from a geodetic position, velocity, attitude and angular velocity.
 
         Args:
             latitude, longitude: geodetic (rad).

@@ -51,7 +51,7 @@ class VesselState:
 
 @record
 class HullDamping:
-    """Forces of the water on a moving hull, about the origin of [1]: -D(nu) nu.
+    """Damping forces of the water on a moving hull, about the origin of [1]: -D(nu) nu.
 
         X = Xu u + Xuu |u| u + Xuuu u^3
         Y = (Yv + Yvv |v| + Yrv |r|) v + (Yr + Yvr |v| + Yrr |r|) r        N has the same form
@@ -154,7 +154,7 @@ class TwinScrew:
         "kg/m", "Stall coefficient Ldd of one rudder in flow from astern.", default=2.34356, source="[1]"
     )
     rudder_arm: Scalar = quantity(
-        "m", "Distance of the rudders aft of the origin of [1].", default=0.549, above=0, source=TABLE_1
+        "m", "Distance of the rudders aft of the reference point amidships.", default=0.549, above=0, source=TABLE_1
     )
     diameter: Scalar = quantity("m", "Diameter of a propeller.", default=0.06, above=0)
     induced: Scalar = quantity(
@@ -246,10 +246,10 @@ class SurfaceVessel:
 
     mass: Scalar = quantity("kg", "Total mass.", default=23.8, above=0, source=TABLE_1)
     inertia: Scalar = quantity(
-        "kg m^2", "Moment of inertia about z, at the origin of [1].", default=1.76, above=0, source=TABLE_1
+        "kg m^2", "Moment of inertia about z at the reference point amidships.", default=1.76, above=0, source=TABLE_1
     )
     centre: Scalar = quantity(
-        "m", "Distance x_g of the centre of mass ahead of the origin of [1].", default=0.046, source=TABLE_1
+        "m", "Distance x_g of the centre of mass ahead of the reference point amidships.", default=0.046, source=TABLE_1
     )
     added_surge: Scalar = quantity("kg", "Added mass in surge, -X_u'.", default=2.0, low=0, source=TABLE_1)
     added_sway: Scalar = quantity("kg", "Added mass in sway, -Y_v'.", default=10.0, low=0, source=TABLE_1)
