@@ -52,8 +52,8 @@ class RotorAllocation:
     def check(self) -> None:
         """Raise InputError unless the minimum thrust is below the maximum."""
         if float(self.least) >= float(self.most):
-            problem = f"a least thrust of {float(self.least):g} N must be below the greatest, {float(self.most):g} N"
-            raise InputError("least", problem, fix="give a least thrust between 0 and the greatest")
+            problem = f"the minimum thrust of {float(self.least):g} N must be below the maximum, {float(self.most):g} N"
+            raise InputError("least", problem, fix="give a minimum thrust between 0 and the maximum")
 
     def init(self, key: Key) -> tuple[()]:
         """Return an empty record, because this part has no state."""

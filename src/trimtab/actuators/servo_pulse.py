@@ -28,11 +28,14 @@ class ServoPulse:
 
     values: Any = quantity(
         "1",
-        "Values of the table in rising order (n,), in the unit of the actuated value.",
+        "Values of the table in increasing order (n,), in the unit of the actuated value.",
         default=np.array([-1.0, 1.0]),
     )
     widths: Any = quantity(
-        "s", "Pulse width at each value of the table (n,), rising or falling.", default=np.array([1e-3, 2e-3]), low=0
+        "s",
+        "Pulse width at each value of the table (n,), increasing or decreasing.",
+        default=np.array([1e-3, 2e-3]),
+        low=0,
     )
     resolution: Scalar = imperfection("s", "Resolution of the pulse width.", "pulse-steps", default=0.5e-6)
 
@@ -45,11 +48,13 @@ class ServoPulse:
             )
             raise InputError("values", problem, fix="give as many widths as values, at least two")
         if not (np.diff(values) > 0).all():
-            raise InputError("values", f"values must rise, got {values.tolist()}", fix="order the table by its values")
+            raise InputError(
+                "values", f"values must increase, got {values.tolist()}", fix="sort the table by its values"
+            )
         steps = np.diff(widths)
         if not ((steps > 0).all() or (steps < 0).all()):
-            problem = f"widths must rise or fall, got {widths.tolist()}"
-            raise InputError("widths", problem, fix="give widths that only rise or only fall")
+            problem = f"widths must increase or decrease, got {widths.tolist()}"
+            raise InputError("widths", problem, fix="give widths that only increase or only decrease")
         if widths.min() < SHORTEST or widths.max() > LONGEST:
             problem = f"{widths.min() * 1e3:g} to {widths.max() * 1e3:g} ms"
             raise InputError(
@@ -84,7 +89,7 @@ def linear_pulse(low: Any, high: Any) -> ServoPulse:
 
 
 def _read_table(x: Any, y: Any, at: Any) -> Any:
-    """Return y at a position, interpolated linearly over the points x, constant beyond them. x must rise or fall."""
+    """Return y at a position, interpolated linearly over the points x, constant beyond. x must increase or decrease."""
     x, y = jnp.asarray(x), jnp.asarray(y)
     share = jnp.clip((jnp.asarray(at)[..., None] - x[:-1]) / (x[1:] - x[:-1]), 0.0, 1.0)
     return y[0] + jnp.sum(share * (y[1:] - y[:-1]), axis=-1)

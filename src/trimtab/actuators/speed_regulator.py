@@ -61,8 +61,8 @@ class SpeedRegulator:
         duty = clip(kp e + I) between 0 and the limit with the sign of the wanted speed;   I ← I + ki e dt
 
     At a wanted speed of 0 the fan coasts: the duty and the integral are 0. A change of direction also resets the
-    integral. If the fan is driven but the counter does not count forward for the time `stall`, the duty is 0 until a
-    stop is requested, because a broken encoder must not lead to full thrust.
+    integral. If the fan is driven but the counter does not count in the driven direction for the time `stall`, the
+    duty is 0 until a stop is requested, because a broken encoder must not lead to full thrust.
 
     Frames:  positive pushes the vehicle forward.
     Valid:   |speed| below 32 768 counts a tick.    Not modelled: the speed controller's brake.

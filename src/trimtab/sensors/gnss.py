@@ -20,7 +20,7 @@ FIVE_HERTZ = LateFix(latency=0.12, interval=ms(200))
 
 @record
 class Outages:
-    """Outages of satellite reception. The first begins at `start`, the next ones every `interval` later.
+    """Outages of satellite reception of duration `length`, repeated every `interval` from `start` on.
 
     Source:  docs page, Gnss.
     """
