@@ -65,7 +65,7 @@ class SpeedRegulator:
     duty is 0 until a stop is requested, because a broken encoder must not lead to full thrust.
 
     Frames:  positive pushes the vehicle forward.
-    Valid:   |speed| below 32 768 counts a tick.    Not modelled: the speed controller's brake.
+    Valid:   |speed| below 32 768 counts per tick.    Not modelled: the speed controller's brake.
     Source:  [1] chapter 4 (PI in the firmware, encoder of 100 cycles a turn). Gains, tick and fault are reconstructed.
     """
 

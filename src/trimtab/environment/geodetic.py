@@ -4,8 +4,8 @@ Geodetic: latitude, longitude (rad), height above the ellipsoid (m). ECEF: earth
 with the earth and so is not inertial.
 
 Planar navigation on a laboratory floor neglects the earth's rate (15 deg/h) and the Coriolis acceleration (0.15 mm/s²
-at 1 m/s). A gyro's bias is hundreds of times larger than this rate. Where they matter, pass `earth_rate(latitude)` to
-the inertial unit and to the navigation.
+at 1 m/s). A gyro's bias is hundreds of times larger than this rate. If these effects matter, pass
+`earth_rate(latitude)` to the inertial unit and to the navigation.
 
 Source: NIMA TR8350.2, "Department of Defense World Geodetic System 1984", 3rd ed., tables 3.1 and 3.4, chapter 3, eqs.
 4-1 and 4-3; Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., sections

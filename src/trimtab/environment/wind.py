@@ -13,7 +13,7 @@ class Wind:
 
         wind = (north, east, 0) + height (north_shear, east_shear, 0)
 
-    Frames:  local north, east, down; height above the sea.
+    Frames:  local north, east, down; height above sea level.
     Valid:   where the wind is linear in the height; no upper limit. Not modelled: gusts, turbulence, up-draughts.
     Source:  kinematics.
     """

@@ -67,7 +67,7 @@ class Formation:
     P is accelerated only along the nose n (`laws.pose`), so either the nose or the tail is turned to the force. A
     leader's message older than `horizon` is not extrapolated: the leader is assumed to be at rest at its last position.
 
-    Proven:  The points never come nearer to each other than the distance of Separation. While the barrier does not
+    Proven:  the points never come nearer to each other than the distance of Separation. While the barrier does not
              limit u and the leader moves at a constant velocity, e = q_0 + place - q obeys e' = -k e for any delay of
              the messages, because the extrapolation is then exact. Only simulated: that the craft stays near its point;
              the formation while the barrier limits u; a leader on a circle (e is at most pace^2/radius times age

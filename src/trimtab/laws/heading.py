@@ -122,8 +122,8 @@ def _check_law(name: str, law: Any) -> None:
 class HeadingBangBang:
     """Law that turns to a heading at a constant yaw rate.
 
-        damp:  ZeroVelocity. While |e| > tolerance: r_ref = -sign(e) turn_rate; to turn once V < eps(r_ref).
-        turn:  ConstantSpin at r_ref. To damp once |e| <= tolerance or e r_ref > 0 (the target was passed between two
+        damp:  ZeroVelocity. While |e| > tolerance: r_ref = -sign(e) turn_rate. Then turn once V < eps(r_ref).
+        turn:  ConstantSpin at r_ref. Then damp once |e| <= tolerance or e r_ref > 0 (target passed between two
                samples; this exit is reconstructed, see docs Errata).                              [1, section 2.3.3]
 
     Ends:    by chattering at the edge of the tolerance, because the heading drifts in the mode damp.
@@ -169,9 +169,9 @@ class HeadingBangBang:
 class HeadingProportional:
     """Law that turns to a heading at a yaw rate proportional to the heading error.
 
-        damp:  ZeroVelocity. While |e| > tolerance: r_ref = -sign(e) max(k |e|, floor); to turn once V < eps(r_ref).
+        damp:  ZeroVelocity. While |e| > tolerance: r_ref = -sign(e) max(k |e|, floor). Then turn once V < eps(r_ref).
         turn:  ConstantSpin at r_ref = -sign(e) max(v, k |e|, floor), v = provision(W, r_ref).
-               To damp once |e| <= tolerance or e r_ref > 0 (reconstructed).              [1, section 2.3, eq. 2.69]
+               Then damp once |e| <= tolerance or e r_ref > 0 (reconstructed).            [1, section 2.3, eq. 2.69]
 
     Form:    "literal" is as published: no floor, and the reference changes at every step. Nearly all its runs end in
              the bad limit point, with a constant heading error and a sideways slide, because it allows |r_ref| = v,

@@ -55,14 +55,14 @@ class PoseStepsOutput:
 class PoseBySteps:
     """Law that brings the hovercraft near a position and heading in the six steps of [1], which repeat for ever.
 
-        compute  the error vector to align, or to final if near the target
+        compute  the error vector                    then align, or final if near the target
         align    HeadingBangBang to its bearing      until the heading is within the heading law's tolerance
         move     ForwardMomentum at speed_gain times the remaining distance along the nose, within limits
                                                      until that distance is below `passed`, or the bearing error exceeds
                                                      off_course
-        stop     ZeroVelocity                        until V < margin times the turn's switching energy; to compute
+        stop     ZeroVelocity                        until V < margin times the turn's switching energy, then compute
         final    HeadingBangBang to the heading      until within tolerance
-        hold     ZeroVelocity                        until 1.5 tolerances away; to compute
+        hold     ZeroVelocity                        until 1.5 tolerances away, then compute
 
     Ends:    never, because the heading drifts without bound under ZeroVelocity (its slow manifold).
     Source:  [1] section 2.3.1; gains and tolerances are chosen, see docs page.

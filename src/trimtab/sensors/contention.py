@@ -23,8 +23,9 @@ class CarrierSense:
     """Rules by which the stations share the channel.
 
     A station waits a whole number of byte times, uniform from 1 to `longest_wait`, then looks for a carrier. If the
-    channel is busy, it waits again for a newly drawn time. If the channel is free, it sends. It cannot detect a message
-    that began less than `blind_time` ago. Two stations that begin within this time collide, and both messages are lost.
+    channel is busy, it waits again for a newly drawn time. If the channel is free, it sends. No station detects a
+    message that began less than `blind_time` ago. Two stations that begin within this time collide, and both messages
+    are lost.
 
     Source:  [1] section 5.5.1 for the waits; byte time (19.2 kb/s, 8 bits), length of a message and blind time are
              reconstructed, see docs Errata.

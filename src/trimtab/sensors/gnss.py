@@ -75,7 +75,7 @@ class Gnss:
 
     The white noise w has one standard deviation horizontally and another one vertically, because satellites are only
     above. A fix describes the antenna at the time of measurement and arrives after the latency. `TangentPlane.from_ned`
-    converts its position to geodetic coordinates.
+    converts the position of a fix to geodetic coordinates.
 
     Frames:  lever arm l in B from the centre of mass; position and velocity in W.
     Not modelled: steps of e when satellites rise or set; multipath as a separate error; the receiver's own filter.

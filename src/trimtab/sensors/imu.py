@@ -211,8 +211,8 @@ class Imu:
 
         f = R_SB (a + 2 W × v + alpha × l + w × (w × l) - g),    omega = R_SB (w + W)
 
-    with a the acceleration of the centre of mass, l the lever arm, g gravity (down), W the earth's rotation (all in B),
-    and R_SB the mounting. `measure` gives these values; `step` adds the errors of each triad.
+    where a is the acceleration of the centre of mass, l the lever arm, g gravity (down), W the earth's rotation (all in
+    B), and R_SB the mounting. `measure` returns these values; `step` adds the errors of each triad.
 
     Frames:  lever arm in B from the centre of mass; mounting as roll, pitch, yaw of the unit in B.
     Not modelled: vibration, temperature, g-sensitivity, size effect, averaging (samples are instantaneous values).
