@@ -123,7 +123,7 @@ def test_in_c_it_is_the_same():
 
 
 def test_limits_without_room_are_refused():
-    with pytest.raises(InputError, match="least thrust of 40 N"):
+    with pytest.raises(InputError, match="minimum thrust of 40 N"):
         replace(QUAD, least=40.0).check()
 
 

@@ -126,9 +126,9 @@ def test_bad_settings_are_refused():
     link = LatencyTrace.of(RECORDED)
     link.check()
     assert isinstance(link, Channel)
-    with pytest.raises(InputError, match="must be two lists of one length"):
+    with pytest.raises(InputError, match="must be lists of equal length"):
         replace(link, lost=np.zeros(3, bool)).check()
-    with pytest.raises(InputError, match="must be two lists of one length"):
+    with pytest.raises(InputError, match="must be lists of equal length"):
         LatencyTrace(np.zeros(0), np.zeros(0, bool)).check()
     with pytest.raises(InputError, match=r"packet 3 has the latency nan s"):
         replace(link, latency=np.where(np.arange(6) == 3, np.nan, 0.01)).check()

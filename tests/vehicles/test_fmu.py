@@ -251,7 +251,7 @@ def test_code_that_nobody_vouches_for_is_not_run(tmp_path, monkeypatch):
 
 def test_what_would_have_to_compile_it_refuses(tmp_path):
     scenario = build(str(build_reference("Dahlquist", 3, tmp_path)), TRUST)
-    with pytest.raises(InputError, match="trimtab run, or vehicle and fly: these step an FMU"):
+    with pytest.raises(InputError, match="use trimtab run, vehicle or fly, which step an FMU"):
         compile_scenario(scenario)
 
 

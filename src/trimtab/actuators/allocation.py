@@ -1,4 +1,4 @@
-"""Allocation of a planar force to a vectored fan. Direct actuation, where the demand acts on the vehicle unchanged.
+"""Allocation of a planar force to a vectored fan, and direct actuation, where the demand acts on the vehicle unchanged.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -19,17 +19,17 @@ from trimtab.core.time import ms
 
 @record
 class ThrustVectorAllocation:
-    """Allocation of a demanded force: converted to polar form, then to a rudder angle and a fan speed.
+    """Allocation that converts a demanded force to polar form, and then to a rudder angle and a fan speed.
 
         f = sign(FX) |F|    psi = -atan(FY/FX)
-        theta = offset - ratio psi, kept between the stops    n = table(theta, f)
+        theta = offset - ratio psi, limited to the stops      n = table(theta, f)
 
-    If the rudder cannot reach the direction of the demand, the rudder goes to its stop and the size of the force is
-    kept. The thrust then changes sign with FX. With FX = 0 the fan turns forward. Within the dead zone the fan speed is
-    0, but the rudder still follows. Demands above the fan's maximum thrust give its top speed.
+    If the rudder cannot reach the direction of the demand, the rudder goes to its stop and the magnitude of the force
+    is kept. The thrust then changes sign with FX. With FX = 0 the fan turns forward. Within the dead zone the fan speed
+    is 0, but the rudder still follows. Demands above the fan's maximum thrust give the maximum fan speed.
 
-    If the imperfection "lookup-table" or "saturation" is off, n is computed from the thruster's formula. The drive does
-    the same.
+    If the imperfection "lookup-table" or "saturation" is off, n is computed from the thruster's formula, as in the
+    drive.
 
     Frames:  demand in B at the rudder pivot.
     Source:  [1] section 6.1, eqs. 4.3 and 4.4. Sign, dead zone on |F| and clipping before the table are reconstructed:
@@ -50,12 +50,12 @@ class ThrustVectorAllocation:
     saturation: bool = switch("True: the rudder angle and the fan speed are limited.", "saturation")
 
     def check(self) -> None:
-        """Raise InputError for a table that does not belong to the thruster."""
+        """Raise InputError if the table was computed from another thruster."""
         if self.table is not None:
             check_speed_table(self.table, self.thruster)
 
     def init(self, key: Key) -> tuple[()]:
-        """Return an empty state."""
+        """Return an empty record, because this part has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], demand: PlanarForce) -> tuple[tuple[()], DriveCommand]:
@@ -76,8 +76,10 @@ class ThrustVectorAllocation:
 
 
 def to_polar(force: PlanarForce) -> tuple[Any, Any]:
-    """Return the force's size (N) with the sign of FX, and its angle psi (rad) in [-pi/2, pi/2]; (0, 0) for no
-    force."""
+    """Return the magnitude (N) of a force with the sign of FX, and its angle psi (rad) in [-pi/2, pi/2].
+
+    A zero force gives (0, 0).
+    """
     sign = jnp.where(force.FX < 0, -1.0, 1.0)
     square = force.FX**2 + force.FY**2
     some = square > 0
@@ -94,7 +96,7 @@ class DirectAllocation:
     """
 
     def init(self, key: Key) -> tuple[()]:
-        """Return an empty state."""
+        """Return an empty record, because this part has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], demand: Any) -> tuple[tuple[()], Any]:
@@ -111,7 +113,7 @@ class DirectOutput:
 
 @record
 class DirectActuation:
-    """Actuators that apply the commanded value at once, and the neutral input before the first command.
+    """Actuators that apply the commanded value at once, and the neutral input without a valid command.
 
     Frames:  those of the vehicle's input.    Source:  docs page, Direct.
     """
@@ -127,7 +129,7 @@ class DirectActuation:
         return DirectOutput(u=self.neutral_input)
 
     def init(self, key: Key) -> tuple[()]:
-        """Return an empty state."""
+        """Return an empty record, because this part has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], command: Sample) -> tuple[tuple[()], DirectOutput]:

@@ -1,7 +1,9 @@
 """Backlash between drive and load, and a dead band about zero in which a command has no effect.
 
-Stages of an ActuatorBank. Source: [1] Gelb, Vander Velde, "Multiple-input describing functions and nonlinear system
-design", McGraw-Hill 1968, appendix B.
+Both are stages of an ActuatorBank.
+
+Source: [1] Gelb, Vander Velde, "Multiple-input describing functions and nonlinear system design", McGraw-Hill 1968,
+appendix B.
 """
 
 from typing import Any
@@ -19,10 +21,10 @@ class Backlash:
 
         y = last y, limited to [command - width/2, command + width/2]
 
-    Exact for a command that moves in one direction within a period.
+    The result is exact for a command that moves in one direction within a period.
 
-    Frames:  its field's.    Valid: a load that friction holds.    Not modelled: impact, a load with momentum.
-    Source:  [1], the friction-controlled backlash.
+    Frames:  those of its field.    Valid: a load that friction holds in place.    Not modelled: impact, load inertia.
+    Source:  [1], friction-controlled backlash.
     """
 
     width: Scalar = quantity(
@@ -41,12 +43,12 @@ class Backlash:
 
 @record
 class DeadBand:
-    """Dead band: commands smaller than `width` have no effect.
+    """Dead band: commands with a magnitude up to `half_width` have no effect.
 
-    Larger commands are reduced by `width`, as in a valve with overlap. With `cuts` they pass unchanged, as in a motor
-    with static friction.
+    Larger commands are reduced by `half_width`, as in a valve with overlap. With `cuts` they pass unchanged, as in a
+    motor with static friction.
 
-    Frames:  its field's.    Source:  [1].
+    Frames:  those of its field.    Source:  [1].
     """
 
     half_width: Scalar = quantity(
@@ -57,13 +59,13 @@ class DeadBand:
         off={"dead-band": 0.0},
     )
     cuts: bool = option(
-        "True: commands beyond the dead band pass unchanged. False: they are reduced by its width.",
+        "True: commands beyond the dead band pass unchanged. False: they are reduced by its half width.",
         default=False,
         choices=(False, True),
     )
 
     def init(self, rest: Any) -> tuple[()]:
-        """Return an empty state."""
+        """Return an empty record, because this stage has no state."""
         return ()
 
     def step(self, state: tuple[()], value: Any, dt: Any) -> tuple[tuple[()], StageOutput]:

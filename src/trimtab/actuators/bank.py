@@ -1,4 +1,4 @@
-"""A bank of actuators: for each field of the vehicle's input, a sequence of stages."""
+"""Bank of actuators: a sequence of stages for each field of the vehicle's input."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -27,13 +27,13 @@ class BankOutput:
 
 @record
 class ActuatorBank:
-    """Bank of actuators: each field of the command passes stages and becomes a field of the vehicle's input.
+    """Bank of actuators: each field of the command passes through stages and becomes a field of the vehicle's input.
 
         ActuatorBank(Push(0.0), {"force": (TransportDelay(0.01), FirstOrderLag(0.05, rate_limit=200.0))})
 
-    A field without stages follows its command at once. Without a valid command the neutral input is commanded, which
-    the actuators approach with their own dynamics. The input of a stage is the output of the stage before it. The value
-    that acts from an instant on is the last stage's value one period later.
+    A field without stages follows its command at once. Without a valid command the neutral input is commanded, and the
+    actuators approach it with their own dynamics. The input of a stage is the output of the previous stage. The output
+    of the last stage at the end of a period acts on the vehicle during that whole period.
 
     Frames:  those of the vehicle's input.    Source:  docs page, Actuators of any vehicle.
     """
@@ -50,12 +50,12 @@ class ActuatorBank:
     def __post_init__(self) -> None:
         if isinstance(
             self.stages, Mapping
-        ):  # a single stage may be given for a row of one; not while JAX rebuilds the record
+        ):  # allows a single stage instead of a tuple; false while JAX rebuilds the record
             rows = {name: (row if isinstance(row, tuple) else (row,)) for name, row in self.stages.items()}
             object.__setattr__(self, "stages", rows)
 
     def check(self) -> None:
-        """Raise InputError for fields that the vehicle's input lacks, and for stages that don't fit the period."""
+        """Raise InputError for a field that the vehicle's input lacks, an invalid stage, or an unsuitable period."""
         kind = type(self.neutral_input)
         known = [*declarations(kind)] if is_record(self.neutral_input) else []
         for name, row in self.stages.items():

@@ -1,4 +1,4 @@
-"""A battery whose voltage falls with the current and with the charge drawn.
+"""Battery whose voltage falls with the current and with the charge drawn.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -15,7 +15,7 @@ from trimtab.core.time import ms, to_seconds
 
 @record
 class BatteryState:
-    """Frames: none. Source: docs page, Battery."""
+    """State of a battery. Frames: none. Source: docs page, Battery."""
 
     drawn: Scalar = quantity("A s", "Charge drawn from the battery so far.")
     voltage: Scalar = quantity("V", "Voltage at the terminals.")
@@ -23,7 +23,7 @@ class BatteryState:
 
 @record
 class BatteryOutput:
-    """Frames: none. Source: docs page, Battery."""
+    """Output of a battery. Frames: none. Source: docs page, Battery."""
 
     voltage: Scalar = quantity("V", "Voltage at the terminals.")
     current: Scalar = quantity("A", "Current drawn from the battery.")
@@ -59,7 +59,7 @@ class Battery:
         """Raise InputError for a battery whose voltage rises as it is discharged."""
         if float(self.empty) > float(self.full):
             problem = f"{float(self.empty):g} V must be below the full voltage, {float(self.full):g} V"
-            raise InputError("Battery.empty", problem, fix="set it below full")
+            raise InputError("Battery.empty", problem, fix="set empty below full")
 
     def init(self) -> BatteryState:
         """Return the initial state, with the charge given by `initial`."""
@@ -72,7 +72,7 @@ class Battery:
         return jnp.where(self.sags, self.full - sag, self.full)
 
     def step(self, t: Any, state: BatteryState, current: Any) -> tuple[BatteryState, BatteryOutput]:
-        """Step one period with a current (A) drawn in addition to `other`."""
+        """Return the state and the output after one period, with a current (A) drawn in addition to `other`."""
         whole = current + self.other
         drawn = state.drawn + whole * to_seconds(self.period)
         voltage = self.terminal_voltage(drawn, whole)

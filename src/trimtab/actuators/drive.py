@@ -1,4 +1,4 @@
-"""The drive of the vectored fan, from command to force: servo frames, brake, tables and stops.
+"""Drive of the vectored fan, from command to force: servo frames, brake, tables and stops.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -26,7 +26,7 @@ FORWARD, REVERSE, BRAKING = range(3)
 
 @record
 class SpeedControllerState:
-    """State of the speed controller: direction of the last non-zero speed, and the brake.
+    """State of the speed controller: direction of the last non-zero speed, and state of the brake.
 
     Frames:  none.
     Source:  [1] section 6.1.
@@ -49,18 +49,18 @@ class SpeedControllerState:
 
 @record
 class SpeedController:
-    """Speed controller: passes the commanded speed on, and brakes for a fixed time between reverse and forward.
+    """Speed controller that forwards the commanded speed, and brakes for a fixed time between reverse and forward.
 
         forward  --negative-->  reverse        at once
         reverse  --positive-->  braking        output 0 until t + brake
         braking  --negative-->  reverse        at once: the brake is cancelled
         braking  --brake over-> forward
 
-    A zero command changes nothing: the controller stores the last direction of the fan, so that a pause at zero between
-    reverse and forward does not avoid the brake (reconstructed; the source says nothing about pauses).
+    A zero command does not change the mode. The controller stores the last direction of the fan, so a pause at zero
+    between reverse and forward does not avoid the brake. This is reconstructed: [1] does not describe pauses.
 
     Frames:  positive speed pushes the vehicle forward.
-    Source:  [1] chapter 4 and section 6.1: 150 ms, wired so that the delay falls on reverse to forward.
+    Source:  [1] chapter 4 and section 6.1: 150 ms, wired so that the delay occurs from reverse to forward.
     """
 
     brake: int = period(
@@ -72,9 +72,9 @@ class SpeedController:
         return SpeedControllerState()
 
     def step(self, t: Any, state: SpeedControllerState, speed_rpm: Any) -> tuple[SpeedControllerState, Any]:
-        """Return the new state and the speed passed on (rpm) at integer time t.
+        """Return the new state and the forwarded speed (rpm) at integer time t.
 
-        Calls need rising times, not a fixed period.
+        The times of successive calls must increase, but need not have a fixed period.
         """
         negative, positive = speed_rpm < 0, speed_rpm > 0
         was_reverse = state.mode == REVERSE
@@ -118,7 +118,8 @@ def drive_failsafe() -> Failsafe:
 class FanDriveState:
     """State of the drive of the vectored fan.
 
-    Frames:  none. Source: this module."""
+    Frames:  none. Source: this module.
+    """
 
     rudder_pulse: Scalar = quantity("s", "Pulse width latched in the last servo frame.")
     commanded_rpm: Scalar = quantity("rpm", "Speed latched in the last servo frame.")
@@ -134,10 +135,10 @@ class DriveOutput:
     """Output of the vectored fan. Frames: angles from the body's x axis, force in B. Source: this module."""
 
     u: PlanarForce = part("Force at the rudder pivot.")
-    thrust: Scalar = quantity("N", "Signed thrust, along the force angle.")
+    thrust: Scalar = quantity("N", "Signed thrust in the direction of the force angle.")
     rudder: Scalar = quantity("rad", "Rudder angle.", kind="angle")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
-    mode: Scalar = quantity("1", "Mode of the speed controller.", kind="mode", modes=MODES)
+    mode: Scalar = quantity("1", "Mode of the speed controller: forward, reverse or braking.", kind="mode", modes=MODES)
     brakings: Scalar = quantity("1", "Number of times that the fan has been braked so far.", kind="count")
     rudder_saturated: Scalar = quantity("1", "True if the rudder is at a stop.", kind="flag")
     speed_saturated: Scalar = quantity("1", "True if the fan is at its top speed.", kind="flag")
@@ -165,7 +166,7 @@ class FanDrive:
 
     rudder: RudderServo = part("Servo of the rudder.", default=RudderServo())
     geometry: RudderGeometry = part("Relation between rudder angle and force angle.", default=RudderGeometry())
-    controller: SpeedController = part("Speed controller.", default=SpeedController())
+    controller: SpeedController = part("Speed controller of the fan.", default=SpeedController())
     thruster: Thruster = part("Model of the fan's thrust as a function of its speed.", default=Thruster())
     table: BilinearTable | None = part(
         "Table of the thrust over rudder angle and fan speed. None: use the thruster's formula.",
@@ -194,8 +195,10 @@ class FanDrive:
         if self.fan is not None:
             self.fan.check()
             if self.fan.motor.period != self.period:
-                problem = f"{format_time(self.fan.motor.period)}, must be the drive's, {format_time(self.period)}"
-                raise InputError("fan.motor.period", problem, fix="make them equal")
+                problem = (
+                    f"{format_time(self.fan.motor.period)} must equal the drive's period of {format_time(self.period)}"
+                )
+                raise InputError("fan.motor.period", problem, fix="set both periods to the same value")
 
     def neutral(self) -> DriveOutput:
         """Return the output with the fan at rest and the rudder at the servo's neutral pulse."""

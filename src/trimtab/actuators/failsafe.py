@@ -1,6 +1,6 @@
-"""Failsafe: behaviour of the vehicle without commands, and choice of the source of commands.
+"""Failsafe: behaviour of the vehicle without commands, and selection of the source of commands.
 
-A block of the firmware.
+The failsafe is a block of the firmware.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -48,9 +48,13 @@ class FailsafeInput:
     radio: Scalar = quantity(
         "1", "True while the signal of the safety pilot's transmitter is received.", kind="flag", default=False
     )
-    arm: Scalar = quantity("1", "Request to arm.", kind="flag", default=False)
-    disarm: Scalar = quantity("1", "Request to disarm; has priority over a request to arm.", kind="flag", default=False)
-    breach: Scalar = quantity("1", "Limit that the vehicle has exceeded.", kind="mode", modes=BREACHES, default=0)
+    arm: Scalar = quantity("1", "True to request arming.", kind="flag", default=False)
+    disarm: Scalar = quantity(
+        "1", "True to request disarming; has priority over a request to arm.", kind="flag", default=False
+    )
+    breach: Scalar = quantity(
+        "1", "Limit that the vehicle has exceeded: none, fence or envelope.", kind="mode", modes=BREACHES, default=0
+    )
 
 
 @record
@@ -65,7 +69,9 @@ class FailsafeState:
     newest: Scalar = quantity("100 ns", "Issue time of the newest good command since arming.", kind="time")
     value: Any = part("Value of the newest good command.")
     lift_until: Scalar = quantity("100 ns", "Time at which the lift fan stops.", kind="time")
-    rejected: Scalar = quantity("1", "Rejected commands so far: out of range, not finite, too old.", kind="count")
+    rejected: Scalar = quantity(
+        "1", "Number of rejected commands so far: out of range, not finite, too old.", kind="count"
+    )
 
 
 @record
@@ -79,12 +85,12 @@ class FailsafeOutput:
     armed: Scalar = quantity("1", "True if a received command or the pilot can move the actuators.", kind="flag")
     mode: Scalar = quantity("1", "Authority: the present source of commands.", kind="mode", modes=MODES)
     cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
-    rejected: Scalar = quantity("1", "Rejected commands so far.", kind="count")
+    rejected: Scalar = quantity("1", "Number of rejected commands so far.", kind="count")
 
 
 @record
 class Failsafe:
-    """Failsafe: passes commands to the actuators while they arrive, and stops the vehicle when they don't.
+    """Failsafe that passes commands to the actuators while they arrive, and stops the vehicle when they do not.
 
     Without a good command for `timeout`, the safe value acts at once, and the lift fan stops `lift_delay` later. The
     failsafe stays tripped until the next request to arm. It also trips if the vehicle leaves its fence or envelope.
@@ -93,8 +99,8 @@ class Failsafe:
     `high`, and at most `age_max` old. Other commands are counted and ignored, but an invalid command stops the vehicle
     at once.
 
-    Works for any command: `safe`, `low` and `high` are records of the same class as its value. The rules in full: docs
-    page.
+    The failsafe works for any command: `safe`, `low` and `high` are records of the same class as the command's value.
+    The docs page lists all rules.
 
     Frames:  those of the commands.    Not modelled: the sources of requests.
     Source:  [1] chapter 5 (safety pilot's takeover, on the vehicle); time-outs are reconstructed: docs page.
@@ -119,12 +125,12 @@ class Failsafe:
             other = [path for path, _, _ in leaves(limit)]
             if own != other:
                 problem = f"has the numbers ({', '.join(other)}), but safe has ({', '.join(own)})"
-                raise InputError(name, problem, fix=f"make it a {type(self.safe).__name__} too")
+                raise InputError(name, problem, fix=f"give a record of class {type(self.safe).__name__}")
         for path, value, _ in leaves(self.safe):
             low, high = (np.asarray({p: v for p, v, _ in leaves(r)}[path]) for r in (self.low, self.high))
             if not ((low <= np.asarray(value)) & (np.asarray(value) <= high)).all():
                 problem = f"{value} must lie between low, {low}, and high, {high}"
-                raise InputError(f"safe.{path}", problem, fix="move the limit, or the safe value")
+                raise InputError(f"safe.{path}", problem, fix="change the limit or the safe value")
 
     def init(self) -> FailsafeState:
         """Return the initial state, disarmed."""
@@ -144,7 +150,7 @@ class Failsafe:
     def step(self, t: Any, state: FailsafeState, input: FailsafeInput) -> tuple[FailsafeState, FailsafeOutput]:
         """Return the new state, and the output that acts from integer time t on.
 
-        Calls need rising times, not a fixed period.
+        The times of successive calls must increase, but need not have a fixed period.
         """
         before = state.mode
         state = self._apply_requests(t, state, input)
@@ -168,7 +174,7 @@ class Failsafe:
         return state, output
 
     def _apply_requests(self, t: Any, s: FailsafeState, input: FailsafeInput) -> FailsafeState:
-        """Return the state after the requests to arm or disarm. After arming no command has been received yet."""
+        """Return the state after the requests to arm or disarm. Arming discards all commands received before."""
         arm = jnp.asarray(input.arm) & ~jnp.asarray(input.disarm) & ((s.mode == DISARMED) | s.latched)
         disarm = input.disarm & (s.mode != DISARMED)
         mode = jnp.where(arm & (s.mode != MANUAL), COMPUTER, s.mode)
@@ -184,7 +190,7 @@ class Failsafe:
         )
 
     def _accept_command(self, t: Any, s: FailsafeState, command: Sample) -> FailsafeState:
-        """Return the state after the newest command, if it is good."""
+        """Return the state after the newest command, which is stored only if it is good."""
         came = command.fresh & command.valid
         good = came & self._is_in_range(command.value) & (abs(command.age) <= self.age_max) & (command.t > s.newest)
         return replace(
@@ -196,9 +202,9 @@ class Failsafe:
         )
 
     def _next_mode(self, t: Any, s: FailsafeState, pilot: Any, input: FailsafeInput) -> FailsafeState:
-        """Return the state after the pilot's switch and the time-outs.
+        """Return the state after the pilot's switch, the time-outs and the limits.
 
-        If several rows of the docs table hold, the last one wins.
+        If several rows of the table below apply, the last of these rows decides.
         """
         mode, cause = s.mode, s.cause
         radio, takeover = jnp.asarray(input.radio), jnp.asarray(input.takeover)

@@ -1,7 +1,7 @@
-"""Lags: actuators that follow a command like a filter of first or second order, within a top speed and stops.
+"""Lags: actuators that follow a command like a filter of first or second order, within a rate limit and stops.
 
-Stages of an ActuatorBank. Source: [1] Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., 3.5 and 4.4
-for lags with limits; the solutions in closed form are those of linear equations.
+Both lags are stages of an ActuatorBank. Source: [1] Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd
+ed., 3.5 and 4.4 for lags with limits. The closed-form solutions are those of linear differential equations.
 """
 
 from typing import Any
@@ -15,7 +15,7 @@ from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.time import format_time, to_seconds
 
 NO_LIMIT = 1e12
-"""Value of a limit that is switched off."""
+"""Value that switches a limit off."""
 FASTEST = 0.5
 """Largest product of frequency and period (rad). Within such a step the rate limit can be left only once."""
 NEWTON_STEPS, TINY = 4, 1e-300
@@ -27,10 +27,10 @@ class FirstOrderLag:
 
         x' = (command - x)/time_constant    |x'| <= rate_limit    low <= x <= high
 
-    Solved in closed form over each period: first the part at the rate limit, then the exponential. With a time constant
-    of zero the lag is only a rate limiter.
+    The lag is solved in closed form over each period: first the part at the rate limit, then the exponential. With a
+    time constant of zero it is only a rate limiter.
 
-    Frames:  its field's.    Not modelled: a load that drives the actuator.
+    Frames:  those of its field.    Not modelled: a load that drives the actuator.
     Source:  [1], the lag of an F-16's surfaces with both limits: 20.2 1/s, 60°/s, ±25° of the elevator.
     """
 
@@ -52,11 +52,11 @@ class FirstOrderLag:
     )
 
     def check(self) -> None:
-        """Raise InputError unless low is below high."""
+        """Raise InputError unless the lower stop is below the upper stop."""
         _check_stops(self.low, self.high)
 
     def init(self, rest: Any) -> Any:
-        """Return the initial state, at the rest value."""
+        """Return the initial state, with the actuator at the rest value."""
         return jnp.asarray(rest, float)
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
@@ -68,13 +68,13 @@ class FirstOrderLag:
         left = rest * jnp.exp(-(dt - sliding) / jnp.maximum(self.time_constant, TINY))
         free = value - jnp.where(error < 0, -left, left)
         x = jnp.clip(free, self.low, self.high)
-        slides = (sliding > 1e-6 * dt) & (rest > 1e-9 * size)  # beyond rounding
+        slides = (sliding > 1e-6 * dt) & (rest > 1e-9 * size)  # above rounding errors
         return x, StageOutput(value=x, limited=jnp.any(slides | (x != free)))
 
 
 @record
 class SecondOrderLagState:
-    """State of a second-order lag: position and rate. Frames: the field's. Source: this module."""
+    """State of a second-order lag: position and rate. Frames: those of its field. Source: this module."""
 
     x: Any = quantity("1", "Position of the actuator, in the unit of the actuated value.")
     rate: Any = quantity("1", "Rate of the actuator's position.")
@@ -86,12 +86,12 @@ class SecondOrderLag:
 
         x'' = frequency^2 (command - x) - 2 damping frequency x'    |x'| <= rate_limit    low <= x <= high
 
-    Solved in closed form over each period, including the instants at which the rate limit is met and left. At a stop
-    the rate is zero. If the rate limit is met and left again within one period, only the rate at the end of the period
-    is limited.
+    The lag is solved in closed form over each period, including the instants at which the rate limit is reached and
+    left. At a stop the rate is zero. If the rate limit is reached and left again within one period, only the rate at
+    the end of the period is limited.
 
-    Frames:  its field's.    Not modelled: a load that drives the actuator, bouncing at a stop.
-    Source:  [1]; the second-order actuator of block diagrams.
+    Frames:  those of its field.    Not modelled: a load that drives the actuator, bouncing at a stop.
+    Source:  [1]; the common second-order actuator model.
     """
 
     frequency: Scalar = quantity(
@@ -101,7 +101,7 @@ class SecondOrderLag:
         low=0,
         off={"actuator-lag": 0.0},
     )
-    damping: Scalar = quantity("1", "Damping ratio.", default=0.7, above=0)
+    damping: Scalar = quantity("1", "Damping ratio of the lag.", default=0.7, above=0)
     rate_limit: Scalar = quantity(
         "1",
         "Maximum rate, in the unit of the actuated value per second.",
@@ -117,15 +117,19 @@ class SecondOrderLag:
     )
 
     def check(self) -> None:
-        """Raise InputError unless low is below high."""
+        """Raise InputError unless the lower stop is below the upper stop."""
         _check_stops(self.low, self.high)
 
     def check_period(self, period: int) -> None:
         """Raise InputError for a period that is too long for the frequency."""
         turned = float(self.frequency) * to_seconds(period)
         if turned > FASTEST:
-            problem = f"{float(self.frequency):g} rad/s is {turned:.2g} rad in a period of {format_time(period)}"
-            fix = f"choose a period of at most {1e3 * FASTEST / float(self.frequency):.2g} ms, or frequency 0: no lag"
+            problem = (
+                f"{float(self.frequency):g} rad/s is too high for a period of {format_time(period)}: {turned:.2g} rad"
+            )
+            fix = (
+                f"choose a period of at most {1e3 * FASTEST / float(self.frequency):.2g} ms, or frequency 0 for no lag"
+            )
             raise InputError("frequency", problem, fix=fix)
 
     def init(self, rest: Any) -> SecondOrderLagState:
@@ -155,7 +159,7 @@ class SecondOrderLag:
         at = jnp.where(already, 0.0, jnp.where(meets, self._time_of_rate(e, s.rate, sign * top, later, dt), dt))
         e, rate = self._propagate(e, s.rate, at)
         rate = jnp.where(already | meets, sign * top, rate)
-        # the limit is left where the free acceleration changes its sign
+        # the rate leaves its limit where the unlimited acceleration changes sign
         leaves = -sign * 2 * self.damping * top / jnp.maximum(w, TINY)
         slides = jnp.where(already | meets, jnp.clip(sign * (leaves - e) / top, 0.0, dt - at), 0.0)
         e, rate = self._propagate(e + sign * top * slides, rate, dt - at - slides)
@@ -182,8 +186,9 @@ class SecondOrderLag:
     def _propagate(self, e: Any, rate: Any, t: Any) -> tuple[Any, Any]:
         """Return error and rate after a time t (s) without limits.
 
-        With a = damping frequency and d = frequency^2 - a^2: exp(-a t) times cos(sqrt(d) t) and sin(sqrt(d) t)/sqrt(d),
-        cosh and sinh where d is negative, their series where d t^2 is small.
+        With a = damping frequency and d = frequency^2 - a^2, the solution consists of exp(-a t) cos(sqrt(d) t) and
+        exp(-a t) sin(sqrt(d) t)/sqrt(d). If d is negative, cosh and sinh replace cos and sin. If d t^2 is small, their
+        series are used.
         """
         w = self.frequency
         a, z = self.damping * w, (1 - self.damping**2) * (w * t) ** 2

@@ -1,4 +1,4 @@
-"""Lookup tables on uniform axes, and the tables that turn force into fan speed and fan speed into force.
+"""Lookup tables on uniform axes, and the tables that convert force to fan speed and fan speed to force.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -20,16 +20,16 @@ FORCE_MAX, FORCE_STEP = 2.0, 0.025
 
 @record
 class BilinearTable:
-    """Table of a function of two variables on uniform axes. Bilinear interpolation; constant beyond the edges.
+    """Table of a function of two variables on uniform axes, with bilinear interpolation, constant beyond the edges.
 
     Source:  [1] chapter 4 for its use; bilinear interpolation is the textbook formula
              (Press et al., "Numerical recipes", 3rd ed., section 3.6).
     """
 
-    row_start: Scalar = quantity("row", "First coordinate (row axis) at the first row.")
-    row_step: Scalar = quantity("row", "Step of the first coordinate from row to row.", above=0)
-    column_start: Scalar = quantity("column", "Second coordinate (column axis) at the first column.")
-    column_step: Scalar = quantity("column", "Step of the second coordinate from column to column.", above=0)
+    row_start: Scalar = quantity("row", "First coordinate (row axis) of the table at its first row.")
+    row_step: Scalar = quantity("row", "Step of the table's first coordinate from row to row.", above=0)
+    column_start: Scalar = quantity("column", "Second coordinate (column axis) of the table at its first column.")
+    column_step: Scalar = quantity("column", "Step of the table's second coordinate from column to column.", above=0)
     values: Any = quantity("value", "Values of the table (rows, columns), at least (2, 2).")
     origin: str = option(
         "Origin of the values. With `formula`, a run is refused if the values differ from the thruster's formula.",
@@ -38,18 +38,18 @@ class BilinearTable:
     )
 
     def check(self) -> None:
-        """Raise InputError for an invalid table."""
+        """Raise InputError if the table has fewer than two rows or two columns."""
         shape = np.shape(self.values)
         if len(shape) != 2 or min(shape) < 2:
             problem = f"has shape {shape}, must have at least 2 rows and 2 columns"
             raise InputError("values", problem, fix="give a two-dimensional array")
 
     def rows(self) -> Any:
-        """Return the first coordinate of every row, as a column (rows, 1)."""
+        """Return the first coordinate of every row, as an array of shape (rows, 1)."""
         return self.row_start + self.row_step * np.arange(np.shape(self.values)[0])[:, None]
 
     def columns(self) -> Any:
-        """Return the second coordinate of every column, as a row (1, columns)."""
+        """Return the second coordinate of every column, as an array of shape (1, columns)."""
         return self.column_start + self.column_step * np.arange(np.shape(self.values)[1])[None, :]
 
     def at(self, row: Any, column: Any) -> Any:
@@ -81,7 +81,7 @@ def full_speed_table(thruster: Thruster) -> BilinearTable:
 def thrust_table(thruster: Thruster, step_rpm: float = 100.0) -> BilinearTable:
     """Return the table of signed force (N) over rudder angle (rad) and signed fan speed (rpm): [1] section 6.1.
 
-    The source gives no step in speed. As thrust is quadratic, the interpolation error at the nodes of the speed table
+    [1] gives no step of the speed. As the thrust is quadratic, the interpolation error at the nodes of the speed table
     is about c step^2/4: 3e-5 N at 100 rpm, 2e-8 N at 2.5 rpm.
     """
     last = float(thruster.speed_max_rpm)
@@ -105,7 +105,7 @@ def check_thrust_table(table: BilinearTable, thruster: Thruster) -> None:
 def _cell(position: Any, size: int) -> tuple[Any, Any]:
     """Return the index of the table's cell, and the fraction within the cell.
 
-    An unsigned index needs no wrapping in JAX.
+    The index is unsigned, so JAX adds no code for negative indices.
     """
     inside = jnp.clip(position, 0.0, size - 1.0)
     index = jnp.minimum(jnp.floor(inside), size - 2.0)

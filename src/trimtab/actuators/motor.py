@@ -1,4 +1,4 @@
-"""A brushed motor with propeller and encoder, on a battery that sags: the plant of a speed regulator.
+"""Brushed motor with propeller and encoder, supplied by a battery that sags: the plant of a speed regulator.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -13,9 +13,9 @@ from trimtab.core.record import Scalar, period, quantity, record
 from trimtab.core.time import ms, to_seconds
 
 RPM = 30 / np.pi
-"""rpm per rad/s."""
+"""Conversion factor from rad/s to rpm."""
 TURN_COUNTS = 2**16
-"""Number of counts after which the counter wraps to zero."""
+"""Number of counts after which the encoder's counter wraps to zero."""
 
 
 @record
@@ -23,26 +23,28 @@ class MotorInput:
     """Input of the motor. Frames: positive drives forward. Source: docs page, Motor."""
 
     duty: Scalar = quantity(
-        "1", "Duty of the motor: share of the time that the battery is connected, negative in reverse."
+        "1", "Duty of the motor: fraction of the time for which the battery is connected, negative in reverse."
     )
     voltage: Scalar = quantity("V", "Voltage of the battery under load.", default=7.2)
 
 
 @record
 class MotorState:
-    """Frames: positive turns forward. Source: docs page, Motor."""
+    """State of the motor. Frames: positive turns forward. Source: docs page, Motor."""
 
-    speed: Scalar = quantity("rad/s", "Speed of the shaft.", default=np.float64(0.0))
+    speed: Scalar = quantity("rad/s", "Speed of the motor shaft.", default=np.float64(0.0))
     turned: Scalar = quantity(
-        "1", "Counts of the encoder with fractions; wraps with the counter.", default=np.float64(0.0)
+        "1",
+        "Position of the encoder in counts, with fractions; wraps with the encoder's counter.",
+        default=np.float64(0.0),
     )
 
 
 @record
 class MotorOutput:
-    """Frames: positive turns forward. Source: docs page, Motor."""
+    """Output of the motor. Frames: positive turns forward. Source: docs page, Motor."""
 
-    speed_rpm: Scalar = quantity("rpm", "Speed of the shaft.")
+    speed_rpm: Scalar = quantity("rpm", "Speed of the motor shaft.")
     count: Scalar = quantity("1", "Counter of the encoder, 0 to 65535, as in a 16-bit register.", kind="count")
 
 
@@ -52,13 +54,13 @@ class Motor:
 
         I dω/dt = T_stall (duty V/V_nominal − n/n_free) − k_prop n |n|
 
-    The propeller's torque balances the motor's at 12 000 rpm and full duty: T_stall (1 − 12/19.2) = k_prop 12².
+    The propeller's torque balances the motor's torque at 12 000 rpm and full duty: T_stall (1 − 12/19.2) = k_prop 12².
 
     Frames:  positive turns forward.
     Valid:   continuous current.    Not modelled: friction, inductance, heating, inflow to the propeller, the
              controller's brake (see Speed controller).
     Source:  [1] chapter 4: 12 oz-in at stall, 19 200 rpm free, about 12 000 rpm loaded, 7.2 V, encoder of 100 cycles a
-             turn. The inertia is reconstructed, and so is the propeller's torque.
+             turn. The inertia and the propeller's torque are reconstructed.
     """
 
     stall_torque: Scalar = quantity(
@@ -92,7 +94,7 @@ class Motor:
         return MotorState()
 
     def torque(self, speed: Any, input: MotorInput) -> Any:
-        """Return the motor's torque (N m) at a speed (rad/s), without the propeller's torque."""
+        """Return the motor's torque (N m) at a speed (rad/s), without the torque of the propeller."""
         n = speed * (RPM * 1e-3)
         return self.stall_torque * (input.duty * input.voltage / self.nominal_voltage - n / (self.free_rpm * 1e-3))
 

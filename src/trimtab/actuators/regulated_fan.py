@@ -1,4 +1,4 @@
-"""The thrust fan driven by the vehicle's firmware: speed regulator, speed controller, motor, encoder and battery.
+"""Thrust fan driven by the vehicle's firmware: speed regulator, speed controller, motor, encoder and battery.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -18,19 +18,19 @@ from trimtab.core.time import format_time
 
 @record
 class RegulatedFanState:
-    """Frames: positive speed pushes forward. Source: docs page, Regulated fan."""
+    """State of the regulated fan. Frames: positive speed pushes forward. Source: docs page, Regulated fan."""
 
     regulator: SpeedRegulatorState = part("State of the speed regulator.")
     motor: MotorState = part("State of motor and encoder.")
     battery: BatteryState = part("State of the battery.")
-    count: Scalar = quantity("1", "Counter of the encoder.", kind="count", default=np.int32(0))
+    count: Scalar = quantity("1", "Value of the encoder's counter.", kind="count", default=np.int32(0))
     duty: Scalar = quantity("1", "Duty that the regulator requests.", default=np.float64(0.0))
     fault: Scalar = quantity("1", "True if the encoder is faulty.", kind="flag", default=np.bool_(False))
 
 
 @record
 class RegulatedFanOutput:
-    """Frames: positive speed pushes forward. Source: docs page, Regulated fan."""
+    """Output of the regulated fan. Frames: positive speed pushes forward. Source: docs page, Regulated fan."""
 
     duty: Scalar = quantity("1", "Duty of the motor, -1 to 1, negative in reverse.")
     encoder_fault: Scalar = quantity("1", "True if the encoder is faulty.", kind="flag")
@@ -41,12 +41,12 @@ class RegulatedFanOutput:
 class RegulatedFan:
     """Regulated fan: the blocks of the firmware, followed by motor, propeller and battery.
 
-        every tick of the regulator: encoder's counter, wanted speed -> duty
+        every period of the regulator: encoder's counter, wanted speed -> duty
         duty -> speed controller (brake) -> motor and propeller on the battery's voltage -> speed, counter
         current of the motor -> battery -> voltage of the next step
 
     Frames:  positive speed pushes forward.    Not modelled: the servo frame of the duty's pulses, 20 ms.
-    Source:  [1] chapter 4 (PI regulator in the firmware; encoder); see the parts for what is reconstructed.
+    Source:  [1] chapter 4 (PI regulator in the firmware; encoder). The sources of the parts name reconstructed values.
     """
 
     regulator: SpeedRegulator = part("Speed regulator of the firmware.", default=SpeedRegulator())
@@ -54,7 +54,7 @@ class RegulatedFan:
     battery: Battery = part("Battery of the motor.", default=Battery())
 
     def check(self) -> None:
-        """Raise InputError if the periods of regulator, motor and battery don't fit each other."""
+        """Raise InputError if the periods of regulator, motor and battery do not match."""
         step, tick, other = self.motor.period, self.regulator.period, self.battery.period
         if tick % step or other != step:
             problem = f"regulator {format_time(tick)}, motor {format_time(step)}, battery {format_time(other)}"
@@ -73,7 +73,7 @@ class RegulatedFan:
         return RegulatedFanOutput(duty=0.0, encoder_fault=np.bool_(False), battery=power)
 
     def regulate(self, t: Any, state: RegulatedFanState, wanted_rpm: Any) -> RegulatedFanState:
-        """Return the state with the regulator's duty for a wanted speed at integer time t. Unchanged between ticks."""
+        """Return the state with the duty for a wanted speed. It changes only at multiples of the regulator's period."""
         given = SpeedRegulatorInput(wanted_rpm=wanted_rpm, count=state.count)
         regulator, out = self.regulator.step(t, state.regulator, given)
         due = t % self.regulator.period == 0
@@ -87,8 +87,10 @@ class RegulatedFan:
         )
 
     def turn(self, t: Any, state: RegulatedFanState, duty: Any) -> tuple[RegulatedFanState, Any, RegulatedFanOutput]:
-        """Return the state, the speed (rpm) and the output after one period from integer time t on, with a duty (-1 to
-        1)."""
+        """Return the state, the speed (rpm) and the output after one period with a constant duty (-1 to 1).
+
+        t: integer time at the start of the period.
+        """
         given = MotorInput(duty=duty, voltage=state.battery.voltage)
         motor, moved = self.motor.step(t, state.motor, given)
         drawn = duty * self.motor.current(motor.speed, given)

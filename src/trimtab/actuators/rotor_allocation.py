@@ -1,4 +1,4 @@
-"""Allocation of thrust and moments to n rotors, with limits and failed rotors; and the drive of the rotors.
+"""Allocation of thrust and moments to n rotors, with limits and failed rotors, and the drive of the rotors.
 
 [1] is E. J. J. Smeur, G. C. H. E. de Croon, Q. Chu, "Prioritized control allocation for quadrotors subject to
 saturation", IMAV 2017.
@@ -19,22 +19,22 @@ from trimtab.core.time import ms
 from trimtab.vehicles.quadrotor import Multirotor, RotorDemand, RotorSpeeds
 
 EFFORT = 1e-6
-"""Weight of the rotor thrusts relative to the demand. So small that it only selects among equally good solutions."""
+"""Weight of the rotor thrusts relative to the demand: small, so that it only selects among equally good solutions."""
 
 
 @record
 class RotorAllocation:
-    """Rotor thrusts closest to a demand, weighted by priority if the demand can't be met completely.
+    """Allocation that computes the rotor thrusts closest to a demand, with priorities if the demand can't be met.
 
-        minimise  |W (B T - v)|^2 + e |T - T0|^2    with  least <= T <= most,    T = 0 of a failed rotor
+        minimise  |W (B T - v)|^2 + e |T - T0|^2    with  least <= T <= most,    T = 0 for a failed rotor
 
-    v = (thrust, moments), each row as a fraction of the maximum of half of the rotors; T0 shares the thrust evenly.
-    Tilt has priority over thrust, and thrust over yaw. More than four working rotors share a demand so as to stay
-    within their limits.
+    v = (thrust, moments), each as a fraction of the maximum that half of the rotors can give. T0 distributes the thrust
+    evenly. Roll and pitch have priority over thrust, and thrust over yaw. More than four working rotors share a demand
+    in a way that keeps them within their limits.
 
     Frames:  B.
-    Valid:   up to the limit of active-set steps, two for each rotor and two more; tests count the unsolved cases.
-    Source:  [1] eqs. 11 to 17, with its weights 1000, 1000, 1 of roll, pitch, yaw and 100 of thrust.
+    Valid:   if 2 n + 2 steps of the active-set solver suffice; tests count the unsolved cases.
+    Source:  [1] eqs. 11 to 17, with its weights of 1000, 1000, 1 for roll, pitch, yaw and 100 for thrust.
     """
 
     craft: Multirotor = part("Vehicle model whose rotors the allocation uses.", default=Multirotor())
@@ -52,11 +52,11 @@ class RotorAllocation:
     def check(self) -> None:
         """Raise InputError unless the minimum thrust is below the maximum."""
         if float(self.least) >= float(self.most):
-            problem = f"a least thrust of {float(self.least):g} N must be below the greatest, {float(self.most):g} N"
-            raise InputError("least", problem, fix="give a least thrust between 0 and the greatest")
+            problem = f"the minimum thrust of {float(self.least):g} N must be below the maximum, {float(self.most):g} N"
+            raise InputError("least", problem, fix="give a minimum thrust between 0 and the maximum")
 
     def init(self, key: Key) -> tuple[()]:
-        """Return an empty state."""
+        """Return an empty record, because this part has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], demand: RotorDemand) -> tuple[tuple[()], RotorSpeeds]:
@@ -89,9 +89,9 @@ class RotorDriveOutput:
 
 @record
 class RotorDrive:
-    """Speed controllers of the rotors: each speed within its limits, with the resolution of their command signal.
+    """Speed controllers of the rotors. They limit each commanded speed and round it to the resolution of the signal.
 
-    Frames:  as the vehicle's.    Not modelled: battery, heat; the lag of rotor and motor is the vehicle's.
+    Frames:  those of the vehicle.    Not modelled: battery, heat. The lag of the rotors is part of the vehicle model.
     Source:  docs page, Rotor allocation.
     """
 
@@ -103,7 +103,7 @@ class RotorDrive:
     period: int = period("Time step of the drive.", default=ms(5))
 
     def pulses(self) -> dict[str, ServoPulse]:
-        """Return the pulse table of the speeds, from standstill to the highest."""
+        """Return the pulse table of the rotor speeds, from zero to the maximum speed."""
         return {"speed": linear_pulse(0.0, self.most)}
 
     def neutral(self) -> RotorDriveOutput:
@@ -111,7 +111,7 @@ class RotorDrive:
         return RotorDriveOutput(RotorSpeeds(jnp.zeros(self.count)))
 
     def init(self, key: Key) -> tuple[()]:
-        """Return an empty state."""
+        """Return an empty record, because this part has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], command: Sample) -> tuple[tuple[()], RotorDriveOutput]:

@@ -19,7 +19,7 @@ _ANGLES = 35 * DEG * np.sin(_HORN * np.linspace(-1.0, 1.0, 21)) / np.sin(_HORN)
 
 @record
 class RudderGeometry:
-    """Relation between rudder angle and force angle.
+    """Relation between the rudder angle and the direction of the force.
 
         theta = -ratio psi + offset        [1, eq. 4.3]
         FX = f cos psi    FY = -f sin psi  [1, chapter 4]
@@ -49,11 +49,11 @@ class RudderGeometry:
 class RudderServo:
     """Rudder servo: conversion between pulse width and rudder angle, by a measured table of 21 points.
 
-    Linear between the points. Beyond the ends of the table its last segment is continued, so the conversion has an
-    inverse. `limit_angle` applies the stops.
+    The conversion is linear between the points. Beyond the ends of the table the last segment is extended, so the
+    conversion has an inverse. `limit_angle` applies the stops.
 
     Frames:  angle theta from the body's x axis.    Not modelled: slew rate, backlash, load.
-    Source:  [1] figure 4.2 (21 points, 1.00 to 2.00 ms, linear interpolation). The values are a plot only and are
+    Source:  [1] figure 4.2 (21 points, 1.00 to 2.00 ms, linear interpolation). [1] has a plot only; the values are
              reconstructed as 35 deg sin(72 deg x)/sin(72 deg), x = (pulse - 1.5 ms)/0.5 ms: docs page, Errata.
     """
 
@@ -61,7 +61,7 @@ class RudderServo:
         "rad", "Rudder angle at each pulse width.", default=_ANGLES, kind="angle", shape=(21,), source="[1] fig. 4.2"
     )
     pulse_start: Scalar = quantity("s", "Pulse width of the table's first point.", default=1.0e-3, above=0)
-    pulse_step: Scalar = quantity("s", "Step of the pulse width from point to point.", default=50e-6, above=0)
+    pulse_step: Scalar = quantity("s", "Step of the pulse width between the table's points.", default=50e-6, above=0)
     neutral_pulse: Scalar = quantity("s", "Neutral pulse width, sent without a command.", default=1.5e-3, above=0)
     angle_min: Scalar = quantity("rad", "Rudder angle at the lower stop; reconstructed.", default=-35 * DEG)
     angle_max: Scalar = quantity("rad", "Rudder angle at the upper stop; reconstructed.", default=30 * DEG)
@@ -71,11 +71,14 @@ class RudderServo:
         angles = np.asarray(self.angles)
         if not (np.diff(angles) > 0).all():
             k = int(np.argmin(np.diff(angles)))
-            problem = f"they must rise with the pulse; angles[{k}]={angles[k]:.6g}, angles[{k + 1}]={angles[k + 1]:.6g}"
-            raise InputError("angles", problem, fix="sort the points, drop repeated ones")
+            problem = (
+                f"they must increase with the pulse, got angles[{k}]={angles[k]:.6g}, "
+                f"angles[{k + 1}]={angles[k + 1]:.6g}"
+            )
+            raise InputError("angles", problem, fix="sort the points and remove repeated points")
         low, high = float(self.angle_min), float(self.angle_max)
         if not angles[0] - 1e-9 <= low < high <= angles[-1] + 1e-9:
-            problem = f"stops {low:.6g} and {high:.6g} rad must rise and lie in the table, "
+            problem = f"stops {low:.6g} and {high:.6g} rad must increase and lie within the table, "
             problem += f"{angles[0]:.6g} to {angles[-1]:.6g} rad"
             raise InputError("angle_min, angle_max", problem, fix="move the stops or measure a wider table")
 

@@ -1,6 +1,6 @@
-"""Servo frame: a servo receives one command pulse per frame, and holds the command until the next.
+"""Servo frame: a servo receives one command pulse per frame, and holds the command until the next pulse.
 
-A stage of an ActuatorBank.
+A servo frame is a stage of an ActuatorBank.
 
 Source: [1] Åström, Wittenmark, "Computer-controlled systems", 3rd ed., section 2.3: sample and hold of order zero.
 """
@@ -21,22 +21,22 @@ SERVO_FRAME = "servo-frame"
 
 @record
 class ServoFrameState:
-    """State of a servo frame: the command of the last pulse. Frames: the field's. Source: this module."""
+    """State of a servo frame: the command of the last pulse. Frames: those of its field. Source: this module."""
 
-    held: Any = quantity("1", "Command at the last pulse.")
-    t: Scalar = quantity("100 ns", "Time since the start of the present frame.", kind="time", default=np.int64(0))
+    held: Any = quantity("1", "Command held since the last pulse.")
+    t: Scalar = quantity("100 ns", "Time since the start of the present servo frame.", kind="time", default=np.int64(0))
 
 
 @record
 class ServoFrame:
     """Sample and hold of the command, once per frame: 20 ms for an analogue servo, 2.5 ms for a digital one.
 
-        y(t) = u(phase + k frame)    from there up to phase + (k + 1) frame
+        y(t) = u(phase + k frame)    for phase + k frame <= t < phase + (k + 1) frame
 
     The mean delay is half a frame. Before the first pulse the servo is at rest.
 
-    Frames:  its field's.    Not modelled: the time that the pulse itself takes; a frame that drifts.
-    Source:  [1]; the frames of radio control.
+    Frames:  those of its field.    Not modelled: the duration of the pulse itself; drift of the frame.
+    Source:  [1]; frames of radio control servos.
     """
 
     frame: int = period(

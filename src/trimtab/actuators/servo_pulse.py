@@ -1,4 +1,4 @@
-"""Pulses of servos and speed controllers: pulse widths for the values of a command."""
+"""Pulses of servos and speed controllers: conversion between the values of a command and pulse widths."""
 
 from typing import Any
 
@@ -19,18 +19,23 @@ class ServoPulse:
 
         ServoPulse(values=(-0.44, 0.0, 0.44), widths=(2e-3, 1.52e-3, 1e-3))     a servo with a reversed horn
 
-    A stage of an ActuatorBank, the first of its row. Values beyond the table are limited to its ends. Values inside are
-    rounded to the timer's resolution. Firmware sends the pulses by the same table (docs page, Servo pulses).
+    It is the first stage of a field in an ActuatorBank. Values beyond the table are limited to its ends. Values inside
+    are rounded to the timer's resolution. Firmware sends the pulses by the same table (docs page, Servo pulses).
 
-    Frames:  its field's.    Not modelled: that pulses come only once a frame; use a ServoFrame for that.
-    Source:  the pulses of radio control: 1.5 ms in the middle, half a millisecond to either end.
+    Frames:  those of its field.    Not modelled: the frame in which pulses are sent; use a ServoFrame for it.
+    Source:  pulses of radio control servos: 1.5 ms in the middle, 1 and 2 ms at the ends.
     """
 
     values: Any = quantity(
-        "1", "Values, rising, in the unit of the actuated value (n,).", default=np.array([-1.0, 1.0])
+        "1",
+        "Values of the table in increasing order (n,), in the unit of the actuated value.",
+        default=np.array([-1.0, 1.0]),
     )
     widths: Any = quantity(
-        "s", "Pulse width at each value (n,), rising or falling.", default=np.array([1e-3, 2e-3]), low=0
+        "s",
+        "Pulse width at each value of the table (n,), increasing or decreasing.",
+        default=np.array([1e-3, 2e-3]),
+        low=0,
     )
     resolution: Scalar = imperfection("s", "Resolution of the pulse width.", "pulse-steps", default=0.5e-6)
 
@@ -43,11 +48,13 @@ class ServoPulse:
             )
             raise InputError("values", problem, fix="give as many widths as values, at least two")
         if not (np.diff(values) > 0).all():
-            raise InputError("values", f"values must rise, got {values.tolist()}", fix="order the table by its values")
+            raise InputError(
+                "values", f"values must increase, got {values.tolist()}", fix="sort the table by its values"
+            )
         steps = np.diff(widths)
         if not ((steps > 0).all() or (steps < 0).all()):
-            problem = f"widths must rise or fall, got {widths.tolist()}"
-            raise InputError("widths", problem, fix="give widths that only rise or only fall")
+            problem = f"widths must increase or decrease, got {widths.tolist()}"
+            raise InputError("widths", problem, fix="give widths that only increase or only decrease")
         if widths.min() < SHORTEST or widths.max() > LONGEST:
             problem = f"{widths.min() * 1e3:g} to {widths.max() * 1e3:g} ms"
             raise InputError(
@@ -63,7 +70,7 @@ class ServoPulse:
         return _read_table(self.widths, self.values, width)
 
     def init(self, rest: Any) -> tuple[()]:
-        """Return an empty state."""
+        """Return an empty record, because this stage has no state."""
         return ()
 
     def step(self, state: tuple[()], value: Any, dt: Any) -> tuple[tuple[()], StageOutput]:
@@ -77,12 +84,12 @@ class ServoPulse:
 
 
 def linear_pulse(low: Any, high: Any) -> ServoPulse:
-    """Return a pulse table from 1 ms at the smallest value to 2 ms at the largest."""
+    """Return a linear pulse table from 1 ms at the smallest value to 2 ms at the largest value."""
     return ServoPulse(values=np.array([float(low), float(high)]))
 
 
 def _read_table(x: Any, y: Any, at: Any) -> Any:
-    """Return y interpolated linearly at a position among the points x; constant beyond them. x must rise or fall."""
+    """Return y at a position, interpolated linearly over the points x, constant beyond. x must increase or decrease."""
     x, y = jnp.asarray(x), jnp.asarray(y)
     share = jnp.clip((jnp.asarray(at)[..., None] - x[:-1]) / (x[1:] - x[:-1]), 0.0, 1.0)
     return y[0] + jnp.sum(share * (y[1:] - y[:-1]), axis=-1)

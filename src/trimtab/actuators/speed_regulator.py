@@ -1,4 +1,4 @@
-"""Speed regulator of the thrust fan: counts of an encoder in, duty of the motor out. A block of the firmware.
+"""Speed regulator of the thrust fan, a block of the firmware. It converts encoder counts to the duty of the motor.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -14,15 +14,15 @@ from trimtab.core.time import ms, to_seconds
 
 @record
 class SpeedRegulatorInput:
-    """Input of the speed regulator at one tick. Frames: positive pushes the vehicle forward. Source: docs page."""
+    """Input of the speed regulator in one period. Frames: positive pushes the vehicle forward. Source: docs page."""
 
-    wanted_rpm: Scalar = quantity("rpm", "Wanted speed, negative in reverse.")
+    wanted_rpm: Scalar = quantity("rpm", "Wanted speed of the fan, negative in reverse.")
     count: Scalar = quantity("1", "Counter of the encoder; only the low 16 bits are used.", kind="count")
 
 
 @record
 class SpeedRegulatorState:
-    """State of the regulator. Frames: as its input. Source: docs page, Speed regulator."""
+    """State of the speed regulator. Frames: as for its input. Source: docs page, Speed regulator."""
 
     count: Scalar = quantity("1", "Encoder counter at the previous tick.", kind="count", default=np.int32(0))
     integral: Scalar = quantity("1", "Integral part of the duty.", default=np.float64(0.0))
@@ -45,10 +45,10 @@ class SpeedRegulatorState:
 
 @record
 class SpeedRegulatorOutput:
-    """Output of the regulator. Frames: as its input. Source: docs page, Speed regulator."""
+    """Output of the speed regulator. Frames: as for its input. Source: docs page, Speed regulator."""
 
     duty: Scalar = quantity("1", "Duty of the motor, -1 to 1, negative in reverse.")
-    speed_rpm: Scalar = quantity("rpm", "Speed measured over the last tick.")
+    speed_rpm: Scalar = quantity("rpm", "Fan speed measured over the last period of the regulator.")
     saturated: Scalar = quantity("1", "True if the duty is at its limit.", kind="flag")
     fault: Scalar = quantity("1", "True if the encoder is faulty.", kind="flag")
 
@@ -58,34 +58,34 @@ class SpeedRegulator:
     """PI regulator of the fan's speed. The integral is held while the duty is at its limit.
 
         n = rpm_per_count (count − count before)      e = wanted − n
-        duty = clip(kp e + I, from 0 to the limit, on the side of the wanted speed);   I ← I + ki e dt
+        duty = clip(kp e + I) between 0 and the limit with the sign of the wanted speed;   I ← I + ki e dt
 
-    A wanted speed of 0 lets the fan coast: the duty and the integral are 0. A change of direction also resets the
-    integral. If the fan is driven but the counter stands still, or runs backwards, for `stall`, the duty goes to 0
-    until a stop is requested: a broken encoder must not lead to full thrust.
+    At a wanted speed of 0 the fan coasts: the duty and the integral are 0. A change of direction also resets the
+    integral. If the fan is driven but the counter does not count in the driven direction for the time `stall`, the
+    duty is 0 until a stop is requested, because a broken encoder must not lead to full thrust.
 
     Frames:  positive pushes the vehicle forward.
-    Valid:   |speed| below 32 768 counts a tick.    Not modelled: the speed controller's brake.
+    Valid:   |speed| below 32 768 counts per tick.    Not modelled: the speed controller's brake.
     Source:  [1] chapter 4 (PI in the firmware, encoder of 100 cycles a turn). Gains, tick and fault are reconstructed.
     """
 
     kp: Scalar = quantity("1/krpm", "Proportional gain: duty per speed error.", default=0.08, low=0)
-    ki: Scalar = quantity("1/(krpm s)", "Integral gain.", default=0.6, low=0)
+    ki: Scalar = quantity("1/(krpm s)", "Integral gain: rate of the duty per speed error.", default=0.6, low=0)
     rpm_per_count: Scalar = quantity(
         "rpm",
         "Speed of the fan that gives one encoder count per tick, with 400 counts per turn.",
         default=15.0,
         above=0,
     )
-    limit: Scalar = quantity("1", "Maximum duty.", default=1.0, above=0, high=1)
+    limit: Scalar = quantity("1", "Maximum magnitude of the duty.", default=1.0, above=0, high=1)
     stall: Scalar = quantity(
         "s",
-        "Time for which the fan is driven but does not turn, after which the encoder counts as broken.",
+        "Time for which the fan may be driven without turning. After it the encoder counts as broken.",
         default=0.5,
         above=0,
     )
     stall_duty: Scalar = quantity("1", "Duty above which the fan counts as driven.", default=0.1, above=0)
-    period: int = period("Tick.", default=ms(10))
+    period: int = period("Period of the speed regulator.", default=ms(10))
 
     def init(self) -> SpeedRegulatorState:
         """Return the initial state, at rest."""

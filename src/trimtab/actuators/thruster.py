@@ -1,4 +1,4 @@
-"""Fan: thrust from speed and rudder angle, and the inverse, in closed form.
+"""Thrust of a fan as a function of its speed and the rudder angle, and the inverse function.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -14,7 +14,7 @@ from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.rotation import DEG
 
 NEWTON_STEPS = 5
-"""Number of Newton steps that solve the reverse map to rounding error. A test checks this number."""
+"""Number of Newton steps that solve the map of the reverse thrust to rounding error. A test checks this number."""
 
 
 @record
@@ -25,9 +25,9 @@ class Thruster:
         ratio = 1 forward;  y(|n|) = y3 n^3 + y2 n^2 + y1 n + y0 in reverse    [1, eq. 4.4]
         eta = cos(theta - offset)
 
-    The ratio is constant outside the measured speeds (6 to 12 krpm), as the cubic is negative below 4.17 krpm and
-    exceeds 1 far above. eta is constant beyond `deflection_max`. This extends the map to any demand, invertibly, for
-    runs without saturation.
+    The ratio is constant outside the measured speeds (6 to 12 krpm), because the cubic is negative below 4.17 krpm and
+    exceeds 1 far above. eta is constant beyond `deflection_max`. The map is therefore defined and invertible for any
+    demand, also in runs without saturation.
 
     Valid:   at rest.    Not modelled: inflow, battery sag, motor (see `time_constant`).
     Source:  [1] chapter 4, eq. 4.4; c and eta are reconstructed (quadratic law, 3000 rpm just registering on a gauge
@@ -51,7 +51,7 @@ class Thruster:
         "rpm", "Maximum fan speed under load.", default=12000.0, above=0, source="[1] ch. 4"
     )
     offset: Scalar = quantity(
-        "rad", "Rudder angle at which the thrust is largest.", default=0.566 * DEG, source="[1] eq. 4.3"
+        "rad", "Rudder angle at which the fan's thrust is largest.", default=0.566 * DEG, source="[1] eq. 4.3"
     )
     deflection_max: Scalar = quantity(
         "rad",
@@ -62,11 +62,14 @@ class Thruster:
         source="[1] fig. 4.2",
     )
     time_constant: Scalar = quantity(
-        "s", "Time constant of the speed's lag behind its command; 0: no lag, as in the thesis.", default=0.0, low=0
+        "s",
+        "Time constant of the lag from the commanded speed to the fan speed; 0: no lag, as in the thesis.",
+        default=0.0,
+        low=0,
     )
 
     def check(self) -> None:
-        """Raise InputError for a reverse map without an inverse: it must be positive and rise with speed."""
+        """Raise InputError unless the reverse thrust is positive and rises with speed, so that it has an inverse."""
         low, high = float(self.reverse_low_rpm), float(self.speed_max_rpm)
         if not low < high:
             problem = f"{low:g} rpm must be below speed_max_rpm, {high:g} rpm"
@@ -106,7 +109,7 @@ class Thruster:
         return 1e3 * xp.where(force < 0, -self._reverse_speed(xp, q, root), root)
 
     def follow_speed(self, speed_rpm: Any, wanted_rpm: Any, dt: Any) -> Any:
-        """Return the speed (rpm) after dt (s) of first-order lag; with a time constant of 0, the wanted speed."""
+        """Return the speed (rpm) after a first-order lag for dt (s), or the wanted speed if the time constant is 0."""
         share = -jnp.expm1(-dt / jnp.maximum(self.time_constant, 1e-9))
         return speed_rpm + share * (wanted_rpm - speed_rpm)
 
@@ -117,7 +120,7 @@ class Thruster:
     def _reverse_speed(self, xp: Any, q: Any, root: Any) -> Any:
         """Return n (krpm) that solves n^2 ratio(n) = q.
 
-        Where the ratio is constant by a square root, else by Newton's method.
+        Where the ratio is constant, n is a square root. Elsewhere Newton's method is used.
         """
         y = self.reverse_ratio
         low, high = self.reverse_low_rpm * 1e-3, self.speed_max_rpm * 1e-3
@@ -132,5 +135,5 @@ class Thruster:
 
 
 def _namespace(*values: Any) -> Any:
-    """Return JAX's numpy if any value is a JAX array, else numpy, so that tables are built without starting JAX."""
+    """Return jax.numpy if any value is a JAX array, else numpy, so that tables can be built without starting JAX."""
     return jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(values)) else np

@@ -1,6 +1,6 @@
-"""Transport delay of an actuator: the output is the input, delayed by periods and a fraction of a period.
+"""Transport delay of an actuator: the output is the input, delayed by whole periods and a fraction of a period.
 
-A stage of an ActuatorBank.
+A transport delay is a stage of an ActuatorBank.
 
 Source: [1] Åström, Wittenmark, "Computer-controlled systems", 3rd ed., section 2.3: systems with time delay.
 """
@@ -19,29 +19,29 @@ from trimtab.core.time import format_time, to_seconds
 
 @record
 class TransportDelayState:
-    """State of a transport delay: the values in transit. Frames: the field's. Source: this module."""
+    """State of a transport delay: the values in transit. Frames: those of its field. Source: this module."""
 
     ring: Any = quantity("1", "Input values of the last periods. The leading axis is the slot of the ring buffer.")
-    slot: Scalar = quantity("1", "Ring buffer slot that the next value is written to.", kind="count")
+    slot: Scalar = quantity("1", "Slot of the ring buffer to which the next value is written.", kind="count")
 
 
 @record
 class TransportDelay:
-    """Delay of a command, as of a pipe or a serial bus.
+    """Delay of a command, as in a pipe or on a serial bus.
 
         delay = (n + f) period:    y[k] = (1 - f) u[k - n] + f u[k - n - 1]
 
-    This is the mean over a period of the delayed held command, so the integral of the command is conserved. It is exact
-    for a command that changes steadily.
+    The output is the mean over a period of the delayed held command, so the integral of the command is conserved. It is
+    exact for a command that changes at a constant rate.
 
-    Frames:  its field's.    Source:  [1].
+    Frames:  those of its field.    Source:  [1].
     """
 
     delay: Scalar = quantity("s", "Delay from input to output.", default=0.01, low=0, off={"actuator-delay": 0.0})
-    capacity: int = option("Number of periods that the ring buffer can hold.", default=64)
+    capacity: int = option("Number of slots of the ring buffer, one per period.", default=64)
 
     def check_period(self, period: int) -> None:
-        """Raise InputError for a delay longer than the memory."""
+        """Raise InputError if the ring buffer has too few slots for the delay."""
         needed = int(np.floor(float(self.delay) / to_seconds(period))) + 2
         if needed > self.capacity:
             problem = (

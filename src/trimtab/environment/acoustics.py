@@ -1,4 +1,4 @@
-"""The speed of sound in air, and the error of an ultrasonic range away from the beacon's axis.
+"""Speed of sound in air, and error of an ultrasonic range away from the beacon's axis.
 
 A receiver that triggers at a threshold of the envelope triggers later if the sound is weaker. Transducers are weaker
 off their axis, so the measured range grows with the angle from the axis.
@@ -17,29 +17,29 @@ import numpy as np
 from trimtab.core.record import Scalar, quantity, record
 
 ZERO_CELSIUS = 273.15
-"""0 °C in K."""
+"""Temperature of 0 °C in kelvins."""
 QUADRATIC, LINEAR = -0.038, 0.0032
 """Coefficients of the fit of the range ratio over the angle. Its maximum is at 2.4°. [1] section 5.5.4."""
 CONE = math.pi / 4
-"""Largest angle from the axis (rad) at which the fit holds and replies arrive. [1] section 5.5."""
+"""Largest angle from the axis (rad) at which the fit is valid and replies arrive. [1] section 5.5."""
 
 
 @record
 class Air:
-    """Air at rest.
+    """State of air at rest: temperature, humidity, pressure and carbon dioxide.
 
     Valid:   0 to 30 °C, 75 to 102 kPa, water vapour up to 6 %, carbon dioxide up to 1 % by volume.
     Source:  [2] table III.
     """
 
-    temperature: Scalar = quantity("K", "Temperature.", default=293.15, low=243.15, high=333.15)
-    humidity: Scalar = quantity("1", "Relative humidity, 0 to 1.", default=0.5, low=0, high=1)
-    pressure: Scalar = quantity("Pa", "Pressure.", default=101325.0, low=5e4, high=1.2e5)
+    temperature: Scalar = quantity("K", "Temperature of the air.", default=293.15, low=243.15, high=333.15)
+    humidity: Scalar = quantity("1", "Relative humidity of the air, 0 to 1.", default=0.5, low=0, high=1)
+    pressure: Scalar = quantity("Pa", "Pressure of the air.", default=101325.0, low=5e4, high=1.2e5)
     carbon_dioxide: Scalar = quantity("1", "Mole fraction of carbon dioxide.", default=4e-4, low=0, high=0.01)
 
 
 def water_vapour(air: Air) -> Any:
-    """Return the mole fraction of water vapour: humidity, enhancement factor, saturation pressure over pressure.
+    """Return the mole fraction of water vapour: humidity times enhancement factor times saturation pressure / pressure.
 
     Source: [2] appendix, from R. S. Davis, Metrologia 29, 1992 (the equation of the density of moist air).
     """
@@ -72,7 +72,7 @@ def speed_of_sound(air: Air) -> Any:
 
 
 def range_ratio(beta: Any) -> Any:
-    """Return true over measured range at an angle beta (rad) from the axis, 0 to 45°. Source: [1] section 5.5.4."""
+    """Return the ratio of true to measured range at an angle beta (rad) from the axis, 0 to 45°. Source: [1] 5.5.4."""
     return QUADRATIC * beta * beta + LINEAR * beta + 1.0
 
 
@@ -85,9 +85,9 @@ def off_axis_angle(height: Any, distance: Any) -> Any:
 
 
 def fit_range_ratio(beta: Any, ratio: Any) -> tuple[float, float]:
-    """Return quadratic and linear coefficient of a calibration: least squares with ratio 1 on the axis.
+    """Return the quadratic and linear coefficients of the range ratio, by least squares with ratio 1 at beta = 0.
 
-    Args:     beta: angles (rad), shape (n,).    ratio: true over measured range, shape (n,).
+    Args:     beta: angles (rad), shape (n,).    ratio: ratio of true to measured range, shape (n,).
     """
     b = np.asarray(beta, np.float64)
     A = np.stack([b * b, b], axis=1)

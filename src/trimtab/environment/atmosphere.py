@@ -1,11 +1,11 @@
 """Air at rest over the earth: the U.S. Standard Atmosphere 1976 to 86 km.
 
 The temperature is piecewise linear in the geopotential height, and the pressure follows from the weight of the air
-above. The lowest line continues below the sea. Above 86 km, where the standard changes to separating mixtures, the
-temperature stays constant: the density keeps falling, but is no longer that of the standard.
+above. The lowest segment continues below sea level. Above 86 km, where the standard changes to separating mixtures, the
+temperature stays constant. The density keeps falling, but is no longer that of the standard.
 
 Source: NOAA, NASA, USAF, "U.S. Standard Atmosphere, 1976", NOAA-S/T 76-1562, part 1, tables 2 and 4, equations 18, 23,
-33a, 33b, 42, 50 and 51. Deviation: the ratio of molecular weights near 86 km (table 8, 0.04 %) is taken as 1.
+33a, 33b, 42, 50 and 51. Deviation: the ratio of molecular weights near 86 km (table 8, 0.04 %) is assumed to be 1.
 """
 
 from typing import Any, NamedTuple
@@ -25,7 +25,7 @@ EARTH_RADIUS = 6_356_766.0
 SEA_PRESSURE = 101_325.0
 SEA_TEMPERATURE = 288.15
 BASES = np.array([0.0, 11e3, 20e3, 32e3, 47e3, 51e3, 71e3, 84_852.0])
-"""Geopotential heights at which a linear segment begins (m)."""
+"""Geopotential heights (m) at which the linear segments of the temperature begin."""
 LAPSES = np.array([-6.5e-3, 0.0, 1e-3, 2.8e-3, 0.0, -2.8e-3, -2e-3, 0.0])
 """Slope of the temperature in each segment (K/m)."""
 TEMPERATURES = SEA_TEMPERATURE + np.concatenate([[0.0], np.cumsum(np.diff(BASES) * LAPSES[:-1])])
@@ -56,12 +56,12 @@ class AirProperties(NamedTuple):
 
 
 def geopotential_height(height: Scalar) -> Any:
-    """Return the geopotential height (m) of a height above the sea (m). Source: eq. 18."""
+    """Return the geopotential height (m) of a height above sea level (m). Source: eq. 18."""
     return EARTH_RADIUS * height / (EARTH_RADIUS + height)
 
 
 def standard_atmosphere(height: Scalar) -> AirProperties:
-    """Return the air at a height above the sea (m). No branch: flight code."""
+    """Return the properties of standard air at a height above sea level (m). Flight code, without branches."""
     H = geopotential_height(height)
     i = jnp.sum(jnp.asarray(BASES[1:]) <= H)
     base, lapse, T0, p0 = (jnp.asarray(table)[i] for table in (BASES, LAPSES, TEMPERATURES, PRESSURES))
@@ -77,7 +77,7 @@ def standard_atmosphere(height: Scalar) -> AirProperties:
 
 
 def pressure_altitude(pressure: Scalar) -> Any:
-    """Return the height above the sea (m) with this pressure (Pa) in standard air, as an altimeter shows. Flight code.
+    """Return the height above sea level (m) of this pressure (Pa) in standard air, as on an altimeter. Flight code.
 
     Source: eqs. 33a and 33b, and 18, solved for the height.
     """

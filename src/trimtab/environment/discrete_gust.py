@@ -1,4 +1,4 @@
-"""A single gust that rises as one minus a cosine over a distance flown."""
+"""Single gust that rises as one minus a cosine over the distance flown."""
 
 from typing import Any
 
@@ -12,22 +12,29 @@ ZERO = (0.0, 0.0, 0.0)
 
 @record
 class DiscreteGust:
-    """A gust of the form 1 - cos over the distance s flown since it was met.
+    """Gust of the form 1 - cos over the distance s flown since the start of the gust.
 
         ramp     v = v_m/2 (1 - cos(pi s/d))       until s = d, and v_m from there on    [1]
-        pulse    the same until s = 2 d, where it is zero again, and zero from there on    [2]
+        pulse    the same formula until s = 2 d, where v is zero again, and zero from there on    [2]
 
     Frames:  B.    Not modelled: the delay between nose and tail.
     Source:  [1] MIL-F-8785C, "Flying qualities of piloted airplanes", 1980, 3.7.1.3; [2] 14 CFR 25.341(a)(2).
     """
 
     velocity: Any = quantity(
-        "m/s", "Maximum velocity of the air v_m.", frame="B", default=ZERO, shape=(3,), off={"discrete-gust": ZERO}
+        "m/s",
+        "Maximum velocity v_m of the air in the gust.",
+        frame="B",
+        default=ZERO,
+        shape=(3,),
+        off={"discrete-gust": ZERO},
     )
     length: Scalar = quantity("m", "Distance d over which the gust rises.", default=100.0, above=0)
-    start: Scalar = quantity("s", "Time at which the gust is met.", default=1.0, low=0)
+    start: Scalar = quantity("s", "Time at which the vehicle enters the gust.", default=1.0, low=0)
     form: str = option(
-        "Form after the maximum: falling (pulse) or constant (ramp).", default="pulse", choices=("pulse", "ramp")
+        "Form of the gust after its maximum: falling (pulse) or constant (ramp).",
+        default="pulse",
+        choices=("pulse", "ramp"),
     )
 
     def shape(self, distance: Any) -> Any:
@@ -37,7 +44,7 @@ class DiscreteGust:
         return (1 - jnp.cos(np.pi * s)) / 2
 
     def advance(self, seconds: Any, distance: Any, speed: Any, dt: Any) -> Any:
-        """Return the distance (m) into the gust dt (s) after a time (s), flying at a speed (m/s)."""
+        """Return the distance (m) into the gust after a step of dt (s) from a time (s), at a speed (m/s)."""
         inside = jnp.clip(seconds + dt - self.start, 0.0, dt)
         return distance + speed * inside
 

@@ -1,10 +1,10 @@
-"""The earth: WGS84 ellipsoid, a plane tangent to it, normal gravity, and angular velocity.
+"""Model of the earth: WGS84 ellipsoid, tangent plane, normal gravity, and angular velocity.
 
 Geodetic: latitude, longitude (rad), height above the ellipsoid (m). ECEF: earth-centred, earth-fixed, which rotates
 with the earth and so is not inertial.
 
-On a lab floor the earth's rate and the Coriolis acceleration, which the plane's navigation neglects, are small:
-15 deg/h, and 0.15 mm/s² at 1 m/s; a gyro's bias is hundreds of times larger. Where they matter, give
+Planar navigation on a laboratory floor neglects the earth's rate (15 deg/h) and the Coriolis acceleration (0.15 mm/s²
+at 1 m/s). A gyro's bias is hundreds of times larger than this rate. If these effects matter, pass
 `earth_rate(latitude)` to the inertial unit and to the navigation.
 
 Source: NIMA TR8350.2, "Department of Defense World Geodetic System 1984", 3rd ed., tables 3.1 and 3.4, chapter 3, eqs.
@@ -51,13 +51,13 @@ def to_ecef(
 def from_ecef(p: Any, *, semi_major: Any = SEMI_MAJOR, flattening: Any = FLATTENING) -> tuple[Any, Any, Any]:
     """Return latitude, longitude (rad) and height (m) of a position (3,) (m), not near the earth's centre.
 
-    A fixed number of steps and no branch: flight code. Source: Bowring, Survey Review 23 (1976), iterated.
+    Flight code, with a fixed number of steps and no branches. Source: Bowring, Survey Review 23 (1976), iterated.
     """
     across = jnp.sqrt(p[0] ** 2 + p[1] ** 2)
     eccentricity2 = flattening * (2 - flattening)
     second2 = eccentricity2 / (1 - eccentricity2)
     semi_minor = semi_major * (1 - flattening)
-    sb, cb = p[2], across * (1 - flattening)  # of the reduced latitude
+    sb, cb = p[2], across * (1 - flattening)  # proportional to sine and cosine of the reduced latitude
     s, c = sb, cb
     for _ in range(ITERATIONS):
         norm = jnp.sqrt(sb * sb + cb * cb)
@@ -72,7 +72,7 @@ def from_ecef(p: Any, *, semi_major: Any = SEMI_MAJOR, flattening: Any = FLATTEN
 
 
 def ned_axes(latitude: Any, longitude: Any) -> Any:
-    """Return R_EN (3, 3): from local north-east-down components to earth-fixed ones."""
+    """Return the rotation R_EN (3, 3) from local north-east-down components to earth-fixed components."""
     s, c, sl, cl = jnp.sin(latitude), jnp.cos(latitude), jnp.sin(longitude), jnp.cos(longitude)
     o = jnp.zeros_like(s * sl)
     return jnp.stack([jnp.stack([-s * cl, -sl, -c * cl]), jnp.stack([-s * sl, cl, -c * sl]), jnp.stack([c, o, -s])])
@@ -80,18 +80,18 @@ def ned_axes(latitude: Any, longitude: Any) -> Any:
 
 @record
 class TangentPlane:
-    """North-east-down coordinates with their origin at a geodetic position: the world frame W on the globe.
+    """North-east-down coordinates with their origin at a geodetic position: the world frame W on the earth.
 
         p_W = R_NE (p_E - origin_E)
 
     Frames:  W north-east-down at the origin; its axes don't depend on the vehicle's position.
-    Valid:   anywhere; that "down" is the plumb line holds near the origin only (1 arc second in 31 m).
+    Valid:   anywhere. The down axis is along the plumb line only near the origin (1 arc second off at 31 m).
     Source:  Groves, 2nd ed., section 2.1.3.
     """
 
-    latitude: Scalar = quantity("rad", "Latitude of the origin.", kind="angle")
-    longitude: Scalar = quantity("rad", "Longitude of the origin.", kind="angle")
-    height: Scalar = quantity("m", "Height of the origin above the ellipsoid.", default=0.0)
+    latitude: Scalar = quantity("rad", "Geodetic latitude of the origin of W.", kind="angle")
+    longitude: Scalar = quantity("rad", "Longitude of the origin of W.", kind="angle")
+    height: Scalar = quantity("m", "Height of the origin of W above the ellipsoid.", default=0.0)
 
     def to_ned(self, latitude: Any, longitude: Any, height: Any) -> Any:
         """Return north, east, down (3,) (m) of a geodetic position."""
@@ -107,8 +107,8 @@ class TangentPlane:
 def normal_gravity(latitude: Any, height: Any = 0.0) -> Any:
     """Return gravity (m/s²), with centrifugal acceleration, at a geodetic latitude (rad) and height (m) below 20 km.
 
-    It is the specific force on an accelerometer at rest, without the local anomaly (< 1 mm/s²): Somigliana's formula on
-    the ellipsoid, and its expansion to second order in height.
+    This is the specific force on an accelerometer at rest, without the local anomaly (< 1 mm/s²). It is computed by
+    Somigliana's formula on the ellipsoid, and an expansion to second order in height.
     """
     s2 = jnp.sin(latitude) ** 2
     surface = EQUATOR * (1 + SOMIGLIANA * s2) / jnp.sqrt(1 - ECCENTRICITY2 * s2)
@@ -117,7 +117,7 @@ def normal_gravity(latitude: Any, height: Any = 0.0) -> Any:
 
 
 def gravity(latitude: Any, height: Any = 0.0) -> Any:
-    """Return the gravity vector (3,) (m/s²) in local north-east-down; the plumb line is normal to the ellipsoid."""
+    """Return the gravity vector (3,) (m/s²) in local north-east-down, assumed normal to the ellipsoid."""
     g = normal_gravity(latitude, height)
     return jnp.stack([jnp.zeros_like(g), jnp.zeros_like(g), g])
 

@@ -1,4 +1,4 @@
-"""The earth's magnetic field at a position and date, evaluated before a run, or given by numbers; and the heading.
+"""Magnetic field of the earth, from a model evaluated before a run or from given values, and the magnetic heading.
 
 Source: Chulliat et al., "The US/UK World Magnetic Model for 2020-2025", NOAA, 2020; coefficients and evaluation by the
 package pygeomag.
@@ -17,7 +17,7 @@ from trimtab.core.errors import InputError, install_command
 from trimtab.core.rotation import from_euler
 
 MODELS = {2010: "wmm/WMM_2010.COF", 2015: "wmm/WMM_2015v2.COF", 2020: "wmm/WMM_2020.COF", 2025: "wmm/WMM_2025.COF"}
-"""First year of each model -> its file; a model holds for five years."""
+"""File of each model by the model's first year. A model is valid for five years."""
 LAST = 2030
 COLLEGE_PARK = (2.047e-05, -3.93e-06, 4.783e-05)
 """Field (T) at the University of Maryland, 38.99 N 76.94 W, by the model at the date 2010.0."""
@@ -68,12 +68,13 @@ def inclination(field_W: Any) -> Any:
 def magnetic_heading(field_B: Any, field_W: Any, roll: Any = 0.0, pitch: Any = 0.0) -> Any:
     """Return the true heading (rad, in [-pi, pi]) from the measured field (3,) in B and the known field (3,) in NED.
 
-    Both are projected on the horizontal plane; the heading is the angle from the measured to the known projection,
+    Both fields are projected on the horizontal plane. The heading is the angle from the measured to the known field,
 
-        psi = atan2((b × w)_z, b · w),
+        psi = atan2((b × w)_z, b · w).
 
-    which is exact at every angle, while an arc cosine of b · w loses half its digits near 0 and pi. If a projection
-    vanishes (a magnetic pole, a dead sensor) the heading is 0: check `strength_ratio`. Flight code.
+    This formula is exact at every angle, while an arc cosine of b · w loses half of its digits near 0 and pi. If a
+    projection vanishes (at a magnetic pole, or for a dead sensor), the heading is 0: check `strength_ratio`. Flight
+    code.
 
     Source: [1] eqs. 3.43-3.44, with the arc cosine replaced (docs page, Errata).
     """

@@ -24,12 +24,12 @@ from trimtab.environment.discrete_gust import DiscreteGust
 
 FOOT = 0.3048
 LOW, HIGH, GROUND = 1000 * FOOT, 2000 * FOOT, 10 * FOOT
-"""Heights (m). [1] has one model below LOW and one above HIGH, blended between. GROUND: smallest height used."""
+"""Heights (m). [1] has one model below LOW and one above HIGH, which are blended between. GROUND: smallest height."""
 HIGH_LENGTHS: Mapping[str, float] = MappingProxyType({"dryden": 1750 * FOOT, "von-karman": 2500 * FOOT})
-"""Scale length above HIGH (m), of all three components. Source: [1] 3.7.2.1."""
+"""Scale length (m) of all three components of the turbulence at heights above HIGH. Source: [1] 3.7.2.1."""
 HEIGHTS = FOOT * np.array([500, 1750, 3750, 7500, 15e3, 25e3, 35e3, 45e3, 55e3, 65e3, 75e3, 80e3])
 LEVELS = np.array([np.log10(0.2), -1, -2, -3, -4, -5, -6])
-"""Decimal logarithm of the probability of exceedance, of each row of INTENSITIES."""
+"""Decimal logarithm of the probability of exceedance for each row of INTENSITIES."""
 INTENSITIES = FOOT * np.array(
     [
         [3.2, 2.2, 1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
@@ -41,7 +41,7 @@ INTENSITIES = FOOT * np.array(
         [18.7, 21.5, 28.4, 30.2, 30.7, 31.0, 25.2, 23.1, 17.5, 10.7, 8.4, 7.2],
     ]
 )
-"""Standard deviation (m/s) at each of LEVELS and HEIGHTS. Source: [1] figure 7, read off as flight simulators do."""
+"""Standard deviation (m/s) at each of LEVELS and HEIGHTS. Source: [1] figure 7, as tabulated in flight simulators."""
 FILTERS: Mapping[str, Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]] = MappingProxyType(
     {
         "dryden": {"along": ((2**0.5,), (1.0, 1.0)), "across": ((1.0, 3**0.5), (1.0, 2.0, 1.0))},
@@ -51,10 +51,10 @@ FILTERS: Mapping[str, Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]]
         },
     }
 )
-"""Numerator and denominator of each filter in powers of s L/V, lowest first; white noise of intensity L/V gives a
+"""Numerator and denominator of each filter in powers of s L/V, lowest first. White noise of intensity L/V gives a
 component of variance one. Source: [1] 3.7.5 (Dryden); [2] table of the rational forms (von Kármán)."""
 LONGEST_STEP, FASTEST_RATE = 0.75, 12.0
-"""Largest period, as a fraction of L/V, and as a multiple of the time constant of an angular component."""
+"""Largest period as a fraction of L/V, and largest period as a multiple of the time constant of an angular rate."""
 
 
 class TurbulenceScales(NamedTuple):
@@ -69,46 +69,56 @@ class TurbulenceState:
     """States of the shaping filters, each of variance about one. Frames: B. Source: this module."""
 
     key: Key = part("Random key of the noise.")
-    begun: Scalar = quantity("1", "True once there has been a gust.", kind="flag")
-    forward: Any = quantity("1", "Filter state of the component along x.")
-    side: Any = quantity("1", "Filter state of the component along y, with the yaw last.")
-    down: Any = quantity("1", "Filter state of the component along z, with the pitch last.")
-    roll: Scalar = quantity("1", "Filter state of the roll.")
-    distance: Scalar = quantity("m", "Distance into the discrete gust.")
+    begun: Scalar = quantity("1", "True once a first gust has been computed.", kind="flag")
+    forward: Any = quantity("1", "Filter state of the velocity component along x.")
+    side: Any = quantity("1", "Filter state of the velocity component along y, followed by the state of the yaw rate.")
+    down: Any = quantity(
+        "1", "Filter state of the velocity component along z, followed by the state of the pitch rate."
+    )
+    roll: Scalar = quantity("1", "Filter state of the roll rate.")
+    distance: Scalar = quantity("m", "Distance flown into the discrete gust.")
 
 
 @record
 class Turbulence:
-    """Three velocities and three rates of turbulent air, and a single gust.
+    """Turbulent air with three velocity components and three angular rates, and an additional single gust.
 
         u: 1st (Dryden) or 2nd order, v and w: 2nd or 3rd order filters of white noise, with L, sigma, V
         q = -dw/dx, through 1/(1 + 4b s/(pi V));   r = dv/dx, through 1/(1 + 3b s/(pi V));   p: a separate noise
 
-    Lengths and intensities follow the height: below 1000 ft from the wind at 20 ft above the ground, above 2000 ft from
-    the probability with which the intensity is exceeded (1e-1 light, 1e-3 moderate, 1e-5 severe).
+    Lengths and intensities depend on the height. Below 1000 ft the intensities follow from the wind at 20 ft above the
+    ground. Above 2000 ft they follow from the probability with which they are exceeded (1e-1 light, 1e-3 moderate, 1e-5
+    severe).
 
     Frames:  B: x forward, y starboard, z down, at all heights (near the ground [1] takes the wind's horizontal axes).
-    Valid:   rms far below the airspeed; V of at least 1 m/s; heights up to 80 000 ft, above as there. A period below
-             0.75 L/V. Not modelled: patches, non-normal turbulence, thermals; von Kármán's
-             rational forms stay within 5 % of his law up to L Omega = 10, and fall off faster beyond.
-    Source:  [1] MIL-F-8785C; [2] MIL-HDBK-1797; signs of q and r: the air's own rotation, by the gradient along x.
+    Valid:   rms far below the airspeed; V of at least 1 m/s; period below 0.75 L/V; heights up to 80 000 ft, with the
+             values of this height above. The rational forms for von Kármán stay within 5 % of his law up to
+             L Omega = 10, and fall off faster beyond. Not modelled: patches, non-normal turbulence, thermals.
+    Source:  [1] MIL-F-8785C; [2] MIL-HDBK-1797. The signs of q and r are those of the air's rotation, from the gradient
+             along x.
     """
 
-    form: str = option("Form of the spectra.", default="dryden", choices=tuple(FILTERS))
-    intensity: Scalar = imperfection("1", "Factor on all standard deviations.", "turbulence", default=1.0)
+    form: str = option("Form of the turbulence spectra.", default="dryden", choices=tuple(FILTERS))
+    intensity: Scalar = imperfection(
+        "1", "Factor on all standard deviations of the turbulence.", "turbulence", default=1.0
+    )
     wind: Scalar = quantity(
         "m/s", "Wind at 20 ft above the ground: 7.7 light, 15.4 moderate, 23.2 severe.", default=15.4, low=0
     )
     exceedance: Scalar = quantity(
-        "1", "Probability that the intensity is exceeded, 1e-6 to 0.2.", default=1e-3, low=1e-6, high=0.2
+        "1",
+        "Probability that the intensity of the turbulence is exceeded, 1e-6 to 0.2.",
+        default=1e-3,
+        low=1e-6,
+        high=0.2,
     )
     span: Scalar = quantity("m", "Wing span b, over which gusts are averaged in the rates.", default=10.0, above=0)
-    ground: Scalar = quantity("m", "Height of the ground above the sea.", default=0.0)
+    ground: Scalar = quantity("m", "Height of the ground above sea level.", default=0.0)
     discrete: DiscreteGust = part("Additional single gust.", default=DiscreteGust())
     period: int = period("Time between updates of the gust.", default=ms(5))
 
     def at(self, height: Any) -> TurbulenceScales:
-        """Return lengths and intensities at a height above the ground (m)."""
+        """Return scale lengths and standard deviations at a height above the ground (m)."""
         h = jnp.maximum(height, GROUND)
         low, high = self._low(jnp.minimum(h, LOW)), self._high(jnp.maximum(h, HIGH))
         share = jnp.clip((h - LOW) / (HIGH - LOW), 0.0, 1.0)
@@ -116,7 +126,7 @@ class Turbulence:
         return TurbulenceScales(mixed[0], self.intensity * mixed[1])
 
     def init(self, key: Key) -> TurbulenceState:
-        """Return the first state: velocities with their stationary distribution, rates zero."""
+        """Return the initial state: velocities and roll rate of stationary distribution, zero pitch and yaw rate."""
         along, across = FILTERS[self.form]["along"], FILTERS[self.form]["across"]
         n, m = len(along[1]) - 1, len(across[1]) - 1
         z = normals(key.at("first"), 0, n + 2 * m + 1)
@@ -180,7 +190,7 @@ class Turbulence:
 
 
 def _position(table: Any, value: Any) -> tuple[Any, Any]:
-    """Return the index of a value's interval in a rising table, and the fraction in it; limited to the ends."""
+    """Return the index of a value's interval in a rising table, and the fraction within it, limited to the ends."""
     index = jnp.clip(jnp.sum(jnp.asarray(table) <= value) - 1, 0, len(table) - 2)
     low, high = jnp.asarray(table)[index], jnp.asarray(table)[index + 1]
     return index, jnp.clip((value - low) / (high - low), 0.0, 1.0)
@@ -192,7 +202,7 @@ def _between(values: Any, position: tuple[Any, Any]) -> Any:
 
 
 def _system(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
-    """Return A (n, n) of a filter's controllable form, in units of L/V; the noise enters the last state."""
+    """Return the matrix A (n, n) of a filter's controllable form, per L/V of time. The noise enters the last state."""
     _, denominator = filter
     n = len(denominator) - 1
     A = np.eye(n, k=1)
@@ -201,14 +211,14 @@ def _system(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
 
 
 def _output(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
-    """Return C (n,) of the controllable form."""
+    """Return the output vector C (n,) of a filter's controllable form."""
     numerator, denominator = filter
     n = len(denominator) - 1
     return np.array([*numerator, *[0.0] * (n - len(numerator))]) / denominator[-1]
 
 
 def _steady_root(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
-    """Return a root (n, n) of the stationary state covariance of that form under white noise of intensity one."""
+    """Return a root (n, n) of a filter's stationary state covariance under white noise of intensity one."""
     A = _system(filter)
     n = len(A)
     B = np.zeros((n, n))
@@ -218,9 +228,9 @@ def _steady_root(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
 
 
 def _advance(filter: Any, state: Any, frequency: Any, lag: Any, dt: Any, z: Any) -> Any:
-    """Return the state of a filter of corner V/L (1/s) a time dt (s) later, with noise z of the same size.
+    """Return the state of a filter with corner frequency V/L (1/s) after dt (s), driven by standard normals z.
 
-    lag: time constant (s) with which the state's last number follows the component; None: no such number.
+    lag: time constant (s) with which the state's last element follows the component. None: no such element.
     """
     A0, C = _system(filter), _output(filter)
     r = jnp.minimum(frequency * dt, LONGEST_STEP)

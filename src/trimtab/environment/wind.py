@@ -1,4 +1,4 @@
-"""Steady wind over the ground, the same everywhere at one height."""
+"""Steady wind over the ground that depends on the height only."""
 
 from typing import Any
 
@@ -9,11 +9,11 @@ from trimtab.core.record import Scalar, quantity, record
 
 @record
 class Wind:
-    """Wind, linear in the height: the direction in which the air moves, not where it comes from.
+    """Wind that is linear in the height. The components give the direction towards which the air moves.
 
         wind = (north, east, 0) + height (north_shear, east_shear, 0)
 
-    Frames:  local north, east, down; height above the sea.
+    Frames:  local north, east, down; height above sea level.
     Valid:   where the wind is linear in the height; no upper limit. Not modelled: gusts, turbulence, up-draughts.
     Source:  kinematics.
     """

@@ -1,4 +1,4 @@
-"""Robust terms with adapted bounds, added to a state feedback v = yd^(r) + K e: as published, and corrected."""
+"""Robust terms with adapted bounds, added to a state feedback v = yd^(r) + K e, as published and as corrected."""
 
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ SIZES = (100.0, 20.0, 20.0, 0.01, 0.02, 0.2, 2.0, 0.2, 2.0)
 
 @record
 class AdaptationState:
-    """Estimated bounds of the uncertainty. Source: [1] eq. 18."""
+    """State of the adaptation: estimated bounds of the uncertainty. Source: [1] eq. 18."""
 
     rho0: Scalar = quantity(
         "ft/s^2", "Estimated part of the uncertainty bound that does not depend on the tracking error."
@@ -34,7 +34,7 @@ class RobustTerms(NamedTuple):
 
 @record
 class AdaptiveRobust:
-    """Damping u_h and smoothed switching u_s with adapted bounds, with s = B'P e.
+    """Robust terms: damping u_h and smoothed switching u_s with adapted bounds, where s = B'P e.
 
         u_h = -+ R^-1 s / (2 (1 + kappa))                        minus; published: plus
         u_s = -(rho0 + rho1 |e|) / (1 + kappa) s/(|s| + eps)      published: sgn(s), element by element
@@ -52,7 +52,7 @@ class AdaptiveRobust:
     """
 
     BP: Any = quantity("1", "Matrix B'P of the Lyapunov function e'Pe.", shape=(2, 9))
-    R: Any = quantity("1", "Diagonal of the weight R of v.", default=(0.01, 0.04), shape=(2,), above=0)
+    R: Any = quantity("1", "Diagonal of the weight R of the input v.", default=(0.01, 0.04), shape=(2,), above=0)
     sizes: Any = quantity(
         "1",
         "Typical sizes of the tracking errors, by which the errors are divided.",
@@ -60,8 +60,8 @@ class AdaptiveRobust:
         shape=(9,),
         above=0,
     )
-    damping: str = option("Sign of the damping term u_h.", default="off", choices=SIGNS)
-    switching: str = option("Form of the switching term u_s.", default="off", choices=FORMS)
+    damping: str = option("Sign of the damping term u_h: minus, published (plus) or off.", default="off", choices=SIGNS)
+    switching: str = option("Form of the switching term u_s: smooth, sign or off.", default="off", choices=FORMS)
     kappa: Scalar = quantity("1", "Bound kappa of the relative uncertainty of the input gain.", default=0.0, low=0)
     q0: Scalar = quantity("1", "Rate of adaptation of rho0.", default=10.0, low=0)
     q1: Scalar = quantity("1", "Rate of adaptation of rho1.", default=0.01, low=0)
@@ -72,7 +72,7 @@ class AdaptiveRobust:
     cap: Scalar = quantity("ft/s^2", "Largest value of the adapted bounds rho0 and rho1.", default=20.0, above=0)
 
     def check(self) -> None:
-        """Raise InputError if kappa is 1 or more: then the sign of v's effect is unknown."""
+        """Raise InputError if kappa is 1 or more, because the sign of the effect of v is then unknown."""
         if float(np.max(self.kappa)) >= 1:
             raise InputError("AdaptiveRobust.kappa", f"must be below 1, got {self.kappa}", fix="give a bound below 1")
 

@@ -1,4 +1,4 @@
-"""A law with a constant demand, to show a vehicle's own motion or its response to input steps."""
+"""Law with a constant demand, to show a vehicle's own motion or its response to input steps."""
 
 from typing import Any, ClassVar
 
@@ -8,16 +8,16 @@ from trimtab.core.signals import Estimate, PlanarForce
 
 @record
 class ConstantInputOutput:
-    """Demand of the law. Source: docs page, Constant input."""
+    """Demand of the law `ConstantInput`. Source: docs page, Constant input."""
 
-    demand: Any = part("Demanded input.")
+    demand: Any = part("Demanded input of the vehicle.")
 
 
 @record
 class ConstantInput:
-    """Demands the input u0, independent of the estimate. A schedule may change u0 in flight.
+    """Law that demands the input u0, independent of the estimate. A schedule may change u0 in flight.
 
-    Frames: as for the vehicle's input.
+    Frames: those of the vehicle's input.
     Source:  docs page, Constant input.
     """
 

@@ -14,24 +14,27 @@ from trimtab.laws.state_vector import add_to_input
 
 @record
 class CourseTrackingState:
-    """State of the law: time since its start, and integrals of the errors. Source: this module."""
+    """State of the law `CourseTracking`: time since its start, and integrals of the errors. Source: this module."""
 
     time: Scalar = quantity("s", "Time since the law started.", default=0.0)
-    feedback: StateFeedbackState = part("Integrals of the feedback's errors.", default=StateFeedbackState(np.zeros(0)))
+    feedback: StateFeedbackState = part(
+        "State of the feedback: integrals of its errors.", default=StateFeedbackState(np.zeros(0))
+    )
 
 
 @record
 class CourseTracking:
-    """Feedforward with feedback: the course's input, plus a gain on the deviation from the course.
+    """Law with feedforward and feedback: the course's input, plus a gain on the deviation from the course.
 
         u = u_d(t) + K (x - x_d(t)) + L z
 
-    x_d and u_d are linear between nodes, and constant before the first and after the last. If the output is non-minimum
-    phase, x_d moves before the output (`design.output_inversion`). A course is valid only for its own vehicle.
+    x_d and u_d are linear between nodes, and constant before the first and after the last node. If the output is
+    non-minimum phase, x_d moves before the output (`design.output_inversion`). A course is valid only for the vehicle
+    for which it was computed.
 
-    Frames:  of the states.
-    Valid: near the course, if the gain stabilises the vehicle along all of it. Quaternions are interpolated number by
-    number, so neighbouring nodes must be a small turn apart.
+    Frames:  those of the states.
+    Valid: near the course, if the gain stabilises the vehicle along the whole course. Quaternions are interpolated
+    number by number, so neighbouring nodes must differ by a small rotation.
     Source:  S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
              Control 41(7), 1996, section IV.
     """

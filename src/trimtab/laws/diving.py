@@ -12,7 +12,7 @@ from trimtab.vehicles.torpedo import CRUISE, TorpedoControls
 
 @record
 class DivingState:
-    """State of the autopilots. Source: Fossen, "Handbook", 2021, section 15.3."""
+    """State of the depth and heading autopilots. Source: Fossen, "Handbook", 2021, section 15.3."""
 
     began: Scalar = quantity("1", "True after the first step.", kind="flag")
     depth: Scalar = quantity("m", "Depth reference, which moves to the commanded depth at a limited rate.", frame="W")
@@ -23,7 +23,7 @@ class DivingState:
 
 @record
 class DivingOutput:
-    """Demand and signals of the autopilots. Source: Fossen, "Handbook", 2021, section 15.3."""
+    """Demand and signals of the depth and heading autopilots. Source: Fossen, "Handbook", 2021, section 15.3."""
 
     demand: TorpedoControls = part("Demand to the fins and the shaft.")
     depth_reference: Scalar = quantity(
@@ -38,7 +38,7 @@ class DivingOutput:
 
 @record
 class Diving:
-    """Holds depth and heading at a given shaft speed.
+    """Depth and heading autopilots at a given shaft speed.
 
         z_r moves to the commanded depth at a rate of at most `climb`
         theta_c = -asin(z_r'/U) + kz (z - z_r) + kzi integral,     |theta_c| <= steepest
@@ -48,10 +48,10 @@ class Diving:
     The integrals compensate buoyancy, propeller torque and a roll angle. Each integral is held while its output is
     limited.
 
-    Frames:  depth down, pitch nose up; positive stern planes push the tail up and the nose down, as SNAME has it.
+    Frames:  depth down, pitch nose up; positive stern planes push the tail up and the nose down, as in SNAME notation.
     Valid:   small roll; above the speed at which the planes can hold the buoyancy.
     Source:  T. I. Fossen, "Handbook of marine craft hydrodynamics and motion control", 2nd ed., 2021, section 15.3
-             (successive loop closure); gains are this project's.
+             (successive loop closure); gains are chosen.
     """
 
     reads: ClassVar[tuple[str, ...]] = ("depth", "pitch", "heading", "surge_velocity", "pitch_rate", "yaw_rate")

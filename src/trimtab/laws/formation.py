@@ -1,4 +1,4 @@
-"""Law of one craft in a formation. A reference point keeps a place beside the leader, and the craft follows the point.
+"""Law of one craft in a formation. A reference point keeps a position beside the leader, and the craft follows it.
 
 The law has three layers. The first commands the velocity of the point, from the leader's newest message. The second is
 the barrier, computed from all messages (`laws.separation`). The third makes the craft's centre of percussion follow the
@@ -26,20 +26,20 @@ TURN_ROUND = 0.3
 
 @record
 class FormationState:
-    """State of the law: the reference point that the craft follows. Source: own derivation."""
+    """State of the law `Formation`: the reference point that the craft follows. Source: own derivation."""
 
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
-    north: Scalar = quantity("m", "Reference point, north.", frame="W")
-    east: Scalar = quantity("m", "Reference point, east.", frame="W")
+    north: Scalar = quantity("m", "Position of the reference point, north.", frame="W")
+    east: Scalar = quantity("m", "Position of the reference point, east.", frame="W")
     backing: Scalar = quantity("1", "True if the craft moves with its tail ahead.", kind="flag")
     reverse: Scalar = quantity("1", "True if the fan runs in reverse.", kind="flag")
 
 
 @record
 class FormationOutput:
-    """Demand and signals of the law. Source: own derivation."""
+    """Demand and signals of the law `Formation`. Source: own derivation."""
 
-    demand: SwarmInput = part("Demanded force at the rudder pivot, and the message to the others.")
+    demand: SwarmInput = part("Demanded force at the rudder pivot, and the message to the other craft.")
     off_place: Scalar = quantity(
         "m", "Distance of the reference point from its place in the formation; 0 without a message from the leader."
     )
@@ -48,34 +48,34 @@ class FormationOutput:
         "m", "Worst-case distance to the nearest neighbour's reference point, minus the minimum distance."
     )
     oldest: Scalar = quantity(
-        "s", "Age of the oldest of the neighbours' newest messages; the start of time if none came."
+        "s", "Age of the oldest of the neighbours' newest messages; time since the start if a neighbour sent none."
     )
     speed: Scalar = quantity("m/s", "Speed of the reference point.")
 
 
 @record
 class Formation:
-    """Keeps the craft's place beside the leader, craft 0, and its distance from all other craft.
+    """Law that keeps the craft's position beside the leader, craft 0, and its distance from all other craft.
 
         leader    u = c' + k (c - q)          c: the route, a circle of `radius` about a centre, at `pace`
         follower  u = u_0 + k (q_0 + age u_0 + place - q)     q_0, u_0, age: the leader's newest message
-        barrier   u as far as the separation allows, less where the craft lags: none at `leash`
+        barrier   u limited by the separation, and reduced as the craft lags behind its point, to zero at `leash`
         point     q' = u
         craft     F = m k_v (u + k_p (q - p) - v)      p, v: of the centre of percussion P, a = J/(m d) ahead
                   FX = n.F + m a r^2,   FY = (J/d) k_r (r - r_d),   r_d = k_h wrap(direction of ±F - heading)
 
     P is accelerated only along the nose n (`laws.pose`), so either the nose or the tail is turned to the force. A
-    leader's message older than `horizon` is not extrapolated: the leader is taken to be at rest at its last position.
+    leader's message older than `horizon` is not extrapolated: the leader is assumed to be at rest at its last position.
 
-    Proven:  apart: see Separation; the points never come nearer than its distance. In formation: while the barrier
-             allows what is wanted, and the leader goes at a steady velocity, e = q_0 + place - q obeys e' = -k e,
-             however late the messages are, for an extrapolated steady point is exact. Only simulated: that the craft
-             stays near its point, formation while the barrier holds back, a leader on a circle (e is at most
-             pace^2/radius times age (1/k + age/2)).
+    Proven:  the points never come nearer to each other than the distance of Separation. While the barrier does not
+             limit u and the leader moves at a constant velocity, e = q_0 + place - q obeys e' = -k e for any delay of
+             the messages, because the extrapolation is then exact. Only simulated: that the craft stays near its point;
+             the formation while the barrier limits u; a leader on a circle (e is at most pace^2/radius times age
+             (1/k + age/2)).
     Decentralised: a command depends only on the craft's own estimate, its own point, and the messages received.
     Valid: for a fan that pushes along the nose, and for initial points further apart than the minimum distance.
     Source:  own derivation; leader and followers: J. Desai, J. Ostrowski, V. Kumar, IEEE Trans. Robotics and Automation
-             17 (2001) 905. Gains are this project's.
+             17 (2001) 905. Gains are chosen.
     """
 
     reads: ClassVar[tuple[str, ...]] = ("own", "peers")
@@ -121,7 +121,7 @@ class Formation:
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Raise InputError if the leader is as fast as the reference points may move, or faster."""
+        """Raise InputError unless the leader's pace is below the maximum speed of the reference points."""
         if np.any(np.asarray(self.pace) >= np.asarray(self.separation.speed)):
             problem = (
                 f"the leader's pace must be below separation.speed, {self.separation.speed} m/s, got {self.pace} m/s"

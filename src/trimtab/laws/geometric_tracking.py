@@ -22,11 +22,11 @@ LEAST_LENGTH = 1e-6
 
 
 UNLIMITED = 1e9
-"""Value of the force limit (N) that stands for no limit."""
+"""Value of the force limit (N) that means no limit."""
 
 
 class Motion3(NamedTuple):
-    """Vector and its first two derivatives, each (3,)."""
+    """Vector and its first two time derivatives, each (3,)."""
 
     value: Any
     rate: Any
@@ -43,25 +43,27 @@ class AttitudeCommand(NamedTuple):
 
 @record
 class GeometricTrackingOutput:
-    """Demand and errors of the law. Source: [1] section III."""
+    """Demand and errors of the law `GeometricTracking`. Source: [1] section III."""
 
-    demand: RotorDemand = part("Demand to the rotors.")
+    demand: RotorDemand = part("Demanded thrust and moments of the rotors.")
     position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
     velocity_error: Any = quantity("m/s", "Velocity error: velocity minus reference.", frame="W", shape=(3,))
-    attitude_error: Scalar = quantity("1", "Attitude error Psi: 0 at the reference attitude, 2 half a turn away.")
+    attitude_error: Scalar = quantity(
+        "1", "Attitude error Psi: 0 at the reference attitude, 2 at a rotation of half a turn."
+    )
     distance: Scalar = quantity("m", "Length of the position error.")
 
 
 @record
 class GeometricTrackingState:
-    """State of the law: time since its start. Source: this module."""
+    """State of the law `GeometricTracking`: time since its start. Source: this module."""
 
     time: Scalar = quantity("s", "Time since the law started.", default=0.0)
 
 
 @record
 class GeometricTracking:
-    """Thrust and moments that track a position and a heading, from almost every initial state.
+    """Law for thrust and moments that track a position and a heading, from almost every initial state.
 
         f = -(A · R e3)      A = -kx ex - kv ev - m g e3 + m x_d''
         M = -kR eR - kW eW + W × J W - J (W^ R.T Rc Wc - R.T Rc Wc')
@@ -73,7 +75,7 @@ class GeometricTracking:
 
     Frames:  W north-east-down, B body.
     Valid:   A ≠ 0: the reference is not in free fall; the heading is not along the thrust.
-    Source:  [1] eqs. 12 to 21, its gains.
+    Source:  [1] eqs. 12 to 21, with its gains.
     """
 
     craft: Multirotor = part("Vehicle model used by the law: mass, inertia and gravity.", default=Multirotor())
@@ -122,7 +124,7 @@ class GeometricTracking:
         )
 
     def command_force(self, wanted: SpatialPoint, x: Any, R: Any) -> Motion3:
-        """Return A (N) in W, and its derivatives as the model moves under the resulting thrust.
+        """Return the force A (N) in W, and its time derivatives while the model moves under the resulting thrust.
 
         Each derivative of A needs a derivative of the velocity, which follows from the force found one derivative
         earlier.
@@ -143,7 +145,7 @@ class GeometricTracking:
         return Motion3(A, A1, self._limit(F).acceleration + m * wanted.snap)
 
     def _limit(self, F: Motion3) -> Motion3:
-        """Return a correction limited to the length `most`, and its derivatives."""
+        """Return a correction limited to the length `most`, and its first two time derivatives."""
         too_long = F.value @ F.value > self.most**2
         return Motion3(*(jnp.where(too_long, self.most * u, v) for u, v in zip(_direction(F), F, strict=True)))
 
@@ -176,7 +178,7 @@ def command_attitude(A: Motion3, heading: Motion3) -> AttitudeCommand:
 
 
 def _direction(v: Motion3) -> Motion3:
-    """Return v/|v| and its derivatives."""
+    """Return the unit vector v/|v| and its first two time derivatives."""
     n = jnp.sqrt(jnp.maximum(v.value @ v.value, LEAST_LENGTH**2))
     u = v.value / n
     n1 = u @ v.rate
@@ -186,7 +188,7 @@ def _direction(v: Motion3) -> Motion3:
 
 
 def _cross(a: Motion3, b: Motion3) -> Motion3:
-    """Return a × b and its derivatives."""
+    """Return the cross product a × b and its first two time derivatives."""
     cross = jnp.cross
     first = cross(a.rate, b.value) + cross(a.value, b.rate)
     second = cross(a.acceleration, b.value) + 2 * cross(a.rate, b.rate) + cross(a.value, b.acceleration)

@@ -22,14 +22,14 @@ STANDBY, ROLL, PULL = range(3)
 
 @record
 class LoadFactorControl:
-    """Elevator, aileron and rudder by state feedback with integrals of the commands: load factor, roll rate, no slip.
+    """Controller of load factor, roll rate and sideslip: state feedback with integrals of the command errors.
 
         elevator       = trim - K (alpha - alpha0, q, ∫(nz - 1 - nz_ref))
         aileron, rudder =      - K (beta, p, r, ∫(ps - ps_ref), ∫(ny + r))        ps = p cos alpha + r sin alpha
 
     Gains are those of a linear quadratic regulator at 502 ft/s and 1000 ft (`scenarios.f16._gains`).
 
-    Frames:  body rates; load factors at the accelerometers, which [1] has 15 ft before the centre of mass.
+    Frames:  body rates; load factors at the accelerometers, which [1] places 15 ft in front of the centre of mass.
     Source:  [1], low-level controller; [1] adds ny (in g) to r (in rad/s).
     """
 
@@ -42,7 +42,7 @@ class LoadFactorControl:
     )
     lateral: Any = quantity(
         "1",
-        "Gain of aileron and rudder (rad) over beta (rad), p, r (rad/s), integrals of ps (rad) and of side load and r.",
+        "Gain from beta (rad), p, r (rad/s), integrals of ps (rad) and side load plus r to aileron and rudder (rad).",
         shape=(2, 5),
         default=np.array(
             [
@@ -61,7 +61,7 @@ class LoadFactorControl:
     throttle: Scalar = quantity("1", "Throttle at the trim in level flight.", default=0.1401371, low=0, high=1)
 
     def errors(self, x: Any, load: Any, roll: Any) -> Any:
-        """Return the integrands (3,): load factor (1), roll rate about the path (rad/s), and slip."""
+        """Return the errors (3,) to be integrated: load factor (1), roll rate about the path (rad/s), and sideslip."""
         about_path = x.roll_rate * jnp.cos(x.alpha) + x.yaw_rate * jnp.sin(x.alpha)
         return jnp.stack([x.normal_load - 1 - load, about_path - roll, x.side_load + x.yaw_rate])
 
@@ -76,16 +76,18 @@ class LoadFactorControl:
 
 @record
 class GroundAvoidanceState:
-    """State of the law. Frames: none. Source: [1]."""
+    """State of the law `GroundAvoidance`. Frames: none. Source: [1]."""
 
-    integrals: Any = quantity("s", "Integrals of load factor, roll rate (rad), side load and yaw rate.", shape=(3,))
+    integrals: Any = quantity(
+        "s", "Integrals of the errors of load factor (s), roll rate (rad), and side load plus yaw rate.", shape=(3,)
+    )
     mode: Scalar = quantity("1", "Mode: standby, roll or pull.", kind="mode", modes=MODES)
     pulls: Scalar = quantity("s", "Time since the pull-up began.")
 
 
 @record
 class GroundAvoidanceOutput:
-    """Demand of the law. Source: [1]."""
+    """Demand of the law `GroundAvoidance`. Source: [1]."""
 
     demand: F16Controls = part("Demanded surface angles and throttle.")
     mode: Scalar = quantity("1", "Mode: standby, roll or pull.", kind="mode", modes=MODES)
@@ -96,13 +98,13 @@ class GroundAvoidanceOutput:
 
 @record
 class GroundAvoidance:
-    """Collision avoidance of the F-16 of [1].
+    """Law of [1] for the ground collision avoidance of an F-16.
 
         standby  --flies down, below the deck-->  roll  --wings level, roll rate low-->  pull
         pull     --flies up, and has pulled long enough-->  standby
 
-    Standby demands a load factor of 1 and no roll. Roll demands ps = -k_roll phi - k_damp p. Pull demands a load factor
-    of 1 + `load`.
+    The mode standby demands a load factor of 1 and no roll. The mode roll demands ps = -k_roll phi - k_damp p. The mode
+    pull demands a load factor of 1 + `load`.
 
     Frames:  altitude above the ground at W's origin; roll from the nearest level attitude.
     Not modelled: terrain; throttle control. The throttle stays at its trim value, as in [1].
@@ -128,7 +130,7 @@ class GroundAvoidance:
     level_rate: Scalar = quantity(
         "rad/s", "Roll rate below which the roll counts as stopped.", default=10 * DEG, above=0
     )
-    path: Scalar = quantity("rad", "Path angle at which the pull-up ends.", default=0.0, kind="angle")
+    path: Scalar = quantity("rad", "Flight path angle above which the pull-up may end.", default=0.0, kind="angle")
     least_pull: Scalar = quantity("s", "Minimum duration of the pull-up.", default=2.0, low=0)
 
     reads: ClassVar[tuple[str, ...]] = (

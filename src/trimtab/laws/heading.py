@@ -1,7 +1,7 @@
 """Laws that turn to a heading by switching between braking and spinning.
 
 No smooth feedback of the state can hold position and heading of this vehicle (design/stabilisability.py), so these laws
-switch. Heading counts clockwise from north, e = heading - target, and a negative e asks for a positive yaw rate.
+switch. Heading is positive clockwise from north, e = heading - target, and a negative e requires a positive yaw rate.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
 section 2.3.
@@ -36,7 +36,7 @@ class HeadingLawState:
     """State of a heading law. Source: [1] section 2.3."""
 
     mode: Scalar = quantity("1", "Mode: damp or turn.", kind="mode", modes=("damp", "turn"))
-    switches: Scalar = quantity("1", "Number of switches between the laws damp and turn.", kind="count")
+    switches: Scalar = quantity("1", "Number of switches between the modes damp and turn.", kind="count")
     spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first turn.", frame="B")
 
 
@@ -46,10 +46,10 @@ class HeadingOutput:
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Mode: damp or turn.", kind="mode", modes=("damp", "turn"))
-    switches: Scalar = quantity("1", "Number of switches between the laws damp and turn.", kind="count")
+    switches: Scalar = quantity("1", "Number of switches between the modes damp and turn.", kind="count")
     spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first turn.", frame="B")
     heading_error: Scalar = quantity(
-        "rad", "Heading error: heading minus target heading, wrapped as the option wrapping says."
+        "rad", "Heading error: heading minus target heading, wrapped according to the option wrapping."
     )
     lyapunov: Scalar = quantity(
         "J", "Lyapunov function: V in the mode damp, W about the present reference in the mode turn."
@@ -60,7 +60,7 @@ class HeadingOutput:
 
 
 def heading_error(wrapping: str, heading: Any, target: Any) -> Any:
-    """Return e (rad), heading minus target. Source: [1] section 6.1, figure 6.11 ("modulo", reconstructed)."""
+    """Return the heading error e (rad), heading minus target. Source: [1] figure 6.11 ("modulo", reconstructed)."""
     if wrapping == "shortest":
         return wrap(heading - target)
     return (wrap_positive(heading) if wrapping == "modulo" else heading) - target
@@ -120,16 +120,16 @@ def _check_law(name: str, law: Any) -> None:
 
 @record
 class HeadingBangBang:
-    """Turns to a heading at a constant yaw rate.
+    """Law that turns to a heading at a constant yaw rate.
 
-        damp:  ZeroVelocity. While |e| > tolerance: r_ref = -sign(e) turn_rate; to turn once V < eps(r_ref).
-        turn:  ConstantSpin at r_ref. To damp once |e| <= tolerance or e r_ref > 0 (the target was passed between two
+        damp:  ZeroVelocity. While |e| > tolerance: r_ref = -sign(e) turn_rate. Then turn once V < eps(r_ref).
+        turn:  ConstantSpin at r_ref. Then damp once |e| <= tolerance or e r_ref > 0 (target passed between two
                samples; this exit is reconstructed, see docs Errata).                              [1, section 2.3.3]
 
     Ends:    by chattering at the edge of the tolerance, because the heading drifts in the mode damp.
     Valid:   turn_rate of about 1 rad/s. A faster turn overshoots the target. At 1.5 rad/s one ideal run in a thousand
              oscillates by 120 degrees for ever, at 3 rad/s every third run.
-    Source:  [1] section 2.3.3; gains [1] tables 6.1 and 6.4, reconstructed; the default turn_rate is this project's.
+    Source:  [1] section 2.3.3; gains [1] tables 6.1 and 6.4, reconstructed; the default turn_rate is chosen.
              The runs in [1] use 1.5 rad/s.
     """
 
@@ -167,21 +167,21 @@ class HeadingBangBang:
 
 @record
 class HeadingProportional:
-    """Turns to a heading at a yaw rate proportional to the heading error.
+    """Law that turns to a heading at a yaw rate proportional to the heading error.
 
-        damp:  ZeroVelocity. While |e| > tolerance: r_ref = -sign(e) max(k |e|, floor); to turn once V < eps(r_ref).
+        damp:  ZeroVelocity. While |e| > tolerance: r_ref = -sign(e) max(k |e|, floor). Then turn once V < eps(r_ref).
         turn:  ConstantSpin at r_ref = -sign(e) max(v, k |e|, floor), v = provision(W, r_ref).
-               To damp once |e| <= tolerance or e r_ref > 0 (reconstructed).              [1, section 2.3, eq. 2.69]
+               Then damp once |e| <= tolerance or e r_ref > 0 (reconstructed).            [1, section 2.3, eq. 2.69]
 
-    Form:    "literal" is as published: no floor, and the reference follows at every step. Nearly all its runs end in
-             the bad limit point, with a constant heading error and a sideways slide. The reason: it allows |r_ref| = v,
+    Form:    "literal" is as published: no floor, and the reference changes at every step. Nearly all its runs end in
+             the bad limit point, with a constant heading error and a sideways slide, because it allows |r_ref| = v,
              while the derivation needs |r_ref| > v, so W grows to limit_point_value. "floored" keeps |r_ref| at `floor`
              or above, and lets |r_ref| fall only while W < margin * limit_point_value. |r_ref| may rise at any time. So
              near the bad limit point the reference is constant, and W, which is below limit_point_value, cannot grow:
              the turn leaves the bad limit point.
     Valid:   k of about 1/s. After a minute, 1 % of the ideal runs have an error of 2 degrees or more with k = 1.5/s,
-             and 60 % with k = 3/s. The latter oscillate as with HeadingBangBang.
-    Source:  [1] section 2.3; floor and margin are this project's; gains [1] tables 6.1 and 6.4, reconstructed.
+             and 60 % with k = 3/s. These oscillate as with HeadingBangBang.
+    Source:  [1] section 2.3; floor and margin are chosen; gains [1] tables 6.1 and 6.4, reconstructed.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
@@ -198,7 +198,7 @@ class HeadingProportional:
         source="[1] 6.1.6",
     )
     floor: Scalar = quantity(
-        "rad/s", "Minimum magnitude of the yaw rate reference in the form floored.", default=0.8, above=0
+        "rad/s", "Minimum magnitude of the yaw rate reference if the form is floored.", default=0.8, above=0
     )
     margin: Scalar = quantity(
         "1",

@@ -26,25 +26,25 @@ STATES = 7
 NEWTON_STEP_MAX = 0.05
 """Largest Newton step in the angle of attack (rad)."""
 WIDEST = 0.1
-"""Largest angle of attack (rad) in a search. Beyond this the model's curves do not hold, and searches diverge."""
+"""Largest angle of attack (rad) in a search. Beyond this the model's curves are not valid, and searches diverge."""
 SETTLED = 1e-7
-"""Newton step (rad) below which the root counts as found. A further step would be about the square of this."""
+"""Newton step (rad) below which the root counts as found. The next step would be about the square of this step."""
 FIRST_ALPHA = 0.03
 """Initial angle of attack of a search (rad)."""
 Complex = tuple[Any, Any]
-"""Number of parts of a complex number: real and imaginary."""
+"""Complex number as a pair of real and imaginary part."""
 
 
 @record
 class InternalTable:
-    """Reference internal states zeta_d by time:
+    """Table of the reference internal states zeta_d over time.
 
-    cubic Hermite between nodes, constant before the first and after the last. With s the elapsed fraction of an
-    interval D between the nodes z0, z1 whose rates are r0, r1:
+    Interpolation is cubic Hermite between nodes; before the first and after the last node zeta_d is constant. With s
+    the elapsed fraction of an interval D between the nodes z0, z1 with the rates r0, r1:
 
         zeta_d = z0 + s^2 (3 - 2 s) (z1 - z0) + D s (1 - s) ((1 - s) r0 - s r1)
 
-    A table is for one command. Order: (alpha, Q, eta1, eta1', eta2, eta2'), in rad, rad/s and modal units.
+    A table is valid for one command only. Order: (alpha, Q, eta1, eta1', eta2, eta2'), in rad, rad/s and modal units.
 
     Source: the interpolation formula is the textbook one (Hairer, Norsett, Wanner, "Solving ordinary differential
             equations I", section II.6); the nodes are from the bounded solution, see docs page.
@@ -55,7 +55,8 @@ class InternalTable:
     first: Scalar = quantity("s", "Time of the first node.", default=0.0)
     spacing: Scalar = quantity("s", "Time between two nodes.", default=0.1, above=0)
     exact: bool = option(
-        "True if the nodes solve the nonlinear internal dynamics; False if they solve the linear ones.", default=True
+        "True if the nodes solve the nonlinear internal dynamics; False if they solve the linearised dynamics.",
+        default=True,
     )
 
     def check(self) -> None:
@@ -75,7 +76,7 @@ class InternalTable:
             raise InputError("InternalTable.rates", problem, fix="give one row of rates for each node")
 
     def check_duration(self, seconds: float) -> None:
-        """Raise InputError if the run is longer than the table. After its end the table would hold the last node."""
+        """Raise InputError if the run is longer than the table, because the table is constant after its last node."""
         end = float(self.first + self.spacing * (np.shape(self.nodes)[0] - 1))
         if seconds > end + float(self.spacing):
             problem = f"the table ends at {end:g} s, before the end of the run at {seconds:g} s"
@@ -105,15 +106,14 @@ class InternalTable:
 
 @record
 class SylvesterInternal:
-    """Reference internal states for a `FilteredClimb`, by the linearised internal dynamics, without knowledge of the
-    future.
+    """Reference internal states for a `FilteredClimb`, from the linearised dynamics, without knowledge of the future.
 
     Both filters obey omega' = S omega with omega = (h - h_f, h', h'', h''', V - V_f, V', V''). With X S = A22 X + G,
 
         zeta_d = zeta_0 + X omega - A22^-1 A21 (dh, 0, dV)
 
     from the step on, zeta_0 before. zeta_d jumps at the step, because the unstable mode would have to move before the
-    step. Valid for small climbs, as every linearisation.
+    step. The method is valid for small climbs, like every linearisation.
 
     Source: A. Isidori, "Nonlinear Control Systems", Springer 1995, section 8.4, for the equation; the filters are
             those of the command.
@@ -147,11 +147,11 @@ class SylvesterInternal:
 
 
 def solve_quasi_static(craft: Hypersonic, p: Any, alpha: Any, steps: int) -> tuple[list[Any], Any]:
-    """Return the zeta at which the internal dynamics rest on the reference path, and True if the search found it.
+    """Return the internal states zeta at rest on the reference path, and True if the search found them.
 
         M(alpha) = 0 with the input of `invert_path`        Q = a_n/V        eta_i = N_i/w_i^2        eta_i' = 0
 
-    by a fixed number of Newton steps. Where a step is not finite, the angle before that step is kept.
+    The equations are solved by a fixed number of Newton steps. If a step is not finite, the previous angle is kept.
 
     Args:     p: PathPoint, each field a number or an array of instants.
               alpha: where the search starts (rad), of the same shape.
@@ -179,7 +179,7 @@ def solve_quasi_static(craft: Hypersonic, p: Any, alpha: Any, steps: int) -> tup
 
 @record
 class QuasiStaticState:
-    """State of the method between steps. Source: this module."""
+    """State of the quasi-static method between steps. Source: this module."""
 
     alpha: Scalar = quantity("rad", "Angle of attack found by the last search.", kind="angle")
     found: Scalar = quantity("1", "True if the last search found a root.", kind="flag")
@@ -187,16 +187,16 @@ class QuasiStaticState:
 
 @record
 class QuasiStaticInternal:
-    """Reference internal states for the present command, as if it stayed constant.
+    """Reference internal states for the present command, assuming that the command stays constant.
 
         M(alpha) = 0 while h'' and V' are as commanded        zeta_d = (alpha, a_n/V, N1/w1^2, 0, N2/w2^2, 0)
 
-    Needs neither the future nor the past of the command, and no linearisation; it neglects the duration of the internal
-    motion. If no angle of attack is found, the last one is kept and the state's `found` is False.
+    The method needs neither the future nor the past of the command, and no linearisation. It neglects the duration of
+    the internal motion. If no angle of attack is found, the last angle is kept and the state's `found` is False.
 
     Source: the internal dynamics of [1] "Angular-accelerometer-based flexible-state estimation and tracking controller
-            design for hypersonic flight vehicle", Aerospace 2022, 9(4), 206, eq. 7, with all rates but the path's left
-            out; chosen here.
+            design for hypersonic flight vehicle", Aerospace 2022, 9(4), 206, eq. 7. All rates except
+            those of the path are omitted; this simplification is chosen here.
     """
 
     craft: Any = part("Vehicle model used by the law.", default=Hypersonic())
@@ -210,40 +210,40 @@ class QuasiStaticInternal:
         return QuasiStaticState(alpha=jnp.asarray(self.alpha, float), found=jnp.asarray(False))
 
     def step(self, t: Any, state: QuasiStaticState, command: Any) -> tuple[QuasiStaticState, Any]:
-        """Return zeta_d (6,) at time t (s); command: has `at(t)` -> PathPoint."""
+        """Return zeta_d (6,) at time t (s). command: object with a method `at(t)` that returns a PathPoint."""
         zeta, found = solve_quasi_static(self.craft, command.at(t), state.alpha, self.steps)
         return QuasiStaticState(alpha=zeta[0], found=found), jnp.stack(zeta)
 
 
 @record
 class FadingModes:
-    """Decaying modes q' = l q + L w, one of each complex pair, and their map to the coordinates:
+    """Decaying modes q' = l q + L w, one of each complex pair, and their map to the coordinates, zeta = Re(R q).
 
-    zeta = Re(R q). Growing modes are stored in reversed time, in which they decay.
+    Growing modes are stored in reversed time, in which they decay.
 
     Source: any text on linear systems, e.g. T. Kailath, "Linear systems", Prentice Hall 1980, section 2.6.
     """
 
-    decay: Any = quantity("1/s", "Real parts of the poles l (p,), below zero.", high=0)
-    turning: Any = quantity("rad/s", "Imaginary parts of the poles l (p,).")
+    decay: Any = quantity("1/s", "Real parts of the poles l of the modes (p,), below zero.", high=0)
+    turning: Any = quantity("rad/s", "Imaginary parts of the poles l of the modes (p,).")
     left: Any = quantity("1", "Real and imaginary part of L (2, p, k), each entry in its own unit.")
     right: Any = quantity("1", "Real and imaginary part of R (2, k, p), each entry in its own unit.")
 
     def modal_input(self, w: Any) -> Complex:
-        """Return L w for w (k, n): (p, n)."""
+        """Return the input L w of the modes, of shape (p, n), for w (k, n)."""
         return _matrix_product(self.left[0], w), _matrix_product(self.left[1], w)
 
     def reconstruct(self, q: Complex) -> Any:
-        """Return Re(R q) for q (p, 1): (k, 1)."""
+        """Return the coordinates Re(R q), of shape (k, 1), for the modes q (p, 1)."""
         return _matrix_product(self.right[0], q[0]) - _matrix_product(self.right[1], q[1])
 
     def powers(self, t: Any) -> Complex:
-        """Return exp(l t) for times t (s) of shape (1, n): (p, n)."""
+        """Return exp(l t), of shape (p, n), for times t (s) of shape (1, n)."""
         size, angle = jnp.exp(self.decay[:, None] * t), self.turning[:, None] * t
         return size * jnp.cos(angle), size * jnp.sin(angle)
 
     def weights(self, dt: Any) -> tuple[Complex, Complex]:
-        """Return the factors (p, 1) of w at begin and end of a step dt (s) in the new q, exact for w linear in time."""
+        """Return the factors (p, 1) in the new q of w at start and end of a step dt (s), exact for w linear in time."""
         still = dt <= 0
         step = jnp.where(still, 1.0, dt)
         pole = (self.decay[:, None], self.turning[:, None])
@@ -256,7 +256,7 @@ class FadingModes:
 
 @record
 class PreviewState:
-    """State of the method between steps. Source: this module."""
+    """State of the preview method between steps. Source: this module."""
 
     t: Scalar = quantity("s", "Time of the last step.")
     q: Any = quantity("1", "State of the decaying modes, real and imaginary part (2, p, 1).")
@@ -268,13 +268,13 @@ class PreviewState:
 
 @record
 class PreviewInternal:
-    """Reference internal states from the command now and over the next seconds.
+    """Reference internal states from the present command and the command over the next seconds.
 
         zeta' = A22 zeta + w        w = Psi(zeta_s) - A22 zeta_s        zeta_s: quasi-static
 
-    One pass of the iteration for the bounded solution, w linear between nodes. Decaying modes are integrated from step
-    to step. Growing modes are summed backward from the end of the horizon H, where they are taken from zeta_s. An error
-    e at the end of the horizon becomes e exp(-l H) at its beginning. The cost of a step is fixed.
+    This is one pass of the iteration for the bounded solution, with w linear between nodes. Decaying modes are
+    integrated from step to step. Growing modes are summed backward from the end of the horizon H, where they are set to
+    those of zeta_s. An error e at the end of the horizon becomes e exp(-l H) at its start. The cost of a step is fixed.
 
     Source: [1] S. Devasia, D. Chen, B. Paden, IEEE Transactions on Automatic Control 41(7), 1996, section III; the
             horizon: Q. Zou, S. Devasia, "Preview-based stable-inversion for output tracking of linear systems", ASME
@@ -313,7 +313,7 @@ class PreviewInternal:
         return PreviewState(jnp.zeros(()), jnp.zeros((2, p, 1)), jnp.zeros((k, 1)), alpha, off, off)
 
     def step(self, t: Any, state: PreviewState, command: Any) -> tuple[PreviewState, Any]:
-        """Return zeta_d (6,) at time t (s); command: has `at(t)` -> PathPoint for t an array."""
+        """Return zeta_d (6,) at time t (s). command: object whose method `at(t)` returns a PathPoint for an array t."""
         d = self.horizon / self.intervals
         p = command.at(t + d * jnp.arange(self.intervals + 1.0))
         still, found = solve_quasi_static(self.craft, p, state.alpha, self.steps)
@@ -326,7 +326,7 @@ class PreviewInternal:
         return new, wanted[:, 0]
 
     def _propagate_past(self, t: Any, state: PreviewState, w: Any, zeta: Any) -> Complex:
-        """Return the decaying modes at t, integrated from the last step; at the first step, those of zeta."""
+        """Return the decaying modes at time t, integrated from the last step, or those of zeta at the first step."""
         dt = jnp.maximum(t - state.t, 0.0)
         begin, end = self.past.weights(dt)
         E = self.past.powers(dt * jnp.ones((1, 1)))
@@ -336,7 +336,7 @@ class PreviewInternal:
         return jnp.where(state.started, q[0], first[0]), jnp.where(state.started, q[1], first[1])
 
     def _sum_future(self, w: Any, zeta: Any, d: Any) -> Complex:
-        """Return the growing modes, summed backward from the horizon's end. In reversed time w changes its sign."""
+        """Return the growing modes, summed backward from the end of the horizon. In reversed time w changes sign."""
         far, near = self.future.weights(d)
         real, imaginary = self.future.modal_input(-w)
         near_part = _multiply(near, (real[:, :-1], imaginary[:, :-1]))

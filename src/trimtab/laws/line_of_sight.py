@@ -17,12 +17,12 @@ from trimtab.laws.steering import Steering, SteeringState
 from trimtab.vehicles.surface_vessel import VesselControls
 
 SLOW = 0.05
-"""Speed (m/s) of the path's point below which the path counts as at rest."""
+"""Minimum speed (m/s) of the path's point by which the vessel's speed along the path is divided."""
 
 
 @record
 class LineOfSightState:
-    """Path parameter and integrals of the law. Source: [1], [2]."""
+    """State of the law `LineOfSight`: path parameter, path direction, integrals, autopilot. Source: [1], [2]."""
 
     progress: Scalar = quantity(
         "s", "Path parameter theta: the time in the path's definition that the vessel has reached."
@@ -35,7 +35,7 @@ class LineOfSightState:
 
 @record
 class LineOfSightOutput:
-    """Demand and signals of the law. Source: [1], [2]."""
+    """Demand and signals of the law `LineOfSight`. Source: [1], [2]."""
 
     demand: VesselControls = part("Demanded rudder angle and shaft speeds.")
     cross_track: Scalar = quantity("m", "Cross-track error: distance of the vessel to starboard of the path.")
@@ -54,7 +54,7 @@ class LineOfSightOutput:
 
 @record
 class LineOfSight:
-    """Steers towards a point ahead on the path, and learns the crab angle against a current.
+    """Law that steers towards a point ahead on the path, and finds the crab angle against a current by integration.
 
         psi_c = chi - atan((e + s I)/D)        I' = D e/(D^2 + (e + s I)^2)                          [1]
         D = near + (far - near) exp(-(e/width)^2)
@@ -62,9 +62,9 @@ class LineOfSight:
 
     The path's point is the path at the path parameter theta, and chi is the path's direction there. e and a are the
     distances of the vessel to starboard of this point and ahead of it. The vessel follows the path at its own speed:
-    the path gives the place, not the time. chi is the direction of the chord between theta - chord/2 and theta +
-    chord/2. So the vessel starts to turn before a corner, and a path that rests still has a direction. Beyond its end
-    the path is extended straight.
+    the path gives the position, not the time. chi is the direction of the chord between theta - chord/2 and theta +
+    chord/2. So the vessel starts to turn before a corner, and a path at rest still has a direction. Beyond its end the
+    path is extended straight.
 
     Shafts: n = n_u u_d + kp (u_d - u) + ki integral of (u_d - u), between 0 and the limit.
 

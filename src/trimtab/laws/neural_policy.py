@@ -1,4 +1,4 @@
-"""A small neural network as the tracking law of a multirotor. The weights are read from a file.
+"""Small neural network as the tracking law of a multirotor. The weights are read from a file.
 
     y = W3 tanh(W2 tanh(W1 x + b1) + b2) + b3        any number of layers
 
@@ -35,9 +35,9 @@ STANDARD_GRAVITY = 9.80665
 class Network(NamedTuple):
     """Weights and scales of a policy.
 
-    scale: the inputs are divided by this (18,), and clipped to -1 and 1.  layers: weights (n, m) and biases (n,) of
-    each. centre, span: of thrust (N) and moments (N m): an output of -1 to 1 stands for centre - span to centre + span
-    (4,).
+    scale: divisors (18,) of the inputs, which are then clipped to -1 and 1.  layers: weights (n, m) and bias (n,) of
+    each layer.  centre, span: centre and half width (4,) of the range of thrust (N) and moments (N m): an output of -1
+    to 1 is mapped to centre - span to centre + span.
     """
 
     scale: Any
@@ -48,7 +48,7 @@ class Network(NamedTuple):
 
 @functools.cache
 def read_network(name: str) -> Network:
-    """Return the weights in a file. A name without folder and suffix .json means a file of the package."""
+    """Return the weights in a file. A name without the suffix .json is a network of the package."""
     file = Path(name) if name.endswith(SUFFIX) else Path(__file__).with_name(f"policy_{name}{SUFFIX}")
     try:
         told = json.loads(read_user_text(file))
@@ -72,7 +72,7 @@ def read_network(name: str) -> Network:
 
 
 def _check_network(name: str, network: Network) -> None:
-    """Raise InputError if the weights do not fit each other or the law's inputs and outputs."""
+    """Raise InputError if the weights do not match each other or the law's inputs and outputs."""
     width, problem = INPUTS, ""
     for weights, bias in network.layers:
         if weights.ndim != 2 or weights.shape[1] != width or bias.shape != weights.shape[:1]:
@@ -124,7 +124,7 @@ def evaluate(network: Network, seen: Any) -> Any:
 
 @record
 class NeuralPolicyOutput:
-    """Demand, tracking errors, and largest scaled input of the network. Source: own."""
+    """Demand, tracking errors, and largest scaled input of the network. Source: this module."""
 
     demand: RotorDemand = part("Demanded thrust and moments.")
     position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
@@ -144,14 +144,14 @@ class NeuralPolicyState:
 
 @record
 class NeuralPolicy:
-    """Thrust and moments by a trained network, from the inputs of `observe`.
+    """Law that computes thrust and moments by a trained network, from the inputs of `observe`.
 
     The network has no state, and is not trained for another mass or inertia, a turning reference, or wind. Inputs
     beyond the training range are clipped (`stretch`), and so are outputs beyond their span. Stability is not proved.
 
     Frames:  W north-east-down, B body.
     Valid:   the craft for which the network was trained, inputs within `scale`, and a reference with constant heading.
-    Source:  this project; trained by examples/neural_policy/train_policy.py on the law of laws/geometric_tracking.py.
+    Source:  this project; trained by examples/neural_policy/train_policy.py to imitate laws/geometric_tracking.py.
     """
 
     craft: Multirotor = part("Vehicle model used by the law: gravity and the number of rotors.", default=Multirotor())
@@ -163,7 +163,7 @@ class NeuralPolicy:
     reads: ClassVar[tuple[str, ...]] = ("position", "velocity", "attitude", "rate")
 
     def check(self) -> None:
-        """Raise InputError if the file has no weights, or weights of other sizes."""
+        """Raise InputError if the file has no weights, or weights of wrong sizes."""
         read_network(self.policy)
 
     def init(self, key: Key) -> NeuralPolicyState:

@@ -24,11 +24,11 @@ class PathPoint:
 
 @record
 class FilteredClimb:
-    """A step of altitude and one of speed, each through a critically damped filter of equal poles.
+    """Step of altitude and step of speed, each smoothed by a critically damped filter with equal poles.
 
         h_d = h0 + dh / (s/wh + 1)^4          V_d = V0 + dV / (s/wV + 1)^3          both steps at `start`
 
-    The response is known in closed form, at any time, future times included: with a = w (t - start),
+    The response is known in closed form at any time, including future times. With a = w (t - start) it is
 
         1 - e^-a (1 + a + … + a^(n-1)/(n-1)!)
 
@@ -40,8 +40,8 @@ class FilteredClimb:
 
     h0: Scalar = quantity("ft", "Altitude before the step.", default=85000.0)
     V0: Scalar = quantity("ft/s", "Speed before the step.", default=7702.0808, above=0)
-    dh: Scalar = quantity("ft", "Height of the altitude step.", default=0.0)
-    dV: Scalar = quantity("ft/s", "Height of the speed step.", default=0.0)
+    dh: Scalar = quantity("ft", "Size of the altitude step.", default=0.0)
+    dV: Scalar = quantity("ft/s", "Size of the speed step.", default=0.0)
     wh: Scalar = quantity("rad/s", "Bandwidth wh of the altitude filter.", default=0.06, above=0, source="chosen")
     wV: Scalar = quantity("rad/s", "Bandwidth wV of the speed filter.", default=0.06, above=0, source="chosen")
     start: Scalar = quantity("s", "Time of the altitude step and the speed step.", default=5.0, low=0, source="chosen")

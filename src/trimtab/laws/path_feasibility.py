@@ -1,5 +1,4 @@
-"""Feasibility of a reference for the hovercraft: the forces that the reference needs, against the limits of fan and
-rudder.
+"""Feasibility of a reference for the hovercraft: comparison of the needed forces with the limits of fan and rudder.
 
 The centre of percussion P of the rudder pivot, a = J/(m d) ahead of the centre of mass, is accelerated only along the
 nose. So the path of P determines heading, yaw rate and forces. With s the reference acceleration of P minus that of
@@ -56,10 +55,10 @@ class ThrustLimits:
 
 
 class PathMotion(NamedTuple):
-    """Motion that a reference demands of the craft at each instant t (s):
+    """Motion that a reference demands of the craft at each instant t (s), as arrays (n,).
 
-    arrays (n,). heading (rad, unwrapped), yaw_rate (rad/s), FX, FY (N). specific: acceleration that the thrust must
-    give (n, 2), in W.
+    heading: in rad, unwrapped.  yaw_rate: in rad/s.  FX, FY: in N.  specific: acceleration that the thrust must give
+    (n, 2), in W (m/s^2).
     """
 
     t: Any
@@ -117,7 +116,7 @@ def refuse_infeasible(reference: Any, model: Hovercraft, limits: ThrustLimits, d
 
 
 def _line_of(specific: Any) -> Any:
-    """Return the direction of the thrust's line, continuous through zero and interpolated where the thrust is zero."""
+    """Return the direction of the line of thrust (n,), continuous through zero thrust and interpolated at zero."""
     size = np.hypot(*specific.T)
     some = np.flatnonzero(size > 1e-6 * max(float(size.max(initial=0.0)), 1e-6))
     if not len(some):
@@ -137,7 +136,7 @@ def _friction_at(model: Hovercraft, velocity: Any, heading: Any, rate: Any) -> t
 
 
 def _worst_breach(motion: PathMotion, model: Hovercraft, limits: ThrustLimits) -> _Breach | None:
-    """Return the limit that is violated most, or None."""
+    """Return the limit that is violated most, or None if no limit is violated."""
     t, FX, FY = motion.t, motion.FX, motion.FY
     thrusts = model.mass * np.hypot(*motion.specific.T) >= limits.dead_zone
     share, edge = 1 - float(limits.reserve), np.tan(float(limits.angle))

@@ -1,4 +1,4 @@
-"""Fuel ratio and elevator for given accelerations of altitude and speed, exactly, and the resulting internal rates."""
+"""Exact inversion: fuel ratio and elevator for given accelerations of altitude and speed; resulting internal rates."""
 
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ STEEPEST = 0.99
 class PathInversion(NamedTuple):
     """Input Phi and delta_e (rad) that gives (h'', V') = v.
 
-    solvable: False if no elevator angle does, u then has the nearest one; also False if the path is steeper than
+    solvable: False if no elevator angle gives v, in which case u has the nearest angle, or if the path is steeper than
     STEEPEST.  slope: d(normal force)/d(delta_e) (lbf/ft), zero at the edge of solvability.
     """
 
@@ -37,7 +37,7 @@ class InputLimits:
         return (self.Phi_low, self.delta_low), (self.Phi_high, self.delta_high)
 
     def clip(self, u: HypersonicInput) -> tuple[HypersonicInput, Any]:
-        """Return the input within the limits, and whether it was clipped."""
+        """Return the input within the limits, and True if it was clipped."""
         Phi = jnp.clip(u.Phi, self.Phi_low, self.Phi_high)
         delta_e = jnp.clip(u.delta_e, self.delta_low, self.delta_high)
         return HypersonicInput(Phi, delta_e), (Phi != u.Phi) | (delta_e != u.delta_e)
@@ -46,15 +46,15 @@ class InputLimits:
 def solve_elevator(
     craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: Any, v2: Any
 ) -> tuple[Any, Any, Any]:
-    """Return delta_e (rad), whether there is a solution, and the slope of the equation in it.
+    """Return delta_e (rad), True if a solution exists, and the slope of the equation with respect to delta_e.
 
-    Thrust eliminated between the two accelerations, what is left is quadratic in the elevator, for drag is:
+    Elimination of the thrust from the two accelerations leaves an equation that is quadratic in the elevator:
 
         (m (v2 + g sin gamma) + D(delta)) tan alpha + L(delta) - m (a_n + g cos gamma) = 0
 
-    with a_n = (v1 - v2 sin gamma)/cos gamma. Of its roots the one that stays finite as alpha goes to zero is taken, in
-    the form that cancels no digits; where there is no root, the elevator that comes nearest. [1] freezes the elevator
-    inside the drag instead: its slope is half the true one.
+    with a_n = (v1 - v2 sin gamma)/cos gamma. The result is the root that stays finite as alpha goes to zero, in a form
+    without cancellation. Without a real root, it is the elevator angle that comes nearest. [1] instead treats the
+    elevator inside the drag as constant, which halves the slope.
     """
     air, sine = craft.forces.aerodynamics, jnp.clip(h_rate / V, -STEEPEST, STEEPEST)
     cosine, tangent = jnp.sqrt(1 - sine * sine), jnp.tan(alpha)
@@ -73,7 +73,7 @@ def solve_elevator(
 
 
 def solve_fuel_ratio(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v2: Any, delta_e: Any) -> Any:
-    """Return the Phi that gives V' = v2 with this elevator: T = (m (v2 + g sin gamma) + D)/cos alpha."""
+    """Return the fuel ratio Phi that gives V' = v2 with this elevator: T = (m (v2 + g sin gamma) + D)/cos alpha."""
     air, engine = craft.forces.aerodynamics, craft.forces.propulsion
     drag = air.drag(craft.forces.dynamic_pressure(h, V), alpha, delta_e)
     sine = jnp.clip(h_rate / V, -STEEPEST, STEEPEST)
@@ -82,7 +82,7 @@ def solve_fuel_ratio(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any,
 
 
 def invert_path(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: Any, v2: Any) -> PathInversion:
-    """Return the input with which altitude accelerates by v1 and speed by v2 (ft/s^2); nothing is clipped.
+    """Return the input that gives h'' = v1 and V' = v2 (ft/s^2), without limits on the input.
 
     Args:     craft: the vehicle model.    h, h_rate: altitude (ft) and its rate (ft/s).    V: speed (ft/s).
               alpha: angle of attack (rad).
@@ -101,8 +101,8 @@ def path_turn_rate(h_rate: Any, V: Any, v1: Any, v2: Any) -> Any:
 def internal_rates(craft: Hypersonic, h: Any, h_rate: Any, V: Any, v1: Any, v2: Any, zeta: Any) -> list[Any]:
     """Return Psi: the rates of zeta = (alpha, Q, eta1, eta1', eta2, eta2') while h'' = v1 and V' = v2 exactly.
 
-    Every argument but the craft may be an array of instants; zeta and the rates are six of them. alpha' = Q - gamma'
-    with V gamma' = (v1 - v2 sin gamma)/cos gamma: no force is in it.
+    Every argument except the craft may be an array over instants. zeta and the returned rates consist of six such
+    arrays. alpha' = Q - gamma' with V gamma' = (v1 - v2 sin gamma)/cos gamma, which contains no force.
 
     Source: [1] eq. 7, with the input of `invert_path`.
     """

@@ -1,4 +1,4 @@
-"""Trajectory tracking by the hovercraft: it thrusts along the nose, and turns the nose to the needed thrust.
+"""Trajectory tracking by the hovercraft, which thrusts along the nose and turns the nose to the needed thrust.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -21,7 +21,7 @@ from trimtab.vehicles.hovercraft import Hovercraft
 
 @record
 class PathTrackingState:
-    """State of the law: progress along the path, and state of the law for rest. Source: own derivation."""
+    """State of the law `PathTracking`: path parameter, state of the law for rest. Source: own derivation."""
 
     began: Scalar = quantity("1", "True after the first step.", kind="flag")
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
@@ -34,17 +34,17 @@ class PathTrackingState:
 
 @record
 class PathTrackingOutput:
-    """Demand and signals of the law. P is the centre of percussion. Source: own derivation."""
+    """Demand and signals of the law `PathTracking`. P is the centre of percussion. Source: own derivation."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    north_reference: Scalar = quantity("m", "Reference position of P, north.", frame="W")
-    east_reference: Scalar = quantity("m", "Reference position of P, east.", frame="W")
+    north_reference: Scalar = quantity("m", "Reference position of the centre of percussion P, north.", frame="W")
+    east_reference: Scalar = quantity("m", "Reference position of the centre of percussion P, east.", frame="W")
     heading_reference: Scalar = quantity(
-        "rad", "Reference heading of the nose; the present heading if no thrust is demanded.", kind="angle"
+        "rad", "Reference heading of the nose, equal to the present heading if no thrust is demanded.", kind="angle"
     )
     yaw_rate_reference: Scalar = quantity("rad/s", "Reference yaw rate r_d of the law.")
-    position_error: Scalar = quantity("m", "Distance of P from its reference position.")
-    velocity_error: Scalar = quantity("m/s", "Magnitude of the velocity error of P.")
+    position_error: Scalar = quantity("m", "Distance of the centre of percussion P from its reference position.")
+    velocity_error: Scalar = quantity("m/s", "Magnitude of the velocity error of the centre of percussion P.")
     lyapunov: Scalar = quantity("m^2/s^2", "Lyapunov function V of the law.")
     progress: Scalar = quantity(
         "s", "Path parameter: the time in the path's definition that the reference has reached."
@@ -54,7 +54,7 @@ class PathTrackingOutput:
 
 
 class _Errors(NamedTuple):
-    """Errors of P, (2,) in W: position e (m), velocity v (m/s). Acceleration, jerk: reference minus that of drag."""
+    """Errors of P, (2,) in W: position e (m), velocity v (m/s). acceleration, jerk: reference minus effect of drag."""
 
     e: Any
     v: Any
@@ -73,17 +73,18 @@ class _End(NamedTuple):
 
 @record
 class PathTracking:
-    """Makes the centre of percussion P follow a reference, in position and velocity, by thrust along the nose.
+    """Law that makes the centre of percussion P follow a reference in position and velocity, by thrust along the nose.
 
-    P is accelerated along the nose n only (`laws.pose`): v_P' = n w for FX = m (w + a r^2). With the errors of place
-    and velocity e, v, the acceleration and jerk of the reference A, A',
+    P is accelerated along the nose n only (`laws.pose`): v_P' = n w for FX = m (w + a r^2). With the errors e, v of
+    position and velocity, and the acceleration and jerk A, A' of the reference,
 
-        s = A - k1 e - k2 v     w = n.s     y = b.s: what is wanted across the nose, b = n turned by 90 degrees
+        s = A - k1 e - k2 v     w = n.s     y = b.s: demand across the nose, b = n turned by 90 degrees
         r_d = |s|^2/(|s|^4 + s0^4) (s_perp.s' + 2 tan(delta/2) s.s' + o |s| (kn y - c/q))
         r' = r_d' - kr (r - r_d) + o (q/p) |s| y,       FY = -(J/d) r'
 
-    s_perp.s' = w b.s' - y n.s'; o = +1: the nose points along s, o = -1: the tail does; delta is what that end has to
-    turn, sin(delta) = o y/|s|, cos(delta) = o w/|s|; c = b.(v + k2 e/2). The end is the one with less V,
+    s_perp.s' = w b.s' - y n.s'. o = +1 if the nose is to point along s, o = -1 if the tail is. delta is the angle by
+    which this end has to turn: sin(delta) = o y/|s|, cos(delta) = o w/|s|. c = b.(v + k2 e/2). The law chooses the end
+    with the smaller V,
 
         V = |v|^2/2 + (k2/2) e.v + (k1/2 + k2^2/4)|e|^2 + q |s| (|s| - o w) + p (r - r_d)^2/2.
 
@@ -94,27 +95,27 @@ class PathTracking:
       so that V falls exponentially to a neighbourhood whose size goes to zero with s0. Where |s| is well above s0, as
       on a circle, V goes to zero except for a part of order (s0/|s|)^4. Where the demanded thrust passes through zero
       the nose does not turn: the craft coasts, and then thrusts the other way.
-    Only simulated, not proven: limits of fan, rudder and yaw rate, delays, and the dead zone. An end that is more than
-    90 degrees off is chosen only if the yaw rate is towards it.
+    Only simulated, not proven: limits of fan, rudder and yaw rate, delays, and the dead zone. An end that has to turn
+    by more than 90 degrees is chosen only if it already turns in that direction.
     Friction:  the model's friction is subtracted from s and from the torque, and its rate of change from s'. Its second
                derivative is not subtracted from r_d'.
     Progress:  "time": the path parameter is the time since the law started. "path": the path parameter runs slower
-               while the craft is behind, and up to twice as fast while the craft is ahead. V holds for the path at this
-               rate.
-    Rest:      while the path rests no thrust is demanded, so nothing would hold the nose. Then `Pose` takes over, with
-               the path's heading, or that of the craft if the path has none.
+               while the craft is behind, and up to twice as fast while the craft is ahead. V then refers to the path
+               traversed at this rate.
+    Rest:      while the path rests no thrust is demanded, so nothing would hold the nose. Then the law `Pose` acts,
+               with the path's heading, or with the craft's heading if the path has none.
     Valid:     references that `laws.path_feasibility` accepts before the run.
     Source:    own derivation; backstepping: M. Krstic, I. Kanellakopoulos, P. Kokotovic, "Nonlinear and adaptive
                control design", 1995; underactuated vehicles: A. Aguiar, J. Hespanha, IEEE Trans. Automatic Control 52
                (2007) 1362; the choice by V: C. Mayhew, R. Sanfelice, A. Teel, same journal 56 (2011) 2517. Gains are
-               this project's.
+               chosen.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    reference: Any = part("Reference position of P, as a function of time.", default=Circle())
+    reference: Any = part("Reference position of the centre of percussion P, as a function of time.", default=Circle())
     progress: str = option(
-        "Path parameter follows the elapsed time (time) or the craft's progress (path).",
+        "Rate of the path parameter: follows the elapsed time (time) or the craft's progress (path).",
         default="time",
         choices=("time", "path"),
     )
@@ -196,7 +197,7 @@ class PathTracking:
     def _hold(
         self, t: Any, state: PathTrackingState, estimate: Estimate, point: ReferencePoint, heading: Any
     ) -> tuple[PoseState, PlanarForce]:
-        """Return the demand of the law for rest: P at the path's point, nose at the path's heading, if any."""
+        """Return the demand of the law for rest: P at the path's point, nose at the path's heading if it has one."""
         heading = jnp.where(point.has_heading, point.heading, heading)
         place = point.place - self.model.percussion_arm * planar(heading)[:, 0]
         law = replace(self.rest, north=place[0], east=place[1], heading=heading, model=self.model)
@@ -247,11 +248,11 @@ class PathTracking:
         return body @ along, torque
 
     def _demand(self, errors: _Errors) -> Any:
-        """Return s (m/s^2), in W."""
+        """Return the demanded acceleration s (m/s^2), in W."""
         return errors.acceleration - self.k1 * errors.e - self.k2 * errors.v
 
     def _thrust(self, errors: _Errors, heading: Any) -> Any:
-        """Return w (m/s^2), along the nose."""
+        """Return the component w (m/s^2) of the demanded acceleration along the nose."""
         return planar(heading)[:, 0] @ self._demand(errors)
 
     def _turn_end(self, end: float, errors: _Errors, point: ReferencePoint, s: Any, w: Any) -> _End:
@@ -267,7 +268,7 @@ class PathTracking:
         return _End(rate, V, acceleration - self.kr * z + end * self.q / self.p * size * y)
 
     def _rate(self, end: float, errors: _Errors) -> Any:
-        """Return r_d (rad/s)."""
+        """Return the reference yaw rate r_d (rad/s) with the nose (end 1) or the tail (end -1) along the thrust."""
         body, s = planar(errors.heading), self._demand(errors)
         n, b = body[:, 0], body[:, 1]
         w, y, size = n @ s, b @ s, _size(s)
@@ -291,7 +292,7 @@ def _size(s: Any) -> Any:
 
 
 def decay(law: PathTracking) -> float:
-    """Return mu (1/s): V falls as exp(-2 mu t)."""
+    """Return the decay rate mu (1/s) of the law: V falls as exp(-2 mu t)."""
     k1, k2 = float(law.k1), float(law.k2)
     M = np.array([[k1 + k2**2 / 2, k2 / 2], [k2 / 2, 1.0]])
     own = float(np.linalg.eigvals(np.linalg.solve(M, np.diag([k1 * k2, k2]))).real.min()) / 2

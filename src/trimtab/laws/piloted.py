@@ -1,13 +1,11 @@
-"""Law of a piloted hovercraft: the stick commands the thrust, the velocities in the body, or the velocity over the
-floor.
-
+"""Law of a piloted hovercraft: the stick commands the thrust, the velocity in the body, or the velocity over the floor.
 The fan is at the tail, so sway has no actuator of its own. Without drag a steady turn at speed V and rate w needs the
 force m V w across the path, and the only steady force without a torque is along the nose: in a steady turn the nose
-points to the centre of the circle. In the mode damped the pilot has to turn the nose there, in the mode assisted the
-law does.
+points to the centre of the circle. In the mode damped the pilot has to turn the nose there. In the mode assisted the
+law does it.
 
-Source: own derivation, but for damping: Z. Kulis, "Feedback control of a hovercraft over a wireless link", University
-of Maryland, 2006, section 2.2, which is [1].
+Source: own derivation, except for the damping, which is from [1] Z. Kulis, "Feedback control of a hovercraft over a
+wireless link", University of Maryland, 2006, section 2.2.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -35,20 +33,22 @@ REVERSE_SPEED = 0.1
 NOSE_FREE = 1.6
 """Force, as a multiple of nose_force, from which on the nose points along the force alone."""
 BACKING = 0.3, 0.8
-"""Shares of the force against the course: the fan starts to pull backward above the second, stops below the first."""
+"""Fractions of the force opposite to the course: the fan pulls backward from the second, and stops below the first."""
 
 
 @record
 class PilotedState:
-    """State of the law. Source: own derivation."""
+    """State of the law `Piloted`. Source: own derivation."""
 
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
     mode: Scalar = quantity("1", "Mode that the stick selected at the last step.", kind="mode", modes=STICK_MODES)
     began: Scalar = quantity("1", "True after the first step.", kind="flag")
     speed: Scalar = quantity(
-        "m/s", "Reference of the surge velocity in damped, of the speed along the course in assisted."
+        "m/s", "Reference of surge velocity (mode damped) or of speed along the course (mode assisted)."
     )
-    rate: Scalar = quantity("rad/s", "Reference of the yaw rate in damped, of the course's rate of turn in assisted.")
+    rate: Scalar = quantity(
+        "rad/s", "Reference of yaw rate (mode damped) or of the course's rate of turn (mode assisted)."
+    )
     course: Scalar = quantity("rad", "Reference course, clockwise from north, not wrapped.", kind="angle")
     backing: Scalar = quantity(
         "1", "True if the fan pulls backward and the nose does not turn to the force.", kind="flag"
@@ -57,7 +57,7 @@ class PilotedState:
 
 @record
 class PilotedOutput:
-    """Demand and signals of the law. Source: own derivation."""
+    """Demand and signals of the law `Piloted`. Source: own derivation."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Active mode of the law, as selected by the stick.", kind="mode", modes=STICK_MODES)
@@ -65,19 +65,21 @@ class PilotedOutput:
         "1", "True if stick samples are missing or too old. The stick then counts as released.", kind="flag"
     )
     speed_reference: Scalar = quantity(
-        "m/s", "Reference of the surge velocity in damped, of the speed along the course in assisted; 0 in manual."
+        "m/s",
+        "Reference of surge velocity (mode damped) or of speed along the course (mode assisted); 0 in mode manual.",
     )
     rate_reference: Scalar = quantity(
-        "rad/s", "Reference of the yaw rate in damped, of the course's rate of turn in assisted; 0 in manual."
+        "rad/s",
+        "Reference of yaw rate (mode damped) or of the course's rate of turn (mode assisted); 0 in mode manual.",
     )
     course_reference: Scalar = quantity(
-        "rad", "Reference course in assisted; the heading of the nose in other modes.", kind="angle"
+        "rad", "Reference course in the mode assisted; the heading of the nose in other modes.", kind="angle"
     )
     heading_reference: Scalar = quantity(
-        "rad", "Reference heading of the nose in assisted; the actual heading in other modes.", kind="angle"
+        "rad", "Reference heading of the nose in the mode assisted; the actual heading in other modes.", kind="angle"
     )
     velocity_error: Scalar = quantity(
-        "m/s", "Velocity error in assisted, error of the surge velocity in damped; 0 in manual."
+        "m/s", "Velocity error in the mode assisted; surge velocity error in the mode damped; 0 in the mode manual."
     )
 
 
@@ -92,7 +94,7 @@ class _Hand(NamedTuple):
 
 @record
 class Piloted:
-    """Follows a pilot's stick in one of three modes. A switch on the stick selects the mode.
+    """Law that follows a pilot's stick in one of three modes. A switch on the stick selects the mode.
 
         manual    F = thrust forward, turned by deflection turn: FX = |F| cos, FY = -|F| sin, as with a radio control
         damped    FX = k1 (u_r - u)                        FY = k2 (d (r - r_r) - s v)
@@ -102,8 +104,8 @@ class Piloted:
     n is the direction of the nose, v_r = V_r (cos c_r, sin c_r) the reference velocity in W, c_r' = w_r. The references
     u_r, r_r, V_r, w_r are the stick times a range, with a rate limit. P lies a = J/(m d) ahead of the centre of mass,
     where FY causes no acceleration (the centre of percussion of the rudder pivot): v_P' = n (FX/m - a r^2), so v_P' = n
-    (n.F)/m. heading_d is the direction of F plus a part along the course that vanishes as F grows; while backing, that
-    of -F. At rest the course is the heading of the nose.
+    (n.F)/m. heading_d is the direction of F plus a part along the course that vanishes as F grows; while backing, -F
+    replaces F. At rest the course is the heading of the nose.
 
     damped, proven (tests):
       turn released, u_r >= 0 held: ForwardMomentum and ZeroVelocity of [1], s = 1, globally stable for all k1, k2 > 0.
@@ -111,19 +113,19 @@ class Piloted:
       |r_r| > 0.2 rad/s: s = 0 and (r - r_r)' = -(k2 d^2/J)(r - r_r), exactly; u -> 0 and v -> -k1 u_r/(m r_r), the turn
       in which the nose points to the centre. Surge cannot be held in this turn.
     assisted, proven (tests): r' = kr (r_d - r), whatever the velocity. While course and speed are held,
-      E = m |v_r - v_P|^2/2 never grows, whatever the heading, for E' = -m k (n.(v_r - v_P))^2; nor does it under the
-      limits of FX, while m a r^2 < push. A nose at its reference heading is not perpendicular to the velocity error, so
-      no error above nose_dead_zone/(m k) lasts. Only simulated: the fall of E while the nose turns and while backing
-      switches, and turns, in which the nose has to turn before F can be given.
-    The proofs leave out the actuators, which turn a force by at most some 21 degrees from the body's axis.
+      E = m |v_r - v_P|^2/2 never grows, whatever the heading, for E' = -m k (n.(v_r - v_P))^2. Nor does it
+      grow under the limits of FX, while m a r^2 < push. A nose at its reference heading is not perpendicular to the
+      velocity error, so no error above nose_dead_zone/(m k) lasts. Only simulated: the fall of E while the nose turns
+      and while backing switches, and turns, in which the nose has to turn before F can be given.
+    The proofs neglect the actuators, which turn a force by at most some 21 degrees from the body's axis.
 
     Dead man:  a stick sample that is older than stick_timeout, invalid or not a number counts as a released stick in
                its last mode. In manual this means no thrust: the vehicle slides on. Before the first sample the mode is
                damped.
-    Windup:    references stand still while the law is not called. After a pause or a change of mode they restart at the
-               vehicle's motion. In assisted they change more slowly as the velocity error approaches `leash`.
+    Windup:    references stay constant while the law is not called. After a pause or a change of mode they restart at
+               the vehicle's motion. In assisted they change more slowly as the velocity error approaches `leash`.
     Frames:    velocities in B, course and heading clockwise from north in W.
-    Source:    own derivation; damping [1] eqs. 2.16, 2.24, 2.30. Gains and ranges are this project's.
+    Source:    own derivation; damping [1] eqs. 2.16, 2.24, 2.30. Gains and ranges are chosen.
     """
 
     reads: ClassVar[tuple[str, ...]] = (*VELOCITIES, "heading")
@@ -323,5 +325,5 @@ def _direction(angle: Any) -> Any:
 
 
 def _ramp(value: Any, wanted: Any, most: Any) -> Any:
-    """Return the value, moved towards the target by at most `most`."""
+    """Return the value moved towards the wanted value by at most `most`."""
     return value + jnp.clip(wanted - value, -most, most)

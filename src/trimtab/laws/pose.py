@@ -30,13 +30,13 @@ from trimtab.vehicles.hovercraft import Hovercraft
 
 READS = (*VELOCITIES, "heading", "north", "east")
 BRAKE, AIM, GO, HOLD = range(4)
-"""Steps of the law, in their order."""
+"""Numbers of the steps of the law Pose, in their order."""
 STEPS = ("brake", "aim", "go", "hold")
 
 
 @record
 class PoseState:
-    """State of the law. Source: own derivation."""
+    """State of the law `Pose`. Source: own derivation."""
 
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
     nose: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle")
@@ -45,7 +45,7 @@ class PoseState:
 
 @record
 class PoseOutput:
-    """Demand and signals of the law. Source: own derivation."""
+    """Demand and signals of the law `Pose`. Source: own derivation."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
@@ -65,7 +65,7 @@ class _Swing(NamedTuple):
 
 @record
 class Pose:
-    """Brings the hovercraft to rest at a position and heading, in four steps about its centre of percussion P.
+    """Law that brings the hovercraft to rest at a position and heading, in four steps about its centre of percussion P.
 
         brake  w = -k n.v_P            the nose turns to the line of v_P          until |v_P| < rest_speed
         aim    w = -k n.v_P            the nose turns to the line to the goal     until it points there
@@ -88,15 +88,15 @@ class Pose:
              end the craft rests. Only simulated, not proven: the average, and steps that end early. (tests)
     Ends:    at a distance below `near` and a speed below rest_speed. A new round begins at a distance above `far`, or a
              speed above leave_speed.
-    Valid:   as far as the actuators give the demand. The fan and rudder of [1] give no side force without thrust.
+    Valid:   as far as the actuators can give the demand. The fan and rudder of [1] give no side force without thrust.
     Source:  own derivation (docs page); a swing that shrinks with the root of the error: R. M'Closkey, R. Murray, IEEE
-             Trans. Automatic Control 42 (1997) 614. Gains are this project's.
+             Trans. Automatic Control 42 (1997) 614. Gains are chosen.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    north: Scalar = quantity("m", "Target position of the centre of mass.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Target position of the centre of mass.", frame="W", default=0.0)
+    north: Scalar = quantity("m", "Target position of the centre of mass, north.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Target position of the centre of mass, east.", frame="W", default=0.0)
     heading: Scalar = quantity("rad", "Target heading of the nose.", kind="angle", default=0.0)
     k: Scalar = quantity("1/s", "Gain k of the velocity error of the centre of percussion.", default=2.0, above=0)
     c: Scalar = quantity("1/s", "Gain c: commanded speed per remaining distance.", default=0.5, above=0)
@@ -117,7 +117,10 @@ class Pose:
     f: Scalar = quantity("rad/s", "Angular frequency of the nose's swing in the step hold.", default=3.0, above=0)
     h: Scalar = quantity("1/s", "Decay rate h of the lateral error in the step hold.", default=0.3, above=0)
     s0: Scalar = quantity(
-        "m/s^2", "Value of s from which on the swing has its maximum angle, in the step hold.", default=1e-3, above=0
+        "m/s^2",
+        "Demanded lateral acceleration s above which the swing has its maximum angle, in the step hold.",
+        default=1e-3,
+        above=0,
     )
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
@@ -141,7 +144,7 @@ class Pose:
         return PoseState(mode=zero, nose=np.asarray(0.0), rounds=np.asarray(1, np.int32))
 
     def step(self, t: Any, state: PoseState, estimate: Estimate) -> tuple[PoseState, PoseOutput]:
-        """Update the step, and return the demand at integer time t."""
+        """Update the active step of the law, and return the demand at integer time t."""
         s, arm = estimate.state, self.model.percussion_arm
         body = planar(s.heading)
         n = body[:, 0]

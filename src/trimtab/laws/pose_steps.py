@@ -1,4 +1,4 @@
-"""Rest at a position and heading as in the thesis: six steps, each with a simpler law.
+"""Rest at a position and heading as in the thesis, in six steps that each use a simpler law.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
 section 2.3.1, which describes the steps in words. The numbers, and the conditions that end a step, are reconstructed
@@ -25,7 +25,7 @@ STEPS = ("compute", "align", "move", "stop", "final", "hold")
 
 @record
 class PoseStepsState:
-    """State of the law. Source: [1] section 2.3.1."""
+    """State of the law `PoseBySteps`. Source: [1] section 2.3.1."""
 
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
     bearing: Scalar = quantity(
@@ -39,7 +39,7 @@ class PoseStepsState:
 
 @record
 class PoseStepsOutput:
-    """Demand and signals of the law. Source: [1] section 2.3.1."""
+    """Demand and signals of the law `PoseBySteps`. Source: [1] section 2.3.1."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
@@ -53,25 +53,25 @@ class PoseStepsOutput:
 
 @record
 class PoseBySteps:
-    """Brings the hovercraft near a position and heading in the six steps of [1], which repeat for ever.
+    """Law that brings the hovercraft near a position and heading in the six steps of [1], which repeat for ever.
 
-        compute  the error vector to align, or to final if near the target
+        compute  the error vector                    then align, or final if near the target
         align    HeadingBangBang to its bearing      until the heading is within the heading law's tolerance
         move     ForwardMomentum at speed_gain times the remaining distance along the nose, within limits
                                                      until that distance is below `passed`, or the bearing error exceeds
                                                      off_course
-        stop     ZeroVelocity                        until V < margin times the turn's switching energy; to compute
+        stop     ZeroVelocity                        until V < margin times the turn's switching energy, then compute
         final    HeadingBangBang to the heading      until within tolerance
-        hold     ZeroVelocity                        until 1.5 tolerances away; to compute
+        hold     ZeroVelocity                        until 1.5 tolerances away, then compute
 
     Ends:    never, because the heading drifts without bound under ZeroVelocity (its slow manifold).
-    Source:  [1] section 2.3.1; gains and tolerances are this project's, see docs page.
+    Source:  [1] section 2.3.1; gains and tolerances are chosen, see docs page.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    north: Scalar = quantity("m", "Target position of the centre of mass.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Target position of the centre of mass.", frame="W", default=0.0)
+    north: Scalar = quantity("m", "Target position of the centre of mass, north.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Target position of the centre of mass, east.", frame="W", default=0.0)
     heading: Scalar = quantity("rad", "Target heading of the nose.", kind="angle", default=0.0)
     near: Scalar = quantity("m", "Remaining distance below which the position counts as reached.", default=0.3, above=0)
     near_heading: Scalar = quantity(
@@ -85,7 +85,7 @@ class PoseBySteps:
     passed: Scalar = quantity("m", "Remaining distance along the nose at which the step move ends.", default=0.1, low=0)
     off_course: Scalar = quantity(
         "rad",
-        "Bearing error at which the step move ends, while the remaining distance is above 2 near.",
+        "Bearing error at which the step move ends, while the remaining distance is above twice `near`.",
         default=0.6,
         above=0,
     )
@@ -110,7 +110,7 @@ class PoseBySteps:
         )
 
     def step(self, t: Any, state: PoseStepsState, estimate: Estimate) -> tuple[PoseStepsState, PoseStepsOutput]:
-        """Update the step, and return the demand at integer time t."""
+        """Update the active step of the law, and return the demand at integer time t."""
         s = estimate.state
         way = jnp.stack([self.north - s.north, self.east - s.east])
         distance, along = jnp.sqrt(way @ way), jnp.cos(s.heading) * way[0] + jnp.sin(s.heading) * way[1]

@@ -40,21 +40,21 @@ class RecedingHorizonOutput:
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     thrust: Scalar = quantity("N", "Demanded thrust of the fan; negative in reverse.")
     force_angle: Scalar = quantity("rad", "Angle of the demanded force from the body's axis.", kind="angle")
-    north_reference: Scalar = quantity("m", "Reference position of P, north.", frame="W")
-    east_reference: Scalar = quantity("m", "Reference position of P, east.", frame="W")
-    position_error: Scalar = quantity("m", "Distance of P from its reference position.")
-    velocity_error: Scalar = quantity("m/s", "Magnitude of the velocity error of P.")
+    north_reference: Scalar = quantity("m", "Reference position of the centre of percussion P, north.", frame="W")
+    east_reference: Scalar = quantity("m", "Reference position of the centre of percussion P, east.", frame="W")
+    position_error: Scalar = quantity("m", "Distance of the centre of percussion P from its reference position.")
+    velocity_error: Scalar = quantity("m/s", "Magnitude of the velocity error of the centre of percussion P.")
     primal: Scalar = quantity("1", "Primal residual: largest violation of a limit by the plan, in N or rad.")
     dual: Scalar = quantity("1", "Dual residual: largest gradient of the Lagrangian at the plan, zero at the optimum.")
     solved: Scalar = quantity("1", "True if the primal and the dual residual are within the tolerance.", kind="flag")
     infeasible: Scalar = quantity("1", "True if no plan can keep the limits.", kind="flag")
     rho: Scalar = quantity("1", "Penalty rho of the limits in the quadratic program.")
-    cost: Scalar = quantity("1", "Cost of the plan before the step's improvement.")
+    cost: Scalar = quantity("1", "Cost of the plan before its improvement in this step.")
 
 
 @record
 class RecedingHorizonState:
-    """State of the law. Source: docs page."""
+    """State of the law `RecedingHorizon`. Source: docs page."""
 
     began: Scalar = quantity("1", "True after the first step.", kind="flag")
     start: Scalar = quantity("100 ns", "Time of the first step, at which the reference begins.", kind="time")
@@ -75,13 +75,12 @@ class RecedingHorizonState:
 
 @record
 class RecedingHorizon:
-    """Follows a reference by repeated planning: computes the best plan within the limits, applies its first move,
-    replans.
+    """Law that computes the best plan within the limits for the next seconds, applies its first move, and replans.
 
     Each `period` the state is predicted to the time at which the next move acts, under the moves in transit. From there
     the last plan, shifted by a period, is simulated on the model: U = (thrust, force angle) in STAGES moves of `stage`
-    each. Its residuals (place, velocity, yaw rate, heading, the moves and their changes, each times its weight) are
-    linear in small changes of the plan, and the best of these within the limits is a quadratic program:
+    each. The residuals (position, velocity, yaw rate, heading, the moves and their changes, each times its weight) are
+    linearised in small changes dU of the plan. The best change within the limits solves a quadratic program:
 
         minimise |r + J dU|^2 + damping |dU|^2    subject to    limits of U, limits of its change from stage to stage
 
@@ -90,9 +89,9 @@ class RecedingHorizon:
     Limits:  thrust from -pull to push, force angle within deflection, their rates. The angle is that of the force, also
              with the fan in reverse.
     Holds:   the demand between two plans, so the autopilot may run faster than the planning.
-    Fails:   without an error. An unsolved program sets a signal, and the demand still keeps the limits.
-    Valid:   the limits hold for the demand. The allocation's table and dead zone are not in the model.
-    Source:  own derivation; [1]. Weights and limits are this project's.
+    Fails:   without raising an error. An unsolved program sets a signal, and the demand still keeps the limits.
+    Valid:   the limits apply to the demand. The allocation's table and dead zone are not in the model.
+    Source:  own derivation; [1]. Weights and limits are chosen.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
@@ -122,7 +121,7 @@ class RecedingHorizon:
     least: Scalar = quantity(
         "m/s^2", "Reference acceleration below which the reference demands no yaw rate.", default=0.03, above=0
     )
-    last: Scalar = quantity("1", "Factor by which the weights are larger in the last stage.", default=2.0, low=0)
+    last: Scalar = quantity("1", "Factor on the weights in the last stage of the plan.", default=2.0, low=0)
     effort: Scalar = quantity("1/N", "Weight of the thrust in the cost.", default=0.1, low=0)
     steering: Scalar = quantity("1/rad", "Weight of the force angle in the cost.", default=0.1, low=0)
     thrust_change: Scalar = quantity("1/N", "Weight of the change of thrust from stage to stage.", default=0.2, low=0)
@@ -143,7 +142,7 @@ class RecedingHorizon:
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def init(self, key: Any) -> RecedingHorizonState:
-        """Return the initial state. Its plan has a little thrust: without thrust the force angle has no effect."""
+        """Return the initial state. Its plan has a little thrust, because otherwise the force angle has no effect."""
         o, no, slots = np.asarray(0.0), np.asarray(False), np.zeros(SLOTS)
         output = RecedingHorizonOutput(PlanarForce(o, o), o, o, o, o, o, o, o, o, no, no, o, o)
         return RecedingHorizonState(
@@ -159,7 +158,7 @@ class RecedingHorizon:
         )
 
     def step(self, t: Any, state: RecedingHorizonState, estimate: Estimate) -> tuple[Any, RecedingHorizonOutput]:
-        """Return the demand at integer time t. A new plan is made each period; in between the last demand is held."""
+        """Return the demand at integer time t. A new plan is made every period. In between the last demand is held."""
         due = estimate.valid & ((t % self.period == 0) | ~state.began)
         state = jax.lax.cond(due, lambda: self._plan(t, state, estimate), lambda: state)
         return state, state.output

@@ -25,7 +25,7 @@ UPRIGHT = np.tile([0.0, 0.0, 1.0], (4, 1))
 
 @record
 class RotorLossState:
-    """State of the law: time since its start, and each rotor's time below idle speed. Source: this module."""
+    """State of the law `RotorLossTracking`: time, and each rotor's time below idle speed. Source: this module."""
 
     time: Scalar = quantity("s", "Time since the law started. Stops at the loss of a rotor.")
     slow: Any = quantity(
@@ -35,7 +35,7 @@ class RotorLossState:
 
 @record
 class RotorLossOutput:
-    """Demand and errors of the law. Source: this module."""
+    """Demand and errors of the law `RotorLossTracking`. Source: this module."""
 
     demand: RotorDemand = part("Demanded thrust and moments, and the rotors that work.")
     position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
@@ -44,14 +44,13 @@ class RotorLossOutput:
         "1", "Attitude error: Psi with all rotors; 1 - cos of the spin axis error after a loss."
     )
     distance: Scalar = quantity("m", "Length of the position error.")
-    lost: Scalar = quantity("1", "True if a rotor is lost.", kind="flag")
+    lost: Scalar = quantity("1", "True after the loss of a rotor.", kind="flag")
     rotor: Scalar = quantity("1", "Index of the lost rotor, counted from 0; -1 if all rotors work.", kind="count")
 
 
 @record
 class RotorLossTracking:
-    """Tracks with `nominal` while all rotors work. After the loss of a rotor, steers the axis about which the vehicle
-    spins.
+    """Law that tracks with `nominal` while all rotors work, and steers the spin axis after the loss of a rotor.
 
         d = R.T (-A/|A|)      d' = d × w      s = d - axis
         d'' wanted = -ks s c - kd d'    c = d_z/max(d_z, 0.2)
@@ -59,14 +58,14 @@ class RotorLossTracking:
 
     A is the demanded force as in the law for all rotors, with the gains kx and kv; d is the opposite direction, in the
     body. Roll and pitch rates follow from s' and s'', exactly at every yaw rate [2, section IV]. Yaw is not controlled.
-    The axis is that of the relaxed hover [1], at which the rotor opposite the lost one gives a fraction of the others'
-    thrust, so its thrust can rise and fall. c is 1 except for a body on its side or upside down. Without c the mirror
-    image of the axis would be stable too: a tipped craft would spin there, and fall. Rates and direction are predicted
-    by `lead`, because the spinning body turns while links and rotors lag.
+    The axis is that of the relaxed hover [1]. There the rotor opposite the lost one gives a fraction of the thrust of
+    the other rotors, so its thrust can rise and fall. c is 1 except for a body on its side or upside down. Without c
+    the mirror image of the axis would be stable too: a tipped craft would spin there, and fall. Rates and direction are
+    predicted by `lead`, because the spinning body turns while links and rotors lag.
 
-    A rotor counts as lost for ever after turning slower than `idle` for `patience`. The allocation never commands a
-    working rotor below `idle`. The law handles the loss of one rotor, not of a second. After the loss the reference
-    stays where it was, because three rotors that carry the craft have little thrust left for a path.
+    A rotor that turns slower than `idle` for `patience` counts as lost for the rest of the run. The allocation never
+    commands a working rotor below `idle`. The law handles the loss of one rotor, not of a second. After the loss the
+    reference stays where it was, because three rotors that carry the craft have little thrust left for a path.
 
     Frames:  W north-east-down, B body; `axes` points down in B.
     Valid:   a quadrotor whose rotors' speeds are measured. Not modelled: two lost rotors; drag of the body's motion.
@@ -134,7 +133,7 @@ class RotorLossTracking:
         s = d - axis
         rest = -self.kd * d_rate - jnp.cross(d_rate, w)  # x and y of d'' = d' × w + d × w' give roll and pitch
         dz = jnp.where(jnp.abs(d[2]) < LEAST_COSINE, jnp.where(d[2] < 0, -LEAST_COSINE, LEAST_COSINE), d[2])
-        pull = self.ks / jnp.maximum(d[2], LEAST_COSINE)  # attracted by the axis also upside down, not by its mirror
+        pull = self.ks / jnp.maximum(d[2], LEAST_COSINE)  # attracts to the axis even upside down, not to its mirror
         roll = -pull * s[1] + (rest[1] + d[0] * yaw) / dz
         turn = jnp.stack([roll, pull * s[0] + (d[1] * yaw - rest[0]) / dz, yaw])
         J, spin = jnp.asarray(craft.inertia), craft.rotors.angular_momentum(x.rotor_speed)

@@ -15,7 +15,7 @@ from trimtab.core.time import NEVER, to_seconds
 SLIDES = 3
 """Number of times that the velocity command is moved to the limit of the most restrictive neighbour."""
 FREE = 1e9
-"""Value larger than any distance or speed, which stands for no limit."""
+"""Value larger than any distance or speed, which means no limit."""
 
 
 class _Neighbours(NamedTuple):
@@ -34,8 +34,7 @@ class _Neighbours(NamedTuple):
 
 @record
 class Separation:
-    """Limits the velocity of a reference point so that it keeps clear of all others, whose positions are known with
-    delay.
+    """Barrier that limits the velocity of a reference point, so that it stays clear of points known with delay.
 
         h_ij = |q_i - q_j| - D  is to stay >= 0.    Every point keeps |u| <= V.
         A message of j, `age` old, has q^: q_j is within V age of q^.     rho = |q_i - q^|,  e^ = (q_i - q^)/rho
@@ -74,7 +73,7 @@ class Separation:
     def limit(self, t: Any, number: Any, q: Any, wanted: Any, peers: Peers) -> tuple[Any, Any, Any]:
         """Return the allowed velocity (2,), the worst-case spare distance (m), and the largest age (s) of the messages.
 
-        Args:     number: of this craft.    q: its point (2,), m.    wanted: velocity (2,), m/s.
+        Args:     number: number of this craft.    q: its reference point (2,), m.    wanted: velocity (2,), m/s.
         """
         near, clearance, age = self._judge(t, number, q, peers)
         u = self._shorten(wanted, self.speed)

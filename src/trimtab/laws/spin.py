@@ -22,12 +22,12 @@ BRAKE, SPIN = 0, 1
 
 @record
 class ConstantSpin:
-    """Spins at a constant yaw rate (the thesis's PI law; it contains no integrator).
+    """Law that spins at a constant yaw rate (called PI law in [1], but without an integrator).
 
         FX = -k1 u        FY = -k2 (v - d (r - r_ref))                                    [1, eq. 2.39]
 
     Stable:  W = m (u^2 + v^2)/2 + J (r - r_ref)^2/2 never grows, for all k1, k2 > 0, but there are two limit points.
-             The good one spins at r_ref in place. The bad one slides sideways at v = -d r_ref without turning. All
+             At the good one the craft spins in place at r_ref. At the bad one it slides sideways at v = -d r_ref. All
              starts with W < limit_point_value reach the good one; an open set of other starts reaches the bad one.
     Slow:    once the pivot's slip has settled, r' = -c r^2 (r - r_ref), c = slow_manifold_rate of the same k1.
     Source:  [1] eq. 2.39; default gains and reference [1] table 6.4.
@@ -58,13 +58,13 @@ class ConstantSpin:
 
 
 def lyapunov(model: Hovercraft, s: Any, reference: Any) -> Any:
-    """Return W (J) for a reference yaw rate (rad/s), m (u^2 + v^2)/2 + J (r - reference)^2/2: [1] eq. 2.37."""
+    """Return W (J) = m (u^2 + v^2)/2 + J (r - reference)^2/2 for a reference yaw rate (rad/s): [1] eq. 2.37."""
     energy = model.mass * (s.surge_velocity**2 + s.sway_velocity**2) / 2
     return energy + model.inertia * (s.yaw_rate - reference) ** 2 / 2
 
 
 def limit_point_value(model: Hovercraft, reference: Any) -> Any:
-    """Return W (J) at the bad limit point, (J + D) reference^2/2. From a smaller W ConstantSpin reaches the good one.
+    """Return W (J) at the bad limit point, (J + D) reference^2/2. From a smaller W the good limit point is reached.
 
     Source: [1] section 2.2.6.
     """
@@ -74,7 +74,8 @@ def limit_point_value(model: Hovercraft, reference: Any) -> Any:
 def switching_energy(model: Hovercraft, reference: Any) -> Any:
     """Return eps (J): kinetic energy below which ConstantSpin may take over, D^2 reference^2 / (8 (J + D)).
 
-    It implies W < limit_point_value, with 43 % to spare in energy for the default model. Source: [1] eq. 2.48.
+    A kinetic energy below eps implies W < limit_point_value, with a margin of 43 % in energy for the default model.
+    Source: [1] eq. 2.48.
     """
     D = model.arm**2 * model.mass
     return D**2 * reference**2 / (8 * (model.inertia + D))
@@ -83,7 +84,7 @@ def switching_energy(model: Hovercraft, reference: Any) -> Any:
 def switching_energy_sharp(model: Hovercraft, reference: Any) -> Any:
     """Return the largest eps (J) with the property of switching_energy: D^2 reference^2 / (2 (sqrt J + sqrt(J + D))^2).
 
-    A pure yaw rate against the reference, with this energy, has W = limit_point_value exactly.
+    A pure yaw rate opposite to the reference with this energy has exactly W = limit_point_value.
     Source: own derivation, from the root that [1, eq. 2.47] replaces by a larger one.
     """
     D = model.arm**2 * model.mass
@@ -93,9 +94,10 @@ def switching_energy_sharp(model: Hovercraft, reference: Any) -> Any:
 def safe_reference_bound(model: Hovercraft, W: Any, reference: Any) -> Any:
     """Return the yaw rate (rad/s, >= 0) above which a new reference of the same sign keeps ConstantSpin safe.
 
-    (sqrt(2 W/J) + |reference|) / (1 + sqrt(1 + D/J)), where W (J) is taken about the present reference. Below
-    |reference|, that is exactly while W < limit_point_value, the bound is tight, and any larger reference is safe too.
-    Above it, where only a disturbance leads, the bound is not enough. A change of sign is never covered: brake first.
+    The bound is (sqrt(2 W/J) + |reference|) / (1 + sqrt(1 + D/J)), where W (J) is computed with the present reference.
+    It is below |reference| exactly while W < limit_point_value. Then the bound is tight, and any larger reference is
+    safe too. After a disturbance it may be above |reference|, and then it does not suffice. The bound never covers a
+    change of sign: brake first.
 
     Source: [1] eq. 2.69, reconstructed (docs Errata); the middle sign of [1, eq. 2.66] is +.
     """
@@ -105,7 +107,7 @@ def safe_reference_bound(model: Hovercraft, W: Any, reference: Any) -> Any:
 
 @record
 class SpinSupervisorState:
-    """State of the supervisor. Source: [1] section 2.2.6."""
+    """State of the law SupervisedSpin. Source: [1] section 2.2.6."""
 
     mode: Scalar = quantity("1", "Mode: brake or spin.", kind="mode", modes=("brake", "spin"))
     switches: Scalar = quantity("1", "Number of switches from brake to spin: 0 or 1.", kind="count")
@@ -123,7 +125,7 @@ class SupervisedSpinOutput:
 
 @record
 class SupervisedSpin:
-    """Brakes until it is safe to spin, then spins. Reaches the good limit point of ConstantSpin from any start.
+    """Law that brakes until a spin is safe, then spins. It reaches the good limit point of ConstantSpin from any start.
 
     Modes:   brake (ZeroVelocity) -> spin (ConstantSpin) once V < eps(reference). The law never brakes again, and does
              not switch while the estimate is not valid.

@@ -28,9 +28,9 @@ from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 INTERNAL_SIZES = (1e-2, 1e-2, 1.0, 10.0, 1.0, 10.0)
 """Typical sizes of the internal states (alpha, Q, eta1, eta1', eta2, eta2')."""
 SOLVED = 1e-4
-"""Largest error of a table's rates, in typical sizes per second, with which a node solves the internal dynamics."""
+"""Largest error of a table's rates, in typical sizes per second, for which the table counts as exact."""
 LAST = 1e5
-"""Time (s) at which every command is taken to have ended."""
+"""Time (s) at which every command is assumed to have ended."""
 STEPS = 8
 K_FLOWN = (
     (0.0893010, 0.688045, -0.355907, 1742.964, 536.101, -0.581358, -0.140480, -1.351494, -0.363934),
@@ -43,7 +43,7 @@ NO_INTEGRAL = ((0.0, 0.0), (0.0, 0.0))
 
 @record
 class StableInversionState:
-    """State of the law. Source: [1] eqs. 13, 18; integrals are an addition."""
+    """State of the law `StableInversion`. Source: [1] eqs. 13, 18; the integrals are not in [1]."""
 
     internal: Any = part("State of the method that computes the reference internal motion.")
     adaptation: AdaptationState = part("State of the adaptive robust terms: adapted bounds.")
@@ -54,7 +54,7 @@ class StableInversionState:
 
 @record
 class StableInversionOutput:
-    """Demand and signals of the law. Frames: as the vehicle's. Source: [1] eqs. 13, 16-18."""
+    """Demand and signals of the law `StableInversion`. Frames: those of the vehicle. Source: [1] eqs. 13, 16-18."""
 
     demand: HypersonicInput = part("Demanded fuel ratio and elevator angle, within the limits.")
     h_wanted: Scalar = quantity("ft", "Altitude reference.", frame="W")
@@ -63,10 +63,10 @@ class StableInversionOutput:
     V_error: Scalar = quantity("ft/s", "Speed error: speed minus reference.")
     alpha_wanted: Scalar = quantity("rad", "Angle of attack required by the command.", kind="angle")
     q_wanted: Scalar = quantity("rad/s", "Pitch rate required by the command.")
-    eta1_wanted: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1 required by the command.")
-    eta1_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Rate of mode 1 required by the command.")
-    eta2_wanted: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2 required by the command.")
-    eta2_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Rate of mode 2 required by the command.")
+    eta1_wanted: Scalar = quantity("(slug ft)^1/2", "Modal displacement of bending mode 1 required by the command.")
+    eta1_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Rate of bending mode 1 required by the command.")
+    eta2_wanted: Scalar = quantity("(slug ft)^1/2", "Modal displacement of bending mode 2 required by the command.")
+    eta2_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Rate of bending mode 2 required by the command.")
     v: Any = quantity("ft/s^2", "Demanded accelerations of altitude and speed, the input of the inversion.", shape=(2,))
     s: Any = quantity("1", "Product B'P e of the adaptive robust terms.", shape=(2,))
     u_h: Any = quantity("ft/s^2", "Damping term u_h of the adaptive robust terms.", shape=(2,))
@@ -99,16 +99,15 @@ class FitRange:
 
 @record
 class StableInversion:
-    """Inversion of altitude and speed, with state feedback around the ideal internal dynamics of the command.
+    """Law that inverts altitude and speed, with state feedback around the ideal internal dynamics of the command.
 
         v = yd^(r) + K e + Ki integral(e_h, e_V) + u_h + u_s            u = inversion(v)
         e = (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') - wanted
 
     Altitude and speed are a non-minimum-phase output: under inversion alone the internal motion diverges with a time
-    constant of 0.3 s. `internal` gives the bounded motion that the command requires, which begins before the command
-    does.
+    constant of 0.3 s. `internal` gives the bounded motion that the command requires, which begins before the command.
 
-    Frames:  as the vehicle's, in its units.
+    Frames:  those of the vehicle, in its units.
     Stable:  locally, proved by `design.certificate`, as long as the input does not saturate.
     Source:  [1] eqs. 13, 16-18, corrected. The K printed in [1] is unstable: docs page.
     """
@@ -127,12 +126,14 @@ class StableInversion:
         default=AdaptiveRobust(BP=tuple(tuple(-r * k for k in row) for r, row in zip(R_FLOWN, K_FLOWN, strict=True))),
     )
     limits: InputLimits = part("Limits of fuel ratio and elevator.", default=InputLimits())
-    fit: FitRange = part("Range of altitude, speed and angle of attack in which the model holds.", default=FitRange())
+    fit: FitRange = part(
+        "Range of altitude, speed and angle of attack in which the model is valid.", default=FitRange()
+    )
 
     reads: ClassVar[tuple[str, ...]] = ("h", "h_rate", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
 
     def check(self) -> None:
-        """Raise InputError if the limits are crossed, or the command or table does not fit the vehicle."""
+        """Raise InputError if a lower limit is above its upper limit, or command or table do not suit the vehicle."""
         low, high = self.limits.Phi_low, self.limits.Phi_high
         if not (low < high and self.limits.delta_low < self.limits.delta_high):
             raise InputError(
@@ -222,7 +223,7 @@ def check_command_ends(craft: Any, command: Any, limits: InputLimits) -> None:
     for i, where in enumerate(("begins", "ends")):
         if not found[i]:
             problem = (
-                f"the command {where} at {h[i]:g} ft, {V[i]:g} ft/s: the pitching moment is zero at no angle of attack"
+                f"the command {where} at {h[i]:g} ft, {V[i]:g} ft/s: no angle of attack makes the pitching moment zero"
             )
             raise InputError(
                 "command", problem, fix="choose h0, V0, dh and dV so that the command stays near 85000 ft and 7700 ft/s"
@@ -232,7 +233,7 @@ def check_command_ends(craft: Any, command: Any, limits: InputLimits) -> None:
 
 
 def check_internal_table(craft: Any, command: Any, table: InternalTable, limits: InputLimits) -> None:
-    """Raise InputError if a table is for another command or vehicle, or a command exceeds the limits of the inputs."""
+    """Raise InputError if a table is for another command or vehicle, or the command exceeds the input limits."""
     t = table.first + table.spacing * np.arange(len(table.nodes))
     wrong, u = (np.asarray(a) for a in _table_residual(craft, command, t, table.nodes, table.rates))
     if not wrong.max() < SOLVED:
@@ -257,7 +258,7 @@ def _check_input_limits(limits: InputLimits, u: Any, where: list[str]) -> None:
 
 @partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
 def _level_flight_at_ends(craft: Any, command: Any) -> Any:
-    """Return, for the command's begin and end: True if level flight exists (2,), its input (2, 2), h and V (2,)."""
+    """Return True if level flight exists (2,), its input (2, 2), h and V (2,), each for the command's start and end."""
     p: PathPoint = command.at(jnp.array([0.0, LAST]))
     still = jnp.zeros(2)
     level = PathPoint(p.h, still, still, still, p.V, still, still)

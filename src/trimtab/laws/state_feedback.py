@@ -15,47 +15,55 @@ PLANAR = ("surge_velocity", "sway_velocity", "yaw_rate", "heading")
 
 @record
 class StateFeedbackState:
-    """State of the law: integrals of the integrated errors. Source: this module."""
+    """State of the law `StateFeedback`: integrals of the errors. Source: this module."""
 
-    integrals: Any = quantity("1", "Integrals of the integrated errors, each in the unit of its state times a second.")
+    integrals: Any = quantity(
+        "1", "Integrals of the errors that the law integrates, each in the unit of its state times a second."
+    )
 
 
 @record
 class StateFeedbackOutput:
-    """Demand and signals of the law. Source: this module."""
+    """Demand and signals of the law `StateFeedback`. Source: this module."""
 
     demand: Any = part("Demanded input of the vehicle.")
-    error: Any = quantity("1", "Error e of the state from the trim x0, each number in the unit of its state.")
-    integrals: Any = quantity("1", "Integrals of the integrated errors, each in the unit of its state times a second.")
+    error: Any = quantity("1", "Error e: state minus the trim state x0, each number in the unit of its state.")
+    integrals: Any = quantity(
+        "1", "Integrals of the errors that the law integrates, each in the unit of its state times a second."
+    )
 
 
 @record
 class StateFeedback:
-    """Linear feedback about a trim (x0, u0).
+    """Law of linear state feedback about a trim (x0, u0), with integral action.
 
         u = u0 + K e + L z        e = x - x0        z' = e at the rows `integrated`, held within ± most
 
     A quaternion counts as three numbers: the rotation from the quaternion in x0, in body axes, as in
-    `design.coordinates`. So K for a body in space has one column less than the state has numbers. To move the
+    `design.coordinates`. So for a state with a quaternion K has one column less than the state has numbers. To move the
     set-point, change x0 in flight.
 
-    Frames:  of the states; `turned` names fields of the attitude's outer frame whose errors are taken in body axes,
-             `places` those whose errors are taken in the body axes of x0.
+    Frames:  those of the states; `turned` names fields in the attitude's outer frame whose errors are taken in body
+             axes, `places` names fields whose errors are taken in the body axes of x0.
     Valid:   near (x0, u0), for which K was designed; angles are not wrapped.
     Source:  B. D. O. Anderson, J. B. Moore, "Optimal control: linear quadratic methods", Prentice Hall 1990, chapters
              3 and 4.
     """
 
-    reads: tuple[str, ...] = option("Fields of the state, in the order of K's columns.", default=PLANAR)
-    K: Any = quantity("1", "Gain K (m, n), including its sign.", default=np.zeros((2, 4)))
+    reads: tuple[str, ...] = option(
+        "Names of the state fields that the law reads, in the order of K's columns.", default=PLANAR
+    )
+    K: Any = quantity("1", "Feedback gain K (m, n), including its sign.", default=np.zeros((2, 4)))
     x0: Any = quantity("1", "State x0 at the trim: the numbers of all fields, one after another.", default=np.zeros(4))
     u0: Any = part("Input u0 at the trim, as the vehicle's record of inputs.", default=PlanarForce(0.0, 0.0))
-    integrated: tuple[int, ...] = option("Rows of the error e that are integrated.", default=())
+    integrated: tuple[int, ...] = option(
+        "Indices of the elements of the error e that are integrated, counted from 0.", default=()
+    )
     L: Any = quantity("1", "Gain L of the integrals (m, k).", default=np.zeros((2, 0)))
     most: Any = quantity("1", "Maximum magnitude of each integral (k,).", default=np.zeros(0), low=0)
     attitude: str = option("Name of the quaternion field. Needed only if turned or places is not empty.", default="")
-    turned: tuple[str, ...] = option("Fields whose errors are taken in body axes.", default=())
-    places: tuple[str, ...] = option("Fields whose errors are taken in the body axes of x0.", default=())
+    turned: tuple[str, ...] = option("State fields whose errors are taken in body axes.", default=())
+    places: tuple[str, ...] = option("State fields whose errors are taken in the body axes of x0.", default=())
     believed: Any = part(
         "Vehicle model for which K was designed, stored for comparison in the log; or None.", default=None
     )

@@ -1,4 +1,4 @@
-"""A linear compensator, designed elsewhere, used as a law: x(k+1) = A x(k) + B e(k), u = u0 + C x(k) + D e(k)."""
+"""Linear compensator, designed elsewhere, used as a law: x(k+1) = A x(k) + B e(k), u = u0 + C x(k) + D e(k)."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ from trimtab.laws.state_vector import add_to_input, state_error
 
 @record
 class StateSpaceState:
-    """State of the law. Source: this module."""
+    """State of the law `StateSpaceLaw`. Source: this module."""
 
     x: Any = quantity("1", "State of the compensator.")
     u: Any = quantity("1", "Last output of the compensator, which is added to the input at the trim.")
@@ -24,17 +24,17 @@ class StateSpaceState:
 
 @record
 class StateSpaceOutput:
-    """Demand and signals of the law. Source: this module."""
+    """Demand and signals of the law `StateSpaceLaw`. Source: this module."""
 
     demand: Any = part("Demanded input of the vehicle.")
-    error: Any = quantity("1", "Error e of the fields from the trim x0, each number in the unit of its field.")
+    error: Any = quantity("1", "Error e: state fields minus the trim x0, each number in the unit of its field.")
 
 
 @record
 class StateSpaceLaw:
-    """A discrete linear compensator whose input is e = x - x0, for the fields in `reads`.
+    """Discrete linear compensator whose input is e = x - x0, for the fields in `reads`.
 
-        x(k+1) = A x(k) + B e(k)        u(k) = u0 + C x(k) + D e(k)        once each `period`, held between
+        x(k+1) = A x(k) + B e(k)        u(k) = u0 + C x(k) + D e(k)        once per `period`, held between
 
     The autopilot may step more often. `design.exchange` makes a compensator from an object of python-control or scipy.
 
@@ -42,12 +42,14 @@ class StateSpaceLaw:
     Source:  K. J. Åström, B. Wittenmark, "Computer-controlled systems", Prentice Hall 1997, chapters 2 and 8.
     """
 
-    reads: tuple[str, ...] = option("Fields of the state, in the order of B's columns.", default=PLANAR)
+    reads: tuple[str, ...] = option(
+        "Names of the state fields that the law reads, in the order of B's columns.", default=PLANAR
+    )
     A: Any = quantity("1", "Matrix A of the compensator (k, k).", default=np.zeros((1, 1)))
-    B: Any = quantity("1", "Matrix B of the compensator (k, n), n errors.", default=np.zeros((1, 4)))
-    C: Any = quantity("1", "Matrix C of the compensator (m, k), m inputs.", default=np.zeros((2, 1)))
+    B: Any = quantity("1", "Matrix B of the compensator (k, n), for n errors.", default=np.zeros((1, 4)))
+    C: Any = quantity("1", "Matrix C of the compensator (m, k), for m inputs.", default=np.zeros((2, 1)))
     D: Any = quantity("1", "Matrix D of the compensator (m, n).", default=np.zeros((2, 4)))
-    x0: Any = quantity("1", "Trim x0: the numbers of all fields, one after another.", default=np.zeros(4))
+    x0: Any = quantity("1", "Trim state x0: the numbers of all fields, one after another.", default=np.zeros(4))
     u0: Any = part("Input u0 at the trim, as the vehicle's record of inputs.", default=PlanarForce(0.0, 0.0))
     period: int = period("Sample period for which A, B, C and D are designed.", default=ms(1))
 

@@ -26,7 +26,7 @@ def state_error(
 
     Args:
         state: estimated state, a record.
-        names: names of its fields, in order: numbers, vectors, a quaternion.
+        names: names of the state's fields in order: numbers, vectors, a quaternion.
         point: set-point (k,): the numbers of all fields, four for a quaternion.
         attitude: name of the quaternion field q_XB. Needed only if `turned` or `places` is not empty.
         turned: fields in the frame X, such as velocities, that are compared in body axes: the state's value in the
@@ -55,7 +55,7 @@ def _has_no_unit(state: Any, name: str) -> bool:
 
 
 def add_to_input(trim: Any, change: Any) -> Any:
-    """Return the input record of a trim, with a vector (m,) added to its numbers in the order of its fields."""
+    """Return the input record of a trim with a vector (m,) added to its numbers in the order of its fields."""
     values, tree = jax.tree.flatten(trim)
     new, begin = [], 0
     for own in values:

@@ -10,7 +10,7 @@ from trimtab.core.rotation import wrap
 
 @record
 class SteeringState:
-    """State of the autopilot. Source: Fossen, "Handbook", 2021, section 15.3."""
+    """State of the heading autopilot. Source: Fossen, "Handbook", 2021, section 15.3."""
 
     began: Scalar = quantity("1", "True after the first step.", kind="flag", default=False)
     heading: Scalar = quantity("rad", "Heading of the reference model.", kind="angle", default=0.0)
@@ -20,16 +20,16 @@ class SteeringState:
 
 @record
 class Steering:
-    """Turns to a heading with the rudder, along a smooth reference.
+    """Heading autopilot that turns a craft with the rudder, along a smooth reference.
 
         psi_d' = r_d,   r_d' = w^2 (psi_c - psi_d) - 2 z w r_d,   |r_d| <= fastest        psi_c: commanded
-        delta = (U0/U)^2 (kp e + kd (r - r_d) + ki integral of e)          e = psi - psi_d, by the shortest way
+        delta = (U0/U)^2 (kp e + kd (r - r_d) + ki integral of e)          e = psi - psi_d, wrapped to ±pi
 
     The rudder force grows with the square of the speed, so the gains are divided by that square. Below the speed
     `slowest` they stay constant, because the propeller still drives water past the rudder. The integral is held while
     the rudder is at its limit.
 
-    Frames:  positive rudder pushes the stern to starboard and turns to port, as SNAME has it.
+    Frames:  positive rudder pushes the stern to starboard and turns to port, as in SNAME notation.
     Valid:   also for a craft that is unstable in yaw, if kd is large enough.
     Source:  T. I. Fossen, "Handbook of marine craft hydrodynamics and motion control", 2nd ed., 2021, section 15.3.
     """

@@ -1,4 +1,4 @@
-"""Swing a pole up by energy control, then balance it by state feedback near the upright position.
+"""Law that swings a pole up by energy control, then balances it by state feedback near the upright position.
 
 [1] is K. J. Åström, K. Furuta, "Swinging up a pendulum by energy control", Automatica 36 (2000).
 """
@@ -19,24 +19,24 @@ SWING, BALANCE = range(2)
 
 @record
 class SwingUpState:
-    """State of the law: its active mode. Source: this module."""
+    """State of the law `SwingUp`: its active mode. Source: this module."""
 
     mode: Scalar = quantity("1", "Mode: swing or balance.", kind="mode", modes=MODES, default=np.int32(SWING))
 
 
 @record
 class SwingUpOutput:
-    """Demand and signals of the law. Source: this module."""
+    """Demand and signals of the law `SwingUp`. Source: this module."""
 
     demand: CartForce = part("Demanded force on the cart.")
     mode: Scalar = quantity("1", "Mode: swing or balance.", kind="mode", modes=MODES)
     energy: Scalar = quantity("J", "Energy of the pole relative to the pole upright at rest.")
-    lean: Scalar = quantity("rad", "Angle of the pole from upright, by the shortest way.", kind="angle")
+    lean: Scalar = quantity("rad", "Angle of the pole from upright, wrapped to ±pi.", kind="angle")
 
 
 @record
 class SwingUp:
-    """Swings a pole up by energy control, then balances it by a linear regulator.
+    """Law that swings a pole up by energy control, then balances it by a linear regulator.
 
         swing:    a = clip(k E q' cos q, ±n g) - k_x x - k_v x'      so that E' = -m l a q' cos q leads E to 0
         balance:  F = -K (x, x', q, q')
@@ -45,7 +45,7 @@ class SwingUp:
     to swing at an angle above `release`. The centring terms, which [1] lacks, keep the cart near the middle of its
     rail.
 
-    Frames:  of the cart-pole.    Valid: a force of some 10 N. Not modelled: the rail's ends.
+    Frames:  those of the cart-pole.    Valid: forces of up to some 10 N. Not modelled: the rail's ends.
     Source:  [1] eqs. 7 and 8; K: design.lqr with weights (1, 1, 10, 1) and 0.1, see the test.
     """
 
@@ -73,7 +73,7 @@ class SwingUp:
         return SwingUpState()
 
     def step(self, t: Any, state: SwingUpState, estimate: Estimate) -> tuple[SwingUpState, SwingUpOutput]:
-        """Return the force at integer time t."""
+        """Return the demanded force at integer time t."""
         x = estimate.state
         lean, energy = wrap(x.angle), self.craft.energy(x)
         nearly = (abs(lean) < self.catch) & (abs(x.angle_rate) < self.catch_rate)

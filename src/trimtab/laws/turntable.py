@@ -13,14 +13,14 @@ from trimtab.vehicles.rotating_platform import PlatformDrive
 
 @record
 class TurntableOutput:
-    """Demand of the law. Source: this module."""
+    """Demand of the law `Turntable`. Source: this module."""
 
     demand: PlatformDrive = part("Commanded rate of turn of the platform.")
 
 
 @record
 class Turntable:
-    """Commands a rate of turn over time: constant, a square wave or a sine.
+    """Law that commands a rate of turn over time: a constant, a square wave or a sine.
 
         constant:  rate min(1, t/ramp)      square:  rate sign(sin(2 pi t/T))      sine:  rate sin(2 pi t/T)
 
@@ -34,7 +34,7 @@ class Turntable:
     reads: ClassVar[tuple[str, ...]] = ()
 
     rate: Scalar = quantity("rad/s", "Amplitude of the rate of turn, with its sign.", default=math.radians(-115))
-    ramp: Scalar = quantity("s", "Time in which the constant rate is reached. 0 means at once.", default=1.0, low=0)
+    ramp: Scalar = quantity("s", "Time in which the constant rate is reached; 0: at once.", default=1.0, low=0)
     cycle: Scalar = quantity("s", "Period T of the square wave or sine.", default=2.0, above=0)
     waveform: str = option(
         "Waveform of the commanded rate: constant, square or sine.",

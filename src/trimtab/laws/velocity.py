@@ -1,6 +1,6 @@
 """Laws that drive the hovercraft's velocity to a constant: zero, forward or backward.
 
-Sway has no actuator of its own, so heading is free: each law controls the velocity in the body, and none holds a
+Sway has no actuator of its own, so the heading is free. Each law controls the velocity in body axes, and no law holds a
 heading.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
@@ -30,20 +30,20 @@ class VelocityOutput:
 
 
 def _error_energy(model: Hovercraft, s: Any, surge_velocity: Any, stretch: Any = 1.0) -> Any:
-    """Return the kinetic energy (J) of the velocity error, with the yaw part multiplied by `stretch`."""
+    """Return the kinetic energy (J) of the velocity error, with its yaw term multiplied by `stretch`."""
     error = s.surge_velocity - surge_velocity
     return model.mass * (error**2 + s.sway_velocity**2) / 2 + stretch * model.inertia * s.yaw_rate**2 / 2
 
 
 @record
 class ZeroVelocity:
-    """Brings the hovercraft to rest.
+    """Law that brings the hovercraft to rest.
 
         FX = -k1 u        FY = -k2 (v - d r)                                              [1, eq. 2.16]
 
     Stable:  globally asymptotically for all k1, k2 > 0, with V the kinetic energy,
-             V' = -k1 u^2 - k2 (v - d r)^2 [1, eq. 2.17]. V' = 0 on a line, not only at rest; rest is the largest
-             invariant set in it (proof of [1] corrected, see docs Errata).
+             V' = -k1 u^2 - k2 (v - d r)^2 [1, eq. 2.17]. V' = 0 on a line, not only at rest, but rest is the largest
+             invariant set on this line (proof of [1] corrected, see docs Errata).
     Slow:    one eigenvalue at rest is zero. Once the rudder pivot no longer slips, r' = -c r^3 with
              c = slow_manifold_rate(law): the yaw rate decays like 1/sqrt(2 c t), so the heading drifts without bound.
     Source:  [1] eq. 2.16; default gains [1] table 6.1.
@@ -87,7 +87,7 @@ def slow_manifold_rate(law: ZeroVelocity) -> Any:
 
 @record
 class ForwardMomentum:
-    """Drives forward at a constant momentum PXr > 0.
+    """Law that drives forward at a constant momentum PXr > 0.
 
         FX = -k1 (u - PXr/m)        FY = -k2 (v - d r)                                    [1, eq. 2.24]
 
@@ -137,7 +137,7 @@ class ForwardMomentum:
 
 @record
 class ForwardMomentumMatched:
-    """ForwardMomentum with k2 tied to the reference, so that the cross terms in W' vanish.
+    """Law ForwardMomentum with k2 tied to the reference, so that the cross terms in W' vanish.
 
         FX = -k1 (u - PXr/m)        FY = -k2 (v - d r),    k2 = PXr/(2 d)                 [1, eq. 2.29]
 
@@ -181,7 +181,7 @@ class ForwardMomentumMatched:
 
 @record
 class ReverseMomentum:
-    """Drives backward at a constant momentum PXr < 0.
+    """Law that drives backward at a constant momentum PXr < 0.
 
         FX = -k1 (u - PXr/m)        FY = +k2 (v + theta d r)                              [1, eq. 2.30]
 
@@ -197,7 +197,9 @@ class ReverseMomentum:
     k2: Scalar = quantity(
         "kg/s", "Gain k2 of sway velocity and yaw rate.", default=1.0, above=0, source="[1] table 6.3"
     )
-    theta: Scalar = quantity("1", "Weight of yaw; more than J/(d^2 m).", default=1.44, source="[1] table 6.3")
+    theta: Scalar = quantity(
+        "1", "Weight theta of the yaw rate, must be above J/(d^2 m).", default=1.44, source="[1] table 6.3"
+    )
     reference: Scalar = quantity(
         "kg m/s", "Reference momentum PXr, must be below 0 (backward).", default=-1.98, frame="B", source="[1] tab. 6.3"
     )
@@ -230,8 +232,7 @@ class ReverseMomentum:
         return state, VelocityOutput(PlanarForce(FX, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """Return (PX - PXr)^2/2m + PY^2/2m + Pi^2/2J (J): a distance, NOT a Lyapunov function, because it can grow for
-        a while.
+        """Return (PX - PXr)^2/2m + PY^2/2m + Pi^2/2J (J), which is NOT a Lyapunov function, because it can grow.
 
         s: any record with the fields in `reads`. `trimtab design hovercraft/reverse` finds a Lyapunov function that
         holds in a region.

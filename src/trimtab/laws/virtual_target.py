@@ -20,7 +20,7 @@ from trimtab.core.signals import Estimate
 from trimtab.vehicles.dubins_car import CarTurn, DubinsCar
 
 SLOW = 0.05
-"""Minimum speed (m/s) along a path. A lower speed is raised to this, so that the target leaves a path at rest."""
+"""Minimum speed (m/s) along a path. A lower speed is raised to this value, so that the target cannot get stuck."""
 REST = 1e-12
 """Speed (m/s) along a path below which the path has no direction."""
 BEGIN = 0.02
@@ -31,7 +31,7 @@ STEP = 0.02
 
 @record
 class VirtualTargetState:
-    """State of the law: progress of the target along the path. Source: [2]."""
+    """State of the law `VirtualTarget`: progress of the target along the path. Source: [2]."""
 
     progress: Scalar = quantity(
         "s",
@@ -43,13 +43,13 @@ class VirtualTargetState:
 
 @record
 class VirtualTargetOutput:
-    """Demand and signals of the law. Source: [2]."""
+    """Demand and signals of the law `VirtualTarget`. Source: [2]."""
 
     demand: CarTurn = part("Demanded turn rate.")
     cross_track: Scalar = quantity("m", "Cross-track error: distance of the car to the right of the target.")
     along_track: Scalar = quantity("m", "Along-track error: distance of the car ahead of the target.")
     heading_error: Scalar = quantity(
-        "rad", "Heading error: heading minus the path's direction, by the shortest way.", kind="angle"
+        "rad", "Heading error: heading minus the path's direction, wrapped to ±pi.", kind="angle"
     )
     lyapunov: Scalar = quantity("m^2", "Lyapunov function V of the law.")
     saturated: Scalar = quantity("1", "True if the law needs a tighter turn than the car can make.", kind="flag")
@@ -59,7 +59,7 @@ class VirtualTargetOutput:
 
 
 class _Tangent(NamedTuple):
-    """Path at the target: place (2,) (m), heading (rad), curvature (1/m), pace (m/s); rests: True if at rest."""
+    """Path at the target: place (2,) (m), heading (rad), curvature (1/m), pace (m/s); rests: True if the path rests."""
 
     place: Any
     heading: Any
@@ -70,7 +70,7 @@ class _Tangent(NamedTuple):
 
 @record
 class VirtualTarget:
-    """Follows a path in position, not in time: a virtual target moves along the path with the car's progress.
+    """Law that follows a path in position, not in time: a virtual target moves along the path with the car's progress.
 
         s' = V cos q + k1 a                                  speed of the target
         r = kappa s' - g e V sin(q)/q - k2 q                 turn rate of the car
@@ -81,8 +81,8 @@ class VirtualTarget:
     Stable: V = (a^2 + e^2)/2 + q^2/(2 g) has V' = -k1 a^2 - k2 q^2/g for any path and any start, while the turn rate is
     not limited. On a straight path, linear: e'' + k2 e' + g V^2 e = 0.
 
-    Frames:  W; angles clockwise.    Valid: paths of a curvature less than the car's, which `check_duration` holds.
-    Source:  [2], without its approach angle; the turn is that of [1], for whom the target is the nearest point.
+    Frames:  W; angles clockwise.    Valid: paths that bend less than the car can turn, which `check_duration` checks.
+    Source:  [2], without its approach angle; the turn rate is that of [1], where the target is the nearest point.
     """
 
     reads: ClassVar[tuple[str, ...]] = ("north", "east", "heading")

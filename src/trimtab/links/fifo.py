@@ -1,8 +1,8 @@
-"""Delivery in order: packets that take a random latency each, and never overtake one another.
+"""Delivery in order: packets that each take a random latency, and never overtake one another.
 
-A ring buffer has one slot per send instant. A slot without a packet, or with a lost one, repeats the slot before. So
-arrival times never fall along the ring, and the newest packet that has arrived is found by counting those that have
-not. The slot numbers depend only on the time, so a batch of runs shares them.
+A ring buffer has one slot per send instant. A slot without a packet, or with a lost packet, repeats the previous slot.
+So arrival times never decrease along the ring, and the newest packet that has arrived is found by counting the packets
+that have not. The slot numbers depend only on the time, so a batch of runs shares them.
 """
 
 import math
@@ -22,25 +22,23 @@ from trimtab.core.time import NEVER, SECONDS_PER_UNIT, UNITS_PER_SECOND, format_
 
 @record
 class Fifo:
-    """Packets in transit, and the sample at the receiving end. Leaves of the ring have a leading axis of slots.
+    """Packets in transit, and the sample at the receiving end. Arrays of the ring have a leading axis of slots.
 
     Frames: those of the values carried. Source: docs page.
     """
 
-    key: Any = part("Random key of the draws; None without draws.")
-    values: Any = part("Value in each slot.")
+    key: Any = part("Key of the random draws; None without random draws.")
+    values: Any = part("Value in each slot of the ring buffer.")
     measured: Scalar = quantity("100 ns", "Measurement time of the value in each slot.", kind="time")
     due: Scalar = quantity(
-        "100 ns", "Arrival time of the packet in each slot; never falls along the ring.", kind="time"
+        "100 ns", "Arrival time of the packet in each slot; never decreases along the ring.", kind="time"
     )
-    serial: Scalar = quantity(
-        "1", "For each slot of the queue: number of packets sent and not lost, up to the packet in it.", kind="count"
-    )
+    serial: Scalar = quantity("1", "Number of packets sent and not lost, up to the packet in each slot.", kind="count")
     offered: Scalar = quantity("100 ns", "Measurement time of the last sample sent.", kind="time")
     held: Scalar = quantity("100 ns", "Measurement time of the sample at the receiving end.", kind="time")
-    sent: Scalar = quantity("1", "Packets sent so far, including lost ones.", kind="count")
-    lost: Scalar = quantity("1", "Packets lost so far.", kind="count")
-    delivered: Scalar = quantity("1", "Packets that have arrived so far.", kind="count")
+    sent: Scalar = quantity("1", "Number of packets sent so far, including lost packets.", kind="count")
+    lost: Scalar = quantity("1", "Number of packets lost so far.", kind="count")
+    delivered: Scalar = quantity("1", "Number of packets that have arrived so far.", kind="count")
 
 
 def empty_fifo(key: Any, like: Sample, capacity: int) -> Fifo:
@@ -71,7 +69,7 @@ def read_slot(ring: Any, slot: Any) -> Any:
 
 
 def write_slot(ring: Any, slot: Any, value: Any) -> Any:
-    """Return a ring (leaves (n, ...)) with another value in a slot in [0, n)."""
+    """Return a ring (leaves (n, ...)) with a new value written to a slot in [0, n)."""
     return jax.tree.map(
         lambda leaf, new: lax.dynamic_update_index_in_dim(leaf, jnp.asarray(new, leaf.dtype), slot, 0), ring, value
     )
@@ -95,17 +93,17 @@ def receive_sample(now: Any, value: Any, measured: Any, held: Any) -> Sample:
 def deliver(
     t: Any, fifo: Fifo, sample: Sample, draw: Callable[[], tuple[Any, Any]], *, send_period: int, period: int
 ) -> tuple[Fifo, Sample]:
-    """Step a link by one instant: send the sample if it is due and new, and return the newest that has arrived.
+    """Send a sample if it is due and new, and return the state and the newest sample that has arrived.
 
-    A packet arrives at max(arrival of the one before it, now + latency), and is received at the next instant.
+    A packet arrives at max(arrival of the previous packet, now + latency), and is received at the next call.
 
     Args:     t: now, integer time.    sample: sample at the sending end.
               draw: returns the latency (s, not negative) of a packet sent now, and True if it is lost.
-              send_period: at most one packet is sent in each such period, at its first instant.  period: time between
-                  two calls.
+              send_period: time between packets; at most one is sent per send_period, at its first instant.
+              period: time between two calls.
     """
     number, before = t // send_period, (t - period) // send_period
-    # The time alone decides, so that a batch of runs has a real branch here.
+    # The condition depends on the time only, so that a batch of runs has a real branch here.
     fifo = lax.cond(number != before, lambda: _send(t, number, fifo, sample, *draw()), lambda: fifo)
 
     pending = jnp.sum(fifo.due > t)
@@ -144,16 +142,16 @@ def required_slots(longest: float, send_period: int, period: int) -> int:
 
 
 def check_ring(name: str, capacity: int, longest: float, send_period: int, period: int) -> None:
-    """Raise InputError if a packet could be overwritten before its arrival, or be sent between the instants.
+    """Raise InputError if a packet could be overwritten before its arrival, or be sent between two calls.
 
-    Args:     name: name of the link.    capacity: slots of the ring, one each send_period.
+    Args:     name: name of the link.    capacity: number of slots of the ring, one per send_period.
               longest: longest latency (s).
     """
     if send_period < period:
         raise InputError(
             f"{name}.send_period",
             f"{format_time(send_period)} is shorter than the link's period, {format_time(period)}: "
-            "packets would be sent between instants",
+            "packets would be sent between two calls of the link",
             fix=f"set send_period to {format_time(period)} or more, or period to {format_time(send_period)} or less",
         )
     needed = required_slots(longest, send_period, period)
@@ -161,7 +159,7 @@ def check_ring(name: str, capacity: int, longest: float, send_period: int, perio
         span = max(capacity - 1, 0) * send_period * SECONDS_PER_UNIT
         raise InputError(
             f"{name}.capacity",
-            f"a ring of {capacity} slots, one each {format_time(send_period)}, keeps packets for {span:.4g} s,"
+            f"a ring of {capacity} slots, one per {format_time(send_period)}, keeps packets for {span:.4g} s,"
             f" but the longest latency is {longest:.4g} s (+ {format_time(period)} to be received)",
             fix=f"set capacity to {needed} or more",
         )

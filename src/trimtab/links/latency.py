@@ -1,6 +1,4 @@
-"""A packet link with latencies drawn from a measured distribution, and the distributions of five pairs of Bluetooth
-modules.
-
+"""Packet link with latencies drawn from a measured distribution, and distributions of five pairs of Bluetooth modules.
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
@@ -43,7 +41,7 @@ class MeasuredLatency:
 
     latency: Scalar = quantity(
         "s",
-        "Latency at each node of the normal score.",
+        "Latency at each node of the table, whose nodes are evenly spaced normal scores.",
         low=0,
         shape=(NODES,),
         off={"delay": np.zeros(NODES), "jitter": lambda link: np.full(NODES, mean_latency(link.latency))},
@@ -51,7 +49,7 @@ class MeasuredLatency:
     loss: Scalar = imperfection("1", "Probability that a packet is lost.", "loss", high=1)
     send_period: int = period("Time between packets.", default=ms(20))
     period: int = period("Polling period of the receiving end.", default=ms(1))
-    capacity: int = option("Slots of the ring, one per send period.", default=64)
+    capacity: int = option("Number of slots of the ring buffer, one per send period.", default=64)
 
     def check(self) -> None:
         """Raise InputError for a table of latencies that doesn't rise, and a ring too short for the longest latency."""
@@ -66,13 +64,13 @@ class MeasuredLatency:
         check_ring("MeasuredLatency", self.capacity, float(table[-1]), self.send_period, self.period)
 
     def draw(self, key: Key, packet: Any) -> tuple[Any, Any]:
-        """Return latency (s) and loss of the packet of a send instant. packet: its time divided by `send_period`."""
+        """Return latency (s) and loss of a packet. packet: its number, the send time divided by `send_period`."""
         z, _ = normal2(key, packet, 0)
         u, _ = uniform2(key, packet, 1)
         return interpolate_latency(self.latency, z), u < self.loss
 
     def init(self, key: Key, like: Sample) -> Fifo:
-        """Return the first state, without packets, for samples of the structure of `like`."""
+        """Return the initial state, without packets, for samples of the structure of `like`."""
         return empty_fifo(key, like, self.capacity)
 
     def step(self, t: Any, state: Fifo, sample: Sample) -> tuple[Fifo, Sample]:
@@ -102,15 +100,16 @@ def normal_scores() -> np.ndarray[Any, np.dtype[np.float64]]:
 
 
 def gamma_table(mean: float, sd: float, shift: float) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return a table of latencies (NODES,) (s): a gamma distribution moved up by `shift`, with this mean and deviation
-    (s).
+    """Return a table of latencies (NODES,) (s) with this mean and standard deviation (s).
+
+    The distribution is a gamma distribution shifted by `shift` (s):
 
         k = ((mean - shift) / sd)^2,   scale = sd^2 / (mean - shift),   latency(z) = shift + scale Q_k(ndtr(z))
 
     Q_k is the quantile function of the gamma distribution of shape k. Source: [1] table 5.1 for the moments; the
     distribution is reconstructed, see docs Errata.
     """
-    from scipy import special  # a fifth of a second to import, and only tables need it
+    from scipy import special  # takes 0.2 s to import, and only tables need it
 
     if not (0 <= shift < mean and sd > 0 and math.isfinite(mean) and math.isfinite(sd)):
         raise InputError(
@@ -126,7 +125,7 @@ def gamma_table(mean: float, sd: float, shift: float) -> np.ndarray[Any, np.dtyp
 
 def mean_latency(table: Any) -> float:
     """Return the exact mean (s) of a table's linear interpolation over a standard normal score: a sum over nodes."""
-    from scipy import special  # a fifth of a second to import, and only tables need it
+    from scipy import special  # takes 0.2 s to import, and only tables need it
 
     values, z = np.asarray(table, np.float64), normal_scores()
     weight, density = special.ndtr(z), np.exp(-(z**2) / 2) / math.sqrt(2 * math.pi)
@@ -175,7 +174,7 @@ TABLE: Mapping[str, Mapping[str, Latencies]] = MappingProxyType(
 )
 """Module on the vehicle / module on the ground, data rate up/down in kb/s -> path -> latencies. [1] table 5.1.
 
-The columns are not additive: a mean round trip differs from up + down by -1.2 to +5.4 ms.
+The latencies are not additive: a mean round trip differs from the sum of up and down by -1.2 to +5.4 ms.
 """
 
 SEND_PERIODS: Mapping[str, int] = MappingProxyType({"up": ms(20), "down": ms(6)})
@@ -193,8 +192,8 @@ def bluetooth_link(
     Args:
         pair: a key of TABLE, e.g. "free2move/linksys 2.9/22.0".
         path: "up" (ground to vehicle) or "down".
-        loss: probability that a packet is lost; the table has no figure.
-        send_period: time between packets (100 ns); by default that of SEND_PERIODS.
+        loss: probability that a packet is lost; the table gives no value.
+        send_period: time between packets (100 ns); by default the value of SEND_PERIODS.
         period: polling period of the receiving end (100 ns).
     """
     if pair not in TABLE:

@@ -1,4 +1,4 @@
-"""A packet link that repeats the latencies of a recording."""
+"""Packet link that repeats the latencies of a recording."""
 
 import math
 from pathlib import Path
@@ -50,7 +50,7 @@ class LatencyTrace:
     )
     send_period: int = period("Time between packets.", default=ms(20))
     period: int = period("Polling period of the receiving end.", default=ms(1))
-    capacity: int = option("Slots of the ring, one per send period.", default=64)
+    capacity: int = option("Number of slots of the ring buffer, one per send period.", default=64)
 
     def check(self) -> None:
         """Raise InputError for an empty or inconsistent recording, and a ring too short for the longest latency."""
@@ -58,7 +58,7 @@ class LatencyTrace:
         if latency.ndim != 1 or not latency.size or lost.shape != latency.shape:
             raise InputError(
                 "LatencyTrace.latency",
-                f"latencies of shape {latency.shape} and losses of shape {lost.shape} must be two lists of one length",
+                f"latencies of shape {latency.shape} and losses of shape {lost.shape} must be lists of equal length",
                 fix="make the link with LatencyTrace.of(read_trace(path))",
             )
         if not np.isfinite(latency).all() or latency.min() < 0:
@@ -76,7 +76,7 @@ class LatencyTrace:
         return cls(latency=trace.latency_s, lost=trace.lost, **settings)
 
     def init(self, key: Key, like: Sample) -> Fifo:
-        """Return the first state, without packets, for samples of the structure of `like`; the key is not needed."""
+        """Return the initial state, without packets, for samples of the structure of `like`; the key is not needed."""
         return empty_fifo(None, like, self.capacity)
 
     def step(self, t: Any, state: Fifo, sample: Sample) -> tuple[Fifo, Sample]:
@@ -100,7 +100,7 @@ def mean_received_latency(link: LatencyTrace) -> float:
 
 
 class Trace(NamedTuple):
-    """A recording of n packets: send time (s, never falling), latency (s; 0 if lost), and True if lost."""
+    """Recording of n packets: send time (s, never decreasing), latency (s; 0 if lost), and True for a lost packet."""
 
     sent_s: np.ndarray[Any, Any]
     latency_s: np.ndarray[Any, Any]
@@ -108,7 +108,7 @@ class Trace(NamedTuple):
 
 
 def write_trace(path: str | Path, trace: Trace) -> None:
-    """Write a recording as CSV, so that `read_trace` gives the same bits back; a lost packet has an empty latency."""
+    """Write a recording as CSV that `read_trace` reads bit for bit. A lost packet has an empty latency."""
     rows = zip(trace.sent_s, trace.latency_s, trace.lost, strict=True)
     lines = [HEADER, *(f"{float(sent)!r},{'' if lost else repr(float(latency))}" for sent, latency, lost in rows)]
     _parse_trace(str(path), lines)

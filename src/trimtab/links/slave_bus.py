@@ -1,4 +1,4 @@
-"""A slow bus between two microcontrollers of the vehicle: a few bytes at a time, in fixed slots.
+"""Slow bus between two microcontrollers of the vehicle, which carries a few bytes per fixed time slot.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -17,7 +17,7 @@ from trimtab.core.time import NEVER, UNITS_PER_SECOND, format_time, ms, to_secon
 from trimtab.links.fifo import Fifo, check_ring, deliver, empty_fifo, measurement_time
 
 BITS_PER_BYTE = 9
-"""Bits per byte on the bus: eight, and an acknowledgement."""
+"""Number of bits per byte on the bus: eight data bits and an acknowledgement."""
 
 
 @record
@@ -30,31 +30,33 @@ class SlaveBusState:
 
 @record
 class SlaveBus:
-    """Slow bus: messages are split into pieces of at most `piece` bytes, one piece each `slot`, in order, with a queue.
+    """Slow bus that splits messages into pieces of at most `piece` bytes, and sends one piece per `slot`, in order.
 
         pieces = ceil(bytes/piece)      first slot = the first that begins after now and after waiting messages
         arrives = first slot + (pieces − 1) slot + 9 (bytes of the last piece + 1 address)/bit_rate
 
-    The number of bytes follows from the sample: `overhead`, two for a real number, one for an integer, a bit for a
-    flag; or it is set by `size`. The time of measurement travels with the message. A message that would take longer
-    than `queue` is dropped and counted.
+    The length of a message is `size` if it is set. Otherwise it is `overhead` plus two bytes per real number, one byte
+    per integer and one bit per flag of the sample. The time of measurement travels with the message. A message that
+    would take longer than `queue` is dropped and counted.
 
     Frames:  those of the values carried.    Not modelled: repeated pieces, other traffic.
-    Source:  [1] chapter 5: the unit with the ultrasonic receivers is the bus master, and at most 10 bytes go to it each
+    Source:  [1] chapter 5: the unit with the ultrasonic receivers is the bus master, and receives at most 10 bytes in
              10 ms. Bit rate, sizes and queue are reconstructed.
     """
 
-    bit_rate: Scalar = quantity("1/s", "Bits per second.", default=100e3, above=0)
-    slot: int = period("Time between pieces.", default=ms(10))
-    piece: int = option("Maximum number of bytes in a piece.", default=10)
-    overhead: int = option("Bytes of a message besides its numbers: header, name, length, time.", default=5)
-    size: int = option("Bytes of a message; 0: computed from the sample.", default=0)
+    bit_rate: Scalar = quantity("1/s", "Bit rate of the bus.", default=100e3, above=0)
+    slot: int = period("Time between two pieces on the bus.", default=ms(10))
+    piece: int = option("Maximum number of bytes in one piece of a message.", default=10)
+    overhead: int = option(
+        "Number of bytes that a message has in addition to its values: header, name, length, time.", default=5
+    )
+    size: int = option("Number of bytes of a message; 0: computed from the sample.", default=0)
     queue: int = period(
         "Longest time that a message may be in transit; a message that would take longer is dropped.", default=ms(200)
     )
     period: int = period("Polling period of the receiving end.", default=ms(1))
-    capacity: int = option("Slots of the ring, one per period.", default=256)
-    limited: bool = switch("True: the bus takes time; false: messages arrive at once.", "delay")
+    capacity: int = option("Number of slots of the ring buffer, one per period.", default=256)
+    limited: bool = switch("True: messages take time on the bus. False: messages arrive at once.", "delay")
 
     def check(self) -> None:
         """Raise InputError for invalid sizes, a piece longer than its slot, and a ring too short for the queue."""
@@ -78,7 +80,7 @@ class SlaveBus:
         return self.overhead + 2 * counts["f"] + counts["i"] + counts["u"] + -(-counts["b"] // 8)
 
     def init(self, key: Key, like: Sample) -> SlaveBusState:
-        """Return the first state: an empty bus."""
+        """Return the initial state: an empty bus."""
         return SlaveBusState(fifo=empty_fifo(None, like, self.capacity), taken=np.int64(NEVER))
 
     def step(self, t: Any, state: SlaveBusState, sample: Sample) -> tuple[SlaveBusState, Sample]:

@@ -21,10 +21,10 @@ class WireState:
 
 @record
 class Wire:
-    """A channel without any fault: gives the newest sample, with its age, each time it is polled.
+    """Ideal channel, which returns the newest sample and its age each time it is polled.
 
-    A sample is fresh if it was not there at the last poll. So a sensor need not be synchronous with the wire: a sample
-    measured between two polls is fresh at the next.
+    A sample is fresh if it was not available at the previous poll. So a sensor need not be synchronous with the wire: a
+    sample measured between two polls is fresh at the next poll.
 
     Frames:  those of the values carried.    Not modelled: any delay or loss.    Source: docs page.
     """
@@ -32,7 +32,7 @@ class Wire:
     period: int = period("Polling period of the wire.", default=ms(1))
 
     def init(self, key: Key, like: Sample) -> WireState:
-        """Return the first state: nothing received."""
+        """Return the initial state: nothing received."""
         return WireState(seen=np.int64(NEVER))
 
     def step(self, t: Any, state: WireState, sample: Sample) -> tuple[WireState, Sample]:
@@ -42,27 +42,27 @@ class Wire:
 
 @record
 class DelayLine:
-    """State of the unit delays. Leaves have a leading axis of `steps` slots. Source: docs page."""
+    """State of a chain of unit delays. Arrays have a leading axis of `steps` slots. Source: docs page."""
 
-    values: Any = part("Value in each slot.")
+    values: Any = part("Value in each slot of the delay line.")
     measured: Scalar = quantity("100 ns", "Measurement time of the value in each slot.", kind="time")
     held: Scalar = quantity("100 ns", "Measurement time of the sample at the receiving end.", kind="time")
 
 
 @record
 class DelayChain:
-    """Sample and hold each `period`, followed by `steps` unit delays of that period.
+    """Sample and hold with a period, followed by `steps` unit delays of that period.
 
         y(k) = u(k - steps),   t = k period
 
     Frames:  those of the values carried.    Not modelled: jitter, loss (see `MeasuredLatency`).
     Valid:   called at every multiple of `period`, as the loop does.
     Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-             section 6.1: 6 unit delays of 6 ms on the way down, 2 of 20 ms on the way up.
+             section 6.1: 6 unit delays of 6 ms on the downlink, 2 unit delays of 20 ms on the uplink.
     """
 
     period: int = period("Period of the sample and hold and of each unit delay.")
-    steps: int = option("Number of unit delays; 0 leaves the sample and hold.", off={"delay": 0})
+    steps: int = option("Number of unit delays after the sample and hold; 0: no delay.", off={"delay": 0})
 
     def check(self) -> None:
         """Raise InputError unless the number of delays is a whole number, at least 0."""
@@ -75,11 +75,11 @@ class DelayChain:
             )
 
     def delay(self) -> float:
-        """Return the time from sampling an input to its output (s)."""
+        """Return the time (s) from the sampling of an input to its output."""
         return self.steps * self.period * SECONDS_PER_UNIT
 
     def init(self, key: Key, like: Sample) -> DelayLine:
-        """Return the first state, with empty delays, for samples of the structure of `like`."""
+        """Return the initial state, with empty delays, for samples of the structure of `like`."""
         return DelayLine(
             values=empty_slots(like.value, self.steps),
             measured=np.full(self.steps, NEVER, np.int64),

@@ -41,18 +41,19 @@ class AirDataState:
 
 @record
 class AirData:
-    """A pitot tube and two vanes on a boom.
+    """Pitot tube and two vanes on a boom.
 
         v = v_WB - v_air + (w - w_air) × l          q_c = p ((1 + 0.2 M²)^3.5 - 1)
         alpha = (1 + k) atan2(v_z, v_x) + b + w,   beta = (1 + k) asin(v_y / |v|) + b + w
 
-    Beyond Mach 1, q_c follows Rayleigh's formula, behind a normal shock. Airspeeds come from q_c by the same law,
-    solved for M. They include wind and turbulence, unlike an inertial velocity.
+    Above Mach 1, q_c follows Rayleigh's formula, behind a normal shock. The airspeeds are computed from q_c by the same
+    law, solved for M. Unlike an inertial velocity, they include wind and turbulence.
 
-    Frames:  velocities and the boom's place l in B; alpha from x to the air's way in the x-z plane, nose up positive.
+    Frames:  velocities and position l of the boom in B; alpha from the velocity through the air to the x axis, in the
+             x-z plane, positive nose up.
     Not modelled: pressure loss of an inclined tube, icing, lag of tubes and vanes.
     Source:  Gracey, "Measurement of aircraft speed and altitude", NASA RP-1046, 1980; NACA report 1135, eqs. 44 and
-             100. Sizes chosen.
+             100. The sizes of the errors are chosen.
     """
 
     pressure_noise: Scalar = imperfection(
@@ -88,7 +89,7 @@ class AirData:
         return AirDataState(key.at("noise"), self.pressure_bias * draws[0], self.vane_bias * draws[1:])
 
     def measure(self, motion: Motion) -> AirDataReading:
-        """Return the measurement h(x) of a motion, without noise and zero errors."""
+        """Return the measurement h(x) for the vehicle's motion, without noise and zero errors."""
         air = surrounding_air(motion)
         around = standard_atmosphere(air.height)
         v = motion.v_WB_B - air.velocity + jnp.cross(motion.w_WB_B - air.rate, jnp.asarray(self.position))
@@ -111,7 +112,7 @@ class AirData:
 def impact_pressure(mach: Any, pressure: Any) -> Any:
     """Return pitot minus static pressure (Pa) at a Mach number and a static pressure (Pa).
 
-    Source:  NACA 1135, 44, 100.
+    Source:  NACA report 1135, eqs. 44 and 100.
     """
     return pressure * (_pitot_ratio(mach) - 1)
 
@@ -126,7 +127,7 @@ def _pitot_ratio(mach: Any) -> Any:
 
 
 def mach_of_impact(ratio: Any) -> Any:
-    """Return the Mach number for a ratio of impact to static pressure: closed form below 1, six Newton steps above."""
+    """Return the Mach number for a ratio of impact to static pressure (Newton steps above Mach 1)."""
     g = HEAT_RATIO
     slow = jnp.sqrt(2 / (g - 1) * jnp.maximum((jnp.maximum(ratio, 0.0) + 1) ** ((g - 1) / g) - 1, 0.0))
     wanted = jnp.maximum(ratio + 1, _pitot_ratio(1.0))

@@ -1,4 +1,4 @@
-"""Ranges in space from a vehicle's antenna to anchors at known places, as ultra-wideband radios measure them."""
+"""Ranges from a vehicle's antenna to anchors at known positions, as measured by ultra-wideband radios."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ HALL = ((0.0, 0.0, -3.0), (8.0, 0.0, -0.3), (8.0, 6.0, -3.0), (0.0, 6.0, -0.3), 
 class AnchorRanges:
     """Sample of the ranging radio: a range to each anchor. Source: docs page, Sensors in space."""
 
-    range: Any = quantity("m", "Range to each anchor (n,). If an anchor was not received, its previous range.")
+    range: Any = quantity("m", "Range to each anchor (n,), or its previous range if the anchor was not received.")
     received: Any = quantity("1", "True for each anchor that was received (n,).", kind="flag")
 
 
@@ -40,19 +40,20 @@ class AnchorRanging:
 
         z_i = | p + R_WB l - a_i | + b_i + w + e_i
 
-    with a bias of each anchor (antenna delays), white noise w, and occasionally an exponential error e_i, where the
-    first path to arrive is a reflected one. An anchor out of reach is not received. Others are lost at random.
+    b_i is a bias of each anchor (antenna delays) and w is white noise. The error e_i is exponentially distributed and
+    occurs occasionally, when the first signal to arrive is a reflected one. Anchors out of reach are not received, and
+    other anchors are lost at random.
 
     Frames:  anchors a_i in W, lever arm l of the antenna in B.
     Not modelled: anchors that answer in turn (`sensors.ultrasonic_ranging` has slots); reflections that persist.
     Source:  Mueller, Hamer, D'Andrea, "Fusing ultra-wideband range measurements with accelerometers and rate gyroscopes
-             for quadrocopter state estimation", ICRA 2015. Sizes chosen.
+             for quadrocopter state estimation", ICRA 2015. The sizes of the errors are chosen.
     """
 
     anchors: Any = quantity("m", "Positions of the anchors (n, 3): north, east, down.", frame="W", default=HALL)
     noise: Scalar = imperfection("m", "Standard deviation of the noise of each range.", "anchor-noise", default=0.05)
     bias: Scalar = imperfection(
-        "m", "Standard deviation of an anchor's bias, drawn for each run.", "anchor-bias", default=0.05
+        "m", "Standard deviation of each anchor's range bias, drawn for each run.", "anchor-bias", default=0.05
     )
     late_paths: Scalar = imperfection(
         "1", "Probability that a range is measured along a reflected path.", "anchor-late-paths", default=0.02, high=1
@@ -63,12 +64,14 @@ class AnchorRanging:
     losses: Scalar = imperfection(
         "1", "Probability that an anchor is not received.", "anchor-losses", default=0.05, high=1
     )
-    reach: Scalar = quantity("m", "Longest range.", default=30.0, above=0, off={"anchor-reach": 1e9})
+    reach: Scalar = quantity(
+        "m", "Longest range at which an anchor is received.", default=30.0, above=0, off={"anchor-reach": 1e9}
+    )
     lever_arm: Any = quantity("m", "Position of the antenna on the vehicle, in B.", frame="B", default=ZERO, shape=(3,))
     period: int = period("Time between samples.", default=ms(50))
 
     def check(self) -> None:
-        """Raise InputError if the anchors have no positions."""
+        """Raise InputError if the shape of the anchors' positions is not (n, 3)."""
         shape = np.shape(self.anchors)
         if len(shape) != 2 or shape[1] != 3 or not shape[0]:
             problem = f"shape {shape} must be (n, 3)"
@@ -82,7 +85,7 @@ class AnchorRanging:
         return AnchorRangingState(key.at("noise"), self.bias * normals(key.at("unit"), 0, n), jnp.zeros(n))
 
     def measure(self, motion: Motion) -> AnchorRanges:
-        """Return the measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) for the vehicle's motion, without error."""
         antenna = motion.p_WB + from_euler(*motion.attitude) @ jnp.asarray(self.lever_arm)
         away = antenna - jnp.asarray(self.anchors)
         ranges = jnp.sqrt(jnp.maximum(jnp.sum(away * away, axis=1), 1e-12))

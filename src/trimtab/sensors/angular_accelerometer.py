@@ -26,14 +26,14 @@ class AngularAccelerationReading:
 
 @record
 class AngularAccelerometer:
-    """Angular accelerometer about the pitch axis, white noise on each sample.
+    """Angular accelerometer about the pitch axis, with white noise on each sample.
 
         z = (1 + s) Q' + b + w
 
-    with scale error s, offset b and white noise w. The default is 5e-7 (rad/s^2)^2/Hz at 200 samples a second, against
-    a signal of 0.2 to 0.3 rad/s^2.
+    with scale error s, offset b and white noise w. The default noise has a density of 5e-7 (rad/s^2)^2/Hz at 200
+    samples a second. The signal is 0.2 to 0.3 rad/s^2.
 
-    Frames:  positive nose up.    Not modelled: bandwidth, bending at the place where it sits, saturation.
+    Frames:  positive nose up.    Not modelled: bandwidth, bending at the sensor's position, saturation.
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
              flight vehicle", Aerospace 2022, 9(4), 206. Its noise is not printed: chosen here, see docs page.
     """
@@ -45,8 +45,10 @@ class AngularAccelerometer:
         default=0.01,
         source="chosen",
     )
-    scale_factor: Scalar = imperfection("1", "Relative scale error.", "angular-accelerometer-scale-factor", low=None)
-    offset: Scalar = imperfection("rad/s^2", "Zero error.", "angular-accelerometer-offset", low=None)
+    scale_factor: Scalar = imperfection(
+        "1", "Relative scale error of the sensor.", "angular-accelerometer-scale-factor", low=None
+    )
+    offset: Scalar = imperfection("rad/s^2", "Zero error of the sensor.", "angular-accelerometer-offset", low=None)
     period: int = period("Time between samples.", default=ms(5))
 
     def init(self, key: Key) -> Key:
@@ -54,7 +56,7 @@ class AngularAccelerometer:
         return key
 
     def measure(self, motion: Motion) -> AngularAccelerationReading:
-        """Return the measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) for the vehicle's motion, without error."""
         return AngularAccelerationReading(pitch_acceleration=motion.alpha_WB_B[1])
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
@@ -72,19 +74,21 @@ class AngularAccelerometerState:
     bias: Scalar = quantity("rad/s^2", "Zero error of the sensor in this run.")
     scale: Scalar = quantity("1", "Relative scale error of the sensor in this run.")
     band: SectionState = part("State of the low-pass filter.")
-    line: Any = quantity("rad/s^2", "True accelerations of the last samples, newest first.", shape=(DELAYS,))
+    line: Any = quantity(
+        "rad/s^2", "Accelerations after the low-pass at the last samples, newest first.", shape=(DELAYS,)
+    )
     started: Scalar = quantity("1", "True once the first sample has been taken.", kind="flag")
 
 
 @record
 class AngularAccelerometerUnit:
-    """An angular accelerometer with errors, bandwidth and delay, mounted on a body that bends.
+    """Angular accelerometer with errors, bandwidth and delay, mounted on a body that bends.
 
         z = (1 + s) D( L( Q' + phi1' eta1'' + phi2' eta2'' ) ) + b + w
 
-    with scale error s and bias b drawn for each run, a low-pass L (second order, Butterworth), a delay D that the
-    sample's time does not show, and slopes phi' of the modes at the sensor, where the body turns as it bends. At the
-    place at which the modes are taken to be clamped the slopes are 0.
+    with scale error s and bias b drawn for each run, a low-pass L (second order, Butterworth), a delay D that is not
+    part of the sample's time stamp, and slopes phi' of the bending modes at the sensor. The slopes are 0 at the place
+    where the modes are assumed to be clamped.
 
     Frames:  positive nose up.    Not modelled: saturation, effects of linear acceleration and temperature.
     Source:  IEEE Std 671-1985 (inertial sensors) for the errors' names; sizes are chosen (docs, What it needs).
@@ -108,10 +112,10 @@ class AngularAccelerometerUnit:
     )
     delay: Scalar = imperfection("s", "Delay from the motion to the sensor's output.", "angular-accelerometer-delay")
     slope1: Scalar = imperfection(
-        "1/(slug ft)^1/2", "Slope of mode 1 at the sensor.", "angular-accelerometer-place", low=None
+        "1/(slug ft)^1/2", "Slope of bending mode 1 at the sensor.", "angular-accelerometer-place", low=None
     )
     slope2: Scalar = imperfection(
-        "1/(slug ft)^1/2", "Slope of mode 2 at the sensor.", "angular-accelerometer-place", low=None
+        "1/(slug ft)^1/2", "Slope of bending mode 2 at the sensor.", "angular-accelerometer-place", low=None
     )
     period: int = period("Time between samples.", default=ms(5))
 
@@ -119,8 +123,10 @@ class AngularAccelerometerUnit:
         """Raise InputError if the bandwidth is too high for the period or the delay is too long."""
         tick = to_seconds(self.period)
         if not self.bandwidth < 0.5 / tick:
-            problem = f"a bandwidth of {self.bandwidth:g} Hz is too high for samples each {format_time(self.period)}"
-            raise InputError("bandwidth", problem, fix=f"set it below {0.5 / tick:g} Hz, or 0 for no limit")
+            problem = (
+                f"a bandwidth of {self.bandwidth:g} Hz is too high for a sampling period of {format_time(self.period)}"
+            )
+            raise InputError("bandwidth", problem, fix=f"set bandwidth below {0.5 / tick:g} Hz, or to 0 for no limit")
         if not self.delay <= (DELAYS - 1) * tick:
             problem = f"{self.delay:g} s is longer than the {DELAYS - 1} samples that the sensor keeps"
             raise InputError("delay", problem, fix=f"give at most {(DELAYS - 1) * tick:g} s")
@@ -136,7 +142,7 @@ class AngularAccelerometerUnit:
         )
 
     def measure(self, motion: Motion) -> AngularAccelerationReading:
-        """Return the measurement h(x) of a motion at the sensor, without error."""
+        """Return the measurement h(x) for the vehicle's motion at the sensor, without error."""
         felt = motion.alpha_WB_B[1]
         if isinstance(motion.bending, Bending):
             first, second = motion.bending.acceleration[0], motion.bending.acceleration[1]

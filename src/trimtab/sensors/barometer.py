@@ -1,4 +1,4 @@
-"""Barometer: pressure at a vehicle's static port, and the height computed from it by the standard atmosphere."""
+"""Barometer: pressure at a vehicle's static port, and the height in the standard atmosphere computed from it."""
 
 import math
 from typing import Any
@@ -18,7 +18,7 @@ class PressureReading:
     """Sample of a barometer. Source: docs page, Sensors in space."""
 
     pressure: Scalar = quantity("Pa", "Pressure at the static port.")
-    altitude: Scalar = quantity("m", "Height above the sea, by the standard atmosphere.")
+    altitude: Scalar = quantity("m", "Height above sea level, computed from the pressure by the standard atmosphere.")
 
 
 @record
@@ -33,16 +33,16 @@ class BarometerState:
 
 @record
 class Barometer:
-    """Pressure of the standard atmosphere at the vehicle, as a port and a converter give it.
+    """Barometer behind a static port. It measures the pressure of the standard atmosphere at the vehicle.
 
         z = Q( L(p(h) + e q) + b + w ),   b = b_turn_on + walk
 
     with q the dynamic pressure, e the static port's error, L a lag of first order, w white noise, Q the converter.
 
-    Frames:  height above the sea: of `motion.air`, or -down where the vehicle has no air model.
-    Not modelled: weather (an offset of some hundred Pa stands for it), the temperature's deviation, the port's place.
+    Frames:  height above sea level from `motion.air`, or -down if the vehicle has no air model.
+    Not modelled: weather (an offset of some hundred Pa can represent it), temperature deviation, position of the port.
     Source:  U.S. Standard Atmosphere 1976; Gracey, "Measurement of aircraft speed and altitude", NASA RP-1046, 1980,
-             for the errors' form. Default sizes: of a micromachined unit's data sheet class, chosen.
+             for the form of the errors. Default sizes are chosen, typical of data sheets of micromachined barometers.
     """
 
     noise: Scalar = imperfection(
@@ -73,7 +73,7 @@ class Barometer:
         return BarometerState(key.at("noise"), bias, jnp.zeros(()), jnp.zeros((), np.bool_))
 
     def measure(self, motion: Motion) -> PressureReading:
-        """Return the measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) for the vehicle's motion, without error."""
         return _reading(standard_atmosphere(surrounding_air(motion).height).pressure)
 
     def step(self, t: Any, state: BarometerState, motion: Motion) -> tuple[BarometerState, Sample]:

@@ -13,7 +13,7 @@ from trimtab.core.record import Scalar, option, quantity, record
 from trimtab.core.rng import Key, uniform2
 
 FIRST, AGAIN = 100, 101
-"""Random streams of the first wait and of the later waits of a station."""
+"""Numbers of the random streams of a station's first wait and of its later waits."""
 ATTEMPTS = 256
 """Maximum number of random draws in one exchange, so that the counters of different exchanges do not overlap."""
 
@@ -22,9 +22,10 @@ ATTEMPTS = 256
 class CarrierSense:
     """Rules by which the stations share the channel.
 
-    A station waits a whole number of byte times, uniform from 1 to `longest_wait`, then looks for a carrier. If there
-    is one, it draws and waits again; if not, it sends. It cannot detect a message that began less than `blind_time`
-    ago, so two stations that begin that close together collide and both messages are lost.
+    A station waits a whole number of byte times, uniform from 1 to `longest_wait`, then looks for a carrier. If the
+    channel is busy, it waits again for a newly drawn time. If the channel is free, it sends. No station detects a
+    message that began less than `blind_time` ago. Two stations that begin within this time collide, and both messages
+    are lost.
 
     Source:  [1] section 5.5.1 for the waits; byte time (19.2 kb/s, 8 bits), length of a message and blind time are
              reconstructed, see docs Errata.
@@ -43,17 +44,17 @@ class CarrierSense:
 
 @record
 class Exchange:
-    """Result of one exchange, by station. Source: this module."""
+    """Result of one exchange for each station. Source: this module."""
 
-    received: Scalar = quantity("1", "True if the message arrived whole and in time.", kind="flag")
-    end: Scalar = quantity("s", "Time at which the message ended; 0 if no message was sent.")
-    collided: Scalar = quantity("1", "True if the message collided with another.", kind="flag")
+    received: Scalar = quantity("1", "True if the station's message arrived complete and in time.", kind="flag")
+    end: Scalar = quantity("s", "Time at which the station's message ended; 0 if it sent no message.")
+    collided: Scalar = quantity("1", "True if the station's message collided with another message.", kind="flag")
 
 
 def simulate_exchange(sense: CarrierSense, key: Key, number: Any, ready: Any, speaks: Any, window: Any) -> Exchange:
-    """Let stations answer over one channel.
+    """Simulate one exchange, in which stations reply over one shared channel.
 
-    Args:     number: number of the exchange, an integer. Each number gives other random draws.
+    Args:     number: number of the exchange, an integer. Each number gives different random draws.
               ready: when each station starts to wait (s), shape (n,).    speaks: True for each station that has a
               message (n,). window: time at which the exchange ends (s). Messages that have not ended by then are lost.
     Returns:  an Exchange, fields of shape (n,).
@@ -90,5 +91,5 @@ def simulate_exchange(sense: CarrierSense, key: Key, number: Any, ready: Any, sp
 
 
 def random_wait(sense: CarrierSense, u: Any) -> Any:
-    """Return the random wait (s) that follows from a uniform number in (0, 1)."""
+    """Return the random wait (s) of a station for a uniform random number u in (0, 1)."""
     return (1.0 + jnp.floor(u * sense.longest_wait)) * sense.byte_time

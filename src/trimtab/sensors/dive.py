@@ -1,4 +1,4 @@
-"""Sensors of an underwater vehicle without a position: depth, attitude, rates, speed over the bottom."""
+"""Sensors of an underwater vehicle without position fixes: depth, attitude, rates, speed over the bottom."""
 
 from typing import Any
 
@@ -31,8 +31,8 @@ class DiveSensor:
 
         z = (depth, roll, pitch, heading, u, q, r) + w
 
-    Frames:  W north-east-down; B at the centre of mass, where the gauge and the log are taken to sit.
-    Not modelled: errors correlated in time, the log's loss of the bottom, tides in the gauge.
+    Frames:  W north-east-down; B at the centre of mass, where the gauge and the log are assumed to be.
+    Not modelled: errors correlated in time, loss of bottom lock of the log, effect of tides on the gauge.
     Source:  own derivation: the kinematics of a rigid body, docs page, Conventions.
     """
 
@@ -56,7 +56,7 @@ class DiveSensor:
         return key
 
     def measure(self, motion: Motion) -> DiveReading:
-        """Return the measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) for the vehicle's motion, without error."""
         roll, pitch, heading = motion.attitude[0], motion.attitude[1], motion.attitude[2]
         rates = motion.w_WB_B
         return DiveReading(motion.p_WB[2], roll, pitch, heading, motion.v_WB_B[0], rates[1], rates[2])

@@ -1,4 +1,4 @@
-"""Encoder and tachometer on a vertical shaft: shaft angle in counts, and its rate, band-limited.
+"""Encoder and tachometer on a vertical shaft: quantised shaft angle, and low-pass-filtered shaft rate.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -23,7 +23,7 @@ from trimtab.core.time import format_time, ms, to_seconds
 class AngleReading:
     """Sample of an encoder. Frames: angle clockwise from above, from the encoder's zero. Source: docs page, Encoder."""
 
-    angle: Scalar = quantity("rad", "Angle; unwrapped.", kind="angle")
+    angle: Scalar = quantity("rad", "Shaft angle, unwrapped.", kind="angle")
     count: Scalar = quantity("1", "Number of whole encoder counts from zero.", kind="count")
 
 
@@ -33,7 +33,7 @@ class Encoder:
 
         h = psi - psi_0,    count = floor( (h + e sin(h)) N/(2 pi) ),    z = (count + 1/2) 2 pi/N
 
-    The angle is the middle of the count, so that its error has no mean; e is the disc's eccentricity.
+    The reported angle z is the middle of the count, so that its mean error is zero; e is the disc's eccentricity.
 
     Frames:  angle positive as the heading, clockwise from above.    Not modelled: lost counts, play.
     Source:  [1] section 6.2.1: 4096 counts in a turn.
@@ -53,11 +53,11 @@ class Encoder:
     period: int = period("Time between samples.", default=ms(1))
 
     def init(self, key: Key) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this sensor has no state."""
         return ()
 
     def measure(self, motion: Motion) -> AngleReading:
-        """Return the measurement h(x) of a motion, without quantisation. The count is zero."""
+        """Return the measurement h(x) for the vehicle's motion, without quantisation. The count is zero."""
         return AngleReading(angle=motion.attitude[2] - self.zero, count=jnp.asarray(0, np.int32))
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
@@ -73,14 +73,14 @@ class Encoder:
 
 
 BESSEL4 = ((1.4301715599939, 0.5219345817), (1.6033574829, 0.8055382818))
-"""Each section of a fourth-order Bessel low-pass: ratio of natural to -3 dB frequency, and quality factor."""
+"""Ratio of natural to -3 dB frequency, and quality factor, of each section of a fourth-order Bessel low-pass."""
 
 
 @record
 class RateReading:
     """Sample of a tachometer. Frames: clockwise from above. Source: docs page, Tachometer."""
 
-    yaw_rate: Scalar = quantity("rad/s", "Rate of turn.", frame="B")
+    yaw_rate: Scalar = quantity("rad/s", "Yaw rate, positive clockwise from above.", frame="B")
 
 
 @record
@@ -94,7 +94,7 @@ class TachometerState:
 
 
 def bessel4(bandwidth: Any, sampling_period: Any) -> tuple[Section, Section]:
-    """Return the two sections of a fourth-order Bessel low-pass with its -3 dB at `bandwidth` (Hz).
+    """Return the two sections of a fourth-order Bessel low-pass with the -3 dB frequency `bandwidth` (Hz).
 
     Source: Zverev, "Handbook of filter synthesis", Bessel filters; sections by the bilinear transform, each exact at
     its natural frequency.
@@ -105,21 +105,21 @@ def bessel4(bandwidth: Any, sampling_period: Any) -> tuple[Section, Section]:
 
 @record
 class Tachometer:
-    """Tachometer of a shaft that turns with the vehicle, behind a fourth-order Bessel low-pass.
+    """Tachometer of a shaft that turns with the vehicle, followed by a fourth-order Bessel low-pass.
 
         z = (1 + s) L(r) + b + w
 
-    with scale error s and offset b of its calibration, low-pass L, white noise w.
+    where s and b are the scale and zero errors that remain after calibration, L is the low-pass and w white noise.
 
     Frames:  positive as the yaw rate, clockwise from above.    Not modelled: commutator ripple by angle.
-    Source:  [1] section 6.2.1. Noise: reconstructed to meet the source's rate comparison, see docs Errata.
+    Source:  [1] section 6.2.1. Noise: reconstructed to reproduce the rate comparison of [1], see docs Errata.
     """
 
     noise: Scalar = imperfection(
         "rad/s", "Standard deviation of the noise of each sample.", "tachometer-noise", default=3.5 * DEG
     )
     scale_factor: Scalar = imperfection(
-        "1", "Relative error of the calibrated scale.", "tachometer-scale-factor", low=None
+        "1", "Relative scale error that remains after calibration.", "tachometer-scale-factor", low=None
     )
     offset: Scalar = imperfection("rad/s", "Zero error that remains after calibration.", "tachometer-offset", low=None)
     bandwidth: Scalar = imperfection(
@@ -135,18 +135,20 @@ class Tachometer:
         """Raise InputError unless the low-pass sections' frequencies are below half of the sampling rate."""
         most = 0.5 / to_seconds(self.period) / BESSEL4[1][0]
         if not self.bandwidth < most:
-            problem = f"a bandwidth of {self.bandwidth:g} Hz is too wide for samples each {format_time(self.period)}"
+            problem = (
+                f"a bandwidth of {self.bandwidth:g} Hz is too wide for a sampling period of {format_time(self.period)}"
+            )
             raise InputError(
                 "bandwidth", problem, fix=f"{argument('settings', 'VALUE', 'bandwidth')} below {most:g} Hz, or 0"
             )
 
     def init(self, key: Key) -> TachometerState:
-        """Return the initial state; the low-pass has not started."""
+        """Return the initial state, before the low-pass has received a sample."""
         rest = SectionState(jnp.asarray(0.0), jnp.asarray(0.0))
         return TachometerState(key=key, started=jnp.asarray(False), first=rest, second=rest)
 
     def measure(self, motion: Motion) -> RateReading:
-        """Return the measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) for the vehicle's motion, without error."""
         return RateReading(yaw_rate=motion.w_WB_B[2])
 
     def step(self, t: Any, state: TachometerState, motion: Motion) -> tuple[TachometerState, Sample]:

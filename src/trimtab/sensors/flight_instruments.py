@@ -29,7 +29,7 @@ CHANNELS = (
 
 @record
 class FlightInstrumentsReading:
-    """Sample of the flight instruments. Frames: W and B as of `Motion`. Source: docs page, Flight instruments."""
+    """Sample of the flight instruments. Frames: W and B as in `Motion`. Source: docs page, Flight instruments."""
 
     speed: Scalar = quantity("m/s", "Airspeed; equal to the speed over the ground, as there is no wind.")
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
@@ -56,13 +56,13 @@ class FlightInstrumentsState:
 
 @record
 class FlightInstruments:
-    """Air data probe, vanes, attitude reference, gyros and accelerometers; each with a bias per run and white noise.
+    """Air data probe, vanes, attitude reference, gyros and accelerometers, each with a bias per run and white noise.
 
         V = |v|    alpha = atan2(w, u)    beta = asin(v/V)    (nx, ny, -nz) = (a + w' × l + w × (w × l) - g)/g
 
-    Frames:  as of `Motion`; the accelerometers sit at `lever_arm` from the centre of mass.
+    Frames:  as in `Motion`; the accelerometers are at `lever_arm` from the centre of mass.
     Not modelled: wind, lags of the probes, position error of the static port, drift of the gyros.
-    Source:  docs page, Flight instruments; sizes of the errors are chosen.
+    Source:  docs page, Flight instruments. The sizes of the errors are chosen.
     """
 
     lever_arm: Any = quantity(
@@ -121,7 +121,7 @@ class FlightInstruments:
         return FlightInstrumentsState(key.at("noise"), normals(key.at("bias"), 0, len(CHANNELS)))
 
     def measure(self, motion: Motion) -> FlightInstrumentsReading:
-        """Return the measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) for the vehicle's motion, without error."""
         v, w, arm = motion.v_WB_B, motion.w_WB_B, jnp.asarray(self.lever_arm)
         speed2 = v @ v
         speed = jnp.where(speed2 > 0, jnp.sqrt(jnp.where(speed2 > 0, speed2, 1.0)), 0.0)

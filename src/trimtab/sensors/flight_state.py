@@ -1,4 +1,4 @@
-"""Measured flight in the vertical plane, the acting input, and the whole state for an ideal twin.
+"""Sensors of a flight in the vertical plane, of the input that acts on the vehicle, and of the vehicle's true state.
 
 [1] is "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206.
@@ -17,7 +17,7 @@ from trimtab.vehicles.hypersonic import HypersonicState
 
 @record
 class FlightReading:
-    """Flight in the vertical plane. Frames: path in W, rate in B. Source: docs page, Flight state."""
+    """Measured flight state in the vertical plane. Frames: path in W, rate in B. Source: docs page, Flight state."""
 
     altitude: Scalar = quantity("m", "Altitude above the origin of W.", frame="W")
     climb: Scalar = quantity("m/s", "Climb rate.", frame="W")
@@ -32,10 +32,10 @@ class FlightStateSensor:
 
         z = (h, h', V, alpha, Q) + w
 
-    The publication takes these five as measured without error; only the bending modes have no sensor.
+    [1] assumes that these five are measured without error. Only the bending modes have no sensor.
 
     Frames:  W north-east-down, altitude is -down; alpha from the body's x axis to the velocity.
-    Not modelled: wind, lags, errors of the places of the probes.
+    Not modelled: wind, lags, position errors of the probes.
     Source:  [1], the measured part of the state.
     """
 
@@ -61,7 +61,7 @@ class FlightStateSensor:
         return key
 
     def measure(self, motion: Motion) -> FlightReading:
-        """Return the measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) for the vehicle's motion, without error."""
         u, v, w = motion.v_WB_B[0], motion.v_WB_B[1], motion.v_WB_B[2]
         roll, pitch = motion.attitude[0], motion.attitude[1]
         return FlightReading(
@@ -90,12 +90,12 @@ class FlightStateSensor:
 
 @record
 class ActingInput:
-    """Sensor of the vehicle's acting input, after limits and holds, without error.
+    """Ideal sensor of the input that acts on the vehicle, after limits and holds.
 
-    It is sampled before a new command acts, so it gives the input that has acted **since** the last command. A
-    model-based estimator needs this input. It differs from the requested command once something saturates.
+    It is sampled before a new command acts, so it returns the input that has acted **since** the last command. A
+    model-based estimator needs this input, which differs from the requested command when an actuator saturates.
 
-    Frames:  the input's.    Not modelled: noise, lag of the transducers.
+    Frames:  those of the input.    Not modelled: noise, lag of the transducers.
     Source:  docs page, Acting input.
     """
 
@@ -104,7 +104,7 @@ class ActingInput:
     FEELS: ClassVar[str] = "input"
 
     def init(self, key: Key) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this sensor has no state."""
         return ()
 
     def measure(self, u: Any) -> Any:
@@ -118,9 +118,9 @@ class ActingInput:
 
 @record
 class TrueState:
-    """Sensor of the vehicle's true state, for any state record. No such sensor exists, so it is only for ideal twins.
+    """Sensor of the vehicle's true state, for any state record. No such sensor exists: use it in ideal twins only.
 
-    Frames:  the state's.    Not modelled: any error.
+    Frames:  those of the state.    Not modelled: any error.
     Source:  docs page, True state.
     """
 
@@ -129,7 +129,7 @@ class TrueState:
     FEELS: ClassVar[str] = "state"
 
     def init(self, key: Key) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this sensor has no state."""
         return ()
 
     def measure(self, x: Any) -> Any:
@@ -150,18 +150,18 @@ class FlexibleTruthReading:
     V: Scalar = quantity("ft/s", "Speed along the path.")
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
     q: Scalar = quantity("rad/s", "Pitch rate, nose up.", frame="B")
-    eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1.")
-    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 1.")
-    eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2.")
-    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 2.")
+    eta1: Scalar = quantity("(slug ft)^1/2", "Modal displacement of bending mode 1.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the modal displacement of bending mode 1.")
+    eta2: Scalar = quantity("(slug ft)^1/2", "Modal displacement of bending mode 2.")
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the modal displacement of bending mode 2.")
 
 
 @record
 class FlexibleTruth:
-    """Sensor of the full state of `vehicles.hypersonic`. No sensor measures the modes, so it is only for ideal twins.
+    """Sensor of the full state of `vehicles.hypersonic`. No real sensor measures the modes: use it in ideal twins only.
 
-    Frames:  as the state's.
-    Source:  [1], full-state feedback, its comparison.
+    Frames:  those of the state.
+    Source:  [1], the full-state feedback used for comparison.
     """
 
     period: int = period("Time between samples.", default=ms(5))
@@ -169,11 +169,11 @@ class FlexibleTruth:
     FEELS: ClassVar[str] = "state"
 
     def init(self, key: Key) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this sensor has no state."""
         return ()
 
     def measure(self, x: HypersonicState) -> FlexibleTruthReading:
-        """Return the state, with the climb rate in the place of the pitch angle."""
+        """Return the state, with the climb rate instead of the pitch angle."""
         climb = x.V * jnp.sin(x.theta - x.alpha)
         return FlexibleTruthReading(x.h, climb, x.V, x.alpha, x.q, x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
 

@@ -13,14 +13,14 @@ from trimtab.core.time import ms, seconds, to_seconds
 from trimtab.sensors.late_fix import LateFix, LateState
 
 ARM = (0.2, 0.0, -0.1)
-"""Default position of the antenna: in front of the centre of mass and above it (m)."""
+"""Default position (m) of the antenna in B: in front of the centre of mass and above it."""
 FIVE_HERTZ = LateFix(latency=0.12, interval=ms(200))
 """Default timing of a satellite receiver: five fixes a second, each 120 ms old on arrival."""
 
 
 @record
 class Outages:
-    """Outages of satellite reception: from `start` on for `length`, and again after each `interval`.
+    """Outages of satellite reception of duration `length`, repeated every `interval` from `start` on.
 
     Source:  docs page, Gnss.
     """
@@ -62,24 +62,25 @@ class GnssState:
 
 
 def antenna(motion: Motion, arm_B: Any) -> tuple[Any, Any]:
-    """Return position and velocity (3,) in W of a point of the body at arm_B (3,) (m)."""
+    """Return the position (3,) and velocity (3,) in W of a point on the body at arm_B (3,) (m)."""
     R_WB, arm = from_euler(*motion.attitude), jnp.asarray(arm_B)
     return motion.p_WB + R_WB @ arm, R_WB @ (motion.v_WB_B + jnp.cross(motion.w_WB_B, arm))
 
 
 @record
 class Gnss:
-    """Fixes of position and velocity in the local frame W.
+    """Satellite receiver that measures position and velocity in the local frame W.
 
         z_p = p + R_WB l + e + w_p,    z_v = R_WB (v + w × l) + w_v,    e: first-order Gauss–Markov process
 
-    white noise w with one deviation level and another one down, as satellites stand above only. A fix describes the
-    antenna at the sample's time, and comes out after the latency. A geodetic place is `TangentPlane.from_ned` of it.
+    The white noise w has one standard deviation horizontally and another one vertically, because satellites are only
+    above. A fix describes the antenna at the time of measurement and arrives after the latency. `TangentPlane.from_ned`
+    converts the position of a fix to geodetic coordinates.
 
     Frames:  lever arm l in B from the centre of mass; position and velocity in W.
-    Not modelled: steps of e when satellites come and go; multipath as such; the filter within the receiver.
+    Not modelled: steps of e when satellites rise or set; multipath as a separate error; the receiver's own filter.
     Source:  Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., sections
-             9.3, 9.4.2 and 14.3; orders of magnitude of a single-frequency receiver with corrections, chosen here.
+             9.3, 9.4.2 and 14.3. Sizes are chosen, typical of a single-frequency receiver with corrections.
     """
 
     noise: Scalar = imperfection(
@@ -119,13 +120,13 @@ class Gnss:
         self.timing.check_period(self.period)
 
     def init(self, key: Key) -> GnssState:
-        """Return the initial state, before any fix; e has its stationary distribution."""
+        """Return the initial state, before any fix. The error e is drawn from its stationary distribution."""
         three = np.zeros(3)
         late = self.timing.initial_state(GnssReading(three, three))
         return GnssState(key.at("white"), late, self.correlated * normals(key.at("first"), 0, 3))
 
     def measure(self, motion: Motion) -> GnssReading:
-        """Return the measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) for the vehicle's motion, without error."""
         return GnssReading(*antenna(motion, self.lever_arm))
 
     def step(self, t: Any, state: GnssState, motion: Motion) -> tuple[GnssState, Sample]:
@@ -143,10 +144,10 @@ class Gnss:
 
 
 def wander_error(timing: LateFix, t: Any, error: Any, sigma: Any, correlation_time: Any, white: Any) -> Any:
-    """Return a first-order Gauss-Markov error (n,) after integer time t: one step on where a measurement is made.
+    """Return a first-order Gauss-Markov error (n,) after integer time t. It changes only if a measurement is made at t.
 
-    Args:     sigma: standard deviation of the error. correlation_time: correlation time (s).    white: standard normals
-    (n,).
+    Args:     error: current error (n,).    sigma: standard deviation of the error.    correlation_time: in s.
+              white: standard normals (n,).
     Source:   Groves, 2nd ed., section 3.2.4: e+ = a e + sigma sqrt(1 - a²) w, a = exp(-interval/correlation time).
     """
     a = jnp.exp(-to_seconds(timing.interval) / correlation_time)

@@ -23,9 +23,10 @@ ORBITAL_SPEED = 3_870.0
 
 
 def sky(azimuths: Any, elevations: Any, courses: Any) -> tuple[Any, Any]:
-    """Return places and velocities (n, 3) in W of satellites at these angles (n,) (rad), ORBIT away, moving across.
+    """Return positions and velocities (n, 3) in W of satellites with these azimuths and elevations (n,) (rad).
 
-    courses: direction of motion in the plane across the line of sight, from up to clockwise (rad).
+    Each satellite is ORBIT away and moves across the line of sight.    courses: direction of motion in the plane
+    across the line of sight, clockwise from up (rad).
     """
     az, el, course = (np.asarray(a, float)[:, None] for a in (azimuths, elevations, courses))
     sight = np.hstack([np.cos(az) * np.cos(el), np.sin(az) * np.cos(el), -np.sin(el)])
@@ -35,7 +36,7 @@ def sky(azimuths: Any, elevations: Any, courses: Any) -> tuple[Any, Any]:
 
 
 def satellites_from_ecef(plane: TangentPlane, places_E: Any, velocities_E: Any) -> tuple[Any, Any]:
-    """Return places and velocities (n, 3) in W from those in earth-centred, earth-fixed axes, as in an almanac."""
+    """Return satellite positions and velocities (n, 3) in W from earth-centred, earth-fixed ones, as in an almanac."""
     R_EW = np.asarray(ned_axes(plane.latitude, plane.longitude))
     origin = np.asarray(to_ecef(plane.latitude, plane.longitude, plane.height))
     return (np.asarray(places_E) - origin) @ R_EW, np.asarray(velocities_E) @ R_EW
@@ -45,7 +46,7 @@ AZIMUTHS = np.array([20.0, 75.0, 130.0, 170.0, 215.0, 265.0, 310.0, 350.0]) * DE
 ELEVATIONS = np.array([65.0, 25.0, 50.0, 15.0, 35.0, 70.0, 20.0, 40.0]) * DEG
 COURSES = np.array([0.0, 50.0, 110.0, 160.0, 200.0, 250.0, 300.0, 340.0]) * DEG
 PLACES, VELOCITIES = sky(AZIMUTHS, ELEVATIONS, COURSES)
-"""Eight satellites over the horizon: a typical sky, chosen here."""
+"""Default positions and velocities (8, 3) of eight satellites above the horizon: a typical sky, chosen here."""
 
 
 @record
@@ -77,38 +78,48 @@ class GnssRangesState:
 
 @record
 class GnssRanges:
-    """Pseudoranges to satellites and their rates.
+    """Satellite receiver that measures pseudoranges and their rates.
 
         rho_i  = |s_i - a| + b + e_i + w        b' = d + white, d' = white: the clock, times the speed of light
         rho'_i = u_i · (s_i' - a') + d + w'     u_i = (s_i - a)/|s_i - a|, a the antenna, e_i Gauss–Markov
 
-    Satellites move in straight lines, s = `satellites` + `velocities` t. A real one is 500 m off that line after a
-    minute, which does not matter as the receiver uses the same line. In an outage the first `remaining` are received.
+    Satellites move in straight lines, s = `satellites` + `velocities` t. A real satellite is 500 m off this line after
+    a minute, which does not matter, because the receiver uses the same line. In an outage only the first `remaining`
+    satellites are received.
 
     Frames:  satellites in W (`sky`, `satellites_from_ecef`); lever arm in B.
-    Not modelled: the signal's time of flight and the earth's turn in it; cycle slips; atmosphere except in e_i.
+    Not modelled: the signal's time of flight and the earth's rotation during it; cycle slips; atmosphere except in e_i.
     Source:  Groves, 2nd ed., sections 9.4.1 (observables) and 9.3.1; clock: Brown, Hwang, "Introduction to random
-             signals and applied Kalman filtering", 4th ed., section 9.3 (two states), a compensated crystal.
+             signals and applied Kalman filtering", 4th ed., section 9.3 (two states), for a compensated crystal.
     """
 
     satellites: Any = quantity("m", "Positions of the satellites (n, 3) at time zero.", frame="W", default=PLACES)
     velocities: Any = quantity("m/s", "Velocities of the satellites (n, 3).", frame="W", default=VELOCITIES)
     noise: Scalar = imperfection(
-        "m", "Standard deviation of the white noise of a pseudorange.", "gnss-noise", default=0.8
+        "m", "Standard deviation of the white noise of each pseudorange.", "gnss-noise", default=0.8
     )
     rate_noise: Scalar = imperfection(
-        "m/s", "Standard deviation of the white noise of a pseudorange rate.", "gnss-noise", default=0.08
+        "m/s", "Standard deviation of the white noise of each pseudorange rate.", "gnss-noise", default=0.08
     )
     correlated: Scalar = imperfection(
-        "m", "Standard deviation of the correlated error e_i.", "gnss-correlated-error", default=0.0
+        "m",
+        "Standard deviation of the time-correlated error of each pseudorange.",
+        "gnss-correlated-error",
+        default=0.0,
     )
-    correlation_time: Scalar = quantity("s", "Correlation time of the error e_i.", default=100.0, above=0)
-    clock_bias: Scalar = quantity("m", "Clock bias at time zero.", default=1500.0, off={"gnss-clock": 0.0})
-    clock_drift: Scalar = quantity("m/s", "Clock drift at time zero.", default=20.0, off={"gnss-clock": 0.0})
+    correlation_time: Scalar = quantity(
+        "s", "Correlation time of the time-correlated pseudorange errors.", default=100.0, above=0
+    )
+    clock_bias: Scalar = quantity(
+        "m", "Clock bias at time zero, times the speed of light.", default=1500.0, off={"gnss-clock": 0.0}
+    )
+    clock_drift: Scalar = quantity(
+        "m/s", "Clock drift at time zero, times the speed of light.", default=20.0, off={"gnss-clock": 0.0}
+    )
     clock_noise: Scalar = imperfection(
-        "m/s^0.5", "White noise of the rate of the clock bias.", "gnss-clock", default=0.1
+        "m/s^0.5", "White noise density of the rate of the clock bias.", "gnss-clock", default=0.1
     )
-    drift_walk: Scalar = imperfection("m/s^1.5", "Random walk of the clock drift.", "gnss-clock", default=0.05)
+    drift_walk: Scalar = imperfection("m/s^1.5", "Random walk density of the clock drift.", "gnss-clock", default=0.05)
     lever_arm: Any = quantity("m", "Position of the antenna.", frame="B", default=ARM, shape=(3,))
     timing: LateFix = part(
         "Timing of the measurements: interval, latency and time stamp.",
@@ -124,7 +135,7 @@ class GnssRanges:
     LATE: ClassVar[bool] = True
 
     def check(self) -> None:
-        """Raise InputError if the period is too long to catch every measurement, or a satellite is not a position."""
+        """Raise InputError if the period would miss measurements, or the satellites' shapes are not (n, 3)."""
         self.timing.check_period(self.period)
         shape = np.shape(self.satellites)
         if len(shape) != 2 or shape[1] != 3 or np.shape(self.velocities) != shape:
@@ -132,7 +143,7 @@ class GnssRanges:
             raise InputError("satellites", problem, fix="give north, east, down of each satellite for both")
 
     def init(self, key: Key) -> GnssRangesState:
-        """Return the initial state, before any measurement; each e_i has its stationary distribution."""
+        """Return the initial state, before any measurement. Each e_i is drawn from its stationary distribution."""
         n = np.shape(self.satellites)[0]
         none, places = np.zeros(n), np.zeros(3 * n)
         late = self.timing.initial_state(GnssRangesReading(none, none, np.zeros(n, bool), places, places))
@@ -141,7 +152,7 @@ class GnssRanges:
         return GnssRangesState(key.at("white"), late, first, clock)
 
     def measure(self, motion: Motion) -> GnssRangesReading:
-        """Return the measurement h(x) of a motion, without error, with an exact clock."""
+        """Return the measurement h(x) for the vehicle's motion, without error, with an exact clock."""
         return self._observe(motion, jnp.zeros(2), jnp.zeros(()), jnp.zeros(()))
 
     def step(self, t: Any, state: GnssRangesState, motion: Motion) -> tuple[GnssRangesState, Sample]:

@@ -1,4 +1,4 @@
-"""Dynamic response of the gyros in the hovercraft's inertial unit: two models, as part `response` of `GyroErrors`.
+"""Two models of the dynamic response of the hovercraft's gyros, for the field `response` of `GyroErrors`.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -20,22 +20,24 @@ TICK = ms("6.5536")
 
 @record
 class IdentifiedGyro:
-    """The thesis's identified model, a difference equation at its 6.5536 ms tick.
+    """Gyro model identified in [1]: a difference equation with a sampling period of 6.5536 ms.
 
         y_k = b0 u_k - a1 y_{k-1} - a2 y_{k-2}        y/u = 0.3236 z²/(z² - 0.9805 z + 0.2898)     [1, eq. 6.2]
 
-    Poles 0.490 ± 0.222 i. Its gain for a constant rate is 1.046; `normalised` scales b0 so that it is 1.
+    The poles are 0.490 ± 0.222 i. The static gain is 1.046. `normalised` scales b0 to a static gain of 1.
 
     Valid:   below 20 Hz, sampled each 6.5536 ms.    Source: [1] eq. 6.2.
     """
 
-    b0: Scalar = quantity("1", "Coefficient of the newest rate.", default=0.3236, above=0, source="[1] eq. 6.2")
-    a1: Scalar = quantity("1", "Coefficient of the previous output.", default=-0.9805, source="[1] eq. 6.2")
-    a2: Scalar = quantity("1", "Coefficient of the output two samples ago.", default=0.2898, source="[1] eq. 6.2")
+    b0: Scalar = quantity(
+        "1", "Coefficient b0 of the newest angular rate.", default=0.3236, above=0, source="[1] eq. 6.2"
+    )
+    a1: Scalar = quantity("1", "Coefficient a1 of the previous output.", default=-0.9805, source="[1] eq. 6.2")
+    a2: Scalar = quantity("1", "Coefficient a2 of the output two samples ago.", default=0.2898, source="[1] eq. 6.2")
     normalised: bool = option("True: scale b0 so that the static gain is 1.", default=True, choices=(True, False))
 
     def section(self) -> Section:
-        """Return the difference equation."""
+        """Return the difference equation as a filter section."""
         return Section(b0=1 + self.a1 + self.a2 if self.normalised else self.b0, a1=self.a1, a2=self.a2)
 
     def start(self, u: Any) -> SectionState:
@@ -49,22 +51,22 @@ class IdentifiedGyro:
 
 @record
 class DelayedGyroState:
-    """State of the gyro model: rates and outputs of the previous ticks, newest first. Source: this module."""
+    """State of the gyro model: true rates and outputs of the previous samples, newest first. Source: this module."""
 
-    u: Any = quantity("rad/s", "Previous rates (k, …).")
-    y: Any = quantity("rad/s", "Previous outputs (2, …).")
+    u: Any = quantity("rad/s", "True angular rates of the previous k samples (k, …), newest first.")
+    y: Any = quantity("rad/s", "Outputs of the previous two samples (2, …), newest first.")
 
 
 @record
 class DelayedGyro:
-    """Model behind the thesis's measured gains and phases: a delay of whole samples and a low-pass.
+    """Gyro model that explains the gains and phases measured in [1]: a delay of whole samples and a low-pass.
 
         Y/U = e^{-s D T} / (1 + √2 s/w + (s/w)²)
 
-    as a difference equation whose gain and phase are exact to 0.006 (rad) up to 50 Hz.
+    It runs as a difference equation, whose gain (and phase in rad) is within 0.006 of this formula up to 50 Hz.
 
-    Reconstructed: within 0.05 of the gains of [1, table 6.5] at all its frequencies. The phase agrees at 5 and 15 Hz
-    but lags too much above (0.3 rad at 20 Hz). Below 20 Hz only.
+    Reconstructed: the gain is within 0.05 of [1, table 6.5] at all its frequencies. The phase agrees at 5 and 15 Hz,
+    but lags too much above (by 0.3 rad at 20 Hz). Use the model below 20 Hz only.
 
     Source:  [1] table 6.5 (fit reconstructed, see docs Errata).
     """
@@ -92,7 +94,7 @@ class DelayedGyro:
 
 @functools.lru_cache(maxsize=16)
 def _fit_weights(samples: int, bandwidth: float, T: float) -> tuple[Any, Any]:
-    """Map the low-pass's poles by e^{sT}; fit the weights of the rates by least squares to its response up to 60 Hz."""
+    """Return the weights of rates and outputs. The poles are mapped by e^{sT}; the rates' weights are least squares."""
     pole = math.tau * bandwidth * complex(-math.sqrt(0.5), math.sqrt(0.5))
     z = np.exp(pole * T)
     a = np.array([-2 * z.real, abs(z) ** 2])
@@ -107,7 +109,7 @@ def _fit_weights(samples: int, bandwidth: float, T: float) -> tuple[Any, Any]:
 
 
 def frequency_response(b: Any, a: Any, frequency: Any, sampling_period: float) -> Any:
-    """Return the complex gain, at frequencies (Hz), of y_k = b0 u_k + b1 u_{k-1} + … - a1 y_{k-1} - …; for design."""
+    """Return the complex gain of y_k = b0 u_k + b1 u_{k-1} + … - a1 y_{k-1} - … at frequencies (Hz)."""
     z1 = np.exp(-2j * np.pi * np.asarray(frequency) * sampling_period)
     above = sum(c * z1**k for k, c in enumerate(b))
     return above / (1 + sum(c * z1 ** (k + 1) for k, c in enumerate(a)))

@@ -1,4 +1,4 @@
-"""Heading sensors: a direct one with noise and latency, and a compass made of a magnetometer.
+"""Heading sensors: one that measures the heading with noise and latency, and a compass that uses a magnetometer.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -18,24 +18,26 @@ from trimtab.sensors.magnetometer import Magnetometer
 
 @record
 class HeadingReading:
-    """A measured heading. Source: docs page, Heading."""
+    """Sample of a measured heading. Source: docs page, Heading."""
 
     heading: Scalar = quantity("rad", "Angle from north to the body's x axis, clockwise; modulo 2 pi.", kind="angle")
 
 
 @record
 class HeadingSensor:
-    """Heading as given by another system: with noise, at intervals, with latency.
+    """Sensor of the heading with noise, a measurement interval and latency.
 
         z = psi + w
 
-    It represents the heading that two ultrasonic units give, without their geometry.
+    It represents the heading computed from two ultrasonic units, without modelling their geometry.
 
-    Frames:  of B in W.    Not modelled: errors correlated in time.
+    Frames:  heading of B in W.    Not modelled: errors correlated in time.
     Source:  [1] section 6.2.1. Latency reconstructed, see docs Errata.
     """
 
-    noise: Scalar = imperfection("rad", "Standard deviation of each measurement.", "heading-noise", default=0.03)
+    noise: Scalar = imperfection(
+        "rad", "Standard deviation of the noise of each measured heading.", "heading-noise", default=0.03
+    )
     timing: LateFix = part(
         "Timing of the measurements: interval, latency and time stamp.",
         default=LateFix(),
@@ -54,7 +56,7 @@ class HeadingSensor:
         return LateSensorState(key, self.timing.initial_state(HeadingReading(heading=jnp.asarray(0.0))))
 
     def measure(self, motion: Motion) -> HeadingReading:
-        """Return the measurement h(x) of a motion, without noise."""
+        """Return the measurement h(x) for the vehicle's motion, without noise."""
         return HeadingReading(heading=motion.attitude[2])
 
     def step(self, t: Any, state: LateSensorState, motion: Motion) -> tuple[LateSensorState, Sample]:
@@ -71,9 +73,9 @@ class Compass:
 
         z = atan2( (b × w)_z, b · w )
 
-    with the measured field b and the field w that the receiver knows, both level.
+    where b is the measured field and w the known field of the earth, both in their horizontal components.
 
-    Frames:  of B in W.    Not modelled: compensation of a lean; it shifts the heading by up to lean times tan(dip).
+    Frames:  heading of B in W.    Not modelled: tilt compensation; a tilt shifts the heading by up to tilt tan(dip).
     Source:  [1] eqs. 3.43-3.44, with the arc cosine replaced (docs page, Errata).
     """
 
@@ -91,7 +93,7 @@ class Compass:
         return self.magnetometer.init(key)
 
     def measure(self, motion: Motion) -> HeadingReading:
-        """Return the measurement h(x) of a motion: the earth's field alone."""
+        """Return the measurement h(x) for the vehicle's motion, from the earth's field alone."""
         return self._heading(self.magnetometer.measure(motion).field)
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:

@@ -1,11 +1,11 @@
-"""Three-axis inertial measurement unit: triads of accelerometers and gyros, with the errors of micromachined ones.
+"""Three-axis inertial measurement unit: triads of accelerometers and gyros, with the errors of micromachined sensors.
 
-Between the noise-free h(x) of a triad and its output z stand
+The output z of a triad follows from its noise-free input h by
 
     z = quantised( clip( (I + S + M) L(h) + b + w ) ),   b = b0 + b_turn_on + walk
 
-S scale factors (diagonal), M misalignments (off the diagonal), L the low-pass of the band, w white noise. The noise
-stands behind the low-pass: its density is that of the output.
+S: scale factors (diagonal); M: misalignments (off the diagonal); L: low-pass of the bandwidth; w: white noise. The
+noise is added after the low-pass, so its density is that of the output.
 """
 
 from typing import Any
@@ -58,7 +58,7 @@ class AccelerometerErrors:
         "1", "Standard deviation of the scale error of each axis, drawn for each run.", "imu-scale-factor"
     )
     misalignment: Scalar = imperfection(
-        "rad", "Standard deviation of an axis's misalignment towards each other axis.", "imu-misalignment"
+        "rad", "Standard deviation of an axis's misalignment towards each of the other axes.", "imu-misalignment"
     )
     bandwidth: Scalar = imperfection(
         "Hz", "Bandwidth (-3 dB) of a second-order Butterworth low-pass; 0: no limit.", "imu-bandwidth"
@@ -96,7 +96,7 @@ class GyroErrors:
         "1", "Standard deviation of the scale error of each axis, drawn for each run.", "imu-scale-factor"
     )
     misalignment: Scalar = imperfection(
-        "rad", "Standard deviation of an axis's misalignment towards each other axis.", "imu-misalignment"
+        "rad", "Standard deviation of an axis's misalignment towards each of the other axes.", "imu-misalignment"
     )
     bandwidth: Scalar = imperfection(
         "Hz", "Bandwidth (-3 dB) of a second-order Butterworth low-pass; 0: no limit.", "imu-bandwidth"
@@ -124,14 +124,14 @@ class TriadState:
 
 
 def triad_state(errors: TriadErrors, draws: Any) -> TriadState:
-    """Return the initial state, from standard normals (12,)."""
+    """Return the initial state of a triad, from 12 standard normal draws."""
     zero = jnp.zeros(3)
     memory = SectionState(zero, zero) if errors.response is None else errors.response.start(zero)
     return TriadState(draws=draws, walk=zero, started=jnp.asarray(False), memory=memory)
 
 
 def distortion(errors: TriadErrors, draws: Any) -> Any:
-    """Return the matrix I + S + M (3, 3) of scale errors and misalignments in this run."""
+    """Return the matrix I + S + M (3, 3) of a triad's scale errors S and misalignments M in this run."""
     rows = [[1.0 + errors.scale_factor * draws[3 + i] if i == j else 0.0 for j in range(3)] for i in range(3)]
     for k, (i, j) in enumerate(OFF_DIAGONAL):
         rows[i][j] = errors.misalignment * draws[6 + k]
@@ -141,11 +141,11 @@ def distortion(errors: TriadErrors, draws: Any) -> Any:
 def corrupt_triad(
     errors: TriadErrors, state: TriadState, true: Any, dt: float, white: Any, step: Any
 ) -> tuple[Any, Any, Any]:
-    """Return the triad's output for a true input (3,): next state, output (3,), whether an axis is saturated.
+    """Return the next state, the output (3,) and the saturation flag of a triad for a true input (3,).
 
     Args:     true: noise-free input along the unit's axes.    dt: time between samples (s).
-              white: standard normals (3,) of this sample's noise.    step: standard normals (3,) of the bias's step to
-              the next sample.
+              white: standard normals (3,) for this sample's noise.    step: standard normals (3,) for the random walk
+              of the bias to the next sample.
     """
     memory, passed = _limit_bandwidth(errors, state, true, dt)
     bias = jnp.stack([errors.bias[i] + errors.turn_on_bias * state.draws[i] + state.walk[i] for i in range(3)])
@@ -156,8 +156,10 @@ def corrupt_triad(
 
 
 def digitise(output: Any, most: Any, resolution: Any) -> tuple[Any, Any]:
-    """Return an output (3,) clipped to ±most and rounded to steps (0: no clipping, no rounding), and whether an axis is
-    saturated."""
+    """Return an output (3,) clipped to ±most and rounded to multiples of `resolution`, and its saturation flag.
+
+    A value of 0 for `most` or `resolution` means no clipping or no rounding.
+    """
     limited = most > 0
     saturated = limited & (jnp.max(jnp.abs(output)) >= most)
     clipped = jnp.where(limited, jnp.clip(output, -most, most), output)
@@ -167,7 +169,7 @@ def digitise(output: Any, most: Any, resolution: Any) -> tuple[Any, Any]:
 
 
 def _limit_bandwidth(errors: TriadErrors, state: TriadState, true: Any, dt: float) -> tuple[Any, Any]:
-    """Return state and output of the low-pass or response model. It starts settled at its first sample."""
+    """Return state and output of the low-pass or response model. It starts in the steady state of its first sample."""
     if errors.response is not None:
         rest = errors.response.start(true)
         memory = tree_where(state.started, state.memory, rest)
@@ -182,7 +184,7 @@ def _limit_bandwidth(errors: TriadErrors, state: TriadState, true: Any, dt: floa
 class InertialReading:
     """Sample of an inertial measurement unit.
 
-    Frames:  the unit's axes, B's up to its mounting.
+    Frames:  the unit's axes, which are B's axes turned by the mounting.
     Source:  docs page, Imu.
     """
 
@@ -209,13 +211,13 @@ class Imu:
 
         f = R_SB (a + 2 W × v + alpha × l + w × (w × l) - g),    omega = R_SB (w + W)
 
-    with a the acceleration of the centre of mass, l the lever arm, g gravity (down), W the earth's rotation (all in B),
-    and R_SB the mounting. `measure` gives these values; `step` adds the errors of each triad.
+    where a is the acceleration of the centre of mass, l the lever arm, g gravity (down), W the earth's rotation (all in
+    B), and R_SB the mounting. `measure` returns these values; `step` adds the errors of each triad.
 
     Frames:  lever arm in B from the centre of mass; mounting as roll, pitch, yaw of the unit in B.
-    Not modelled: vibration, temperature, g-sensitivity, size effect; integration within a tick: values at the tick.
+    Not modelled: vibration, temperature, g-sensitivity, size effect, averaging (samples are instantaneous values).
     Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-             eqs. 3.28-3.29, for the errors' form; Groves, 2nd ed., section 4.4, for the rest.
+             eqs. 3.28-3.29, for the form of the errors; Groves, 2nd ed., section 4.4, for the rest.
     """
 
     accelerometer: AccelerometerErrors = part("Errors of the accelerometers.", default=AccelerometerErrors())
@@ -243,12 +245,12 @@ class Imu:
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Imu":
-        """Return the inertial unit of the thesis's hovercraft. settings: other values of its fields.
+        """Return the inertial unit of the hovercraft of [1]. settings: fields with other values.
 
-        Printed in [1]: ranges ±1.7 g (ADXL103) and ±300 deg/s, tick. Manufacturer's figures as transcribed in public
-        code: noise 0.4 m/s/√h and 3.5 deg/√h, biases 10 mg and 0.7 deg/s, 16-bit words of 8.5 g and 10 rad/s full
-        scale. Reconstructed (docs Errata): bias walks, so that the Allan deviation at 15 s is 0.2 mg and 0.02 deg/s;
-        bandwidth 30 Hz as the gyros' measured gains; scale factors 0.2 %, misalignments 0.2 deg.
+        Printed in [1]: ranges of ±1.7 g (ADXL103) and ±300 deg/s, and the sampling period. Manufacturer's figures, as
+        transcribed in public code: noise 0.4 m/s/√h and 3.5 deg/√h, biases 10 mg and 0.7 deg/s, 16-bit words of 8.5 g
+        and 10 rad/s full scale. Reconstructed (docs Errata): bias walks that give an Allan deviation at 15 s of 0.2 mg
+        and 0.02 deg/s; bandwidth of 30 Hz, from the gyros' measured gains; scale factors 0.2 %, misalignments 0.2 deg.
         """
         g = STANDARD
         accelerometer = AccelerometerErrors(
@@ -279,18 +281,19 @@ class Imu:
         for name, errors in (("accelerometer", self.accelerometer), ("gyro", self.gyro)):
             if not errors.bandwidth < half:
                 problem = (
-                    f"a bandwidth of {errors.bandwidth:g} Hz is too high for samples each {format_time(self.period)}"
+                    f"a bandwidth of {errors.bandwidth:g} Hz is too high "
+                    f"for a sampling period of {format_time(self.period)}"
                 )
                 fix = f"{argument('settings', 'VALUE', f'{name}.bandwidth')} below {half:g} Hz, or 0"
                 raise InputError(f"{name}.bandwidth", problem, fix=fix)
             tick = optional_member(errors.response, "sampling") or self.period
             if tick != self.period:
                 own, other = format_time(self.period), format_time(tick)
-                problem = f"the response is made for samples each {other}, but the unit's period is {own}"
+                problem = f"the response is made for a sampling period of {other}, but the period of the unit is {own}"
                 raise InputError(f"{name}.response", problem, fix=argument("settings", other, "period"))
 
     def init(self, key: Key) -> ImuState:
-        """Return the initial state, with biases, scale factors and misalignments drawn; low-passes not yet started."""
+        """Return the initial state, with biases, scale factors and misalignments drawn for this run."""
         draws = normals(key.at("unit"), 0, 2 * UNIT_DRAWS)
         return ImuState(
             key=key.at("noise"),
@@ -299,7 +302,7 @@ class Imu:
         )
 
     def measure(self, motion: Motion) -> InertialReading:
-        """Return the measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) for the vehicle's motion, without error."""
         R_WB, w, arm = from_euler(*motion.attitude), motion.w_WB_B, jnp.asarray(self.lever_arm)
         turning = R_WB.T @ jnp.asarray(self.earth_rate)
         acceleration = motion.a_WB_B + 2 * jnp.cross(turning, motion.v_WB_B)

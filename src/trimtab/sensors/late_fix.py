@@ -1,4 +1,4 @@
-"""Measurements made at intervals that arrive later, stamped with their time of measurement or of arrival."""
+"""Measurements made at intervals that arrive with latency, stamped with the time of measurement or of arrival."""
 
 from typing import Any
 
@@ -30,7 +30,7 @@ class LateSensorState:
     """State of a noisy sensor with latency. Source: this module."""
 
     key: Key = part("Key of the random noise.")
-    late: LateState = part("Measurement in transit.")
+    late: LateState = part("Measurement in transit, and last measurement that arrived.")
 
 
 @record
@@ -38,11 +38,12 @@ class LateFix:
     """Timing of a delayed measurement: when it is made, when it arrives, and which of the two times is its time stamp.
 
     Measurements are made at offset, offset + interval, …, and arrive after the latency. A receiver that does not know
-    the time of measurement uses that of arrival; "arrival" models this, with an error of latency times velocity.
+    the time of measurement uses the time of arrival. `stamped="arrival"` models this; it causes a position error of
+    latency times velocity.
 
     Valid:   latency at most the interval: one measurement is in transit at a time.
     Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-             section 6.2.1: its fixes bore no time. Latencies reconstructed, see docs Errata.
+             section 6.2.1: its fixes had no time stamp. Latencies reconstructed, see docs Errata.
     """
 
     latency: Scalar = quantity("s", "Latency from measurement to arrival.", default=0.0, low=0)
@@ -55,13 +56,13 @@ class LateFix:
     )
 
     def check(self) -> None:
-        """Raise InputError if the latency is longer than one interval."""
+        """Raise InputError if the latency is longer than the interval, or the offset is not less than the interval."""
         if self.latency > to_seconds(self.interval):
             problem = f"the latency of {self.latency:g} s is longer than the interval, {format_time(self.interval)}"
             raise InputError("latency", problem, fix=f"give at most {to_seconds(self.interval):g} s")
         if self.offset >= self.interval:
             problem = f"{format_time(self.offset)} must be less than the interval, {format_time(self.interval)}"
-            raise InputError("offset", problem, fix="give less than the interval")
+            raise InputError("offset", problem, fix="give an offset below the interval")
 
     def check_period(self, sensor_period: int) -> None:
         """Raise InputError if a sensor with this period (100 ns) would miss measurements."""
@@ -82,14 +83,14 @@ class LateFix:
         return (t % self.interval) == self.offset
 
     def initial_state(self, like: Any) -> LateState:
-        """Return the initial state, with nothing in transit. like: an example of the measurement."""
+        """Return the initial state, with nothing in transit. like: a measurement with the right shapes and types."""
         none, zero = jax.tree.map(jnp.zeros_like, like), np.int64(0)
         return LateState(coming=none, made=zero, due=np.int64(FOREVER), held=none, stamp=zero, any=np.bool_(False))
 
     def deliver(self, t: Any, state: LateState, value: Any, *, received: Any = True) -> tuple[LateState, Sample]:
         """Return the newest sample that has arrived by integer time t.
 
-        value: the measurement at t, used if it is `received`.
+        value: measurement at time t.    received: False if a measurement made at time t is lost.
         """
         t = jnp.asarray(t, np.int64)
         delay = jnp.floor(self.latency * UNITS_PER_SECOND + 0.5).astype(np.int64)

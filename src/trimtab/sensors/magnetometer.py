@@ -30,11 +30,13 @@ class FieldReading:
 
 
 def dipole_field(moment: Any, away: Any, size: Any) -> Any:
-    """Return the field (3,) (T) of a dipole (3,) (A m²) at a place `away` (3,) (m) from it; body radius `size` (m).
+    """Return the magnetic field (3,) (T) of a dipole `moment` (3,) (A m²) at an offset `away` (3,) (m) from it.
 
         B = 1e-7 (3 (m·r) r/(r² + size²) - m)/(r² + size²)^(3/2)
 
-    Nearer than the body is large the field stays finite. Source: Jackson, "Classical electrodynamics", eq. 5.56.
+    size: radius (m) of the magnetic body. Within this radius the field stays finite.
+
+    Source: Jackson, "Classical electrodynamics", eq. 5.56.
     """
     r2 = away @ away + size * size
     return PERMEABILITY * (3 * (moment @ away) * away / r2 - moment) / (r2 * jnp.sqrt(r2))
@@ -42,12 +44,12 @@ def dipole_field(moment: Any, away: Any, size: Any) -> Any:
 
 @record
 class RunningMotor:
-    """A motor on the vehicle: a dipole fixed in the body, as strong as the current that the motor draws.
+    """Motor on the vehicle: a magnetic dipole fixed in the body, with a moment proportional to the motor's current.
 
-    The current follows a given schedule, since a motion does not contain the vehicle's current. It is constant between
-    two instants and zero before the first. Backwards, at a duty below 0, the field reverses.
+    The current follows a given schedule, because a `Motion` does not contain the vehicle's current. The current is
+    constant between two instants and zero before the first. A negative duty reverses the field.
 
-    Frames: position and moment in B.    Not modelled: the ripple of the brushes, which the noise stands for.
+    Frames: position and moment in B.    Not modelled: brush ripple, which the magnetometer's noise represents.
     Source: Jackson, "Classical electrodynamics", eq. 5.56; sizes reconstructed (docs page, Magnetometer).
     """
 
@@ -59,25 +61,25 @@ class RunningMotor:
     )
     size: Scalar = quantity("m", "Radius of the motor.", default=0.014, above=0)
     instants: Any = quantity(
-        "100 ns", "Times at which the motor's duty changes (n,); must rise.", kind="time", default=(0,)
+        "100 ns", "Times at which the motor's duty changes (n,); must increase.", kind="time", default=(0,)
     )
     duty: Any = quantity(
         "1",
-        "Duty from each of these times on (n,), as a fraction of the full current; negative: the motor runs backwards.",
+        "Duty of the motor from each instant on (n,), as a fraction of the full current; negative: reverse.",
         default=(1.0,),
     )
 
     def check(self) -> None:
-        """Raise InputError if the numbers of duties and instants differ, or the instants do not rise."""
+        """Raise InputError if the numbers of duties and instants differ, or the instants do not increase."""
         instants, duty = np.asarray(self.instants), np.asarray(self.duty)
         if instants.ndim != 1 or instants.shape != duty.shape or not instants.size:
-            problem = f"got {instants.shape} instants for {duty.shape} duties"
-            raise InputError("RunningMotor.duty", problem, fix="give one duty cycle for each instant")
+            problem = f"got instants of shape {instants.shape} and duties of shape {duty.shape}"
+            raise InputError("RunningMotor.duty", problem, fix="give one duty for each instant")
         if (np.diff(instants) <= 0).any():
-            raise InputError("RunningMotor.instants", f"{instants.tolist()} must rise", fix="sort them")
+            raise InputError("RunningMotor.instants", f"{instants.tolist()} must increase", fix="sort the instants")
 
     def field(self, motion: Motion, place: Any) -> Any:
-        """Return the field (3,) (T) in B at a place (3,) (m) in B."""
+        """Return the magnetic field (3,) (T) in B at a position (3,) (m) in B."""
         begun = jnp.sum(motion.t >= jnp.asarray(self.instants))
         duty = jnp.where(begun > 0, jnp.asarray(self.duty)[jnp.maximum(begun - 1, 0)], 0.0)
         away = jnp.asarray(place) - jnp.asarray(self.position)
@@ -86,9 +88,9 @@ class RunningMotor:
 
 @record
 class FloorSteel:
-    """A piece of steel in or under the floor: a dipole fixed in the world, measured when the vehicle passes over it.
+    """Piece of magnetised steel in or under the floor: a magnetic dipole fixed in the world.
 
-    Frames: position and moment in W.    Not modelled: that the piece is long (several of these make a beam).
+    Frames: position and moment in W.    Not modelled: the length of the piece (model a beam by several pieces).
     Source: Jackson, "Classical electrodynamics", eq. 5.56; sizes reconstructed (docs page, Magnetometer).
     """
 
@@ -101,7 +103,7 @@ class FloorSteel:
     size: Scalar = quantity("m", "Radius of the magnetised steel.", default=0.1, above=0)
 
     def field(self, motion: Motion, place: Any) -> Any:
-        """Return the field (3,) (T) in B at a place (3,) (m) in B."""
+        """Return the magnetic field (3,) (T) in B at a position (3,) (m) in B."""
         R_WB = from_euler(*motion.attitude)
         away = motion.p_WB + R_WB @ jnp.asarray(place) - jnp.asarray(self.position)
         return R_WB.T @ dipole_field(jnp.asarray(self.moment), away, self.size)
@@ -132,7 +134,7 @@ class Magnetometer:
     )
     soft_iron: Any = quantity(
         "1",
-        "Soft iron: field distortion by soft parts on board.",
+        "Soft iron: field distortion by soft magnetic parts on board.",
         frame="B",
         default=IDENTITY,
         shape=(3, 3),
@@ -159,10 +161,11 @@ class Magnetometer:
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Magnetometer":
-        """Return the magnetometer of the thesis's hovercraft. settings: other values of its fields.
+        """Return the magnetometer of the hovercraft of [1]. settings: fields with other values.
 
-        The noise gives the heading's variance of [1], 1.6e-4 rad², in the default field: 0.0126 rad times the level
-        field. Words of 16 bits, 2 gauss full scale, as in public code for the unit.
+        The noise reproduces the heading variance of [1], 1.6e-4 rad², in the default field. Its standard deviation is
+        0.0126 rad times the horizontal field. The 16-bit words of 2 gauss full scale are taken from public code for the
+        unit.
         """
         noise = math.sqrt(1.6e-4) * math.hypot(*COLLEGE_PARK[:2])
         return cls(**{"noise": noise, "resolution": 2 * GAUSS / 32768, "range": 2 * GAUSS, **settings})
@@ -172,7 +175,7 @@ class Magnetometer:
         return key
 
     def measure(self, motion: Motion) -> FieldReading:
-        """Return the measurement h(x) of a motion: the earth's field alone, without error."""
+        """Return the measurement h(x) for the vehicle's motion: the earth's field alone, without error."""
         R_SB = from_euler(*jnp.asarray(self.mounting)).T
         field = R_SB @ (from_euler(*motion.attitude).T @ jnp.asarray(self.earth_field))
         return FieldReading(field=field, saturated=jnp.asarray(False))

@@ -1,4 +1,4 @@
-"""State of a multirotor from a motion capture system, a gyro and the rotors' own controllers, with noise."""
+"""State of a multirotor as measured, with noise, by a motion capture system, a gyro and the rotor controllers."""
 
 from typing import Any, ClassVar
 
@@ -14,39 +14,41 @@ from trimtab.vehicles.quadrotor import MultirotorState
 
 @record
 class MultirotorStateSensor:
-    """Position, velocity, attitude, rate and the rotors' speeds, each with white noise.
+    """Sensor of position, velocity, attitude, angular rate and rotor speeds, each with white noise.
 
         z = (p + n, v + n, q exp(n), w + n, w_i + n)
 
-    The attitude's noise turns the body about a random axis, so that a measured quaternion has length one.
+    The attitude noise is a small rotation about a random axis, so the measured quaternion has unit length.
 
-    Frames:  as the state's.    Not modelled: biases, lag of filters, cameras that lose sight.
-    Source:  docs page, Multirotor state; sizes are chosen, those of a hall with a motion capture system.
+    Frames:  those of the state.    Not modelled: biases, filter lags, cameras that lose sight of the vehicle.
+    Source:  docs page, Multirotor state. The sizes of the errors are chosen, typical of a motion capture system.
     """
 
     position_noise: Any = imperfection(
-        "m", "Standard deviation of each position coordinate.", "position-noise", default=0.002
+        "m", "Standard deviation of the noise of each position coordinate.", "position-noise", default=0.002
     )
     velocity_noise: Any = imperfection(
-        "m/s", "Standard deviation of each velocity component.", "velocity-noise", default=0.02
+        "m/s", "Standard deviation of the noise of each velocity component.", "velocity-noise", default=0.02
     )
     attitude_noise: Any = imperfection(
-        "rad", "Standard deviation of the attitude about each axis.", "attitude-noise", default=0.004
+        "rad", "Standard deviation of the attitude noise about each axis.", "attitude-noise", default=0.004
     )
-    rate_noise: Any = imperfection("rad/s", "Standard deviation of each angular rate.", "rate-noise", default=0.02)
+    rate_noise: Any = imperfection(
+        "rad/s", "Standard deviation of the noise of each angular rate.", "rate-noise", default=0.02
+    )
     speed_noise: Any = imperfection(
-        "rad/s", "Standard deviation of each rotor's speed.", "rotor-speed-noise", default=2.0
+        "rad/s", "Standard deviation of the noise of each rotor's speed.", "rotor-speed-noise", default=2.0
     )
     period: int = period("Time between samples.", default=ms(5))
 
     FEELS: ClassVar[str] = "state"
 
     def init(self, key: Key) -> Key:
-        """Return the key of the noise, the whole state."""
+        """Return the initial state: the random key of the noise."""
         return key
 
     def measure(self, x: MultirotorState) -> MultirotorState:
-        """Return the measurement h(x): the state itself, its quaternion of length one."""
+        """Return the measurement h(x): the state, with its quaternion normalised."""
         return MultirotorState(x.position, x.velocity, quaternion.normalise(x.attitude), x.rate, x.rotor_speed)
 
     def step(self, t: Any, state: Key, x: MultirotorState) -> tuple[Key, Sample]:

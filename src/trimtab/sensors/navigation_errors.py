@@ -1,4 +1,4 @@
-"""Navigation systems of vehicles in the plane: ideal, and with the errors of inertial navigation between corrections.
+"""Navigation systems of planar vehicles: one without errors, and one whose errors grow between corrections.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -16,7 +16,7 @@ from trimtab.core.time import ms, seconds, to_seconds
 
 @record
 class PlanarNavigation:
-    """True velocity in the body, yaw rate and heading, each `period`: the ideal model's sensor.
+    """Ideal sensor of body velocity, yaw rate and heading, sampled every `period`.
 
         z = (surge velocity, sway velocity, yaw rate, heading)
 
@@ -27,11 +27,11 @@ class PlanarNavigation:
     period: int = period("Time between samples.", default=ms(1))
 
     def init(self, key: Key) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this sensor has no state."""
         return ()
 
     def measure(self, motion: Motion) -> PlanarState:
-        """Return the measurement h(x) of a motion."""
+        """Return the measurement h(x) for the vehicle's motion."""
         return planar_state(motion)
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
@@ -40,7 +40,7 @@ class PlanarNavigation:
 
 
 def planar_state(motion: Motion) -> PlanarState:
-    """Return velocity and heading in the plane, from a motion in space; heading unwrapped."""
+    """Return the planar velocity, yaw rate and unwrapped heading of a motion in space."""
     return PlanarState(
         surge_velocity=motion.v_WB_B[0],
         sway_velocity=motion.v_WB_B[1],
@@ -55,17 +55,17 @@ READINGS: dict[str, tuple[float, float, float]] = {
     "B": (math.sqrt(2.5) * CM, 1.0 * DEG, math.sqrt(0.5) * DEG),
     "C": (math.sqrt(0.025), math.sqrt(0.01745), math.sqrt(0.00873)),
 }
-"""Standard deviations of accelerometer bias (m/s^2), gyro bias and noise (rad/s), by interpretation of the thesis."""
+"""Standard deviations of accelerometer bias (m/s^2), gyro bias and gyro noise (rad/s), per interpretation of [1]."""
 
 
 @record
 class NavigationErrors:
-    """Truth plus the errors that a bias leaves after being integrated since the last reset.
+    """Planar navigation system: the true state plus sensor biases integrated since the last reset.
 
         tau = t mod redraw;   du = bX tau,  dv = bY tau,  dr = bg + w,  dpsi = bg tau
 
-    The biases bX, bY, bg are drawn again each `redraw`, when the integrals restart from zero; w is drawn for every
-    sample. All draws are zero-mean, normal and independent, and depend on the time and the key alone.
+    The biases bX, bY, bg are drawn again every `redraw`, when the integrals restart from zero. The noise w is drawn for
+    every sample. All draws are zero-mean, normal and independent, and depend only on the time and the random key.
 
     Frames:  velocity errors are added in B.    Not modelled: position, and the filter that makes these errors.
     Source:  [1] section 6.1 and fig. 6.2. Units of the printed numbers: reconstructed (reading C), see docs Errata.
@@ -92,7 +92,9 @@ class NavigationErrors:
         default=READINGS["C"][2],
         source="[1] section 6.1",
     )
-    redraw: int = period("Time between resets of the integrals, with new biases.", default=seconds(1))
+    redraw: int = period(
+        "Time between resets. A reset restarts the integrals from zero and draws new biases.", default=seconds(1)
+    )
     period: int = period("Time between samples.", default=ms(6))
     heading_range: str = option(
         'Heading reported as "unwrapped" (counts full turns) or "positive" (in [0, 2 pi)).',
@@ -102,12 +104,12 @@ class NavigationErrors:
 
     @classmethod
     def reading(cls, name: str, **settings: Any) -> "NavigationErrors":
-        """Return the sensor under an interpretation of the thesis's units.
+        """Return the sensor for one interpretation of the units printed in [1].
 
         Args:
-            name: "A", the printed numbers are standard deviations; "B", they are variances in cm and degrees;
-                "C", they are variances in SI units, which is what the published figures show.
-            settings: the other fields, e.g. ``heading_range="positive"``.
+            name: interpretation. "A": the printed numbers are standard deviations. "B": they are variances in cm and
+                degrees. "C": they are variances in SI units, which agrees with the published figures.
+            settings: values of the other fields, e.g. ``heading_range="positive"``.
         """
         if name not in READINGS:
             raise InputError("NavigationErrors", f"unknown reading {name!r}", choices=READINGS)
@@ -115,11 +117,11 @@ class NavigationErrors:
         return cls(accelerometer_bias=accelerometer_bias, gyro_bias=gyro_bias, gyro_noise=gyro_noise, **settings)
 
     def init(self, key: Key) -> Key:
-        """Return the key of the draws, the whole state."""
+        """Return the initial state: the key of the random draws."""
         return key
 
     def measure(self, motion: Motion) -> PlanarState:
-        """Return the measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) for the vehicle's motion, without error."""
         return self._express_heading(planar_state(motion))
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:

@@ -1,4 +1,4 @@
-"""Optical flow: angular rate of the ground's image below a camera, and the velocity computed with a height."""
+"""Optical flow sensor: a camera measures the flow of the ground's image, and a ranger scales it to a velocity."""
 
 from typing import Any
 
@@ -11,14 +11,19 @@ from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms
 
 LEAST_COSINE = 0.1
-"""Smallest cosine of the tilt: beyond 84° the ray to the ground is taken as long as at 84°."""
+"""Smallest cosine of the tilt. Beyond a tilt of 84° the distance to the ground is computed as at 84°."""
 
 
 @record
 class FlowReading:
-    """Sample of a downward-looking camera. Source: docs page, Sensors in space."""
+    """Sample of an optical flow sensor. Source: docs page, Sensors in space."""
 
-    flow: Any = quantity("rad/s", "Flow of the ground's image along B's x and y axes, as seen.", frame="B", shape=(2,))
+    flow: Any = quantity(
+        "rad/s",
+        "Flow of the ground's image along B's x and y axes, not compensated for rotation.",
+        frame="B",
+        shape=(2,),
+    )
     distance: Scalar = quantity("m", "Distance to the ground along B's z axis.")
     surge_velocity: Scalar = quantity(
         "m/s", "Velocity along the body's x axis, compensated for the body's rotation.", frame="B"
@@ -33,7 +38,7 @@ class FlowReading:
 
 @record
 class FlowState:
-    """State of the unit: the zero error of its gyro in this run. Source: docs page, Sensors in space."""
+    """State of an optical flow sensor: random key and gyro zero error. Source: docs page, Sensors in space."""
 
     key: Key = part("Key of the random noise.")
     gyro_offset: Any = quantity("rad/s", "Zero error of the gyro: roll and pitch rate.", frame="B", shape=(2,))
@@ -41,32 +46,35 @@ class FlowState:
 
 @record
 class OpticalFlow:
-    """A camera with a gyro and a ranger, looking along the body's z axis at level ground.
+    """Camera with a gyro and a ranger. It looks along the body's z axis at level ground.
 
         flow = ( -u/d - q,  -v/d + p )        u = -d (flow_x + q_gyro),  v = -d (flow_y - p_gyro)
 
     Frames:  B; the ground is the plane at `ground` in W.
-    Valid:   level ground, tilt below 84°. Not modelled: texture, light, vibration, the time of exposure, a lever arm.
+    Valid:   level ground, tilt below 84°. Not modelled: texture, light, vibration, exposure time, lever arm.
     Source:  Honegger et al., "An open source and open hardware embedded metric optical flow CMOS camera", ICRA 2013.
-             Sizes chosen.
+             The sizes of the errors are chosen.
     """
 
     noise: Scalar = imperfection(
         "rad/s", "Standard deviation of the flow noise of each sample.", "optical-flow-noise", default=0.02
     )
     scale_factor: Scalar = imperfection(
-        "1", "Relative error of the focal length.", "optical-flow-scale-factor", default=0.01, low=None
+        "1", "Relative error of the camera's focal length.", "optical-flow-scale-factor", default=0.01, low=None
     )
     gyro_noise: Scalar = imperfection(
         "rad/s", "Standard deviation of the gyro noise of each sample.", "optical-flow-gyro-noise", default=0.005
     )
     gyro_bias: Scalar = imperfection(
-        "rad/s", "Standard deviation of the gyro's zero, drawn for each run.", "optical-flow-gyro-bias", default=0.005
+        "rad/s",
+        "Standard deviation of the gyro's zero error, drawn for each run.",
+        "optical-flow-gyro-bias",
+        default=0.005,
     )
     range_noise: Scalar = imperfection(
-        "m", "Standard deviation of the ranger's samples.", "optical-flow-range-noise", default=0.01
+        "m", "Standard deviation of the noise of each range sample.", "optical-flow-range-noise", default=0.01
     )
-    ground: Scalar = quantity("m", "Down coordinate of the ground.", frame="W", default=0.0)
+    ground: Scalar = quantity("m", "Down coordinate of the ground in W.", frame="W", default=0.0)
     nearest: Scalar = quantity("m", "Shortest distance that the ranger measures.", default=0.08, low=0)
     farthest: Scalar = quantity("m", "Largest distance that the ranger measures.", default=10.0, above=0)
     fastest: Scalar = quantity("rad/s", "Largest flow that the camera can follow.", default=7.4, above=0)
@@ -77,7 +85,7 @@ class OpticalFlow:
         return FlowState(key.at("noise"), self.gyro_bias * normals(key.at("unit"), 0, 2))
 
     def measure(self, motion: Motion) -> FlowReading:
-        """Return the measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) for the vehicle's motion, without error."""
         p, q = motion.w_WB_B[0], motion.w_WB_B[1]
         u, v = motion.v_WB_B[0], motion.v_WB_B[1]
         d = self._distance(motion)
@@ -92,7 +100,7 @@ class OpticalFlow:
         return state, new_sample(t, self._reading(flow, distance, gyro, true.distance))
 
     def _distance(self, motion: Motion) -> Any:
-        """Return the distance along B's z axis to the ground (m); at least a millimetre."""
+        """Return the distance (m) along B's z axis to the ground, at least 1 mm."""
         cosine = jnp.maximum(from_euler(*motion.attitude)[2, 2], LEAST_COSINE)
         return jnp.maximum((self.ground - motion.p_WB[2]) / cosine, 1e-3)
 

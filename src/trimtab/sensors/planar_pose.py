@@ -1,4 +1,4 @@
-"""State in the plane with the position: exact for the ideal model, and with noise."""
+"""Sensors of a planar vehicle's velocity, heading and position: one without errors, and one with noise."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from trimtab.core.time import ms
 
 @record
 class PlanarPoseState:
-    """Velocity, heading and position of a vehicle in the plane. Source: docs page, Conventions."""
+    """Velocity, yaw rate, heading and position of a vehicle in the plane. Source: docs page, Conventions."""
 
     surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B")
     sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B")
@@ -22,7 +22,7 @@ class PlanarPoseState:
 
 @record
 class PlanarPose:
-    """True velocity in the body, yaw rate, heading and position, each `period`.
+    """Ideal sensor of body velocity, yaw rate, heading and position, sampled every `period`.
 
         z = (surge velocity, sway velocity, yaw rate, heading, north, east)
 
@@ -33,11 +33,11 @@ class PlanarPose:
     period: int = period("Time between samples.", default=ms(1))
 
     def init(self, key: Key) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this sensor has no state."""
         return ()
 
     def measure(self, motion: Motion) -> PlanarPoseState:
-        """Return the measurement h(x) of a motion."""
+        """Return the measurement h(x) for the vehicle's motion."""
         return PlanarPoseState(
             surge_velocity=motion.v_WB_B[0],
             sway_velocity=motion.v_WB_B[1],
@@ -54,31 +54,35 @@ class PlanarPose:
 
 @record
 class NoisyPlanarPose:
-    """Planar pose with white noise: as from a navigation system that is corrected continuously.
+    """Sensor of the planar pose with white noise, as from a navigation system that is corrected continuously.
 
         z = (surge velocity, sway velocity, yaw rate, heading, north, east) + w
 
     Frames:  velocity and yaw rate in B; heading of B in W, unwrapped; position in W.
-    Not modelled: errors correlated in time, as of a system that is corrected at intervals.
-    Source:  own derivation; sizes are this project's.
+    Not modelled: errors correlated in time, such as those of a system that is corrected at intervals.
+    Source:  own derivation. The sizes of the errors are chosen.
     """
 
     position_noise: Scalar = imperfection(
-        "m", "Standard deviation of each position coordinate.", "navigation-error", default=0.01
+        "m", "Standard deviation of the noise of each position coordinate.", "navigation-error", default=0.01
     )
     velocity_noise: Scalar = imperfection(
-        "m/s", "Standard deviation of the velocity along each axis.", "navigation-error", default=0.003
+        "m/s", "Standard deviation of the velocity noise along each axis.", "navigation-error", default=0.003
     )
-    heading_noise: Scalar = imperfection("rad", "Standard deviation of the heading.", "navigation-error", default=0.005)
-    rate_noise: Scalar = imperfection("rad/s", "Standard deviation of the yaw rate.", "navigation-error", default=0.005)
+    heading_noise: Scalar = imperfection(
+        "rad", "Standard deviation of the heading noise.", "navigation-error", default=0.005
+    )
+    rate_noise: Scalar = imperfection(
+        "rad/s", "Standard deviation of the yaw rate noise.", "navigation-error", default=0.005
+    )
     period: int = period("Time between samples.", default=ms(5))
 
     def init(self, key: Key) -> Key:
-        """Return the key of the noise, the whole state."""
+        """Return the initial state: the random key of the noise."""
         return key
 
     def measure(self, motion: Motion) -> PlanarPoseState:
-        """Return the measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) for the vehicle's motion, without error."""
         return PlanarPose().measure(motion)
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:

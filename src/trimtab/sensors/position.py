@@ -1,4 +1,4 @@
-"""Position sensors: a direct one with noise and latency, and an encoder on a known arm.
+"""Position sensors: one that measures the position with noise and latency, and an encoder on the shaft of an arm.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -27,21 +27,21 @@ class PositionReading:
 
 @record
 class PositionSensor:
-    """Position as given by another system: with noise, at intervals, with latency.
+    """Sensor of the horizontal position with noise, a measurement interval and latency.
 
         z = (p + R_WB l)_north,east + w
 
-    It represents the fixes of an ultrasonic network, without its ranges.
+    It represents the position fixes of an ultrasonic network, without modelling its ranges.
 
-    Frames:  lever arm in B, position in W.    Not modelled: errors correlated in time or with the place.
+    Frames:  lever arm in B, position in W.    Not modelled: errors correlated in time or in space.
     Source:  [1] section 6.2.1. Latency reconstructed, see docs Errata.
     """
 
     noise: Scalar = imperfection(
-        "m", "Standard deviation of each coordinate of each measurement.", "position-noise", default=0.0044
+        "m", "Standard deviation of the noise of each measured coordinate.", "position-noise", default=0.0044
     )
     lever_arm: Any = quantity(
-        "m", "Position of the located point on the vehicle.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,)
+        "m", "Position in B of the point whose position is measured.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,)
     )
     timing: LateFix = part(
         "Timing of the measurements: interval, latency and time stamp.",
@@ -62,7 +62,7 @@ class PositionSensor:
         return LateSensorState(key, self.timing.initial_state(PositionReading(o, o)))
 
     def measure(self, motion: Motion) -> PositionReading:
-        """Return the measurement h(x) of a motion, without noise."""
+        """Return the measurement h(x) for the vehicle's motion, without noise."""
         p = motion.p_WB + from_euler(*motion.attitude) @ jnp.asarray(self.lever_arm)
         return PositionReading(north=p[0], east=p[1])
 
@@ -76,12 +76,12 @@ class PositionSensor:
 
 @record
 class EncoderPosition:
-    """Position of an arm's end from the encoder on its shaft.
+    """Position of the end of an arm, computed from the encoder on the arm's shaft.
 
         z = R (cos al, sin al)
 
-    Frames:  W, origin on the shaft; al is what the encoder reads, the direction of the arm.
-    Not modelled: a shaft that leans; it shifts the place by 1 - cos of that angle.
+    Frames:  W, origin on the shaft; al is the encoder's reading, the direction of the arm.
+    Not modelled: a tilted shaft, which shifts the position by up to R (1 - cos(tilt)).
     Source:  [1] section 6.2.1.
     """
 
@@ -100,7 +100,7 @@ class EncoderPosition:
         return self.encoder.init(key)
 
     def measure(self, motion: Motion) -> PositionReading:
-        """Return the measurement h(x) of a motion, without steps."""
+        """Return the measurement h(x) for the vehicle's motion, without quantisation."""
         return self._arm_end(self.encoder.measure(motion).angle)
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:

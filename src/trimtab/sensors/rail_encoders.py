@@ -1,4 +1,4 @@
-"""Encoders of a cart on a rail and of the hinge on it.
+"""Encoders of a cart on a rail and of the pole hinged to the cart.
 
 Source: docs page, Cart-pole.
 """
@@ -16,23 +16,27 @@ from trimtab.vehicles.cart_pole import CartPoleState
 
 @record
 class RailEncoders:
-    """Position of the cart and angle of the hinge, each in steps of its encoder, and their rates from tachometers.
+    """Encoders of the cart's position and the hinge angle, with quantisation, and ideal tachometers for both rates.
 
-    Frames:  the rail lies north in W; the hinge's angle is minus the pitch of what hangs on it, from upright.
-    Not modelled: noise of the tachometers, a hinge that isn't level.
+    Frames:  the rail points north in W; the hinge angle is zero with the pole upright, and is minus the pole's pitch.
+    Not modelled: noise of the tachometers, a tilted hinge axis.
     Source:  docs page, Cart-pole.
     """
 
-    position_step: Scalar = imperfection("m", "Step of the cart's encoder; 0: none.", "encoder-steps", default=1e-3)
-    angle_step: Scalar = imperfection("rad", "Step of the hinge's encoder; 0: none.", "encoder-steps", default=1.5e-3)
+    position_step: Scalar = imperfection(
+        "m", "Quantisation step of the cart's encoder; 0: no quantisation.", "encoder-steps", default=1e-3
+    )
+    angle_step: Scalar = imperfection(
+        "rad", "Quantisation step of the hinge's encoder; 0: no quantisation.", "encoder-steps", default=1.5e-3
+    )
     period: int = period("Time between samples.", default=ms(10))
 
     def init(self, key: Key) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty record, because this sensor has no state."""
         return ()
 
     def measure(self, motion: Motion) -> CartPoleState:
-        """Return the measurement h(x) of a motion, without steps."""
+        """Return the measurement h(x) for the vehicle's motion, without quantisation."""
         pitch = motion.attitude[1]
         speed = jnp.cos(pitch) * motion.v_WB_B[0] + jnp.sin(pitch) * motion.v_WB_B[2]
         return CartPoleState(position=motion.p_WB[0], speed=speed, angle=-pitch, angle_rate=-motion.w_WB_B[1])
@@ -50,6 +54,6 @@ class RailEncoders:
 
 
 def _round_to(value: Any, step: Any) -> Any:
-    """Return the nearest whole number of steps; the value itself where the step is 0."""
+    """Return the value rounded to a multiple of the step, or unchanged where the step is 0."""
     some = jnp.where(step > 0, step, 1.0)
     return jnp.where(step > 0, jnp.round(value / some) * some, value)

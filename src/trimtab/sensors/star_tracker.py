@@ -23,7 +23,7 @@ class AttitudeReading:
 
     attitude: Any = quantity("1", "Quaternion q_WB, scalar first; either sign.", frame="WB", shape=(4,))
     tracking: Scalar = quantity(
-        "1", "True if stars were seen; otherwise the attitude is the last one seen.", kind="flag"
+        "1", "True if stars were recognised. If False, the attitude is the last one measured.", kind="flag"
     )
 
 
@@ -32,23 +32,26 @@ class StarTrackerState:
     """State of a star tracker. Source: docs page, Sensors in space."""
 
     key: Key = part("Key of the random noise.")
-    alignment: Any = quantity("rad", "Error of the unit's mounting, in S.", kind="angle", shape=(3,))
+    alignment: Any = quantity(
+        "rad", "Mounting error of the star tracker in this run, in its camera frame S.", kind="angle", shape=(3,)
+    )
     last: AttitudeReading = part("Last measured attitude.")
     late: LateState = part("Measurement that has been made but has not arrived yet.")
 
 
 @record
 class StarTracker:
-    """Star camera with small noise across its boresight and large noise about it.
+    """Star tracker with small noise about the axes across its boresight and large noise about the boresight.
 
         q_WS = q_WB q_BS retract(misalignment) retract(w),  w ~ (cross, cross, roll);     q_WB = q_WS conj(q_BS)
 
-    No fix while the body turns faster than `rate_limit`, or the sun stands within `exclusion` of the boresight.
+    Stars are not recognised while the body turns faster than `rate_limit`, or the sun is within `exclusion` of the
+    boresight.
 
-    Frames:  W; S is the camera, its z axis the boresight, `mounting` its roll, pitch, yaw in B.
-    Not modelled: rotation of W among the stars, distortion, radiation, aberration, the time of exposure.
-    Source:  Liebe, "Accuracy performance of star trackers: a tutorial", IEEE Trans. AES 38 (2002): a roll error some 6
-             to 16 times the cross-boresight one. Sizes chosen.
+    Frames:  W; S is the camera frame, its z axis is the boresight; `mounting` is its roll, pitch, yaw in B.
+    Not modelled: rotation of W relative to the stars, distortion, radiation, aberration, exposure time.
+    Source:  Liebe, "Accuracy performance of star trackers: a tutorial", IEEE Trans. AES 38 (2002): the roll error is
+             some 6 to 16 times the cross-boresight error. The sizes of the errors are chosen.
     """
 
     cross_noise: Scalar = imperfection(
@@ -83,7 +86,9 @@ class StarTracker:
         default=30 * DEG,
         high=np.pi,
     )
-    sun: Any = quantity("1", "Direction to the sun in W.", frame="W", default=(1.0, 0.0, 0.0), shape=(3,))
+    sun: Any = quantity(
+        "1", "Vector towards the sun in W, of any length.", frame="W", default=(1.0, 0.0, 0.0), shape=(3,)
+    )
     mounting: Any = quantity(
         "rad", "Mounting of the unit: roll, pitch, yaw in B.", default=(np.pi, 0.0, 0.0), kind="angle", shape=(3,)
     )
@@ -107,7 +112,7 @@ class StarTracker:
         return StarTrackerState(key.at("noise"), alignment, none, self.timing.initial_state(none))
 
     def measure(self, motion: Motion) -> AttitudeReading:
-        """Return the measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) for the vehicle's motion, without error."""
         return AttitudeReading(quaternion.from_euler(*motion.attitude), self.sees(motion))
 
     def sees(self, motion: Motion) -> Any:

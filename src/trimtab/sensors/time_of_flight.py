@@ -18,52 +18,61 @@ from trimtab.core.signals import Motion
 from trimtab.environment.acoustics import CONE, Air, off_axis_angle, range_ratio, speed_of_sound
 
 SURVEY, CRYSTAL, NOISE, STRAY, ECHO = 110, 113, 120, 121, 122
-"""Streams of the random draws."""
+"""Numbers of the random streams: survey errors, timers' errors, noise, stray ranges, echoes."""
 CEILING = 2.7048
 """Height (m) of beacons above the vehicle's units in the thesis's calibration. [1] table 5.2."""
 CEILING_SQUARE = np.array([[1.5, 1.5, -CEILING], [1.5, -1.5, -CEILING], [-1.5, -1.5, -CEILING], [-1.5, 1.5, -CEILING]])
-"""Four beacons 3 m apart at the ceiling (4, 3), in W."""
+"""Positions (4, 3) in W of four beacons at the ceiling, at the corners of a 3 m square."""
 
 
 @record
 class Beacons:
-    """Ultrasonic beacons that look straight down, and their deviations from the map.
+    """Ultrasonic beacons that point straight down, and the deviations of their true positions from the map.
 
-    Every field has a row or a value for each of the n beacons, or one value for all; `map` decides n.
+    The number n of beacons is the number of rows of `map`. `moved` and `dead` have one entry for each beacon, or one
+    value for all beacons.
 
     Frames:  positions in W.    Source:  [1] section 5.5 for range and cone; spacing is reconstructed, see docs Errata.
     """
 
-    map: Any = quantity("m", "Surveyed positions (n, 3).", default=CEILING_SQUARE, frame="W")
+    map: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=CEILING_SQUARE, frame="W")
     survey_error: Scalar = imperfection(
-        "m", "Standard deviation of each coordinate of the surveyed positions.", "survey-error"
+        "m", "Standard deviation of the survey error of each beacon coordinate.", "survey-error"
     )
-    reach: Scalar = quantity("m", "Longest range, 30 ft.", default=9.144, above=0, source="[1] section 5.5")
-    cone: Scalar = quantity("rad", "Half the opening angle of the sound.", default=CONE, kind="angle", above=0)
-    crystal: Scalar = quantity("1", "Standard deviation of a timer's relative error.", default=20e-6, low=0)
+    reach: Scalar = quantity("m", "Longest measurable range (30 ft).", default=9.144, above=0, source="[1] section 5.5")
+    cone: Scalar = quantity(
+        "rad", "Half the opening angle of a beacon's sound cone.", default=CONE, kind="angle", above=0
+    )
+    crystal: Scalar = quantity(
+        "1", "Standard deviation of the relative error of each beacon's timer.", default=20e-6, low=0
+    )
     moved: Any = quantity(
         "m",
-        "Displacement of the beacons by a fault (n, 3), or one value.",
+        "Displacement of each beacon by a fault (n, 3), or one value for all beacons.",
         default=0.0,
         frame="W",
         off={"beacon-fault": lambda beacons: 0.0 * np.asarray(beacons.moved)},
     )
     dead: Any = quantity(
         "1",
-        "True for each beacon silenced by a fault (n,), or one value.",
+        "True for each beacon silenced by a fault (n,), or one value for all beacons.",
         default=False,
         kind="flag",
         off={"beacon-fault": False},
     )
     fault_time: Scalar = quantity(
-        "100 ns", "Time from which the beacons are displaced or silent.", default=0, kind="time"
+        "100 ns", "Time of the beacon fault. From then on the beacons are displaced or silent.", default=0, kind="time"
     )
 
     def check(self) -> None:
-        """Raise InputError if the map is not a list of positions, or faults are given for another number of beacons."""
+        """Raise InputError if the map's shape is not (n, 3), or a fault is not given for n beacons."""
         shape = np.shape(self.map)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
-            raise InputError("Beacons.map", f"has shape {shape}", fix="give one row north, east, down for each beacon")
+            raise InputError(
+                "Beacons.map",
+                f"has shape {shape}, must be (n, 3)",
+                fix="give one row (north, east, down) for each beacon",
+            )
         for name, value, per_beacon in (("moved", self.moved, shape), ("dead", self.dead, shape[:1])):
             if np.shape(value) not in ((), per_beacon):
                 problem = f"has shape {np.shape(value)} for {shape[0]} beacons"
@@ -72,26 +81,28 @@ class Beacons:
 
 @record
 class RangeErrors:
-    """Errors of a single range.
+    """Errors of a single measured range.
 
-    Source: [1] section 5.5.4 has the spread of fixes, from which the noise is reconstructed, see docs Errata;
-    strays and echoes: no figures there, none unless set.
+    Source: noise reconstructed from the spread of position fixes in [1] section 5.5.4, see docs Errata. [1] has no
+    figures for stray ranges and echoes, so both are off by default.
     """
 
-    noise: Scalar = imperfection("m", "Standard deviation of the noise of a range.", "range-noise", default=0.004)
+    noise: Scalar = imperfection("m", "Standard deviation of the noise of each range.", "range-noise", default=0.004)
     stray_probability: Scalar = imperfection(
         "1", "Probability of a stray range, unrelated to the distance.", "stray-ranges", high=1
     )
-    stray_size: Scalar = quantity("m", "Largest error of a stray, either way.", default=3.0, low=0)
-    echo_probability: Scalar = imperfection("1", "Probability that an echo is timed instead.", "echoes", high=1)
-    echo_size: Scalar = quantity("m", "Largest detour of an echo.", default=1.0, low=0)
+    stray_size: Scalar = quantity("m", "Largest error of a stray range, either sign.", default=3.0, low=0)
+    echo_probability: Scalar = imperfection(
+        "1", "Probability that an echo is measured instead of the direct sound.", "echoes", high=1
+    )
+    echo_size: Scalar = quantity("m", "Largest extra path length of an echo.", default=1.0, low=0)
 
 
 @record
 class Medium:
     """Air that carries the sound, and the air that the receiver assumes. Source: docs page."""
 
-    actual: Air = part("Actual air.", default=Air())
+    actual: Air = part("Actual air through which the sound travels.", default=Air())
     assumed: Air = part(
         "Air assumed by the receiver for its speed of sound.",
         default=Air(),
@@ -100,28 +111,29 @@ class Medium:
 
 
 def unit_position(motion: Motion, lever: Any) -> Any:
-    """Return the position of a unit in W (3,), from its place in B (3,)."""
+    """Return the position (3,) in W of an ultrasonic unit, from its position `lever` (3,) in B."""
     roll, pitch, yaw = motion.attitude[0], motion.attitude[1], motion.attitude[2]
     return motion.p_WB + from_euler(roll, pitch, yaw) @ lever
 
 
 def unit_velocity(motion: Motion, lever: Any) -> Any:
-    """Return the velocity of a unit in W (3,), from its place in B (3,)."""
+    """Return the velocity (3,) in W of an ultrasonic unit, from its position `lever` (3,) in B."""
     roll, pitch, yaw = motion.attitude[0], motion.attitude[1], motion.attitude[2]
     return from_euler(roll, pitch, yaw) @ (motion.v_WB_B + jnp.cross(motion.w_WB_B, lever))
 
 
 def distances(positions: Any, unit: Any) -> tuple[Any, Any]:
-    """Return distance (m) and angle off the beacon's axis (rad) of beacons (n, 3) and a unit (3,), shape (n,) each."""
+    """Return the distances (n,) (m) from beacons (n, 3) to a unit (3,), and its angles (n,) (rad) off their axes."""
     line = unit - positions
     distance = jnp.sqrt(jnp.sum(line * line, axis=1))
     return distance, off_axis_angle(line[:, 2], distance)
 
 
 def measured_range(positions: Any, unit: Any, cone_error: bool = True) -> Any:
-    """Return ranges (n,) of a receiver without noise: too long off the axis. Source: [1] section 5.5.4.
+    """Return noise-free ranges (n,) with the cone error: too long off a beacon's axis. Source: [1] section 5.5.4.
 
-    Args:     positions: of the beacons (n, 3).    unit: its place (3,), or one for each beacon (n, 3).
+    Args:     positions: positions of the beacons (n, 3).    unit: position of the ultrasonic unit (3,), or one position
+              for each beacon (n, 3).    cone_error: False for exact ranges.
     """
     if not cone_error:
         line = unit - positions
@@ -131,7 +143,7 @@ def measured_range(positions: Any, unit: Any, cone_error: bool = True) -> Any:
 
 
 def audible_beacons(beacons: Beacons, positions: Any, unit: Any) -> Any:
-    """Return a mask of the beacons (n,) at these positions that are within reach and cone of a unit (3,)."""
+    """Return a mask (n,) of the beacons at these positions (n, 3) whose reach and cone contain the unit (3,)."""
     distance, beta = distances(positions, unit)
     return (distance <= beacons.reach) & (beta <= beacons.cone)
 
@@ -149,14 +161,14 @@ def actual_positions(beacons: Beacons, key: Key, t: Any) -> Any:
 
 
 def responding_beacons(beacons: Beacons, positions: Any, unit: Any, t: Any) -> Any:
-    """Return a mask of the beacons (n,) that are audible and not silenced at integer time t."""
+    """Return a mask (n,) of the beacons that the unit can receive and that no fault silences at integer time t."""
     return audible_beacons(beacons, positions, unit) & ~(jnp.asarray(beacons.dead) & (t >= beacons.fault_time))
 
 
 def corrupt_ranges(ranges: Any, key: Key, number: Any, errors: RangeErrors, medium: Medium, crystal: Any) -> Any:
     """Return measured ranges (n,) with the errors of speed of sound, timers, noise, strays and echoes.
 
-    Args:     ranges: without error (m), shape (n,).    number: of the ping, an integer.
+    Args:     ranges: error-free ranges (n,) (m).    number: number of the ping, an integer.
               crystal: standard deviation of the timers' relative errors.
     """
     n = ranges.shape[0]

@@ -1,4 +1,4 @@
-"""A network of ultrasonic beacons: the vehicle pings, the beacons reply with their ranges.
+"""Network of ultrasonic beacons: the vehicle sends a ping, and each beacon replies with its measured range.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -41,12 +41,12 @@ from trimtab.sensors.time_of_flight import (
 )
 
 SYNC, TICK, DRIFT = 130, 131, 132
-"""Streams of the clock's draws."""
+"""Numbers of the random streams of a unit's clock: error after setting, tick, drift."""
 
 
 @record
 class Ranges:
-    """The replies to one ping; the sample's time is the ping's. Source: [1] section 5.5."""
+    """Replies to one ping. The sample's time is the time of the ping. Source: [1] section 5.5."""
 
     range: Any = quantity("m", "Measured range to each beacon (n,), cone error included; 0 where no reply arrived.")
     arrived: Any = quantity("1", "True for each beacon whose reply arrived (n,).", kind="flag")
@@ -55,9 +55,10 @@ class Ranges:
 
 @record
 class UnitClock:
-    """The clock of a unit, set once a second by the master's radio.
+    """Clock of an ultrasonic unit, set every `sync` by the master's radio.
 
-    Source: [1] section 5.5.2: 1 us after setting, crystal of 32.768 kHz; its accuracy is typical for such a crystal.
+    Source: [1] section 5.5.2: error of 1 us after setting, crystal of 32.768 kHz. The drift is typical of such a
+    crystal.
     """
 
     residual: Scalar = imperfection(
@@ -69,10 +70,10 @@ class UnitClock:
     tick: Scalar = imperfection(
         "s", "Period of the crystal; slots begin on its ticks.", "clock-error", default=1 / 32768
     )
-    sync: int = period("Time between settings.", default=seconds(1))
+    sync: int = period("Time between two settings of the clock.", default=seconds(1))
 
     def error(self, key: Key, t: Any, unit: Any) -> Any:
-        """Return the delay (s) of a unit's actual slot start after integer time t."""
+        """Return the delay (s) of a unit's actual slot start after the nominal start at integer time t."""
         drift, _ = normal2(key, unit, DRIFT)
         residual, _ = normal2(key, t // self.sync * 16 + unit, SYNC)
         tick, _ = uniform2(key, t // self.sync * 16 + unit, TICK)
@@ -81,30 +82,30 @@ class UnitClock:
 
 @record
 class RangingState:
-    """Ping in transit, and the last one whose replies are complete. Source: this module."""
+    """State of the ranging: the ping in transit, and the last ping whose replies are complete. Source: this module."""
 
     key: Key = part("Key of the random draws.")
     coming: Ranges = part("Replies to the ping in transit.")
     pinged: Scalar = quantity("100 ns", "Time at which the ping in transit was sent.", kind="time")
-    due: Scalar = quantity("100 ns", "Time at which its last reply arrives.", kind="time")
-    held: Ranges = part("Replies given out last.")
-    measured: Scalar = quantity("100 ns", "Time at which their ping was sent.", kind="time")
-    any: Scalar = quantity("1", "True once a sample has been given out.", kind="flag")
+    due: Scalar = quantity("100 ns", "Time at which the last reply to the ping in transit arrives.", kind="time")
+    held: Ranges = part("Replies to the last ping whose replies are complete.")
+    measured: Scalar = quantity("100 ns", "Time at which the last ping with complete replies was sent.", kind="time")
+    any: Scalar = quantity("1", "True once the replies to a ping have arrived.", kind="flag")
 
 
 @record
 class UltrasonicRanging:
-    """Units on the vehicle that ping in turn, one a slot, and the ranges with which the beacons reply.
+    """Ultrasonic units on the vehicle that ping in turn, one in each slot. The beacons reply with their ranges.
 
-        slot k = t div slot;   its client is k mod clients, the vehicle's unit of that number if it has one
+        k = t div slot;   client of slot k = k mod clients, which is the vehicle's unit of that number if it exists
         range = distance / ratio(beta) * c_assumed / c + errors;   a reply waits until the channel is free
 
-    A ping's sample has the time of the ping and is given out when the last reply has arrived, or at the end of the
-    slot if there is no reply. Draws depend on key and slot alone.
+    The sample of a ping has the time of the ping. It is available when the last reply has arrived, or at the end of the
+    slot if no reply arrives. Random draws depend only on the key and the slot.
 
     Frames:  beacons in W, units in B.    Not modelled: Doppler shift; the vehicle's motion during the sound's flight;
-             interference of a ping with the echoes of the one before.
-    Source:  [1] section 5.5. Differences from the source: docs page, Errata.
+             interference of a ping with the echoes of the previous ping.
+    Source:  [1] section 5.5. Differences from [1]: docs page, Errata.
     """
 
     beacons: Beacons = part(
@@ -112,15 +113,17 @@ class UltrasonicRanging:
         default=Beacons(),
         off={"clock-error": lambda sensor: replace(sensor.beacons, crystal=0.0)},
     )
-    units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=np.zeros((1, 3)), frame="B")
+    units: Any = quantity(
+        "m", "Positions (m, 3) of the vehicle's ultrasonic units.", default=np.zeros((1, 3)), frame="B"
+    )
     channel: CarrierSense = part("Rules by which replies share the radio channel.", default=CarrierSense())
-    errors: RangeErrors = part("Errors of single ranges.", default=RangeErrors())
+    errors: RangeErrors = part("Errors of each measured range.", default=RangeErrors())
     medium: Medium = part("Air that carries the sound.", default=Medium())
-    clock: UnitClock = part("Clock of a unit.", default=UnitClock())
+    clock: UnitClock = part("Clock of an ultrasonic unit on the vehicle.", default=UnitClock())
     clients: int = option(
         "Number of clients that take turns; those beyond the vehicle's units belong to other vehicles.", default=1
     )
-    cone_error: bool = switch("Model the cone error: ranges are too long off the axis.", "cone-error")
+    cone_error: bool = switch("Model the cone error: ranges are too long off a beacon's axis.", "cone-error")
     collisions: bool = switch("Allow replies to be lost in collisions.", "collisions")
     slot: int = period("Length of the slot of one client.", default=ms(100))
     period: int = period("Time between checks for replies.", default=ms(1))
@@ -128,10 +131,14 @@ class UltrasonicRanging:
     LATE: ClassVar[bool] = True
 
     def check(self) -> None:
-        """Raise InputError if units have no positions, exceed the turns, or slots are not multiples of the period."""
+        """Raise InputError if the units' shape is not (m, 3), m > `clients`, or `period` does not divide `slot`."""
         shape = np.shape(self.units)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
-            raise InputError("UltrasonicRanging.units", f"has shape {shape}", fix="give one row x, y, z for each unit")
+            raise InputError(
+                "UltrasonicRanging.units",
+                f"has shape {shape}, must be (m, 3)",
+                fix="give one row (x, y, z) for each unit",
+            )
         if not shape[0] <= self.clients <= 10:
             problem = (
                 f"got {self.clients} clients for {shape[0]} units; at least one per unit and at most 10 are needed"
@@ -141,7 +148,7 @@ class UltrasonicRanging:
             )
         if self.slot % self.period:
             problem = f"{format_time(self.slot)} must be a multiple of the period, {format_time(self.period)}"
-            raise InputError("UltrasonicRanging.slot", problem, fix="set period to a divisor of it, e.g. 1 ms")
+            raise InputError("UltrasonicRanging.slot", problem, fix="set period to a divisor of slot, e.g. 1 ms")
 
     def init(self, key: Key) -> RangingState:
         """Return the initial state, without a ping in transit."""
@@ -152,13 +159,13 @@ class UltrasonicRanging:
         return RangingState(key=key, coming=none, pinged=zero, due=never, held=none, measured=zero, any=np.bool_(False))
 
     def pinging_unit(self, t: Any) -> tuple[Any, Any]:
-        """Return whether a unit of this vehicle pings at integer time t, and the index of the slot's unit."""
+        """Return True if a unit of this vehicle pings at integer time t, and the index of the slot's unit."""
         client = (t // self.slot) % self.clients
         m = np.shape(self.units)[0]
         return (t % self.slot == 0) & (client < m), jnp.minimum(client, m - 1).astype(np.int32)
 
     def measure(self, motion: Motion) -> Ranges:
-        """Return the ranges h(x) of the slot's unit, with beacons at their mapped positions: only the cone error."""
+        """Return the ranges h(x) from the mapped beacons to the unit that pings now, with only the cone error."""
         _, unit = self.pinging_unit(motion.t)
         at = unit_position(motion, jnp.asarray(self.units)[unit])
         positions = jnp.asarray(self.beacons.map)

@@ -1,4 +1,4 @@
-"""Cart and pole: a pole that hinges on a cart, which a force pushes along a rail. To learn from.
+"""Cart and pole: a pole hinged on a cart, which a force pushes along a rail. A vehicle for tutorials.
 
 [1] is A. G. Barto, R. S. Sutton, C. W. Anderson, "Neuronlike adaptive elements that can solve difficult learning
 control problems", IEEE Trans. Systems, Man, and Cybernetics 13 (1983), appendix.
@@ -18,7 +18,9 @@ class CartPoleState:
 
     position: Scalar = quantity("m", "Position of the cart along the rail.", frame="W", default=0.0)
     speed: Scalar = quantity("m/s", "Speed of the cart.", frame="W", default=0.0)
-    angle: Scalar = quantity("rad", "Angle of the pole from upright, to the front; counts full turns.", default=0.0)
+    angle: Scalar = quantity(
+        "rad", "Angle of the pole from upright, positive to the front; counts full turns.", default=0.0
+    )
     angle_rate: Scalar = quantity("rad/s", "Angular velocity of the pole.", default=0.0)
 
 
@@ -31,13 +33,14 @@ class CartForce:
 
 @record
 class CartPole:
-    """A uniform pole hinged on a cart that moves without friction.
+    """Uniform pole hinged on a cart that moves without friction.
 
         J q'' = m l (g sin q - a cos q)        J = 4/3 m l^2
         F = (M + m) a + m l (q'' cos q - q'^2 sin q)
 
-    Frames:  the rail lies north in W; B is the pole, its z axis from top to hinge, so that upright it is W.
-    Valid:   any angle. Not modelled: the rail's ends; friction of the cart and of the hinge, which are small in [1].
+    Frames:  the rail points north in W; B is fixed to the pole, with z from the top to the hinge. B has the axes of W
+             when the pole is upright.
+    Valid:   any angle. Not modelled: ends of the rail; friction of the cart and of the hinge, which is small in [1].
     Source:  [1]: masses, half-length, gravity.
     """
 
@@ -66,13 +69,13 @@ class CartPole:
         return 2 / 3 * ml * self.half_length * x.angle_rate**2 + ml * self.gravity * (jnp.cos(x.angle) - 1)
 
     def dynamics(self, t: Any, x: CartPoleState, u: CartForce) -> CartPoleState:
-        """Return the derivative of x under the force u."""
+        """Return the time derivative of the state x under the force u."""
         still = self.force(x, 0.0)
         a = (u.force - still) / (self.force(x, 1.0) - still)  # the force is linear in the acceleration
         return CartPoleState(x.speed, a, x.angle_rate, self.angle_acceleration(x, a))
 
     def motion(self, t: Any, x: CartPoleState, u: CartForce) -> Motion:
-        """Return the motion of a sensor on the pole at the hinge; t: integer time."""
+        """Return the motion of a sensor on the pole at the hinge; t: integer time (100 ns)."""
         rate, zero = self.dynamics(t, x, u), 0.0 * x.angle
         cosine, sine = jnp.cos(x.angle), jnp.sin(x.angle)
 

@@ -1,4 +1,4 @@
-"""A body carried along a closed path in the air. All derivatives of its motion are known, for tests of navigation."""
+"""Body carried along a closed path in the air. All derivatives of its motion are known, for tests of navigation."""
 
 from typing import Any, ClassVar
 
@@ -13,39 +13,39 @@ from trimtab.environment.geodetic import STANDARD
 from trimtab.vehicles.rotating_platform import PlatformDrive
 
 MIDDLE = -jnp.pi / 2
-"""Reference yaw (rad) for unwrapping: the middle of the yaw range of a figure of eight, which is less than a turn."""
+"""Reference yaw (rad) for unwrapping: the middle of the yaw range of a figure of eight, which is below a full turn."""
 
 
 @record
 class ClosedPathState:
     """State of a body on a closed path: angle along the path, its rate, and the motion that follows from them.
 
-    Only angle and rate determine the motion. The other fields are integrated too, so that a log has the true values of
-    all that navigation estimates. `ClosedPath.at` gives a consistent state. Source: this module.
+    Only angle and rate determine the motion. The other fields are integrated too, so that a log contains the true value
+    of every navigation estimate. `ClosedPath.at` returns a consistent state. Source: this module.
     """
 
     angle: Scalar = quantity("rad", "Angle along the path: a lap is a full turn; unwrapped.", kind="angle")
-    rate: Scalar = quantity("rad/s", "Rate of the angle.")
-    position: Any = quantity("m", "North, east, down.", frame="W", shape=(3,))
-    velocity: Any = quantity("m/s", "North, east, down.", frame="W", shape=(3,))
-    attitude: Any = quantity("1", "Quaternion q_WB, scalar first.", frame="WB", shape=(4,))
+    rate: Scalar = quantity("rad/s", "Rate of the angle along the path.")
+    position: Any = quantity("m", "Position: north, east, down.", frame="W", shape=(3,))
+    velocity: Any = quantity("m/s", "Velocity: north, east, down.", frame="W", shape=(3,))
+    attitude: Any = quantity("1", "Attitude: quaternion q_WB, scalar first.", frame="WB", shape=(4,))
 
 
 @record
 class ClosedPath:
-    """A figure of eight that climbs and falls, flown as an aircraft does: along its path, banked so that nothing slips.
+    """Figure of eight that climbs and descends, flown like an aircraft: nose along the path, banked without sideslip.
 
         p = (length sin al, width sin 2 al, -height - climb sin al)
-        x_B along p',   z_B against the part of f = p'' W^2 - g that is across x_B,   W the `coordinated` rate
+        x_B along p',   z_B opposite to the component of f = p'' W^2 - g normal to x_B,   W the `coordinated` rate
         al'' = (rate - al')/tau
 
-    The attitude is a function of the angle alone, so that velocity, acceleration, angular velocity and angular
-    acceleration are its derivatives exactly, whatever the rate; at another rate than `coordinated` it slips.
+    Position and attitude are functions of the angle alone, so velocity, acceleration, angular velocity and angular
+    acceleration are exact derivatives at any rate. At a rate other than `coordinated` the body sideslips.
 
     Frames:  W north-east-down, B forward, starboard, down, at the body's centre of mass.
-    Not modelled: air, thrust, the vehicle's dynamics: it is where the path says.
+    Not modelled: air, thrust, the vehicle's dynamics. The path prescribes the motion.
     Valid:   length > 0; the path never points straight down or up.
-    Source:  turns without slip: Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., section 3.6.
+    Source:  turns without sideslip: Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., section 3.6.
     """
 
     length: Scalar = quantity("m", "Half of the path's extent from south to north.", default=60.0, above=0)
@@ -55,7 +55,9 @@ class ClosedPath:
     coordinated: Scalar = quantity(
         "rad/s", "Rate of the path angle for which the bank angle gives a coordinated turn.", default=0.3, low=0
     )
-    time_constant: Scalar = quantity("s", "Time constant of the rate's lag behind its command.", default=0.5, above=0)
+    time_constant: Scalar = quantity(
+        "s", "Time constant of the lag from the commanded rate to the rate.", default=0.5, above=0
+    )
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
     """Vehicle type reported to ground stations, see `wire.telemetry`."""
@@ -71,12 +73,12 @@ class ClosedPath:
         )
 
     def tangent(self, angle: Any) -> Any:
-        """Return p' (3,) (m/rad, in W), the derivative of the position by the path angle."""
+        """Return p' (3,) (m/rad, in W), the derivative of the position with respect to the path angle."""
         c, c2 = jnp.cos(angle), jnp.cos(2 * angle)
         return jnp.stack([self.length * c, 2 * self.width * c2, -self.climb * c])
 
     def curvature(self, angle: Any) -> Any:
-        """Return p'' (3,) (m/rad², in W), the second derivative of the position by the path angle."""
+        """Return p'' (3,) (m/rad², in W), the second derivative of the position with respect to the path angle."""
         s, s2 = jnp.sin(angle), jnp.sin(2 * angle)
         return jnp.stack([-self.length * s, -4 * self.width * s2, self.climb * s])
 
@@ -90,13 +92,13 @@ class ClosedPath:
         return jnp.stack([x, jnp.cross(z, x), z], axis=1)
 
     def turn(self, angle: Any) -> Any:
-        """Return the angular velocity of the body (3,) (in B) per rate of the path angle."""
+        """Return the angular velocity of the body (3,) in B per unit rate of the path angle."""
         R, dR = jax.jvp(self.rotation, (angle,), (jnp.ones_like(angle),))
         S = R.T @ dR
         return jnp.stack([S[2, 1], S[0, 2], S[1, 0]])
 
     def dynamics(self, t: Any, x: ClosedPathState, u: PlatformDrive) -> ClosedPathState:
-        """Return the derivative of x (SI) under the commanded rate."""
+        """Return the time derivative of the state x (SI) under the commanded rate."""
         acceleration = (u.rate - x.rate) / self.time_constant
         along = self.tangent(x.angle)
         return ClosedPathState(
@@ -108,7 +110,7 @@ class ClosedPath:
         )
 
     def motion(self, t: Any, x: ClosedPathState, u: PlatformDrive) -> Motion:
-        """Return the motion of a sensor, computed from angle, rate and command; t: integer time."""
+        """Return the motion of a sensor, computed from angle, rate and command; t: integer time (100 ns)."""
         acceleration = (u.rate - x.rate) / self.time_constant
         R_WB, along = self.rotation(x.angle), self.tangent(x.angle)
         turn, change = jax.jvp(self.turn, (x.angle,), (jnp.ones_like(x.angle),))

@@ -1,4 +1,4 @@
-"""Dubins' car: it drives ahead at constant speed, with a smallest turning radius. To learn from.
+"""Dubins' car, which drives forward at constant speed with a smallest turning radius. A vehicle for tutorials.
 
 [1] is L. E. Dubins, "On curves of minimal length with a constraint on average curvature, and with prescribed initial
 and terminal positions and tangents", American Journal of Mathematics 79 (1957) 497-516.
@@ -30,14 +30,14 @@ class CarTurn:
 
 @record
 class DubinsCar:
-    """A point that moves at constant speed in the direction of its heading.
+    """Point that moves at constant speed in the direction of its heading.
 
         north' = V cos psi     east' = V sin psi     psi' = r,   |r| <= V/R
 
-    Frames:  W north, east; B ahead, to the right, down.
-    Valid:   any turn rate; rates beyond V/R are limited to V/R. Not modelled: slip, steering that takes time,
-             reverse; with reverse the shortest paths are others (Reeds and Shepp, 1990).
-    Source:  [1]; speed and radius are this project's.
+    Frames:  W north, east; B forward, right, down.
+    Valid:   any turn rate; rates beyond V/R are limited to V/R. Not modelled: slip, steering lag, reverse driving, with
+             which other paths are shortest (Reeds and Shepp, 1990).
+    Source:  [1]; speed and radius are chosen.
     """
 
     speed: Scalar = quantity("m/s", "Speed V of the car.", default=1.0, above=0)
@@ -52,13 +52,13 @@ class DubinsCar:
         return jnp.clip(turn_rate, -most, most)
 
     def dynamics(self, t: Any, x: DubinsCarState, u: CarTurn) -> DubinsCarState:
-        """Return the derivative of x under the turn rate u."""
+        """Return the time derivative of the state x under the turn rate u."""
         return DubinsCarState(
             self.speed * jnp.cos(x.heading), self.speed * jnp.sin(x.heading), self.limit(u.turn_rate) + 0.0 * x.heading
         )
 
     def motion(self, t: Any, x: DubinsCarState, u: CarTurn) -> Motion:
-        """Return the motion of a sensor on the car; t: integer time."""
+        """Return the motion of a sensor on the car; t: integer time (100 ns)."""
         rate, zero = self.limit(u.turn_rate), 0.0 * x.heading
         nothing = jnp.stack([zero, zero, zero])
         return Motion(

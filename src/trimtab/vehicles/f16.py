@@ -1,4 +1,4 @@
-"""The F-16 below Mach 0.6, in six degrees of freedom over the turning earth, by tables from the wind tunnel."""
+"""F-16 below Mach 0.6 in six degrees of freedom over the rotating earth, with tables from wind tunnel tests."""
 
 from typing import Any, ClassVar
 
@@ -15,7 +15,7 @@ from trimtab.vehicles.rigid_body import Airflow, FlightCondition, RigidBody, Rig
 
 AREA, SPAN, CHORD = 300 * FOOT**2, 30 * FOOT, 11.32 * FOOT
 REFERENCE = 0.35
-"""Distance of the moments' reference point behind the chord's leading edge (chord lengths)."""
+"""Distance of the reference point of the moments behind the leading edge of the chord (chord lengths)."""
 INERTIA = SLUG * FOOT**2
 EVERY_BETA = np.concatenate([-tables.SIZE_OF_BETA[:0:-1], tables.SIZE_OF_BETA])
 _OVER_ELEVATOR = np.stack([tables.CX, tables.CM], axis=-1)
@@ -30,26 +30,26 @@ MILITARY = 0.5
 
 @record
 class F16Controls:
-    """Controls of the pilot. Source: F16_aero.dml and F16_prop.dml of NASA/TM-2015-218675."""
+    """Control surface angles and throttle of the F-16. Source: F16_aero.dml and F16_prop.dml of NASA/TM-2015-218675."""
 
     elevator: Scalar = quantity("rad", "Elevator angle, trailing edge down.", kind="angle")
-    aileron: Scalar = quantity("rad", "Aileron angle, positive rolls to the left.", kind="angle")
+    aileron: Scalar = quantity("rad", "Aileron angle; positive rolls to the left.", kind="angle")
     rudder: Scalar = quantity("rad", "Rudder angle, trailing edge left.", kind="angle")
     throttle: Scalar = quantity("1", "Throttle: 0 idle, 0.5 military power, 1 full afterburner.")
 
 
 @record
 class F16:
-    """The F-16 with the tables of Stevens and Lewis. Its engine follows the throttle without lag.
+    """F-16 with the tables of Stevens and Lewis. The engine follows the throttle without lag.
 
         F = q S (CX, CY, CZ) + (T, 0, 0)        M = q S (b Cl, c Cm, b Cn) + (r_ref - r_cm) × F
 
-    Coefficients over angle of attack, sideslip and rates, thrust over Mach number and altitude: all bilinear, and held
-    at the tables' ends.
+    Coefficients are interpolated over angle of attack and sideslip or elevator angle, thrust over Mach number and
+    altitude. Interpolation is bilinear, and constant beyond the ends of the tables.
 
-    Frames:  as of `RigidBody`; x forward from the centre of mass.
-    Valid:   -10 to 45 degrees of attack, sideslip within 30 degrees, Mach 0.6. Not modelled: lag of engine and
-             actuators, the engine's turning, the leading-edge flap, compressibility.
+    Frames:  as in `RigidBody`; x forward from the centre of mass.
+    Valid:   angle of attack -10 to 45 degrees, sideslip within 30 degrees, up to Mach 0.6. Not modelled: lag of engine
+             and actuators, angular momentum of the engine, the leading-edge flap, compressibility.
     Source:  Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., appendix A; F16_aero.dml, F16_prop.dml
              and F16_inertia.dml of NASA/TM-2015-218675.
     """
@@ -78,11 +78,11 @@ class F16:
         return self.body.flight(t, x)
 
     def dynamics(self, t: Any, x: RigidBodyState, u: F16Controls) -> RigidBodyState:
-        """Return the derivative of x; t: seconds."""
+        """Return the time derivative of the state x; t: seconds."""
         return self.body.dynamics(t, x, self.wrench(self.flight(t, x), u))
 
     def motion(self, t: Any, x: RigidBodyState, u: F16Controls) -> Motion:
-        """Return the motion of a sensor at the centre of mass; t: integer time."""
+        """Return the motion of a sensor at the centre of mass; t: integer time (100 ns)."""
         return self.body.motion(t, x, self.wrench(self.flight(t * 1e-7, x), u))
 
     def wrench(self, flight: FlightCondition, u: F16Controls) -> Wrench:
@@ -96,7 +96,7 @@ class F16:
         C = coefficients(flow, u)
         qS = flow.pressure * AREA
         force = qS * C[:3]
-        arm = (self.centre - REFERENCE) * CHORD  # from the centre of mass to the reference, forward
+        arm = (self.centre - REFERENCE) * CHORD  # from the centre of mass to the reference point, forward
         moment = qS * C[3:] * jnp.array([SPAN, CHORD, SPAN]) + jnp.stack([0 * arm, -arm * force[2], arm * force[1]])
         return Wrench(force, moment)
 

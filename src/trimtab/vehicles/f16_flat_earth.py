@@ -1,4 +1,4 @@
-"""The F-16 of Stevens and Lewis: thirteen states over a flat earth, with the lag of its engine.
+"""F-16 of Stevens and Lewis: thirteen states over a flat earth, with engine lag.
 
 [1] is B. L. Stevens, F. L. Lewis, E. N. Johnson, "Aircraft control and simulation", 3rd ed., Wiley 2015.
 """
@@ -21,7 +21,7 @@ GRAVITY = 32.17 * FOOT
 """Acceleration of gravity (m/s²)."""
 SEA_DENSITY = 2.377e-3 * SLUG / FOOT**3
 RANKINE = 5 / 9
-"""Kelvins in one degree Rankine (K)."""
+"""Size of one degree Rankine in kelvins."""
 GAS_CONSTANT = 1716.3 * FOOT**2 / RANKINE
 """Gas constant of air (J/(kg K))."""
 GEAR_KNEE = 0.77
@@ -38,7 +38,7 @@ class F16State:
 
     speed: Scalar = quantity("m/s", "Airspeed.", above=0)
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
-    beta: Scalar = quantity("rad", "Sideslip angle, wind from starboard.", kind="angle")
+    beta: Scalar = quantity("rad", "Sideslip angle, positive with the wind from starboard.", kind="angle")
     roll: Scalar = quantity("rad", "Bank angle, starboard wing down.", frame="WB", kind="angle")
     pitch: Scalar = quantity("rad", "Pitch angle, nose up.", frame="WB", kind="angle")
     yaw: Scalar = quantity("rad", "Yaw angle, clockwise from north.", frame="WB", kind="angle")
@@ -54,8 +54,8 @@ class F16State:
 class Loads(NamedTuple):
     """Velocity, forces and accelerations of the F-16.
 
-    velocity: in B (3,) (m/s). wrench: of air and engine. acceleration: relative to W, resolved in B (3,) (m/s²). turn:
-    angular acceleration in B (3,) (rad/s²).
+    velocity: in B (3,) (m/s). wrench: force and moment of air and engine. acceleration: relative to W, resolved in B
+    (3,) (m/s²). turn: angular acceleration in B (3,) (rad/s²).
     """
 
     velocity: Any
@@ -66,20 +66,23 @@ class Loads(NamedTuple):
 
 @record
 class F16FlatEarth:
-    """The F-16 with its tables, over a flat earth that does not rotate, by the equations of [1].
+    """F-16 with its tables, over a flat earth that does not rotate, by the equations of [1].
 
-        m (v' + w × v) = F + m R_WB' g        J w' + w × (J w + h) = M        h: of the turning engine, along x
+        m (v' + w × v) = F + m R_WB' g        J w' + w × (J w + h) = M        h: angular momentum of the engine
         power' = (wanted - power)/T(power, wanted)        wanted: `engine_command` of the throttle
 
-    The state is the book's own: speed, angle of attack, sideslip and Euler angles for velocity and attitude.
+    The state is that of [1]: velocity as speed, angle of attack and sideslip, and attitude as Euler angles.
 
     Frames:  W north-east-down, its origin on the ground; B at the centre of mass, x forward, y starboard, z down.
-    Valid:   -10 to 45 degrees of attack, sideslip within 30 degrees, Mach 0.6, and pitch off the vertical, where Euler
-             angles fail. Not modelled: wind, lag of the surfaces (`actuators.bank`), the leading-edge flap.
-    Source:  [1] sections 3.5 and 3.6 and appendix A; tables as in `vehicles.f16`, which names where they differ.
+    Valid:   angle of attack -10 to 45 degrees, sideslip within 30 degrees, up to Mach 0.6, pitch away from 90 degrees,
+             where Euler angles are singular. Not modelled: wind, lag of the control surfaces (`actuators.bank`), the
+             leading-edge flap.
+    Source:  [1] sections 3.5 and 3.6 and appendix A; tables as in `vehicles.f16`.
     """
 
-    mass: Scalar = quantity("kg", "Mass.", default=SLUG / 1.57e-3, above=0, source="[1] fig. 3.5-1, RM")
+    mass: Scalar = quantity(
+        "kg", "Mass of the aeroplane.", default=SLUG / 1.57e-3, above=0, source="[1] fig. 3.5-1, RM"
+    )
     inertia: Any = quantity(
         "kg m^2",
         "Moments of inertia Jx, Jy, Jz.",
@@ -97,7 +100,7 @@ class F16FlatEarth:
     centre: Scalar = quantity(
         "1", "Distance of the centre of mass behind the leading edge (chord lengths).", default=0.35, low=0.1, high=0.45
     )
-    gravity: Scalar = quantity("m/s^2", "Gravity.", default=GRAVITY, source="[1] fig. 3.5-1, GD")
+    gravity: Scalar = quantity("m/s^2", "Acceleration of gravity.", default=GRAVITY, source="[1] fig. 3.5-1, GD")
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
     """Vehicle type reported to ground stations, see `wire.telemetry`."""
@@ -136,7 +139,7 @@ class F16FlatEarth:
         return jnp.stack([(jz * tx + jxz * tz) / size, ty / jy, (jxz * tx + jx * tz) / size])
 
     def dynamics(self, t: Any, x: F16State, u: F16Controls) -> F16State:
-        """Return the derivative of x."""
+        """Return the time derivative of the state x."""
         f = self.loads(x, u)
         p, q, r = x.roll_rate, x.pitch_rate, x.yaw_rate
         ub, vb, wb = f.velocity
@@ -162,7 +165,7 @@ class F16FlatEarth:
         )
 
     def motion(self, t: Any, x: F16State, u: F16Controls) -> Motion:
-        """Return the motion of a sensor at the centre of mass; t: integer time."""
+        """Return the motion of a sensor at the centre of mass; t: integer time (100 ns)."""
         f = self.loads(x, u)
         return Motion(
             t=t,

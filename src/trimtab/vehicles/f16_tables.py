@@ -8,7 +8,7 @@ F16_prop.dml of NASA/TM-2015-218675 (DAVE-ML).
 import numpy as np
 
 ALPHA = np.arange(-10.0, 46.0, 5.0)
-"""Angle of attack (deg) at the grid points of all tables."""
+"""Angle of attack (deg) at the grid points of the aerodynamic tables."""
 SIZE_OF_BETA = np.arange(0.0, 31.0, 5.0)
 BETA = np.arange(-30.0, 31.0, 10.0)
 """Sideslip angle (deg) at the grid points of the tables."""
@@ -26,7 +26,7 @@ CX = np.array(
         [-0.083, -0.073, -0.076, -0.072, -0.046, 0.012, 0.024, 0.025, 0.043, 0.053, 0.047, 0.04],
     ]
 )
-"""Coefficient of the axial force over elevator angle and angle of attack."""
+"""Coefficient of the axial force over elevator angle (rows) and angle of attack (columns)."""
 CZ = np.array([0.77, 0.241, -0.1, -0.416, -0.731, -1.053, -1.366, -1.646, -1.917, -2.12, -2.248, -2.229])
 """Coefficient of the normal force over angle of attack."""
 CM = np.array(
@@ -38,7 +38,7 @@ CM = np.array(
         [-0.259, -0.202, -0.184, -0.193, -0.199, -0.15, -0.16, -0.167, -0.104, -0.076, -0.041, -0.005],
     ]
 )
-"""Coefficient of the pitching moment over elevator angle and angle of attack."""
+"""Coefficient of the pitching moment over elevator angle (rows) and angle of attack (columns)."""
 CL = np.array(
     [
         [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
@@ -50,7 +50,7 @@ CL = np.array(
         [0.009, -0.011, -0.023, -0.037, -0.05, -0.068, -0.089, -0.088, -0.091, -0.076, -0.077, -0.076],
     ]
 )
-"""Coefficient of the rolling moment over magnitude of sideslip and angle of attack."""
+"""Coefficient of the rolling moment over magnitude of sideslip (rows) and angle of attack (columns)."""
 CN = np.array(
     [
         [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
@@ -62,7 +62,7 @@ CN = np.array(
         [0.079, 0.09, 0.106, 0.106, 0.096, 0.08, 0.068, 0.03, 0.064, 0.015, 0.011, -0.001],
     ]
 )
-"""Coefficient of the yawing moment over magnitude of sideslip and angle of attack."""
+"""Coefficient of the yawing moment over magnitude of sideslip (rows) and angle of attack (columns)."""
 CL_AILERON = np.array(
     [
         [-0.041, -0.052, -0.053, -0.056, -0.05, -0.056, -0.082, -0.059, -0.042, -0.038, -0.027, -0.017],
@@ -74,7 +74,7 @@ CL_AILERON = np.array(
         [-0.043, -0.049, -0.047, -0.045, -0.042, -0.037, -0.003, -0.013, -0.01, -0.003, -0.007, -0.008],
     ]
 )
-"""Over sideslip, angle of attack."""
+"""Rolling moment coefficient due to an aileron angle of 20 deg, over sideslip (rows) and angle of attack (columns)."""
 CL_RUDDER = np.array(
     [
         [0.005, 0.017, 0.014, 0.01, -0.005, 0.009, 0.019, 0.005, 0, -0.005, -0.011, 0.008],
@@ -86,7 +86,7 @@ CL_RUDDER = np.array(
         [0.023, 0.01, 0.011, 0.011, 0.011, 0.01, 0.008, 0.01, 0.006, 0.014, 0.02, 0],
     ]
 )
-"""Over sideslip, angle of attack."""
+"""Rolling moment coefficient due to a rudder angle of 30 deg, over sideslip (rows) and angle of attack (columns)."""
 CN_AILERON = np.array(
     [
         [0.001, -0.027, -0.017, -0.013, -0.012, -0.016, 0.001, 0.017, 0.011, 0.017, 0.008, 0.016],
@@ -98,7 +98,7 @@ CN_AILERON = np.array(
         [-0.022, 0.002, -0.003, -0.005, -0.003, -0.001, -0.009, -0.009, -0.001, 0.003, -0.002, 0.001],
     ]
 )
-"""Over sideslip, angle of attack."""
+"""Yawing moment coefficient due to an aileron angle of 20 deg, over sideslip (rows) and angle of attack (columns)."""
 CN_RUDDER = np.array(
     [
         [-0.018, -0.052, -0.052, -0.052, -0.054, -0.049, -0.059, -0.051, -0.03, -0.037, -0.026, -0.013],
@@ -110,7 +110,7 @@ CN_RUDDER = np.array(
         [-0.062, -0.034, -0.027, -0.028, -0.027, -0.027, -0.023, -0.023, -0.019, -0.009, -0.025, -0.01],
     ]
 )
-"""Over sideslip, angle of attack."""
+"""Yawing moment coefficient due to a rudder angle of 30 deg, over sideslip (rows) and angle of attack (columns)."""
 IDLE = np.array(
     [
         [1060, 670, 880, 1140, 1500, 1860],
@@ -121,7 +121,7 @@ IDLE = np.array(
         [-3600, -1400, -595, -342, -200, 700],
     ]
 )
-"""Thrust (lbf) over Mach number, altitude."""
+"""Thrust (lbf) at idle over Mach number (rows) and altitude (columns)."""
 MILITARY = np.array(
     [
         [12680, 9150, 6200, 3950, 2450, 1400],
@@ -132,7 +132,7 @@ MILITARY = np.array(
         [11680, 9848, 8050, 6100, 3800, 2310],
     ]
 )
-"""Thrust (lbf) over Mach number, altitude."""
+"""Thrust (lbf) at military power over Mach number (rows) and altitude (columns)."""
 MAXIMUM = np.array(
     [
         [20000, 15000, 10800, 7000, 4000, 2500],
@@ -143,7 +143,7 @@ MAXIMUM = np.array(
         [28885, 23319, 18300, 13484, 8642, 5057],
     ]
 )
-"""Thrust (lbf) over Mach number, altitude."""
+"""Thrust (lbf) with full afterburner over Mach number (rows) and altitude (columns)."""
 DAMPING = {
     "CXq": np.array([-0.267, -0.11, 0.308, 1.34, 2.08, 2.91, 2.76, 2.05, 1.5, 1.49, 1.83, 1.21]),
     "CYr": np.array([0.882, 0.852, 0.876, 0.958, 0.962, 0.974, 0.819, 0.483, 0.59, 1.21, -0.493, -1.04]),
@@ -155,4 +155,4 @@ DAMPING = {
     "Cnr": np.array([-0.38, -0.363, -0.378, -0.386, -0.37, -0.453, -0.55, -0.582, -0.595, -0.637, -1.02, -0.84]),
     "Cnp": np.array([0.061, 0.052, 0.052, -0.012, -0.013, -0.024, 0.05, 0.15, 0.13, 0.158, 0.24, 0.15]),
 }
-"""Damping derivatives over angle of attack, by coefficient and rate, per rad of p b/2V, q c/2V or r b/2V."""
+"""Damping derivatives over angle of attack, named by coefficient and rate, per rad of p b/2V, q c/2V or r b/2V."""

@@ -24,16 +24,16 @@ class FanThrottles:
 class FixedFanHovercraft:
     """Planar hovercraft with fans fixed in the hull, each with a measured thrust curve.
 
-        T_i = a_i c_i + b_i c_i²,   c_i = throttle_i kept in [0, 1]
+        T_i = a_i c_i + b_i c_i²,   c_i = throttle_i limited to [0, 1]
         FX = sum(T_i cos g_i)    FY = sum(T_i sin g_i)    N = sum(x_i T_i sin g_i - y_i T_i cos g_i)
         u' =  v r + (FX - (d1 + d2 |u|) u)/m       v' = -u r + (FY - (e1 + e2 |v|) v)/m
-        r' = (N - (f1 + f2 |r|) r)/J               pose as of the vectored fan's hovercraft
+        r' = (N - (f1 + f2 |r|) r)/J               pose as in `hovercraft.Hovercraft`
 
     The default has two fans side by side that push forward. Their difference turns the craft, and no fan pushes it
     sideways.
 
-    Frames:  W north-east-down, B at the centre of mass, x forward, y starboard; g from the body's x axis, clockwise.
-    Valid:   level floor.    Not modelled: fans' lag and inflow, dry friction, coupling of the dampings.
+    Frames:  W north-east-down, B at the centre of mass, x forward, y starboard; g clockwise from the x axis.
+    Valid:   level floor.    Not modelled: lag and inflow of the fans, dry friction, coupled damping.
     Source:  Fossen, "Handbook of marine craft hydrodynamics and motion control", 2011, sections 7.3 (three degrees of
              freedom, diagonal damping) and 12.3 (fixed thrusters).
     """
@@ -44,7 +44,10 @@ class FixedFanHovercraft:
         "m", "Position x and y of each fan in B (n, 2).", frame="B", default=np.array([[-0.2, -0.1], [-0.2, 0.1]])
     )
     fan_direction: Any = quantity(
-        "rad", "Direction in which each fan pushes the hull (n,).", frame="B", default=np.zeros(2)
+        "rad",
+        "Direction in which each fan pushes the hull (n,), clockwise from the x axis.",
+        frame="B",
+        default=np.zeros(2),
     )
     thrust_linear: Any = quantity(
         "N", "Coefficient a of each fan (n,): thrust per throttle.", default=np.array([0.2, 0.2])
@@ -98,9 +101,9 @@ class FixedFanHovercraft:
         return X / self.mass, Y / self.mass, N / self.inertia
 
     def dynamics(self, t: Any, x: HovercraftState, u: FanThrottles) -> HovercraftState:
-        """Return the derivative of x (SI) under the throttles u."""
+        """Return the time derivative of the state x (SI) under the throttles u."""
         return planar_rates(x, *self.accelerations(x, u))
 
     def motion(self, t: Any, x: HovercraftState, u: FanThrottles) -> Motion:
-        """Return the motion of a sensor on the vehicle; t: integer time."""
+        """Return the motion of a sensor on the vehicle; t: integer time (100 ns)."""
         return planar_motion(t, x, *self.accelerations(x, u))

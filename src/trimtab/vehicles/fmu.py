@@ -1,7 +1,7 @@
-"""A vehicle from another tool as a functional mock-up unit (FMU): a description, and a program that steps the vehicle.
+"""Vehicle from another tool as a functional mock-up unit (FMU): a description, and a program that steps the vehicle.
 
-Reading the description runs nothing. The program runs with all rights of the user, so it is loaded only if the user
-says that it is trusted.
+Reading the description runs no code. The program runs with all rights of the user, so it is loaded only if the user
+declares that it is trusted.
 Source: FMI 3.0.2 and FMI 2.0.5, Modelica Association, fmi-standard.org.
 """
 
@@ -29,7 +29,7 @@ KINDS |= dict.fromkeys(("Int64", "UInt64"), "real")
 
 
 class FmuSignal(NamedTuple):
-    """Input or output of an FMU. field: name in trimtab's record."""
+    """Input, output or parameter of an FMU. field: name of the signal in trimtab's record."""
 
     name: str
     field: str
@@ -42,14 +42,14 @@ class FmuSignal(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Return how many numbers the signal has."""
+        """Return the number of elements of the signal."""
         return int(np.prod(self.shape))
 
 
 class FmuInterface(NamedTuple):
     """Content of an FMU's model description.
 
-    duration_s, step_s: duration and step of its default experiment, or None.
+    duration_s, step_s: duration and step (s) of the FMU's default experiment, or None.
     """
 
     name: str
@@ -63,10 +63,11 @@ class FmuInterface(NamedTuple):
 
 @record
 class FmuVehicle:
-    """An FMU as a vehicle. Its state consists of the FMU's outputs, its input of the FMU's inputs, by their names.
+    """FMU as a vehicle. The state consists of the FMU's outputs and the input of the FMU's inputs, by their names.
 
-    Frames:  the maker's, unless `motion` says which outputs are a Motion's.
-    Valid:   where its maker says. Not modelled: anything but outputs; no derivative, so nothing can be linearised.
+    Frames:  those of the FMU's author. `motion_of` assigns outputs to the fields of a `Motion`.
+    Valid:   as stated by the FMU's author. Not modelled: anything except the FMU's outputs. The state has no
+             derivative, so the vehicle cannot be linearised.
     Source:  docs page, FMU.
     """
 
@@ -79,7 +80,7 @@ class FmuVehicle:
         default=(),
     )
     settings: tuple[tuple[str, float], ...] = option(
-        "Values of the FMU's parameters by name, set before the FMU starts.", default=()
+        "Names and values of the FMU's parameters, set before the FMU starts.", default=()
     )
     digest: str = option("SHA-256 of the FMU file, recorded in logs.", default="")
     is_stepped: bool = option(
@@ -103,7 +104,7 @@ class FmuVehicle:
         """
         if not self.is_stepped:
             problem = "an FMU is a program that is called step by step, so it can't be compiled or differentiated"
-            fix = "use trimtab run, or vehicle and fly: these step an FMU. The others need a vehicle in Python"
+            fix = "use trimtab run, vehicle or fly, which step an FMU. The other commands need a vehicle in Python"
             raise InputError("world.vehicle", problem, fix=fix)
         return jax.tree.map(jnp.zeros_like, x)
 
@@ -130,7 +131,7 @@ def load(
 
     Args:
         file: path of the FMU.
-        trust_code: whether the program in it may run later.
+        trust_code: True if the program in the FMU may run later.
         motion_of: component of `core.signals.Motion` -> output, e.g. {"v_WB_B[0]": "speed"}; for sensors of the motion.
         settings: parameter of the FMU -> number.
 
@@ -201,7 +202,7 @@ def _read_description(file: str) -> Any:
         return fmpy.read_model_description(file, validate=False)
     except Exception as error:
         problem = f"it can't be read as an FMU: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
-        raise InputError(f"FMU {file!r}", problem, fix="give the path of an .fmu file, by FMI 2.0 or 3.0") from None
+        raise InputError(f"FMU {file!r}", problem, fix="give the path of an .fmu file for FMI 2.0 or 3.0") from None
 
 
 def import_fmpy() -> Any:
@@ -245,7 +246,7 @@ def _signal_class(name: str, signals: tuple[FmuSignal, ...]) -> Any:
             "FMU", f"the variables {twice} have the same name in trimtab", fix="rename one of them in the FMU"
         )
     return record(
-        type(name, (), {"__annotations__": dict.fromkeys(fields, Any), "__doc__": "Signal of an FMU.", **fields})
+        type(name, (), {"__annotations__": dict.fromkeys(fields, Any), "__doc__": "Signals of an FMU.", **fields})
     )
 
 
@@ -272,13 +273,13 @@ def _check_component(component: str) -> None:
 
 
 class FmuInstance:
-    """A running FMU with methods to read its outputs, write its inputs and step it.
+    """Running FMU with methods to read its outputs, write its inputs and step it.
 
-    All numbers are in one flat list.
+    Inputs and outputs are each passed as one flat list of numbers.
     """
 
     def __init__(self, vehicle: FmuVehicle) -> None:
-        """Unpack, load and initialise the FMU, which runs its program.
+        """Unpack, load and initialise the FMU. This runs the program in the FMU.
 
         Raise InputError for an FMU that is not trusted.
         """
@@ -304,11 +305,11 @@ class FmuInstance:
         """Simulated time of the FMU (100 ns)."""
 
     def read(self) -> list[float]:
-        """Return all outputs, in the order of the state's record."""
+        """Return all outputs of the FMU as a flat list, in the order of the state record."""
         return [float(x) for s in self._outputs for x in self._get(s)]
 
     def write(self, values: Any) -> None:
-        """Write all inputs, in the order of the input's record."""
+        """Write all inputs of the FMU from a flat list, in the order of the input record."""
         at = 0
         for s in self._inputs:
             self._set(s, values[at : at + s.size])
@@ -317,7 +318,7 @@ class FmuInstance:
     def step(self, h: int) -> bool:
         """Step the FMU by integer time h with constant inputs.
 
-        Return True if the FMU requests the end. Raise if the step fails.
+        Return True if the FMU requests the end of the simulation. Raise InputError if the step fails.
         """
         t, length = self.t * 1e-7, (self.t + h) * 1e-7 - self.t * 1e-7
         try:
@@ -357,6 +358,6 @@ class FmuInstance:
 
 
 TERMINATED = 3
-"""Value of fmi2StatusKind in FMI 2.0 with which to ask whether the FMU requests the end."""
+"""Value of fmi2StatusKind in FMI 2.0. With it, the status tells if the FMU requests the end of the simulation."""
 _REAL = ("Float64", "Float32", "Real")
-_PLATFORM_FIX = "an FMU with a binary for this machine, and parameters that it takes"
+_PLATFORM_FIX = "use an FMU with a binary for this machine, and parameter values that the FMU accepts"

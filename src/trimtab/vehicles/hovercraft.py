@@ -26,8 +26,10 @@ class HovercraftState:
 
 
 def planar_rates(x: HovercraftState, ax: Any, ay: Any, turn: Any) -> HovercraftState:
-    """Return the derivative of x from accelerations of the centre of mass in W, resolved in B (m/s^2), and yaw
-    (rad/s^2)."""
+    """Return the time derivative of the state x.
+
+    ax, ay: acceleration of the centre of mass in W, resolved in B (m/s^2).    turn: yaw acceleration (rad/s^2).
+    """
     c, s = jnp.cos(x.heading), jnp.sin(x.heading)
     return HovercraftState(
         surge_velocity=x.sway_velocity * x.yaw_rate + ax,
@@ -40,8 +42,7 @@ def planar_rates(x: HovercraftState, ax: Any, ay: Any, turn: Any) -> HovercraftS
 
 
 def planar_motion(t: Any, x: HovercraftState, ax: Any, ay: Any, turn: Any) -> Motion:
-    """Return the motion of a vehicle on a level floor, from the accelerations of its centre of mass; t: integer
-    time."""
+    """Return the motion of a vehicle on a level floor from the accelerations of its centre of mass; t: integer time."""
     o = jnp.zeros_like(ax)
     stack = jnp.stack
     return Motion(
@@ -57,16 +58,16 @@ def planar_motion(t: Any, x: HovercraftState, ax: Any, ay: Any, turn: Any) -> Mo
 
 @record
 class Friction:
-    """Drag of skirt and air, which the thesis leaves out: Coulomb, viscous and quadratic, for force and torque.
+    """Friction of skirt and air: Coulomb, viscous and quadratic terms for force and torque.
 
-    F = -(c0 tanh(|v|/v0) + c1 |v| + c2 |v|^2) v/|v|, the same form for the torque with the yaw rate.
+    F = -(c0 tanh(|v|/v0) + c1 |v| + c2 |v|^2) v/|v|. The torque has the same form with the yaw rate.
 
-    Not in:  the source's model; rotational friction explains its slow spin, sway bias and early stop together, but
-             contradicts its measured moment of inertia (docs page, Errata).
+    Not in:  the model of the thesis (Kulis 2006). Rotational friction explains the slow spin, the sway bias and the
+             early stop there together, but contradicts the moment of inertia measured there (docs page, Errata).
     Source:  Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994), section 2, for the form.
     """
 
-    force_coulomb: Scalar = quantity("N", "Dry friction.", default=0.0, low=0)
+    force_coulomb: Scalar = quantity("N", "Coefficient c0: dry friction force.", default=0.0, low=0)
     force_viscous: Scalar = quantity("N s/m", "Coefficient c1: viscous drag per speed.", default=0.0, low=0)
     force_quadratic: Scalar = quantity(
         "N s^2/m^2", "Coefficient c2: quadratic drag per speed squared.", default=0.0, low=0
@@ -105,7 +106,7 @@ class Hovercraft:
     Frames:  W north-east-down, B at the centre of mass, x forward, y starboard; the force acts at (-d, 0) in B.
     Valid:   level floor.    Not modelled: skirt contact, slope, the fan's gyroscopic moment.
     Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-             chapter 2. Differences from the source: docs page, Errata.
+             chapter 2. Differences from [1]: docs page, Errata.
     """
 
     mass: Scalar = quantity("kg", "Total mass with batteries.", default=2.6, above=0, source="[1] text, 5.7 lb")
@@ -121,7 +122,7 @@ class Hovercraft:
     """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def dynamics(self, t: Any, x: HovercraftState, u: PlanarForce) -> HovercraftState:
-        """Return the derivative of x (SI) under the force u at the rudder pivot."""
+        """Return the time derivative of the state x (SI) under the force u at the rudder pivot."""
         return planar_rates(x, *self.accelerations(x, u))
 
     def accelerations(self, x: HovercraftState, u: PlanarForce) -> tuple[Any, Any, Any]:
@@ -134,7 +135,7 @@ class Hovercraft:
         return FX / self.mass, FY / self.mass, torque / self.inertia
 
     def motion(self, t: Any, x: HovercraftState, u: PlanarForce) -> Motion:
-        """Return the motion of a sensor on the vehicle; t: integer time."""
+        """Return the motion of a sensor on the vehicle; t: integer time (100 ns)."""
         return planar_motion(t, x, *self.accelerations(x, u))
 
     @property

@@ -19,7 +19,7 @@ class HypersonicState:
 
     Frames:  path angle gamma = theta - alpha, from the horizon.
 
-    The unit of the modal displacements follows from modes of unit mass, whose kinetic energy is eta'^2/2 per width.
+    The unit of the modal displacements follows from mass-normalised modes: the kinetic energy per width is eta'^2/2.
 
     Source: [1] eq. 1, x = (h, V, alpha, theta, Q, eta1, eta1', eta2, eta2').
     """
@@ -29,15 +29,15 @@ class HypersonicState:
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
     theta: Scalar = quantity("rad", "Pitch angle.", frame="W", kind="angle")
     q: Scalar = quantity("rad/s", "Pitch rate, nose up; Q in [1].", frame="B")
-    eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of bending mode 1.")
-    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of bending mode 1.")
-    eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of bending mode 2.")
-    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of bending mode 2.")
+    eta1: Scalar = quantity("(slug ft)^1/2", "Modal displacement of bending mode 1.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the modal displacement of bending mode 1.")
+    eta2: Scalar = quantity("(slug ft)^1/2", "Modal displacement of bending mode 2.")
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the modal displacement of bending mode 2.")
 
 
 @record
 class HypersonicInput:
-    """Inputs: engine and elevator. Source: [1] eq. 2, u = (Phi, delta_e)."""
+    """Inputs of the hypersonic vehicle: engine and elevator. Source: [1] eq. 2, u = (Phi, delta_e)."""
 
     Phi: Scalar = quantity("1", "Fuel equivalence ratio.")
     delta_e: Scalar = quantity("rad", "Elevator, trailing edge down.", kind="angle")
@@ -47,9 +47,9 @@ class HypersonicInput:
 class Disturbance:
     """Disturbance by external forces and a moment, constant from `start` for `duration`: a gust, a step or an impulse.
 
-    The moment joins M, and so excites the bending modes too; the forces join m V' and m V gamma'.
+    The moment is added to M, so it excites the bending modes too. The forces are added to m V' and m V gamma'.
 
-    Source: the further work that [1] names; the user chooses the sizes.
+    Source: named as further work in [1]. The user chooses the sizes.
     """
 
     moment: Scalar = quantity("lbf ft/ft", "Disturbance moment added to the pitching moment.", default=0.0)
@@ -61,7 +61,7 @@ class Disturbance:
     def activation(self, t: Any) -> Any:
         """Return 1.0 while the disturbance acts at time t (s), else 0.0.
 
-        The end is excluded, so an impulse keeps its size.
+        The end of the disturbance is excluded, so a sampled impulse keeps its size.
         """
         since = t - self.start + 1e-9
         return jnp.where((since >= 0) & (since < self.duration), 1.0, 0.0)
@@ -76,22 +76,28 @@ class Hypersonic:
         alpha' = Q - gamma'        gamma' = (T sin alpha + L)/(m V) - (g/V) cos gamma
         theta' = Q                 Q', eta1'', eta2'': part `modes`, solved together          [1, eqs. 1-3]
 
-    In a gust the forces are those of airspeed and angle of attack in the moving air, lift and drag along its axes.
+    In a gust the forces follow from airspeed and angle of attack relative to the moving air, and lift and drag act
+    along the axes of this flow.
 
-    Forces, moment, mass and inertia are per foot of width. Altitude and speed as outputs: non-minimum phase.
+    Forces, moment, mass and inertia are per foot of width. With altitude and speed as outputs the vehicle is
+    non-minimum phase.
 
     Frames:  W north-east-down, B at the centre of mass, x forward, y starboard; pitch is nose up.
     Valid:   near 85 000 ft and 7 700 ft/s (about 80-95 kft, 7-9 kft/s, alpha 0-4 deg), where the curves were fitted.
-    Not modelled: round earth, mean wind, a gust's rates, that it meets nose and tail at different times, aerodynamics
-             of the bending, lags of engine and elevator.
+    Not modelled: round earth, mean wind, angular rates of a gust, its delay from nose to tail, aerodynamic effects of
+             the bending, lags of engine and elevator.
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
              flight vehicle", Aerospace 2022, 9(4), 206; [2] Parker et al., Journal of Guidance, Control, and Dynamics
-             30(3), 2007. Differences from the source: docs page.
+             30(3), 2007. Differences from [1]: docs page.
     """
 
-    m: Scalar = quantity("slug/ft", "Mass.", default=300.0, above=0, source="[1], [2]")
-    Iyy: Scalar = quantity("slug ft^2/ft", "Moment of inertia in pitch.", default=5e5, above=0, source="[2]")
-    g: Scalar = quantity("ft/s^2", "Gravity.", default=STANDARD_GRAVITY, source="reconstructed from [1]'s printed A")
+    m: Scalar = quantity("slug/ft", "Mass per foot of width.", default=300.0, above=0, source="[1], [2]")
+    Iyy: Scalar = quantity(
+        "slug ft^2/ft", "Moment of inertia in pitch per foot of width.", default=5e5, above=0, source="[2]"
+    )
+    g: Scalar = quantity(
+        "ft/s^2", "Acceleration of gravity.", default=STANDARD_GRAVITY, source="reconstructed from [1]'s printed A"
+    )
     forces: RigidForces = part("Models of air density, aerodynamics and propulsion.", default=RigidForces())
     modes: FlexibleModes = part("Bending modes and their coupling.", default=FlexibleModes())
     disturbance: Any = part("External disturbance; None: no disturbance.", default=None)
@@ -101,7 +107,7 @@ class Hypersonic:
     """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def dynamics(self, t: Any, x: HypersonicState, u: HypersonicInput) -> HypersonicState:
-        """Return the derivative of x at time t (s) under fuel ratio and elevator."""
+        """Return the time derivative of the state x at time t (s) under fuel ratio and elevator."""
         V_rate, lifting = self.path_accelerations(t, x, u)
         q_rate, eta1_acceleration, eta2_acceleration = self.coupled_accelerations(t, x, u)
         return HypersonicState(
@@ -138,7 +144,7 @@ class Hypersonic:
         f, gamma = self.forces_at(x, u), x.theta - x.alpha
         drag, lift = f.D, f.L
         if self.gust is not None:
-            turned = self.airflow(x)[1] - x.alpha  # from the path to the way through the air, nose up
+            turned = self.airflow(x)[1] - x.alpha  # angle from the flight path to the path through the air, nose up
             c, s = jnp.cos(turned), jnp.sin(turned)
             drag, lift = f.D * c - f.L * s, f.L * c + f.D * s
         along = f.T * jnp.cos(x.alpha) - drag
@@ -160,7 +166,7 @@ class Hypersonic:
     def motion(self, t: Any, x: HypersonicState, u: HypersonicInput) -> Motion:
         """Return the motion of a rigid sensor at the centre of mass, in SI units; t: integer time.
 
-        The model has no distance flown: north and east stay zero.
+        The model has no horizontal position, so north and east stay zero.
         """
         seconds = t * 1e-7
         along, normal = self.path_accelerations(seconds, x, u)
@@ -180,9 +186,9 @@ class Hypersonic:
         )
 
     def level_state(self, h: Any, V: Any, alpha: Any, delta_e: Any) -> HypersonicState:
-        """Return the state in level flight at this angle of attack, bending at rest.
+        """Return the state in level flight at this angle of attack, with the bending modes at rest.
 
-        It is a trim if V', gamma' and M are zero.
+        The state is trimmed if V', gamma' and M are zero.
         """
         eta1, eta2 = self.modes.static_displacements(alpha, delta_e)
         return HypersonicState(h, V, alpha, alpha, 0.0, eta1, 0.0, eta2, 0.0)

@@ -1,6 +1,6 @@
 """Air, forces, thrust and the two bending modes of the hypersonic vehicle, in slug, foot, second.
 
-Forces are the fit by curves that the model is made of; an algebraic loop ties the modes to the pitch acceleration.
+The forces are fitted curves. An algebraic loop couples the bending modes with the pitch acceleration.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 1-3. [2] Parker, Serrani, Yurkovich, Bolender, Doman, "Control-oriented
@@ -43,10 +43,10 @@ class ExponentialAtmosphere:
         "slug/ft^3", "Air density rho0 at the altitude h0.", default=6.7429e-5, above=0, source="[1], [2]"
     )
     h0: Scalar = quantity("ft", "Altitude h0 at which the air density is rho0.", default=85000.0, source="[1], [2]")
-    hs: Scalar = quantity("ft", "Scale height.", default=21358.0, above=0, source="[1], [2]")
+    hs: Scalar = quantity("ft", "Scale height of the air density.", default=21358.0, above=0, source="[1], [2]")
 
     def density(self, h: Any) -> Any:
-        """Return density (slug/ft^3) at altitude h (ft)."""
+        """Return the air density (slug/ft^3) at altitude h (ft)."""
         return self.rho0 * jnp.exp(-(h - self.h0) / self.hs)
 
 
@@ -56,21 +56,21 @@ class Aerodynamics:
 
         L = qbar S (CL_a al + CL_d de + CL_0)
         D = qbar S (CD_a2 al^2 + CD_a al + CD_d2 de^2 + CD_d de + CD_0)
-        M = qbar S c (CM_a2 al^2 + CM_a al + CM_0 + ce de)                without the thrust's
+        M = qbar S c (CM_a2 al^2 + CM_a al + CM_0 + ce de)                without the moment of the thrust
 
-    None of them feels the flexible modes.
+    None of them depends on the bending modes.
 
     Source:  [1] eqs. 2-3; [2].
     """
 
     S: Scalar = quantity("ft^2/ft", "Reference area S per foot of width.", default=17.0, above=0, source="[1], [2]")
     c: Scalar = quantity("ft", "Mean chord.", default=17.0, above=0, source="[1], [2]")
-    CL_a: Scalar = quantity("1/rad", "Coefficient of lift per angle of attack.", default=4.6773, source=LIFT)
-    CL_d: Scalar = quantity("1/rad", "Coefficient of lift per elevator angle.", default=0.76224, source=LIFT)
+    CL_a: Scalar = quantity("1/rad", "Lift coefficient per angle of attack.", default=4.6773, source=LIFT)
+    CL_d: Scalar = quantity("1/rad", "Lift coefficient per elevator angle.", default=0.76224, source=LIFT)
     CL_0: Scalar = quantity(
         "1", "Lift coefficient at zero angle of attack and elevator angle.", default=-0.018714, source=LIFT
     )
-    CD_a2: Scalar = quantity("1/rad^2", "Coefficient of drag per angle of attack squared.", default=5.8224, source=DRAG)
+    CD_a2: Scalar = quantity("1/rad^2", "Drag coefficient per angle of attack squared.", default=5.8224, source=DRAG)
     CD_a: Scalar = quantity("1/rad", "Drag coefficient per angle of attack.", default=-0.045315, source=DRAG)
     CD_d2: Scalar = quantity("1/rad^2", "Drag coefficient per elevator angle squared.", default=0.81993, source=DRAG)
     CD_d: Scalar = quantity("1/rad", "Drag coefficient per elevator angle.", default=2.7699e-4, source=DRAG)
@@ -78,13 +78,13 @@ class Aerodynamics:
         "1", "Drag coefficient at zero angle of attack and elevator angle.", default=0.010131, source=DRAG
     )
     CM_a2: Scalar = quantity(
-        "1/rad^2", "Moment coefficient per angle of attack squared.", default=6.2926, source=MOMENT
+        "1/rad^2", "Pitching moment coefficient per angle of attack squared.", default=6.2926, source=MOMENT
     )
-    CM_a: Scalar = quantity("1/rad", "Moment coefficient per angle of attack.", default=2.1335, source=MOMENT)
+    CM_a: Scalar = quantity("1/rad", "Pitching moment coefficient per angle of attack.", default=2.1335, source=MOMENT)
     CM_0: Scalar = quantity(
-        "1", "Moment coefficient at zero angle of attack and elevator angle.", default=0.18979, source=MOMENT
+        "1", "Pitching moment coefficient at zero angle of attack and elevator angle.", default=0.18979, source=MOMENT
     )
-    ce: Scalar = quantity("1/rad", "Moment coefficient per elevator angle.", default=-1.2897, source=MOMENT)
+    ce: Scalar = quantity("1/rad", "Pitching moment coefficient per elevator angle.", default=-1.2897, source=MOMENT)
 
     def lift(self, qbar: Any, alpha: Any, delta_e: Any) -> Any:
         """Return lift (lbf/ft) at dynamic pressure qbar (lbf/ft^2)."""
@@ -93,7 +93,7 @@ class Aerodynamics:
     def drag(self, qbar: Any, alpha: Any, delta_e: Any) -> Any:
         """Return drag (lbf/ft) at dynamic pressure qbar (lbf/ft^2).
 
-        Quadratic in the elevator, so the model is not affine.
+        The drag is quadratic in the elevator angle, so the model is not affine in its inputs.
         """
         by_alpha = (self.CD_a2 * alpha + self.CD_a) * alpha
         by_elevator = (self.CD_d2 * delta_e + self.CD_d) * delta_e
@@ -106,11 +106,11 @@ class Aerodynamics:
 
 @record
 class Propulsion:
-    """Thrust of the air-breathing engine by cubics in the angle of attack, affine in the fuel equivalence ratio.
+    """Thrust of the air-breathing engine: cubic in the angle of attack, affine in the fuel equivalence ratio.
 
         T = T0 + TP Phi      TP = b1 al^3 + b3 al^2 + b5 al + b7      T0 = b2 al^3 + b4 al^2 + b6 al + b8
 
-    It acts zT below the centre of mass, which turns the nose up.
+    The thrust acts at a distance zT below the centre of mass, so it pitches the nose up.
 
     Not modelled: thermal choking, the dependence on altitude and speed.
     Source:  [1] eqs. 2-3; [2].
@@ -153,7 +153,7 @@ class Propulsion:
         return ((self.b1 * alpha + self.b3) * alpha + self.b5) * alpha + self.b7
 
     def thrust(self, alpha: Any, Phi: Any) -> Any:
-        """Return the thrust T (lbf/ft)."""
+        """Return the thrust T (lbf/ft) at an angle of attack (rad) and a fuel equivalence ratio."""
         return self.thrust_without_fuel(alpha) + self.thrust_per_fuel_ratio(alpha) * Phi
 
 
@@ -166,7 +166,7 @@ class RigidForces:
     propulsion: Any = part("Propulsion: thrust and its lever arm.", default=Propulsion())
 
     def dynamic_pressure(self, h: Any, V: Any) -> Any:
-        """Return rho V^2/2 (lbf/ft^2)."""
+        """Return the dynamic pressure rho V^2/2 (lbf/ft^2)."""
         return self.atmosphere.density(h) * V * V / 2
 
     def at(self, h: Any, V: Any, alpha: Any, Phi: Any, delta_e: Any) -> Forces:
@@ -188,57 +188,64 @@ class FlexibleModes:
         k_i eta_i'' = r_i - psi_i M/Iyy - (psi_1 psi_2/Iyy) eta_j''      r_i = N_i - 2 zeta_i w_i eta_i' - w_i^2 eta_i
         Iyy Q' = M + psi_1 eta_1'' + psi_2 eta_2''                                                        [1, eq. 1]
 
-    Both rows contain each other's accelerations; they are solved exactly. [1] leaves k_i undefined. `kmode`:
+    The equations of the two modes contain each other's accelerations and are solved exactly. [1] leaves k_i undefined.
+    `kmode` selects its interpretation:
 
     - parker: k_i = 1 + psi_i^2/Iyy, that is eta_i'' = r_i - psi_i Q' and Q' = (M + psi_1 r_1 + psi_2 r_2)/J with
       J = Iyy + psi_1^2 + psi_2^2 [2];
     - paper: k_i = 1, eq. 1 to the letter;
-    - author: psi_i/Iyy stands for psi_i in the flexible rows, as in the printed matrices of [1]. It mixes units and is
-      there to reproduce them.
+    - author: psi_i/Iyy replaces psi_i in the equations of the modes, as in the printed matrices of [1]. It mixes units
+      and serves only to reproduce these matrices.
 
     Source:  [1] eqs. 1-3; [2]. Reconstructed: frequencies, damping, psi_i and most of N_i, see docs page.
     """
 
-    w1: Scalar = quantity("rad/s", "Natural frequency of mode 1.", default=16.5, above=0, source=FITTED)
-    w2: Scalar = quantity("rad/s", "Natural frequency of mode 2.", default=20.0, above=0, source=FITTED)
-    zeta1: Scalar = quantity("1", "Damping ratio of mode 1.", default=0.02, low=0, source=FITTED)
-    zeta2: Scalar = quantity("1", "Damping ratio of mode 2.", default=0.02, low=0, source=FITTED)
-    psi1: Scalar = quantity("(slug ft)^1/2", "Coupling of mode 1 with pitch.", default=136.82, source=FITTED)
-    psi2: Scalar = quantity("(slug ft)^1/2", "Coupling of mode 2 with pitch.", default=329.22, source=FITTED)
+    w1: Scalar = quantity("rad/s", "Natural frequency of bending mode 1.", default=16.5, above=0, source=FITTED)
+    w2: Scalar = quantity("rad/s", "Natural frequency of bending mode 2.", default=20.0, above=0, source=FITTED)
+    zeta1: Scalar = quantity("1", "Damping ratio of bending mode 1.", default=0.02, low=0, source=FITTED)
+    zeta2: Scalar = quantity("1", "Damping ratio of bending mode 2.", default=0.02, low=0, source=FITTED)
+    psi1: Scalar = quantity("(slug ft)^1/2", "Coupling of bending mode 1 with pitch.", default=136.82, source=FITTED)
+    psi2: Scalar = quantity("(slug ft)^1/2", "Coupling of bending mode 2 with pitch.", default=329.22, source=FITTED)
     N1_a2: Scalar = quantity(
         "(slug ft)^1/2/s^2",
-        "Coefficient of the force on mode 1 per angle of attack squared (rad^2).",
+        "Coefficient of the force on bending mode 1 per angle of attack squared (rad^2).",
         default=1.4013e3,
         source=UNCERTAIN,
     )
     N1_a: Scalar = quantity(
         "(slug ft)^1/2/s^2",
-        "Coefficient of the force on mode 1 per angle of attack (rad).",
+        "Coefficient of the force on bending mode 1 per angle of attack (rad).",
         default=4.5737e3,
         source=FITTED,
     )
-    N1_0: Scalar = quantity("(slug ft)^1/2/s^2", "Constant force on mode 1.", default=1.1752e2, source=UNCERTAIN)
+    N1_0: Scalar = quantity(
+        "(slug ft)^1/2/s^2", "Constant force on bending mode 1.", default=1.1752e2, source=UNCERTAIN
+    )
     N2_a2: Scalar = quantity(
         "(slug ft)^1/2/s^2",
-        "Coefficient of the force on mode 2 per angle of attack squared (rad^2).",
+        "Coefficient of the force on bending mode 2 per angle of attack squared (rad^2).",
         default=-5.0227e3,
         source=UNCERTAIN,
     )
     N2_a: Scalar = quantity(
         "(slug ft)^1/2/s^2",
-        "Coefficient of the force on mode 2 per angle of attack (rad).",
+        "Coefficient of the force on bending mode 2 per angle of attack (rad).",
         default=2.8633e3,
         source=FITTED,
     )
     N2_d: Scalar = quantity(
         "(slug ft)^1/2/s^2",
-        "Coefficient of the force on mode 2 per elevator angle (rad).",
+        "Coefficient of the force on bending mode 2 per elevator angle (rad).",
         default=1.2465e3,
         source=FITTED,
     )
-    N2_0: Scalar = quantity("(slug ft)^1/2/s^2", "Constant force on mode 2.", default=-4.4201e1, source=UNCERTAIN)
+    N2_0: Scalar = quantity(
+        "(slug ft)^1/2/s^2", "Constant force on bending mode 2.", default=-4.4201e1, source=UNCERTAIN
+    )
     kmode: str = option(
-        "Interpretation of the coupling between the modes and the forces.", default="parker", choices=KMODES
+        "Interpretation of the factor k_i, which couples the bending modes and is undefined in [1].",
+        default="parker",
+        choices=KMODES,
     )
 
     def forcing(self, alpha: Any, delta_e: Any) -> tuple[Any, Any]:
@@ -248,7 +255,7 @@ class FlexibleModes:
         return N1, N2
 
     def restoring_forces(self, eta1: Any, eta1_rate: Any, eta2: Any, eta2_rate: Any) -> tuple[Any, Any]:
-        """Return -2 zeta_i w_i eta_i' - w_i^2 eta_i of both modes."""
+        """Return the restoring forces -2 zeta_i w_i eta_i' - w_i^2 eta_i of both modes."""
         one = -2 * self.zeta1 * self.w1 * eta1_rate - self.w1**2 * eta1
         two = -2 * self.zeta2 * self.w2 * eta2_rate - self.w2**2 * eta2
         return one, two
@@ -259,11 +266,11 @@ class FlexibleModes:
         return N1 / self.w1**2, N2 / self.w2**2
 
     def detune(self, by: Any) -> "FlexibleModes":
-        """Return a copy with both frequencies multiplied by `by`, as a plant that differs from the filter's model."""
+        """Return a copy with both frequencies multiplied by `by`, for a plant that differs from the filter's model."""
         return replace(self, w1=self.w1 * by, w2=self.w2 * by)
 
     def solve_accelerations(self, Iyy: Any, M: Any, r1: Any, r2: Any) -> tuple[Any, Any, Any]:
-        """Return Q' (rad/s^2), eta1'', eta2'' of moment M and modal forces r1, r2: the three equations, solved exactly.
+        """Return Q' (rad/s^2), eta1'' and eta2'' for moment M and modal forces r1, r2: exact solution of the equations.
 
         Args:     Iyy: moment of inertia (slug ft^2/ft).    M: pitching moment (lbf ft/ft).
                   r1, r2: N_i and restoring force of each mode.

@@ -1,10 +1,10 @@
-"""The linearisation and the gain that were published for the hypersonic vehicle, and how its matrices come about.
+"""Published linearisation and gain of the hypersonic vehicle, and a reconstruction of how they were computed.
 
 Order of the errors: (h, h', V, alpha, Q, eta1, eta1', eta2, eta2'); virtual inputs (h'', V'); slug, foot, second.
 
-**Never control with them**: signs are lost, one coefficient is used twice, an inertia once too often, and neither sign
-of the gain stabilises anything. `emulate_linearisation` repeats the errors and so reproduces 32 of the 34 numbers of
-rows 4, 5, 7 and 9 in magnitude; row 9 of B fits no variant that was tried.
+**Do not control a vehicle with these matrices.** Signs are lost, one coefficient is used twice, an inertia once too
+often, and neither sign of the gain stabilises the vehicle. `emulate_linearisation` repeats the errors and reproduces 32
+of the 34 numbers in rows 4, 5, 7 and 9 in magnitude. Row 9 of B agrees with none of the variants that were tried.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, the numbers of its simulation.
@@ -23,7 +23,7 @@ ORDER = ("h", "h_rate", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_ra
 """Order of the errors in the printed matrices. It differs from the order of the vehicle's state."""
 QUOTED_H, QUOTED_V = 85000.0, 7702.0808
 QUOTED_ALPHA, QUOTED_ELEVATOR = math.radians(1.5153), math.radians(11.4635)
-"""The point at which the publication linearised: it trims the model behind the curves, not the curves."""
+"""Point of the published linearisation. It trims the model to which the curves were fitted, not the curves."""
 A_PRINTED = np.array(
     [
         [0, 1, 0, 0, 0, 0, 0, 0, 0],
@@ -62,18 +62,18 @@ K_PRINTED = np.array(
 
 
 class EmulatedLinearisation(NamedTuple):
-    """Return A (9, 9) and B (9, 2) with the errors of the publication repeated, in the order ORDER."""
+    """Matrices A (9, 9) and B (9, 2) with the errors of the publication repeated, in the order ORDER."""
 
     A: Any
     B: Any
 
 
 def emulate_linearisation(vehicle: Hypersonic | None = None) -> EmulatedLinearisation:
-    """Rows 4, 5, 7, 9 as the publication's program seems to have made them; the others are exact.
+    """Return the linearisation with rows 4, 5, 7, 9 as the publication's program seems to have computed them.
 
-    Each row is differentiated along with the inversion u = G^-1 (v - F), which varies with the state, at the quoted
-    point: b31 stands for b32 in row 4; row 5 takes the columns of the modes from f7 and f9 alone; B of row 7 was never
-    multiplied by G^-1. psi_i/Iyy stands for psi_i in rows 7 and 9, whose f are substituted once.
+    The other rows are exact. Each row is differentiated at the quoted point, including the inversion u = G^-1 (v - F),
+    which varies with the state. In row 4, b31 replaces b32. Row 5 takes the columns of the modes from f7 and f9 alone.
+    Row 7 of B is not multiplied by G^-1. In rows 7 and 9, psi_i/Iyy replaces psi_i, and each f is substituted once.
 
     Source: reconstructed from the printed numbers of [1].
     """
@@ -93,7 +93,7 @@ def emulate_linearisation(vehicle: Hypersonic | None = None) -> EmulatedLinearis
 
 
 def _inversion(craft: Hypersonic, e: Any, v: Any) -> tuple[Any, Any, Any]:
-    """u, and f3 and b31 of the row of alpha."""
+    """Return the input u, and the terms f3 and b31 of the row of alpha."""
     h, h_rate, V, alpha, Q = (e[i] for i in range(5))
     air, m, g = craft.forces.aerodynamics, craft.m, craft.g
     qbar = craft.forces.dynamic_pressure(h, V)
@@ -114,7 +114,7 @@ def _inversion(craft: Hypersonic, e: Any, v: Any) -> tuple[Any, Any, Any]:
 
 
 def _bending(craft: Hypersonic, e: Any) -> tuple[Any, ...]:
-    """f7, f9, [b71 b72], [b91 b92], what the modes add to row 5, and m0, [mP md] of it."""
+    """Return f7, f9, [b71 b72], [b91 b92], the term that the modes add to row 5, and m0 and [mP md] of row 5."""
     alpha, modes, air, engine = e[3], craft.modes, craft.forces.aerodynamics, craft.forces.propulsion
     qbar = craft.forces.dynamic_pressure(e[0], e[2])
     t1, t2 = modes.psi1 / craft.Iyy, modes.psi2 / craft.Iyy
@@ -131,7 +131,7 @@ def _bending(craft: Hypersonic, e: Any) -> tuple[Any, ...]:
 
 
 def _rows(craft: Hypersonic, e: Any, v: Any) -> Any:
-    """e' as the publication's program seems to have had it, before row 5 and B's row 7 are replaced."""
+    """Return e' as the publication's program seems to have computed it, before row 5 and row 7 of B are replaced."""
     u, f3, b31 = _inversion(craft, e, v)
     f7, f9, b7, b9, _, m0, mu = _bending(craft, e)
     rigid = [e[1], v[0], v[1], f3 + b31 * (u[0] + u[1]), m0 + mu @ u]

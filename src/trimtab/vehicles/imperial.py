@@ -1,9 +1,9 @@
 """Conversion of slug, foot and second to SI units, for vehicles that were published in these units.
 
-A record declares the unit of each of its quantities; `to_si` reads it and gives values in the SI, `from_si` goes the
-other way. Quantities in SI units or without unit are not changed.
+Each quantity of a record has a declared unit. `to_si` converts values from the declared units to SI units, and
+`from_si` converts SI values to the declared units. Quantities in SI units or without unit are not changed.
 
-Source: the international foot (0.3048 m) and pound-force (0.45359237 kg times 9.80665 m/s^2); the rest follows.
+Source: international foot (0.3048 m) and pound-force (0.45359237 kg times 9.80665 m/s^2). The other factors follow.
 """
 
 import math
@@ -21,7 +21,7 @@ POUND_FORCE = 0.45359237 * 9.80665
 SLUG = POUND_FORCE / FOOT
 """Kilograms in one slug, the mass that one pound-force accelerates by 1 ft/s^2."""
 MODAL = math.sqrt(SLUG * FOOT)
-"""(kg m)^1/2 in one (slug ft)^1/2."""
+"""Number of (kg m)^1/2 in one (slug ft)^1/2."""
 
 FACTORS: dict[str, float] = {
     "ft": FOOT,
@@ -39,7 +39,7 @@ FACTORS: dict[str, float] = {
     "(slug ft)^1/2/s": MODAL,
     "(slug ft)^1/2/s^2": MODAL,
 }
-"""Size of each slug-foot-second unit in the SI unit."""
+"""Size of each slug-foot-second unit in the corresponding SI unit."""
 
 
 def factor(unit: str) -> float:

@@ -1,4 +1,4 @@
-"""The Mariner, a cargo ship of 161 m, in surge, sway and yaw: a standard model of textbooks on ship steering.
+"""Mariner, a cargo ship of 161 m, in surge, sway and yaw: a standard model in textbooks on ship steering.
 
 [1] is M. S. Chislett, J. Strøm-Tejsen, "Planar motion mechanism tests and full-scale steering and manoeuvring
 predictions for a Mariner class vessel", Hydro- and Aerodynamics Laboratory, report Hy-5, Lyngby 1965, in the form of
@@ -15,11 +15,11 @@ from trimtab.core.rotation import DEG
 from trimtab.core.signals import Motion
 
 SURGE = (-184, -110, -215, -899, 18, -95, -190, 798, 93, 93)
-"""1e5 times the derivatives of X by u, u^2, u^3, v^2, r^2, d^2, u d^2, r v, v d, u v d."""
+"""1e5 times the coefficients of the surge force X for u, u^2, u^3, v^2, r^2, d^2, u d^2, r v, v d, u v d."""
 SWAY = (-1160, -499, -8078, 15356, -1160, -499, 278, -90, 556, 278, -4, 1190, -4, -8, -4)
-"""1e5 times the derivatives of Y by v, r, v^3, v^2 r, u v, u r, d, d^3, u d, u^2 d, v d^2, v^2 d, 1, u, u^2."""
+"""1e5 times the coefficients of Y for v, r, v^3, v^2 r, u v, u r, d, d^3, u d, u^2 d, v d^2, v^2 d, 1, u, u^2."""
 YAW = (-264, -166, 1636, -5483, -264, -166, -139, 45, -278, -139, 13, -489, 3, 6, 3)
-"""1e5 times the derivatives of N by the same variables."""
+"""1e5 times the coefficients of the yaw moment N, for the same terms as in SWAY."""
 
 
 @record
@@ -49,18 +49,19 @@ class MarinerState:
 
 @record
 class Mariner:
-    """A ship at its service speed with constant propulsion: only the rudder is controlled.
+    """Mariner near its service speed with constant propulsion. Only the rudder is controlled.
 
         (m - Xu') u' = X        (m - Yv') v' + (m xg - Yr') r' = Y        (m xg - Nv') v' + (Iz - Nr') r' = N
         rudder' = limit(rudder_c - rudder, rate)
 
-    X, Y and N are polynomials of third degree in velocities and rudder, in parts of the speed U, of U/L and of
-    rho L^2 U^2/2 or rho L^3 U^2/2; u is surge velocity less the service speed. Inertial forces of turning are in them.
+    X, Y and N are polynomials of third degree in the velocities and the rudder angle d. Velocities are divided by the
+    speed U, the yaw rate by U/L, forces by rho L^2 U^2/2 and moments by rho L^3 U^2/2. u is the surge velocity minus
+    the service speed. The polynomials include the inertial forces of turning.
 
-    Frames:  W north-east-down; B amidships, x forward, y starboard. `motion` is that of the centre of mass.
+    Frames:  W north-east-down; B amidships, x forward, y starboard. `motion` describes the centre of mass.
     Valid:   near its service speed, rudder to 40 degrees, deep and still water. Not modelled: the screw's speed, waves,
              wind, roll.
-    Source:  [1]; the numbers as his toolbox MSS has them.
+    Source:  [1]; the numbers as in Fossen's toolbox MSS.
     """
 
     length: Scalar = quantity("m", "Length between perpendiculars.", default=160.93, above=0, source="[1]")
@@ -74,45 +75,45 @@ class Mariner:
     )
     added_surge: Scalar = quantity("1", "Added mass in surge: -Xu'.", default=42e-5, source="[1]")
     added_sway: Any = quantity(
-        "1", "Added mass in sway: -Yv', -Yr'.", default=(748e-5, 9.354e-5), shape=(2,), source="[1]"
+        "1", "Added mass terms of the sway force: -Yv', -Yr'.", default=(748e-5, 9.354e-5), shape=(2,), source="[1]"
     )
     added_yaw: Any = quantity(
-        "1", "Added mass in yaw: -Nv', -Nr'.", default=(-4.646e-5, 43.8e-5), shape=(2,), source="[1]"
+        "1", "Added mass terms of the yaw moment: -Nv', -Nr'.", default=(-4.646e-5, 43.8e-5), shape=(2,), source="[1]"
     )
     surge: Any = quantity(
         "1",
-        "Derivatives of the surge force X, in the order of SURGE.",
+        "Coefficients of the surge force X, in the order of the constant SURGE.",
         default=1e-5 * np.array(SURGE),
         shape=(10,),
         source="[1]",
     )
     sway: Any = quantity(
         "1",
-        "Derivatives of the sway force Y, in the order of SWAY.",
+        "Coefficients of the sway force Y, in the order of the constant SWAY.",
         default=1e-5 * np.array(SWAY),
         shape=(15,),
         source="[1]",
     )
     yaw: Any = quantity(
         "1",
-        "Derivatives of the yaw moment N, in the order of YAW.",
+        "Coefficients of the yaw moment N, in the order of the constant YAW.",
         default=1e-5 * np.array(YAW),
         shape=(15,),
         source="[1]",
     )
-    rudder_limit: Scalar = quantity("rad", "Stop of the rudder.", default=40 * DEG, above=0, source="[1]")
+    rudder_limit: Scalar = quantity("rad", "Maximum rudder angle.", default=40 * DEG, above=0, source="[1]")
     rudder_rate: Scalar = quantity("rad/s", "Maximum rate of the rudder.", default=5 * DEG, above=0, source="[1]")
     rudder_lag: Scalar = quantity("s", "Time constant of the steering gear.", default=1.0, above=0)
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """Type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def input_limits(self) -> dict[str, tuple[Any, Any]]:
-        """Return the stops of the rudder (rad)."""
+        """Return the limits of the rudder angle (rad)."""
         return {"rudder": (-self.rudder_limit, self.rudder_limit)}
 
     def accelerations(self, x: MarinerState) -> tuple[Any, Any, Any]:
-        """Return derivatives of surge and sway velocity (m/s^2) and of the yaw rate (rad/s^2)."""
+        """Return the time derivatives of surge and sway velocity (m/s^2) and of the yaw rate (rad/s^2)."""
         L, d = self.length, x.rudder
         U = jnp.sqrt(x.surge_velocity**2 + x.sway_velocity**2)
         u, v, r = (x.surge_velocity - self.service_speed) / U, x.sway_velocity / U, x.yaw_rate * L / U
@@ -128,7 +129,7 @@ class Mariner:
         return scale * X / (self.mass + self.added_surge), scale * dv, scale / L * dr
 
     def dynamics(self, t: Any, x: MarinerState, u: MarinerControls) -> MarinerState:
-        """Return the derivative of x (SI) under a command to the steering gear."""
+        """Return the time derivative of the state x (SI) under a command to the steering gear."""
         du, dv, dr = self.accelerations(x)
         c, s = jnp.cos(x.heading), jnp.sin(x.heading)
         asked = jnp.clip(u.rudder, -self.rudder_limit, self.rudder_limit)
@@ -143,7 +144,7 @@ class Mariner:
         )
 
     def motion(self, t: Any, x: MarinerState, u: MarinerControls) -> Motion:
-        """Return the motion of a sensor at the centre of mass; t: integer time."""
+        """Return the motion of a sensor at the centre of mass; t: integer time (100 ns)."""
         du, dv, dr = self.accelerations(x)
         arm, r, o = self.centre * self.length, x.yaw_rate, jnp.zeros_like(du)
         stack = jnp.stack

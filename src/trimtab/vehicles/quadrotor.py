@@ -1,4 +1,4 @@
-"""A multirotor with n rotors over flat ground: quadrotor, hexarotor or any other arrangement, set by its parameters."""
+"""Multirotor with n rotors over flat ground: quadrotor, hexarotor or any other arrangement, set by its parameters."""
 
 from typing import Any, ClassVar
 
@@ -13,14 +13,14 @@ from trimtab.core.signals import Motion
 from trimtab.environment.wind import Wind
 
 SHORTEST_LAG = 0.005
-"""Time constant (s) of the state `rotor_speed` if the lag is 0. The rotors then act at the commanded speed at once."""
+"""Smallest time constant (s) of the state `rotor_speed`. If `lag` is 0, the commanded rotor speeds act at once."""
 
 
 @record
 class MultirotorState:
     """State of a multirotor: position, velocity, attitude, angular rate and rotor speeds.
 
-    Frames:  W north-east-down, B the body's.
+    Frames:  W north-east-down, B fixed to the body.
 
     The quaternion is normalised after each step. Source: this module.
     """
@@ -36,7 +36,9 @@ class MultirotorState:
 class RotorSpeeds:
     """Desired rotor speeds; command and input of a multirotor. Source: this module."""
 
-    speed: Any = quantity("rad/s", "Speed of each rotor (n,); negative in reverse.", default=(0.0, 0.0, 0.0, 0.0))
+    speed: Any = quantity(
+        "rad/s", "Desired speed of each rotor (n,); negative in reverse.", default=(0.0, 0.0, 0.0, 0.0)
+    )
 
 
 @record
@@ -52,12 +54,12 @@ class RotorDemand:
 class Rotors:
     """Rotors of a multirotor: positions, directions of rotation, thrust and torque.
 
-    All thrust against the body's z axis.
+    All rotors thrust against the body's z axis.
 
-        T = k w |w|        Q = -s c T about z        on the body, of the rotor's own turning
+        T = k w |w|        Q = -s c T about z: moment on the body due to the rotor's own rotation
 
-    Frames:  places in B at the centre of mass; s = +1 turns about +z: clockwise from above.
-    Valid:   near hover. Not modelled: inflow, ground effect, flapping (but for its drag), one rotor's wake in another.
+    Frames:  positions in B from the centre of mass; s = +1 for rotation about +z: clockwise from above.
+    Valid:   near hover. Not modelled: inflow, ground effect, flapping (except for its drag), interference of wakes.
     Source:  [1] T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010,
              section II and V for places, signs and c. The thrust coefficient is chosen.
     """
@@ -78,12 +80,12 @@ class Rotors:
         "N s^2/rad^2", "Coefficient k: thrust per rotor speed squared.", default=8e-5, above=0
     )
     torque_ratio: Scalar = quantity(
-        "m", "Coefficient c: torque per thrust.", default=8.004e-4, low=0, source="[1] section V"
+        "m", "Coefficient c: torque per thrust of a rotor.", default=8.004e-4, low=0, source="[1] section V"
     )
     inertia: Scalar = quantity("kg m^2", "Moment of inertia of each rotor about its shaft.", default=0.0, low=0)
 
     def check(self) -> None:
-        """Raise InputError if the description of the rotors is incomplete."""
+        """Raise InputError if the shape of `places` does not match the number of spins, or a spin is not 1 or -1."""
         n = np.size(self.spins)
         if np.shape(self.places) != (n, 3) or np.ndim(self.spins) != 1:
             problem = f"{n} spins need places of shape ({n}, 3), got {np.shape(self.places)}"
@@ -119,16 +121,16 @@ class Rotors:
 class Multirotor:
     """Multirotor: a rigid body with n rotors that thrust against its z axis.
 
-    Position and yaw can be controlled, tilt cannot.
+    Position and yaw can be controlled, but tilt cannot be controlled independently.
 
         p' = v      m v' = m g e3 - T R e3 - R D R.T (v - wind)      q' = q (0, w)/2
         J w' = M - w × (J w + h e3) - D_w w      w_i' = (u_i - w_i)/lag
 
-    T, M are thrust and moment of the rotors, h is their angular momentum. Its defaults are the quadrotor of [1], which
-    has neither drag, lag, nor angular momentum of rotors: a ratio c as small as printed there yaws hardly.
+    T, M are thrust and moment of the rotors, h is their angular momentum. The defaults are the quadrotor of [1], which
+    has no drag, no lag and no angular momentum of the rotors. The torque ratio c printed there gives little yaw moment.
 
     Frames:  W north-east-down, flat ground; B at the centre of mass, x forward, y starboard, z down.
-    Valid:   gravity and air of one height. Not modelled: ground, what rotors do to the body as they change their speed.
+    Valid:   constant gravity and air density. Not modelled: ground, reaction torque of a change of rotor speed.
     Source:  [1] T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010,
              eqs. 2-5; [2] M. W. Mueller, R. D'Andrea, "Stability and control of a quadrocopter despite the complete
              loss of one, two, or three propellers", ICRA 2014, for h and D_w; [3] M. Faessler, A. Franchi,
@@ -168,7 +170,7 @@ class Multirotor:
     wind: Wind = part("Wind velocity over the ground.", default=Wind(), off={"wind": Wind()})
 
     MAV_TYPE: ClassVar[str] = "QUADROTOR"
-    """Type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def acting_speed(self, x: MultirotorState, u: RotorSpeeds) -> Any:
         """Return the rotor speeds that act (n,) (rad/s): those of the state, or the commanded speeds if the lag is
@@ -190,7 +192,7 @@ class Multirotor:
         return self.gravity * down + R @ force / self.mass, moment / J
 
     def dynamics(self, t: Any, x: MultirotorState, u: RotorSpeeds) -> MultirotorState:
-        """Return the derivative of x; t: seconds."""
+        """Return the time derivative of the state x; t: seconds."""
         acceleration, turn = self.accelerations(x, u)
         return MultirotorState(
             position=x.velocity,
@@ -205,7 +207,7 @@ class Multirotor:
         return MultirotorState(x.position, x.velocity, quaternion.normalise(x.attitude), x.rate, x.rotor_speed)
 
     def motion(self, t: Any, x: MultirotorState, u: RotorSpeeds) -> Motion:
-        """Return the motion of a sensor on the vehicle; t: integer time."""
+        """Return the motion of a sensor on the vehicle; t: integer time (100 ns)."""
         acceleration, turn = self.accelerations(x, u)
         R = quaternion.to_matrix(x.attitude)
         return Motion(
@@ -231,11 +233,11 @@ def ring_rotors(spins: str, arm: float, first: float = 0.0) -> tuple[Any, Any]:
     """Return positions (n, 3) and spins (n,) of rotors around a ring, for `Rotors`.
 
     Args:
-        spins: a letter for each rotor, clockwise from above: P turns clockwise, N against it, e.g. "PNPN", "PPNNPN".
-        arm: radius (m).
-        first: angle of the first rotor from the nose (rad).
+        spins: one letter per rotor in clockwise order from above: P spins clockwise, N counter-clockwise, e.g. "PNPN".
+        arm: radius of the ring (m).
+        first: angle of the first rotor, clockwise from the nose (rad).
 
-    Raises: InputError for another letter.
+    Raises: InputError if `spins` is empty or contains another letter.
     """
     if not spins or set(spins) - set("PN"):
         raise InputError(

@@ -1,6 +1,6 @@
-"""A rigid body over the rotating earth with six degrees of freedom, in the atmosphere or above it.
+"""Rigid body over the rotating earth with six degrees of freedom, in the atmosphere or above it.
 
-Its input is a force and a moment in its own axes. With an aerodynamic part, the air acts on it too.
+The input is a force and a moment in body axes. With an aerodynamic model, the force and moment of the air are added.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -24,9 +24,9 @@ from trimtab.environment.wind import Wind
 class RigidBodyState:
     """State of a rigid body: position, velocity, attitude and angular velocity.
 
-    Frames:  I inertial, z the earth's axis; B the body's.
+    Frames:  I inertial, with the z axis along the earth's axis; B fixed to the body.
 
-    The quaternion's length does not matter. Source: Stevens, Lewis, Johnson, "Aircraft control and simulation", 1.7.
+    The quaternion need not have unit length. Source: Stevens, Lewis, Johnson, "Aircraft control and simulation", 1.7.
     """
 
     position: Any = quantity(
@@ -39,7 +39,7 @@ class RigidBodyState:
 
 @record
 class Wrench:
-    """A force at the centre of mass and a moment about it. Frame: B. Source: this module."""
+    """Force at the centre of mass and moment about the centre of mass. Frame: B. Source: this module."""
 
     force: Any = quantity("N", "Force on the body: forward, starboard, down.", frame="B", shape=(3,))
     moment: Any = quantity("N m", "Moment on the body: roll, pitch, yaw.", frame="B", shape=(3,))
@@ -52,8 +52,9 @@ NO_WRENCH = Wrench(np.zeros(3), np.zeros(3))
 class Airflow(NamedTuple):
     """Flow of the air around a body.
 
-    velocity: of the centre of mass through the air, in B (3,) (m/s).  speed: airspeed, the length of velocity.  rate:
-    of the body in the air, which turns with the earth, in B (3,) (rad/s).  air: air properties at the body's position.
+    velocity: of the centre of mass through the air, in B (3,) (m/s).  speed: airspeed, the length of velocity (m/s).
+    rate: angular velocity of the body relative to the air, which rotates with the earth, in B (3,) (rad/s).
+    air: air properties at the body's position.
     """
 
     velocity: Any
@@ -91,7 +92,7 @@ class FlightCondition(NamedTuple):
 
 @record
 class BluntBody:
-    """Aerodynamics of a blunt body: drag against its velocity, and moments against its rates.
+    """Aerodynamics of a blunt body: drag opposite to the velocity, and moments that damp the angular velocity.
 
         F = -q S CD v/|v|        M = q S (b Clp, c Cmq, b Cnr) (p b, q c, r b) / 2V
 
@@ -99,10 +100,10 @@ class BluntBody:
     Source:  the form of a damping derivative: Stevens, Lewis, Johnson, "Aircraft control and simulation", 2.3.
     """
 
-    area: Scalar = quantity("m^2", "Reference area S.", default=0.01824, above=0)
+    area: Scalar = quantity("m^2", "Reference area S of the aerodynamic coefficients.", default=0.01824, above=0)
     drag: Scalar = quantity("1", "Drag coefficient CD.", default=0.1, low=0)
-    span: Scalar = quantity("m", "Reference length b of roll and yaw.", default=0.1, above=0)
-    chord: Scalar = quantity("m", "Reference length c of pitch.", default=0.1, above=0)
+    span: Scalar = quantity("m", "Reference length b of the roll and yaw moments.", default=0.1, above=0)
+    chord: Scalar = quantity("m", "Reference length c of the pitch moment.", default=0.1, above=0)
     roll_damping: Scalar = quantity("1", "Roll damping coefficient Clp; negative if it damps.", default=0.0)
     pitch_damping: Scalar = quantity("1", "Pitch damping coefficient Cmq; negative if it damps.", default=0.0)
     yaw_damping: Scalar = quantity("1", "Yaw damping coefficient Cnr; negative if it damps.", default=0.0)
@@ -120,17 +121,17 @@ class BluntBody:
 
 @record
 class RigidBody:
-    """A rigid body of constant mass over the rotating earth.
+    """Rigid body of constant mass over the rotating earth.
 
         p_I' = v_I        v_I' = g(p_I) + R_IB F/m        q_IB' = q_IB (0, w)/2        J w' = M - w × J w
 
-    F and M are the input's and, with an aerodynamic part, the air's. The air turns with the earth and has its wind,
-    and what turbulence the world has.
+    F and M are the force and moment of the input plus, with an aerodynamic model, those of the air. The air rotates
+    with the earth; wind and the turbulence of the world are added to its velocity.
 
-    Frames:  I inertial and E earth-fixed, alike at time zero; W north-east-down at `origin`, fixed to the earth; B at
-             the centre of mass, x forward, y starboard, z down.
+    Frames:  I inertial and E earth-fixed, which coincide at time zero; W north-east-down, fixed to the earth
+             at `origin`; B at the centre of mass, x forward, y starboard, z down.
     Valid:   a rigid body with one mass, anywhere outside the earth. Not modelled: fuel, sloshing, ground.
-    Source:  Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., eq. 1.7-21; flown against the
+    Source:  Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., eq. 1.7-21; compared with
              simulations of NASA in the study nesc2015.
     """
 
@@ -154,7 +155,7 @@ class RigidBody:
     gust: Any = part("Gust added to the wind; set by a world with turbulence.", default=None)
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
-    """Type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
     QUATERNIONS: ClassVar[tuple[str, ...]] = ("attitude",)
     """Quaternion fields of the state, for an integration on the rotation group."""
 
@@ -166,7 +167,7 @@ class RigidBody:
             raise InputError("inertia", problem, fix="give moments above 0, none greater than the sum of the other two")
 
     def inertia_matrix(self) -> Any:
-        """Return J (3, 3) in B."""
+        """Return the inertia matrix J (3, 3) in B."""
         (x, y, z), (xy, yz, zx) = self.inertia, self.products
         rows = ([x, -xy, -zx], [-xy, y, -yz], [-zx, -yz, z])
         return jnp.stack([jnp.stack([jnp.asarray(e, float) for e in row]) for row in rows])
@@ -197,7 +198,7 @@ class RigidBody:
         )
 
     def dynamics(self, t: Any, x: RigidBodyState, u: Wrench) -> RigidBodyState:
-        """Return the derivative of x under the force and moment u; t: seconds."""
+        """Return the time derivative of the state x under the force and moment u; t: seconds."""
         acceleration, turn = self.accelerations(t, x, u)
         return RigidBodyState(
             position=x.velocity,
@@ -207,7 +208,7 @@ class RigidBody:
         )
 
     def accelerations(self, t: Any, x: RigidBodyState, u: Wrench) -> tuple[Any, Any]:
-        """Return the specific force at the centre of mass, in I (3,) (m/s²), and w_IB_B' (3,) (rad/s²)."""
+        """Return specific force at the centre of mass in I (3,) (m/s²), and angular acceleration in B (3,) (rad/s²)."""
         force, moment = u.force, u.moment
         if self.aerodynamics is not None:
             of_air = self.aerodynamics.wrench(self.flight(t, x).flow)
@@ -217,7 +218,7 @@ class RigidBody:
         return quaternion.to_matrix(x.attitude) @ force / self.mass, turn
 
     def motion(self, t: Any, x: RigidBodyState, u: Wrench) -> Motion:
-        """Return the motion of a sensor on the body, relative to the tangent plane at `origin`; t: integer time."""
+        """Return the motion of a sensor on the body in the tangent plane at `origin`; t: integer time (100 ns)."""
         seconds = to_seconds(t)
         R_EI = self.earth.to_inertial(seconds).T
         plane = self.origin
@@ -250,7 +251,7 @@ class RigidBody:
     def start(
         self, latitude: Any, longitude: Any, height: Any, *, velocity: Any, angles: Any, rate: Any, over_ground: bool
     ) -> RigidBodyState:
-        """Return the state at time zero.
+        """Return the initial state at time zero from a geodetic position, velocity, attitude and angular velocity.
 
         Args:
             latitude, longitude: geodetic (rad).

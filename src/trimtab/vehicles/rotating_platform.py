@@ -1,4 +1,4 @@
-"""A motor-driven rotating platform with an arm, on which the thesis tested navigation."""
+"""Motor-driven rotating platform with an arm, on which the thesis (Kulis 2006) tested navigation."""
 
 from typing import Any, ClassVar
 
@@ -14,7 +14,7 @@ QUARTER = jnp.pi / 2
 
 @record
 class PlatformDrive:
-    """Command of the motor. Source: this module."""
+    """Command of the platform's motor. Source: this module."""
 
     rate: Scalar = quantity("rad/s", "Commanded rate of turn, clockwise from above.")
 
@@ -23,8 +23,8 @@ class PlatformDrive:
 class PlatformState:
     """State of the platform: angle, rate, and the motion of the body at the arm's end that follows from them.
 
-    Only heading and yaw_rate determine the motion. The other fields are integrated too, so that a log has the true
-    values of all that navigation estimates. `RotatingPlatform.rest` gives a consistent state. Source: this module.
+    Only heading and yaw_rate determine the motion. The other fields are integrated too, so that a log contains the true
+    value of every navigation estimate. `RotatingPlatform.rest_state` returns a consistent state. Source: this module.
     """
 
     heading: Scalar = quantity(
@@ -41,13 +41,14 @@ class PlatformState:
 
 @record
 class RotatingPlatform:
-    """A platform on a vertical axis, turned by a motor. Its rate follows the command with a first-order lag.
+    """Platform on a vertical axis, turned by a motor. Its rate follows the command with a first-order lag.
 
         W' = (rate - W)/tau        al' = W        psi = al + pi/2        p = T R (cos al, sin al, 0)
         v_B = (R W, 0, 0)          a_B = (R W', R W^2, 0)
 
-    with al the arm's direction, R its length, and T the turn by which the axis leans. The lean stands still in the
-    world, so the level part of gravity turns once a revolution in the body: no bias of an accelerometer explains it.
+    al is the arm's direction, R its length, and T the rotation that tilts the axis. The tilt is fixed in the world, so
+    the component of gravity in the platform's plane rotates in the body once per revolution. An accelerometer bias
+    cannot explain this.
 
     Frames:  W north-east-down, origin on the axis; B at the arm's end, x tangential, y inward, z along the axis.
     Not modelled: backlash, elasticity, the motor's torque limit.
@@ -62,17 +63,19 @@ class RotatingPlatform:
         low=0,
         source="[1] 12 in",
     )
-    time_constant: Scalar = quantity("s", "Time constant of the rate's lag behind its command.", default=0.1, above=0)
+    time_constant: Scalar = quantity(
+        "s", "Time constant of the lag from the commanded rate to the rate.", default=0.1, above=0
+    )
     tilt: Scalar = quantity("rad", "Angle of the spin axis from the vertical.", default=0.0, low=0, high=0.5)
     lean: Scalar = quantity(
-        "rad", "Direction in which the upper end of the spin axis leans, from north.", default=0.0, kind="angle"
+        "rad", "Direction from north in which the upper end of the spin axis is tilted.", default=0.0, kind="angle"
     )
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
-    """Type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def dynamics(self, t: Any, x: PlatformState, u: PlatformDrive) -> PlatformState:
-        """Return the derivative of x (SI) under the commanded rate."""
+        """Return the time derivative of the state x (SI) under the commanded rate."""
         acceleration = (u.rate - x.yaw_rate) / self.time_constant
         velocity = self._lean_rotation() @ (
             self.arm * x.yaw_rate * jnp.stack([jnp.cos(x.heading), jnp.sin(x.heading), 0.0])
@@ -87,7 +90,7 @@ class RotatingPlatform:
         )
 
     def motion(self, t: Any, x: PlatformState, u: PlatformDrive) -> Motion:
-        """Return the motion of a sensor at the arm's end, from heading, yaw rate and command; t: integer time."""
+        """Return the motion of a sensor at the arm's end, from heading, yaw rate and command; t: integer (100 ns)."""
         angle = x.heading - QUARTER
         acceleration = (u.rate - x.yaw_rate) / self.time_constant
         o = jnp.zeros_like(acceleration)
@@ -110,6 +113,6 @@ class RotatingPlatform:
         return PlatformState(heading, 0.0, 0.0, 0.0, place[0], place[1])
 
     def _lean_rotation(self) -> Any:
-        """Return the rotation T (3, 3) from the upright to the leaning platform."""
+        """Return the rotation T (3, 3) from the upright to the tilted platform."""
         turn = self.tilt * jnp.stack([jnp.sin(self.lean), -jnp.cos(self.lean), jnp.zeros_like(self.lean * 1.0)])
         return from_rotation_vector(turn)

@@ -1,4 +1,4 @@
-"""An underactuated surface vessel in three degrees of freedom: propellers and rudders aft, no lateral thruster.
+"""Underactuated surface vessel in three degrees of freedom, with propellers and rudders aft and no lateral thruster.
 
 [1] is R. Skjetne, Ø. N. Smogeli, T. I. Fossen, "A nonlinear ship manoeuvering model: identification and adaptive
 control with experiments for a model ship", Modeling, Identification and Control 25 (2004) 3-27.
@@ -26,8 +26,10 @@ AIR = 1.225
 class VesselControls:
     """Command for rudders and propellers. Source: [1] section 2."""
 
-    rudder: Scalar = quantity("rad", "Angle of both rudders; positive pushes the stern to starboard.", kind="angle")
-    shaft_speed: Scalar = quantity("rad/s", "Speed of both propellers; positive drives ahead.")
+    rudder: Scalar = quantity(
+        "rad", "Commanded angle of both rudders; positive pushes the stern to starboard.", kind="angle"
+    )
+    shaft_speed: Scalar = quantity("rad/s", "Commanded speed of both propellers; positive drives ahead.")
 
 
 @record
@@ -49,13 +51,14 @@ class VesselState:
 
 @record
 class HullDamping:
-    """Forces of the water on a moving hull, about the origin of [1]: -D(nu) nu.
+    """Damping forces of the water on a moving hull, about the origin of [1]: -D(nu) nu.
 
         X = Xu u + Xuu |u| u + Xuuu u^3
-        Y = (Yv + Yvv |v| + Yrv |r|) v + (Yr + Yvr |v| + Yrr |r|) r        N the same
+        Y = (Yv + Yvv |v| + Yrv |r|) v + (Yr + Yvr |v| + Yrr |r|) r        N has the same form
 
-    Frames:  B, through the water.    Valid: up to about 1 m/s for the default, by towing and by adaptation.
-    Source:  [1] tables 2 and 4, in the letters of SNAME.
+    Frames:  B; velocities through the water.
+    Valid:   up to about 1 m/s for the default values, which are from towing tests and adaptive identification.
+    Source:  [1] tables 2 and 4, in SNAME notation.
     """
 
     Xu: Scalar = quantity(
@@ -115,47 +118,48 @@ class HullDamping:
 
 @record
 class TwinScrew:
-    """Two propellers side by side at equal speed, each with a rudder in its stream.
+    """Two propellers side by side with equal speed, each with a rudder in its slipstream.
 
         T = Tnn |n| n - Tnu |n| u        n in turns per second; other coefficients astern; T = 0 in between
         U = u + k (sqrt(8 T/(pi rho d^2) + u^2) - u)      past the rudder; U = u where u < 0
         L = (Ld delta - Ldd |delta| delta) |U| U          other coefficients where U < 0
 
-    Not modelled: drag of the rudders, the bow thruster of [1], which lies still.
-    Source:  [1]; thrust of its table 2. Reconstructed: the propeller's diameter and k, from public programs of [1].
+    Not modelled: drag of the rudders, the bow thruster of [1], which is at rest.
+    Source:  [1]; thrust coefficients of its table 2. Reconstructed: the propeller's diameter and k, from public
+             programs of [1].
     """
 
     ahead_thrust: Scalar = quantity(
-        "N s^2", "Coefficient Tnn of one propeller, ahead.", default=3.65034e-3, above=0, source=TABLE_2
+        "N s^2", "Thrust coefficient Tnn of one propeller running ahead.", default=3.65034e-3, above=0, source=TABLE_2
     )
     ahead_inflow: Scalar = quantity(
-        "N s^2/m", "Coefficient Tnu of one propeller, ahead.", default=1.52468e-4, low=0, source=TABLE_2
+        "N s^2/m", "Inflow coefficient Tnu of one propeller running ahead.", default=1.52468e-4, low=0, source=TABLE_2
     )
     astern_thrust: Scalar = quantity(
-        "N s^2", "Coefficient Tnn of one propeller, astern.", default=5.10256e-3, above=0, source=TABLE_2
+        "N s^2", "Thrust coefficient Tnn of one propeller running astern.", default=5.10256e-3, above=0, source=TABLE_2
     )
     astern_inflow: Scalar = quantity(
-        "N s^2/m", "Coefficient Tnu of one propeller, astern.", default=4.55822e-2, low=0, source=TABLE_2
+        "N s^2/m", "Inflow coefficient Tnu of one propeller running astern.", default=4.55822e-2, low=0, source=TABLE_2
     )
     ahead_lift: Scalar = quantity(
-        "kg/m", "Coefficient Ld of one rudder, flow from ahead.", default=6.43306, source="[1]"
+        "kg/m", "Lift coefficient Ld of one rudder in flow from ahead.", default=6.43306, source="[1]"
     )
     ahead_stall: Scalar = quantity(
-        "kg/m", "Coefficient Ldd of one rudder, flow from ahead.", default=5.83594, source="[1]"
+        "kg/m", "Stall coefficient Ldd of one rudder in flow from ahead.", default=5.83594, source="[1]"
     )
     astern_lift: Scalar = quantity(
-        "kg/m", "Coefficient Ld of one rudder, flow from astern.", default=3.19573, source="[1]"
+        "kg/m", "Lift coefficient Ld of one rudder in flow from astern.", default=3.19573, source="[1]"
     )
     astern_stall: Scalar = quantity(
-        "kg/m", "Coefficient Ldd of one rudder, flow from astern.", default=2.34356, source="[1]"
+        "kg/m", "Stall coefficient Ldd of one rudder in flow from astern.", default=2.34356, source="[1]"
     )
     rudder_arm: Scalar = quantity(
-        "m", "Distance of the rudders aft of the origin of [1].", default=0.549, above=0, source=TABLE_1
+        "m", "Distance of the rudders aft of the reference point amidships.", default=0.549, above=0, source=TABLE_1
     )
     diameter: Scalar = quantity("m", "Diameter of a propeller.", default=0.06, above=0)
     induced: Scalar = quantity(
         "1",
-        "Factor k: fraction of the propeller stream's extra speed that acts on a rudder.",
+        "Factor k: fraction of the extra speed of a propeller's slipstream that acts on its rudder.",
         default=0.5,
         low=0,
         high=1,
@@ -180,7 +184,7 @@ class TwinScrew:
         return jnp.where(past < 0, astern, ahead) * jnp.abs(past) * past
 
     def wrench(self, rudder: Any, shaft_speed: Any, u: Any) -> tuple[Any, Any, Any]:
-        """Return X, Y (N) and N (N m) of both sides, about the origin of [1]."""
+        """Return X, Y (N) and N (N m) of both propellers and both rudders, about the origin of [1]."""
         T = self.thrust(shaft_speed, u)
         L = self.lift(rudder, T, u)
         return 2 * T, 2 * L, -2 * self.rudder_arm * L
@@ -193,8 +197,8 @@ class WindLoad:
         (X, Y, N) = rho V^2/2 (cx A cos(g), cy B sin(g), cn B L sin(2 g))      g: angle from x to the direction in which
         the relative wind blows
 
-    Source:  Fossen, "Handbook", 2021, section 10.1, for a vessel that is alike to port and starboard; areas and
-             coefficients are this project's, the coefficients in the middle of the ranges given there.
+    Source:  Fossen, "Handbook", 2021, section 10.1, for a vessel symmetric to port and starboard. Areas and
+             coefficients are chosen, the coefficients in the middle of the ranges given there.
     """
 
     wind: Wind = part("Wind velocity over the ground, just above the water.", default=Wind())
@@ -230,22 +234,22 @@ class SurfaceVessel:
         M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau        nu_r = nu - nu_c: through the water         [1]
         delta' = limit((delta_c - delta)/T_d, rate)        n' = (n_c - n)/T_n
 
-    M holds mass and added mass, C follows from M. [1] writes all this about a point amidships; here the state is that
-    of the centre of mass, x_g ahead of it, and only forces are worked out about that point.
+    M contains mass and added mass; C follows from M. [1] writes the equations about a point amidships. Here the state
+    describes the centre of mass, which is x_g ahead of this point. Only the forces are computed about the point of [1].
 
     Frames:  W north-east-down, B at the centre of mass, x forward, y starboard.
     Valid:   calm water without waves; no roll, pitch or heave. Rudders to 35 degrees.
     Not modelled: waves, shallow water, the propellers' side force.
     Source:  [1]; current and relative velocity as in Fossen, "Handbook of marine craft hydrodynamics and motion
-             control", 2nd ed., 2021, section 10.3. Rates and lags of the actuators are this project's.
+             control", 2nd ed., 2021, section 10.3. Rates and lags of the actuators are chosen.
     """
 
     mass: Scalar = quantity("kg", "Total mass.", default=23.8, above=0, source=TABLE_1)
     inertia: Scalar = quantity(
-        "kg m^2", "Moment of inertia about z, at the origin of [1].", default=1.76, above=0, source=TABLE_1
+        "kg m^2", "Moment of inertia about z at the reference point amidships.", default=1.76, above=0, source=TABLE_1
     )
     centre: Scalar = quantity(
-        "m", "Distance x_g of the centre of mass ahead of the origin of [1].", default=0.046, source=TABLE_1
+        "m", "Distance x_g of the centre of mass ahead of the reference point amidships.", default=0.046, source=TABLE_1
     )
     added_surge: Scalar = quantity("kg", "Added mass in surge, -X_u'.", default=2.0, low=0, source=TABLE_1)
     added_sway: Scalar = quantity("kg", "Added mass in sway, -Y_v'.", default=10.0, low=0, source=TABLE_1)
@@ -267,12 +271,12 @@ class SurfaceVessel:
     """Vehicle type reported to ground stations, see `wire.telemetry`."""
 
     def input_limits(self) -> dict[str, tuple[Any, Any]]:
-        """Return the stops of the rudders (rad) and limits of the shafts (rad/s)."""
+        """Return the limits of the rudder angle (rad) and of the propeller speed (rad/s)."""
         rudder, shaft = self.rudder_limit, self.shaft_limit
         return {"rudder": (-rudder, rudder), "shaft_speed": (-shaft, shaft)}
 
     def dynamics(self, t: Any, x: VesselState, u: VesselControls) -> VesselState:
-        """Return the derivative of x (SI) under the commands of the servos."""
+        """Return the time derivative of the state x (SI) under the commands of the servos."""
         du, dv, dr = self.accelerations(x)
         c, s = jnp.cos(x.heading), jnp.sin(x.heading)
         asked = jnp.clip(u.rudder, -self.rudder_limit, self.rudder_limit)
@@ -289,7 +293,7 @@ class SurfaceVessel:
         )
 
     def accelerations(self, x: VesselState) -> tuple[Any, Any, Any]:
-        """Return derivatives of surge and sway velocity (m/s^2) and of the yaw rate (rad/s^2)."""
+        """Return the time derivatives of surge and sway velocity (m/s^2) and of the yaw rate (rad/s^2)."""
         r = x.yaw_rate
         along, across = self.current.in_plane(x.heading)
         u, v = x.surge_velocity - along, x.sway_velocity - self.centre * r - across
@@ -304,7 +308,7 @@ class SurfaceVessel:
         return X / m11 + r * across, dv + self.centre * dr, dr
 
     def wrench(self, x: VesselState, u: Any, v: Any) -> tuple[Any, Any, Any]:
-        """Return X, Y (N) and N (N m) of all forces, about the origin of [1], at velocity through the water (m/s)."""
+        """Return X, Y (N) and N (N m) of all forces about the origin of [1] at velocities u, v through the water."""
         forces = [self.damping.wrench(u, v, x.yaw_rate), self.propulsion.wrench(x.rudder, x.shaft_speed, u)]
         if self.wind is not None:
             forces.append(self.wind.wrench(x))
@@ -312,7 +316,7 @@ class SurfaceVessel:
         return X, Y, N
 
     def motion(self, t: Any, x: VesselState, u: VesselControls) -> Motion:
-        """Return the motion of a sensor at the centre of mass; t: integer time."""
+        """Return the motion of a sensor at the centre of mass; t: integer time (100 ns)."""
         du, dv, dr = self.accelerations(x)
         o, r = jnp.zeros_like(du), x.yaw_rate
         stack = jnp.stack

@@ -1,4 +1,4 @@
-"""A torpedo-shaped underwater vehicle, REMUS, in six degrees of freedom, with the coefficients of its first simulation.
+"""Torpedo-shaped underwater vehicle REMUS in six degrees of freedom, with the coefficients of the simulation in [1].
 
 [1] is T. Prestero, "Verification of a six-degree of freedom simulation model for the REMUS autonomous underwater
 vehicle", Massachusetts Institute of Technology and Woods Hole Oceanographic Institution, 2001.
@@ -26,7 +26,7 @@ DOWN = np.array([0.0, 0.0, 1.0])
 
 @record
 class TorpedoControls:
-    """Commands of the servos and the motor. Source: [1] section 4.5."""
+    """Commands of the torpedo's servos and motor. Source: [1] section 4.5."""
 
     rudder: Scalar = quantity(
         "rad", "Commanded angle of both rudder fins; positive pushes the tail to starboard.", kind="angle"
@@ -37,7 +37,7 @@ class TorpedoControls:
 
 @record
 class TorpedoState:
-    """State of the torpedo: position, attitude, velocity over ground of the centre of mass, fin angles, shaft.
+    """State of the torpedo: position, attitude, velocity over ground, angular velocity, fin angles, propeller speed.
 
     Source:  [1] section 3.2.
     """
@@ -59,16 +59,21 @@ class TorpedoState:
 class TorpedoHull:
     """Added mass and the forces of the water on hull and fins, about the centre of buoyancy.
 
-    Letters of SNAME: Zuw is the force Z per u w, Zww per |w| w, Zwdot per w'. Fins: Yuudr per u^2 and rudder angle.
+    Names follow SNAME: Zuw is the force Z per u w, Zww per |w| w, Zwdot per w'. For the rudder, Yuudr is the force Y
+    per u^2 and rudder angle.
 
     Frames:  B, through the water.
     Valid:   near 1.5 m/s, small angles of attack, no stall.
-    Source:  [1] appendix B, as it ran in the simulation there; what it multiplied to fit its flights is in (docs page).
+    Source:  [1] appendix B, as used in its simulation. Some values are multiplied by factors that [1] chose after sea
+             trials (docs page).
     """
 
     Xudot: Scalar = quantity("kg", "Added mass along the body's x axis.", default=-0.93, source=TABLES)
     Yvdot: Scalar = quantity(
-        "kg", "Added mass along y; along z it is equal (Zwdot = Yvdot).", default=-35.5, source=TABLES
+        "kg",
+        "Added mass along the body's y axis; the added mass along z is equal (Zwdot = Yvdot).",
+        default=-35.5,
+        source=TABLES,
     )
     Yrdot: Scalar = quantity(
         "kg m", "Added mass coupling sway and yaw; equal to Nvdot, -Zqdot and -Mwdot.", default=1.93, source=TABLES
@@ -181,26 +186,27 @@ class TorpedoHull:
 
 @record
 class Torpedo:
-    """REMUS, an underwater vehicle with rudder, stern planes and one propeller.
+    """Underwater vehicle REMUS with rudder, stern planes and one propeller.
 
         m (v' + w' x r + w x v + w x (w x r)) = f        I w' + w x I w + m r x (v' + w x v) = g        [1, eq. 3.8]
-        f, g: weight and buoyancy, water on hull and fins with added mass, propeller                    [1, eq. 4.49]
+        f, g: force and moment of weight, buoyancy, propeller, and water on hull and fins               [1, eq. 4.49]
 
-    v and w through the water, about the centre of buoyancy, above the centre of mass by r; the state is that of the
-    centre of mass. Thrust and torque of the propeller go with the square of its speed (assumed; [1] has one speed).
+    v is the velocity of the centre of buoyancy through the water, w the angular velocity. r points from the centre of
+    buoyancy down to the centre of mass. The state describes the centre of mass. Thrust and torque of the propeller are
+    assumed proportional to the square of its speed, because [1] has values for one speed only.
 
     Frames:  W north-east-down from the surface, B at the centre of mass, x forward, y starboard, z down.
-    Valid:   deep water, at any attitude; 1.0 to 2.0 m/s, within 15 degrees of attack.
+    Valid:   deep water, any attitude, 1.0 to 2.0 m/s, angles of attack within 15 degrees.
     Not modelled: waves, the surface, stall of the fins, inflow to the propeller.
     Source:  [1]; current as in Fossen, "Handbook of marine craft hydrodynamics and motion control", 2nd ed., 2021,
-             section 10.3. Lags and rates of the actuators, and the gravity by which [1]'s weight is a mass, are this
-             project's.
+             section 10.3. Lags and rates of the actuators, and the gravity that converts the weight of [1] to a mass,
+             are chosen.
     """
 
     weight: Scalar = quantity(
         "N", "Weight; the mass is the weight divided by 9.81 m/s^2.", default=299.0, above=0, source="[1] table 2.3"
     )
-    buoyancy: Scalar = quantity("N", "Buoyancy.", default=306.0, above=0, source="[1] table 2.3")
+    buoyancy: Scalar = quantity("N", "Buoyant force.", default=306.0, above=0, source="[1] table 2.3")
     inertia: Any = quantity(
         "kg m^2", "Moments of inertia Ixx, Iyy, Izz about the centre of buoyancy.", frame="B", shape=(3,),
         default=np.array([0.177, 3.45, 3.45]), source="[1] chapter 2",
@@ -231,12 +237,12 @@ class Torpedo:
         return self.weight / 9.81
 
     def input_limits(self) -> dict[str, tuple[Any, Any]]:
-        """Return the stops of the fins (rad) and limits of the shaft (rad/s)."""
+        """Return the limits of the fin angles (rad) and of the propeller speed (rad/s)."""
         fins, shaft = (-self.fin_limit, self.fin_limit), self.shaft_limit
         return {"rudder": fins, "stern": fins, "shaft_speed": (-shaft, shaft)}
 
     def dynamics(self, t: Any, x: TorpedoState, u: TorpedoControls) -> TorpedoState:
-        """Return the derivative of x (SI) under the commands of servos and motor."""
+        """Return the time derivative of the state x (SI) under the commands of servos and motor."""
         velocity, rate = self.accelerations(x)
         shaft = jnp.clip(u.shaft_speed, -self.shaft_limit, self.shaft_limit)
         return TorpedoState(
@@ -250,12 +256,12 @@ class Torpedo:
         )
 
     def _move_fin(self, angle: Any, asked: Any) -> Any:
-        """Return the rate of a fin (rad/s)."""
+        """Return the rate (rad/s) at which a fin moves from its angle towards the commanded angle."""
         way = jnp.clip(asked, -self.fin_limit, self.fin_limit) - angle
         return jnp.clip(way / self.fin_lag, -self.fin_rate, self.fin_rate)
 
     def accelerations(self, x: TorpedoState) -> tuple[Any, Any]:
-        """Return derivatives of velocity (3,) (m/s^2) and rate (3,) (rad/s^2), both in B."""
+        """Return the time derivatives of velocity (3,) (m/s^2) and angular velocity (3,) (rad/s^2), both in B."""
         R_BW = quaternion.to_matrix(x.attitude).T
         water, w = self.current.in_body(R_BW), x.rate
         arm = self.lowered * DOWN
@@ -298,7 +304,7 @@ class Torpedo:
         return replace(x, attitude=quaternion.normalise(x.attitude))
 
     def motion(self, t: Any, x: TorpedoState, u: TorpedoControls) -> Motion:
-        """Return the motion of a sensor at the centre of mass; t: integer time."""
+        """Return the motion of a sensor at the centre of mass; t: integer time (100 ns)."""
         dv, dw = self.accelerations(x)
         return Motion(
             t=t,

@@ -1,4 +1,4 @@
-"""Type of a vehicle, by which ground stations choose its symbol and its instruments.
+"""Vehicle type, from which a ground station chooses the symbol and the instruments of a vehicle.
 
 Source: MAV_TYPE of https://mavlink.io/en/messages/common.html.
 """
@@ -12,7 +12,7 @@ from trimtab.core.suggestions import closest
 
 
 class VehicleType(IntEnum):
-    """MAV_TYPE: all types of vehicles, and the two types of ends on the ground and on board."""
+    """Values of MAV_TYPE for vehicles, ground stations and onboard computers."""
 
     GENERIC = 0
     FIXED_WING = 1
@@ -49,7 +49,7 @@ class VehicleType(IntEnum):
 
 
 def mav_type(vehicle: Any) -> VehicleType:
-    """Return the type in the class variable MAV_TYPE, a name without prefix, e.g. "SURFACE_BOAT", else GENERIC."""
+    """Return the type named by the vehicle's class variable MAV_TYPE, e.g. "SURFACE_BOAT"; GENERIC if it is missing."""
     name = optional_member(vehicle, "MAV_TYPE")
     if name not in VehicleType.__members__:
         problem = f"{type(vehicle).__name__} declares MAV_TYPE = {name!r}, which is not a known type"
