@@ -44,11 +44,11 @@ from trimtab.estimators.ranging.start import (
 class TightNode:
     """State, its covariance and the pending start at one instant. Source: docs page."""
 
-    t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the filter state.", kind="time")
     imu_reading: Any = quantity(
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
-    untrusted: Any = quantity("1", "Flags (2,): 1 if the gyro, 1 if the accelerometers cannot be trusted.", shape=(2,))
+    untrusted: Any = quantity("1", "Flags of gyro and accelerometers: 1 if the sensor cannot be trusted.", shape=(2,))
     x: Any = quantity("1", "State in the order of Belief.x, then the scale and each beacon's error; (9 + n,).")
     P: Any = quantity("1", "Covariance of estimate minus truth (9 + n, 9 + n).")
     force: Any = quantity("m/s^2", "Specific force without bias, low-passed for the Jacobian.", frame="B", shape=(2,))
@@ -129,7 +129,7 @@ class TightlyCoupled:
         return state, replace(estimate, valid=estimate.valid & estimate.state.position_fix.tracking)
 
     def first(self) -> TightNode:
-        """Return the initial state, before the first sample."""
+        """Return the filter's initial state, before the first sample."""
         s, n = self.start, np.shape(self.beacons)[0]
         variances = jnp.concatenate([s.variances(), self.errors.variances(n)])
         running = self.begins == "given"
@@ -144,7 +144,7 @@ class TightlyCoupled:
         )
 
     def propagate(self, node: TightNode, dt: Any, imu_reading: Any, untrusted: Any) -> TightNode:
-        """Propagate by dt (s); the IMU reads `imu_reading` (3,) at the end."""
+        """Propagate the state by dt (s). imu_reading: IMU sample at the end of the step (3,)."""
         m = propagate_coupled(self, node, dt, imu_reading, untrusted)
         signs = SIGNS[:, None] * SIGNS[None, :]
         F, Q = m.F * signs, m.Q * signs
@@ -194,7 +194,7 @@ class TightlyCoupled:
         )
 
     def belief(self, node: TightNode) -> Belief:
-        """Return the belief at the IMU's point."""
+        """Return the estimate (Belief) of the IMU's motion."""
         return Belief(node.x[:DIMENSION], node.P[:DIMENSION, :DIMENSION])
 
 
