@@ -67,7 +67,7 @@ class NavigationState:
 
     surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B")
     sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B")
-    yaw_rate: Scalar = quantity("rad/s", "Yaw rate, positive clockwise seen from above.", frame="B")
+    yaw_rate: Scalar = quantity("rad/s", "Rate of turn, clockwise from above.", frame="B")
     heading: Scalar = quantity("rad", "Heading: angle from north to the body's x axis, unwrapped.", kind="angle")
     north: Scalar = quantity("m", "North position of the reference point.", frame="W")
     east: Scalar = quantity("m", "East position of the reference point.", frame="W")
