@@ -29,9 +29,9 @@ HIGHEST_DEGREE = 5
 AT_REST = 1e-8
 """Largest state derivative that counts as zero, relative to max(1, |x|). It allows for rounding errors of a trim."""
 ROUNDING = 1e-9
-"""A polynomial coefficient up to this fraction of the largest coefficient counts as zero."""
+"""Largest polynomial coefficient that counts as zero, as a fraction of the largest coefficient."""
 INDEPENDENT = 1e-7
-"""A bracket is a new direction if more than this fraction of it is independent of the earlier brackets."""
+"""Smallest part of a Lie bracket, as a fraction, that must be independent of earlier brackets to be a new direction."""
 DRIFT = "f"
 TaylorField = dict[tuple[int, ...], Any]
 """Taylor polynomial of a vector field: powers of the states' deviations -> coefficients (n,)."""
@@ -133,7 +133,7 @@ def check_rest(model: StateSpaceModel, x0: Any, u0: Any) -> None:
     rate = np.abs(np.asarray(model.f(jnp.asarray(x0), jnp.asarray(u0))))
     moving = [n for n, r, size in zip(model.states, rate, np.abs(x0), strict=True) if not r <= AT_REST * max(1.0, size)]
     if moving:
-        problem = f"{', '.join(moving)} would change at the model's point"
+        problem = f"the point is not an equilibrium: {', '.join(moving)} would change"
         raise InputError(
             "equilibrium", problem, fix="give x0 and u0 at which f(x0, u0) = 0; trimtab.design.trim finds one"
         )

@@ -94,7 +94,11 @@ def _shift_loop(theorem: LawTheorem) -> _Loop:
     outside = sorted({name for f in field.values() for name in f.names} - set(names))
     powers = [sum(p for _, p in m) for f in field.values() for m in f.terms]
     if outside or max(powers) > 3:
-        problem = f"these parameters have no value: {', '.join(outside)}" if outside else "the loop has powers above 3"
+        problem = (
+            f"these parameters have no value: {', '.join(outside)}"
+            if outside
+            else "the loop has powers of states above 3"
+        )
         raise InputError("region", problem, fix="give every parameter a number; use a law of degree at most 3")
     A = np.array([[float(f.terms.get(((k, 1),), 0)) for k in names] for f in field.values()])
     fast = np.linalg.eigvals(A).real.max()

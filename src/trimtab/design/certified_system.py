@@ -42,7 +42,7 @@ class LimitedNumber(NamedTuple):
 
     @property
     def is_inside(self) -> bool:
-        """True if the value is within its limits."""
+        """True if the number is within its limits."""
         return self.low <= self.value < self.high
 
 
@@ -81,7 +81,7 @@ class CertifiedSystem(NamedTuple):
 
     @property
     def A_eta(self) -> Any:
-        """Block of A for the estimated states (k, k). The filter knows all other effects on these states."""
+        """Block of A from estimated states to estimated states (k, k). The filter knows all other effects on them."""
         at = self.estimated_indices()
         return self.A[np.ix_(at, at)]
 
@@ -169,7 +169,7 @@ def compare_with_system(certificate: Any, system: CertifiedSystem) -> Iterator[L
 
 
 def number_lines(certificate: Any, system: CertifiedSystem) -> Iterator[Line]:
-    """Yield the conditions that the system's numbers are within limits, and equal to the numbers in the file."""
+    """Yield the conditions that the system's numbers are within limits and equal to the numbers in a certificate."""
     written, wanted = certificate.recorded, (len(system.inputs), len(system.states))
     if certificate.K.shape != wanted:
         why = f"the gain must have shape {wanted}, got {certificate.K.shape}"

@@ -51,7 +51,7 @@ class _StateField(NamedTuple):
 
 
 def attitude_fields(state: Any) -> dict[str, str]:
-    """Return outer frame -> path of each quaternion in a state record."""
+    """Return the path of each quaternion in a state record, by the quaternion's outer frame."""
     return {d.frame[0]: path for path, _, d in real_leaves(state) if _is_quaternion(d)}
 
 

@@ -93,8 +93,8 @@ def compensate_delay(A: Any, B: Any, K: Any, delay: float, period: float) -> Pre
         problem = f"the shapes of A {A.shape}, B {B.shape}, K {K.shape} don't fit together"
         raise InputError("compensate_delay", problem, fix="give A (n, n), B (n, m), K (m, n)")
     if not (0 <= delay < math.inf and 0 < period < math.inf):
-        problem = f"got a delay of {delay} s and a period of {period} s"
-        raise InputError("compensate_delay", problem, fix="the delay must be 0 s or more, the period above 0 s")
+        problem = f"the delay must be at least 0 s and the period above 0 s, got {delay} s and {period} s"
+        raise InputError("compensate_delay", problem, fix="give e.g. delay=0.05, period=0.01")
     gains = [K @ weight for weight in _waiting_weights(A, B, period, delay)]
     return PredictiveFeedback(K @ expm(A * delay), np.array(gains).reshape(-1, m, m), A, B, K, delay, period)
 
@@ -111,7 +111,7 @@ def _waiting_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
 
 
 def _arriving_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
-    """Return the effect of each command, newest first, on the state at the end of the current period."""
+    """Return the effect of each command, newest first, on the plant's state at the end of the current period."""
     count = math.ceil(delay / period - ON_A_PERIOD)
     late = (
         delay - (count - 1) * period if count else 0.0

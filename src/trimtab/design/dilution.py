@@ -79,7 +79,7 @@ def dilution_map(
     beacons = np.asarray(beacons, np.float64)
     if beacons.ndim != 2 or beacons.shape[1] != 3:
         fix = "give one row (north, east, down) for each beacon"
-        raise InputError("dilution_map.beacons", f"has shape {beacons.shape}", fix=fix)
+        raise InputError("dilution_map.beacons", f"must have shape (n, 3), got {beacons.shape}", fix=fix)
     north, east = np.asarray(north, np.float64), np.asarray(east, np.float64)
     N, E = np.meshgrid(north, east, indexing="ij")
     line = np.stack([N, E, np.full_like(N, down)], axis=-1)[:, :, None] - beacons

@@ -34,19 +34,19 @@ class DubinsPath:
     Frames:  W; headings clockwise from north.    Source:  [1].
     """
 
-    north: Scalar = quantity("m", "North coordinate of the start.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "East coordinate of the start.", frame="W", default=0.0)
-    heading: Scalar = quantity("rad", "Heading at the start.", kind="angle", frame="W", default=0.0)
-    radius: Scalar = quantity("m", "Radius of the arcs.", default=1.0, above=0)
+    north: Scalar = quantity("m", "North coordinate of the path's start.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "East coordinate of the path's start.", frame="W", default=0.0)
+    heading: Scalar = quantity("rad", "Heading at the path's start.", kind="angle", frame="W", default=0.0)
+    radius: Scalar = quantity("m", "Radius of the path's arcs.", default=1.0, above=0)
     speed: Scalar = quantity("m/s", "Speed along the path.", default=1.0, above=0)
     turns: Any = quantity(
-        "1", "Direction of each piece: -1 left, 0 straight, 1 right.", shape=(3,), default=np.zeros(3)
+        "1", "Direction of each of the path's pieces: -1 left, 0 straight, 1 right.", shape=(3,), default=np.zeros(3)
     )
-    lengths: Any = quantity("m", "Length of each piece.", shape=(3,), default=np.zeros(3), low=0)
+    lengths: Any = quantity("m", "Length of each of the path's pieces.", shape=(3,), default=np.zeros(3), low=0)
 
     @property
     def length(self) -> Any:
-        """Return the total length (m)."""
+        """Return the total length of the path (m)."""
         return self.lengths[0] + self.lengths[1] + self.lengths[2]
 
     def at(self, t: Any) -> ReferencePoint:
@@ -172,7 +172,7 @@ def _straight(signs: Any, between: Any) -> list[tuple[float, float, float]]:
 
 
 def _three_arcs(sign: float, between: Any) -> list[tuple[float, float, float]]:
-    """Return headings (rad) where the middle circle touches the first and the last; one pair for each middle circle."""
+    """Return, for each possible middle circle, the headings (rad) at which it touches the first and the last circle."""
     distance = float(np.hypot(*between))
     if not 0 < distance <= 4:
         return []  # the circles are too far apart, or equal, so that no middle arc is needed

@@ -245,7 +245,7 @@ def _check_length(what: str, labels: Sequence[str], source: str, shape: tuple[in
     if len(set(labels)) != len(labels):
         raise InputError(f"model.{what}", f"{tuple(labels)} contains a name twice", fix="give each entry its own name")
     if shape != (len(labels),):
-        problem = f"{len(labels)} names for {source} of shape {shape}"
+        problem = f"got {len(labels)} names for {source} of shape {shape}"
         raise InputError(f"model.{what}", problem, fix=f"give a vector ({len(labels)},), or as many names as it has")
 
 

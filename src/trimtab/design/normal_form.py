@@ -299,7 +299,7 @@ def _output_orders(
     find_indices("linear_normal_form.degrees", degrees, model.outputs)
     orders = [degrees.get(n, 0) for n in model.outputs]
     if len(model.outputs) != len(model.inputs) or min(orders, default=0) < 1:
-        problem = f"got {len(model.outputs)} outputs, {len(model.inputs)} inputs, degrees {dict(degrees)}"
+        problem = f"outputs, inputs and degrees don't match: {len(model.outputs)}, {len(model.inputs)}, {dict(degrees)}"
         raise InputError(
             "linear_normal_form.degrees",
             problem,

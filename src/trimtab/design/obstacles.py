@@ -145,7 +145,7 @@ def _is_number(value: Any) -> bool:
 def _number(section: Mapping[str, Any], part: str, name: str) -> float:
     value = section.get(name)
     if not _is_number(value):
-        raise InputError(part, f"{name} = {value!r} is not a number of metres", fix=f"{name} = 1.5")
+        raise InputError(part, f"{name} must be a number of metres, got {value!r}", fix=f"{name} = 1.5")
     return float(value)  # pyright: ignore[reportArgumentType]
 
 
@@ -178,7 +178,7 @@ def _angle(value: Any, part: str) -> float:
     except ValueError:
         angle = np.nan
     if not np.isfinite(angle):
-        raise InputError(part, f"{value!r} is not an angle", fix='heading = "90 deg"')
+        raise InputError(part, f"must be an angle, got {value!r}", fix='heading = "90 deg"')
     return angle
 
 

@@ -208,7 +208,7 @@ def _data_lines(c: TheoremCertificate, theorem: LawTheorem) -> Iterator[Line]:
 def _motion_lines(c: TheoremCertificate, theorem: LawTheorem) -> Iterator[Line]:
     region, V = theorem.region, c.lyapunov
     at_rest = [f.substitute(dict(region.rest)) for f in theorem.field.values()]
-    resting = f"the rates at rest are {', '.join(map(str, at_rest))}"
+    resting = f"the state derivatives at rest are {', '.join(map(str, at_rest))}"
     yield "the law's point of rest is an equilibrium", lambda: _verdict(not any(at_rest), resting)
     yield "points of rest", lambda: _rest_condition(theorem)
     if V is None:
@@ -303,7 +303,7 @@ def _refute(e: Counterexample) -> ProofCondition:
     outside = [f"{name} is {float(v):.4g}" for name, v in values.items() if v <= 0]
     holds = not outside and value <= 0
     why = f"at {', '.join(f'{n} = {float(v):.5g}' for n, v in e.point.items())}"
-    return ProofCondition("", holds, float(value), "conclusion there", EXACT, "; ".join([why, *outside]))
+    return ProofCondition("", holds, float(value), "conclusion at this point", EXACT, "; ".join([why, *outside]))
 
 
 def _number(p: Polynomial) -> Fraction:

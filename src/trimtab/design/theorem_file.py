@@ -94,7 +94,7 @@ def parse_theorem(text: str, name: str) -> tuple[TheoremCertificate, str]:
         raise InputError(f"file '{name}', scope", f"must be {list(SCOPE)}, got {content['scope']}", fix=FIX)
     V, level, proofs = content["lyapunov"], content["level"], content["proofs"]
     if not isinstance(proofs, dict):
-        raise InputError(f"file '{name}', proofs", f"{proofs!r} must be a mapping of proofs", fix=FIX)
+        raise InputError(f"file '{name}', proofs", f"must be a JSON object with the proofs, got {proofs!r}", fix=FIX)
     certificate = TheoremCertificate(
         _parse_text(content["theorem"], f"file '{name}', theorem"),
         _parse_about(content["about"], f"file '{name}', about"),

@@ -106,7 +106,7 @@ def _solve(equations: tuple[Polynomial, ...], branch: ZeroBranch, positive: froz
         if not e.names & frozenset(branch.free):
             if e.sign(positive):
                 return []
-            raise ArithmeticError(f"it depends on the parameters if {e} is zero")
+            raise ArithmeticError(f"the values of the parameters decide if {e} is zero")
     undecided = ""
     for e in sorted(rest, key=lambda e: len(e.terms)):
         for name, value in _linear_pivots(e, branch.free, positive):

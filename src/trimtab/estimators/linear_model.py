@@ -41,7 +41,7 @@ class FilteredEstimate:
     t: Scalar = quantity("100 ns", "Time of the estimate, by the autopilot's clock.", kind="time")
     age: Scalar = quantity("s", "Age of the newest measurement used.")
     fresh: Scalar = quantity("1", "True if a measurement was used in this step.", kind="flag")
-    valid: Scalar = quantity("1", "True if the state is usable.", kind="flag")
+    valid: Scalar = quantity("1", "True if the estimated state is usable.", kind="flag")
     state: Any = part("Estimated state, as the vehicle's record of states.")
     P: Any = quantity("1", "Covariance of the state, row by row (n n,), in the order of the vehicle's record.")
     nis: Scalar = quantity("1", "Sum of NIS over this step's measurements: chi-square with `used` degrees of freedom.")
@@ -104,7 +104,7 @@ class LinearModelFilter:
         }
         for name, shape in shapes.items():
             if np.shape(getattr(self, name)) != shape:
-                problem = f"has shape {np.shape(getattr(self, name))}, must have {shape}"
+                problem = f"must have shape {shape}, got {np.shape(getattr(self, name))}"
                 raise InputError(
                     f"LinearModelFilter.{name}", problem, fix="create the filter with loop.linear_filter.design_filter"
                 )

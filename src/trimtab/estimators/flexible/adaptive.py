@@ -227,14 +227,14 @@ class AdaptiveFlexibleModeFilter:
         for field, pair in {"deviation": self.deviation, "walk": self.walk}.items():
             values = np.asarray(pair, float)
             if not (np.isfinite(values).all() and (values >= 0).all()):
-                problem = f"{values.tolist()} must be finite and at least 0"
-                raise InputError(f"{name}.{field}", problem, fix="two numbers")
+                problem = f"must be finite and at least 0, got {values.tolist()}"
+                raise InputError(f"{name}.{field}", problem, fix="give two finite numbers of at least 0")
         for field, value in {"R": self.R, "bound": self.bound, "excitation": self.excitation}.items():
             if not math.isfinite(value):
-                raise InputError(f"{name}.{field}", f"{value} must be finite", fix="give a finite number")
+                raise InputError(f"{name}.{field}", f"must be finite, got {value}", fix="give a finite number")
         outermost = math.exp(HYPOTHESIS_SPACING * float(np.max(self.deviation)))
         if outermost >= self.bound:
-            problem = f"hypotheses start at a factor of {outermost:.3g}, outside the bound {float(self.bound):g}"
+            problem = f"hypotheses start at a factor of {outermost:.3g}, must be within the bound {float(self.bound):g}"
             raise InputError(f"{name}.bound", problem, fix="raise the bound, or choose a smaller `deviation`")
         fastest = float(max(self.craft.modes.w1, self.craft.modes.w2) * self.bound)
         if fastest * to_seconds(self.period) >= 0.5:

@@ -143,7 +143,7 @@ class FlexibleModeFilter:
         if not math.isfinite(self.R):
             raise InputError(
                 "FlexibleModeFilter.R",
-                f"{self.R} must be finite",
+                f"must be finite, got {self.R}",
                 fix="give a finite variance; corrects=False ignores measurements",
             )
         A, _ = modal_dynamics(self.craft)

@@ -144,7 +144,9 @@ class Intake:
         }
         for name, (patience, frozen) in limits.items():
             if 0 < patience < frozen:
-                problem = f"{frozen} equal samples show a frozen sensor, but it is accepted after {patience} rejections"
+                problem = (
+                    f"a sensor is frozen after {frozen} equal samples, but is accepted after {patience} rejections"
+                )
                 raise InputError(f"intake.frozen_{name}", problem, fix=f"set it to at most {patience}")
         if not self.imu or len(set(self.listens())) < len(self.listens()):
             problem = f"sensors {self.listens()} must include an IMU, and each name must be used once"
@@ -162,7 +164,7 @@ class InertialState:
     imu_arrival: Scalar = quantity("100 ns", "Arrival time of the last IMU sample.", kind="time")
     reported: Any = part("Last estimate of the motion: fields of NavigationState by name.")
     clock: Scalar = quantity("100 ns", "Largest time of the autopilot's clock that has been received.", kind="time")
-    clock_backwards: Scalar = quantity("1", "Number of times the autopilot's time ran backwards.", kind="count")
+    clock_backwards: Scalar = quantity("1", "Number of times the autopilot's clock ran backwards.", kind="count")
 
 
 def listened_sensors(form: InertialForm) -> tuple[str, ...]:

@@ -41,7 +41,7 @@ SIGNS = np.array([1.0, 1, 1, 1, 1, -1, -1, -1])
 
 @record
 class CoupledNode:
-    """Corrected INS, biases and their common covariance at one instant. Source: [1] chapter 3."""
+    """State of the coupled form at one instant: corrected INS, biases and covariance. Source: [1] chapter 3."""
 
     t: Scalar = quantity("100 ns", "Time of the filter state.", kind="time")
     imu_reading: Any = quantity(

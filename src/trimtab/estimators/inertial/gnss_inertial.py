@@ -73,12 +73,12 @@ class GnssFix:
     innovation: Any = quantity(
         "1", "Innovations of the last measurement, measured minus predicted: first in m, then in m/s."
     )
-    normalised: Any = quantity("1", "Innovations divided by their standard deviations.")
+    normalised: Any = quantity("1", "Innovations of the last measurement, divided by their standard deviations.")
     nis: Scalar = quantity(
         "1", "NIS: sum of squared normalised innovations, chi-square with as many degrees of freedom as values."
     )
-    numbers: Scalar = quantity("1", "Number of values in the newest measurement.", kind="count")
-    used: Scalar = quantity("1", "Number of measurements used.", kind="count")
+    numbers: Scalar = quantity("1", "Number of values in the newest satellite measurement.", kind="count")
+    used: Scalar = quantity("1", "Number of satellite measurements used so far.", kind="count")
     rejected: Scalar = quantity(
         "1", "Number of rejected measurements. With raw ranges: those with every range rejected.", kind="count"
     )
@@ -97,8 +97,8 @@ class GnssFix:
 class SpatialNavigationState:
     """Present motion of the IMU in space, with its uncertainty. Source: docs page, Gnss and inertial."""
 
-    position: Any = quantity("m", "Position: north, east, down.", frame="W", shape=(3,))
-    velocity: Any = quantity("m/s", "Velocity: north, east, down.", frame="W", shape=(3,))
+    position: Any = quantity("m", "Position of the IMU: north, east, down.", frame="W", shape=(3,))
+    velocity: Any = quantity("m/s", "Velocity of the IMU: north, east, down.", frame="W", shape=(3,))
     attitude: Any = quantity("1", "Quaternion q_WB, scalar first.", frame="WB", shape=(4,))
     angles: Any = quantity("rad", "Attitude: roll, pitch, yaw.", frame="WB", kind="angle", shape=(3,))
     angular_rate: Any = quantity("rad/s", "Angular velocity, corrected for the gyros' biases.", frame="B", shape=(3,))

@@ -23,9 +23,9 @@ class HeadingFix:
 
     innovation: Any = quantity("rad", "Innovation: measured minus predicted heading.", kind="angle", shape=(1,))
     normalised: Any = quantity("1", "Heading innovation divided by its standard deviation.", shape=(1,))
-    nis: Scalar = quantity("1", "NIS: squared normalised innovation; chi-square with one degree of freedom.")
-    used: Scalar = quantity("1", "Number of measurements used.", kind="count")
-    rejected: Scalar = quantity("1", "Number of measurements rejected by the gate.", kind="count")
+    nis: Scalar = quantity("1", "NIS of the heading: y^2/S; chi-square with one degree of freedom.")
+    used: Scalar = quantity("1", "Number of headings used so far.", kind="count")
+    rejected: Scalar = quantity("1", "Number of headings rejected by the gate so far.", kind="count")
     rejected_in_a_row: Scalar = quantity(
         "1", "Number of measurements rejected since the last accepted one.", kind="count"
     )
@@ -45,8 +45,8 @@ class PositionFix:
     )
     normalised: Any = quantity("1", "Position innovations divided by their standard deviations.", shape=(2,))
     nis: Scalar = quantity("1", "NIS of the position: y' S^-1 y; chi-square with two degrees of freedom.")
-    used: Scalar = quantity("1", "Number of measurements used.", kind="count")
-    rejected: Scalar = quantity("1", "Number of measurements rejected by the gate.", kind="count")
+    used: Scalar = quantity("1", "Number of positions used so far.", kind="count")
+    rejected: Scalar = quantity("1", "Number of positions rejected by the gate so far.", kind="count")
     rejected_in_a_row: Scalar = quantity(
         "1", "Number of measurements rejected since the last accepted one.", kind="count"
     )
@@ -94,7 +94,7 @@ class NavigationState:
         "True if no IMU data arrive. The filter then assumes constant velocity, and the standard deviations grow.",
         kind="flag",
     )
-    clock_backwards: Scalar = quantity("1", "Number of times the autopilot's own time ran backwards.", kind="count")
+    clock_backwards: Scalar = quantity("1", "Number of times the autopilot's clock ran backwards.", kind="count")
 
 
 def no_heading_fix() -> HeadingFix:

@@ -22,7 +22,7 @@ WIDTH = 3
 class SensorWatch:
     """Checks of one sensor's samples: last sample, flags and counters. Source: docs page, Sensor watch."""
 
-    last: Scalar = quantity("100 ns", "Measurement time of the sensor's newest sample.", kind="time")
+    last: Scalar = quantity("100 ns", "Time at which the sensor's newest sample was measured.", kind="time")
     value: Any = quantity("1", "Last sample of the sensor, in the sensor's units, padded with zeros.")
     repeats: Scalar = quantity(
         "1", "Number of consecutive samples with exactly the same value as the sample before.", kind="count"

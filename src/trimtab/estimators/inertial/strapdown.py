@@ -29,8 +29,8 @@ class Increment:
     """Motion increment over a time T, in the axes of B at the beginning, without gravity. Source: this module."""
 
     turn: Any = quantity("1", "Quaternion dR from B at the end to B at the beginning of the increment.", shape=(4,))
-    velocity: Any = quantity("m/s", "Integral dv of the specific force.", frame="B", shape=(3,))
-    position: Any = quantity("m", "Double integral dp of the specific force.", frame="B", shape=(3,))
+    velocity: Any = quantity("m/s", "Integral dv of the specific force over the increment.", frame="B", shape=(3,))
+    position: Any = quantity("m", "Double integral dp of the specific force over the increment.", frame="B", shape=(3,))
     time: Scalar = quantity("s", "Duration T of the increment.")
 
 

@@ -102,7 +102,10 @@ class PlanarStart:
         "rad/s", "Standard deviation of the yaw rate's initial bias.", default=5e-3, low=0
     )
     sigma_course: Scalar = quantity(
-        "rad", "Standard deviation of the initial angle from the body's x axis to the course.", default=0.03, low=0
+        "rad",
+        "Standard deviation of the initial angle from the body's x axis to the direction of motion.",
+        default=0.03,
+        low=0,
     )
 
 
@@ -145,10 +148,10 @@ class RobotNavigation:
     heading: Scalar = quantity("rad", "Heading: angle from north to the body's x axis, unwrapped.", kind="angle")
     north: Scalar = quantity("m", "Estimated north position.", frame="W")
     east: Scalar = quantity("m", "Estimated east position.", frame="W")
-    speed: Scalar = quantity("m/s", "Speed at the newest odometry.")
+    speed: Scalar = quantity("m/s", "Speed at the newest odometry sample.")
     yaw_rate: Scalar = quantity("rad/s", "Yaw rate at the newest odometry sample, corrected for its bias.")
     turn_bias: Scalar = quantity("rad/s", "Bias of the odometry's yaw rate, positive if the rate is too large.")
-    course: Scalar = quantity("rad", "Angle from the body's x axis to the course.", kind="angle")
+    course: Scalar = quantity("rad", "Estimated angle from the body's x axis to the direction of motion.", kind="angle")
     range_scale: Scalar = quantity("1", "Scale error common to all ranges, positive if they are too long.")
     range_error: Any = quantity("m", "Estimated constant error of each beacon's ranges (n,).")
     sigma_heading: Scalar = quantity("rad", "Standard deviation of the heading.")
@@ -165,11 +168,11 @@ class OdometryState:
     t: Scalar = quantity("100 ns", "Time of the newest odometry sample.", kind="time")
     distance: Scalar = quantity("m", "Total distance in the newest odometry sample.")
     turn: Scalar = quantity("rad", "Total angle in the newest odometry sample.", kind="angle")
-    speed: Scalar = quantity("m/s", "Speed at the newest odometry.")
+    speed: Scalar = quantity("m/s", "Speed at the newest odometry sample.")
     rate: Scalar = quantity("rad/s", "Yaw rate at the newest odometry sample.")
     moved: Scalar = quantity("1", "True once two odometry samples have given speed and yaw rate.", kind="flag")
     x: Any = quantity("1", "Heading, north, east, yaw rate bias, course, scale, errors of the beacons (6 + n,).")
-    P: Any = quantity("1", "Covariance of estimate minus truth (6 + n, 6 + n).")
+    P: Any = quantity("1", "Covariance of the state's error (6 + n, 6 + n).")
     fix: RadioFix = part("Statistics of the range updates.")
     recent: RecentRanges = part("Newest ranges, stored for a restart.")
 

@@ -58,7 +58,9 @@ class ParticleFix:
     used: Scalar = quantity("1", "Number of pings used so far.", kind="count")
     unit: Scalar = quantity("1", "Index of the unit that pinged.", kind="count")
     redrawn: Scalar = quantity("1", "Number of times the particles were resampled.", kind="count")
-    doubted: Scalar = quantity("1", "Number of consecutive pings that most particles rejected.", kind="count")
+    doubted: Scalar = quantity(
+        "1", "Number of consecutive pings with ranges that most particles rejected.", kind="count"
+    )
     tracking: Scalar = quantity("1", "True while the filter has particles; False before a start.", kind="flag")
     starts: Scalar = quantity(
         "1", "Number of times the particles were drawn from scratch, i.e. of starts.", kind="count"
@@ -82,7 +84,7 @@ class ParticleState:
         "100 ns", "Largest time of the autopilot's clock that has been received.", kind="time", default=NEVER
     )
     clock_backwards: Scalar = quantity(
-        "1", "Number of times the autopilot's time ran backwards.", kind="count", default=0
+        "1", "Number of times the autopilot's clock ran backwards.", kind="count", default=0
     )
 
 

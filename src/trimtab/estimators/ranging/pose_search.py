@@ -38,9 +38,7 @@ class RecentRanges:
 
     beacon: Any = quantity("1", "Index of the beacon of each range (k,).", kind="count")
     range: Any = quantity("m", "Measured ranges (k,); 0 in an unused entry.")
-    since: Any = quantity(
-        "m", "Displacement from each range's time to the newest odometry, north and east (k, 2).", frame="W"
-    )
+    since: Any = quantity("m", "Displacement since each range was measured, north and east (k, 2).", frame="W")
     refused: Any = quantity("1", "True for each range that the filter rejected (k,).", kind="flag")
 
 

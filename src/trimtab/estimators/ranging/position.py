@@ -38,7 +38,11 @@ def check_positions(name: str, form: Any) -> None:
     for field, positions in (("beacons", form.beacons), ("units", form.units)):
         shape = np.shape(positions)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
-            raise InputError(f"{name}.{field}", f"has shape {shape}", fix="give one row of three numbers for each")
+            raise InputError(
+                f"{name}.{field}",
+                f"must have shape (n, 3), got {shape}",
+                fix="give one row of three coordinates for each position",
+            )
 
 
 @record
@@ -75,7 +79,7 @@ class RangingFix:
         kind="count",
     )
     invalid: Scalar = quantity(
-        "1", "Number of pings with a range that is not a number. Such a range is not used.", kind="count"
+        "1", "Number of pings with a range that is not finite. Such a range is not used.", kind="count"
     )
 
 
@@ -163,8 +167,8 @@ class RangingPosition:
         if len(plan) == 2 and np.allclose(plan[0], plan[1]):
             raise InputError(
                 "RangingPosition.units",
-                "the first two units must not be above each other",
-                fix="move one of the two units",
+                "one of the first two units must not be above the other",
+                fix="give the two units different x or y",
             )
 
     @property

@@ -85,7 +85,7 @@ class RangeFix:
     refused_in_a_row: Any = quantity(
         "1", "Number of ranges of each beacon rejected since its last accepted range.", kind="count"
     )
-    moved: Any = quantity("1", "True for each beacon found away from its surveyed position.", kind="flag")
+    moved: Any = quantity("1", "True for each beacon found to have moved from its surveyed position.", kind="flag")
     error: Any = quantity("m", "Estimated error of each beacon's ranges.")
     sigma_error: Any = quantity("m", "Standard deviation of the range error of each beacon.")
     scale: Scalar = quantity("1", "Scale error common to all ranges, positive if they are too long.")
@@ -101,7 +101,7 @@ class RangeFix:
         "1", "Number of consecutive pings in which most ranges were rejected.", kind="count"
     )
     tracking: Scalar = quantity("1", "True while the filter runs, False while it waits for a start.", kind="flag")
-    starts: Scalar = quantity("1", "Number of starts of the filter.", kind="count")
+    starts: Scalar = quantity("1", "Number of times the filter has started.", kind="count")
 
 
 def no_range_fix(n: int) -> RangeFix:

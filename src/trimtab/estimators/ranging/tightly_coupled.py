@@ -53,7 +53,7 @@ class TightNode:
     P: Any = quantity("1", "Covariance of the state's error (9 + n, 9 + n).")
     force: Any = quantity("m/s^2", "Low-passed specific force without bias, for the Jacobian.", frame="B", shape=(2,))
     steady: Any = quantity("m/s^2", "Low-passed specific force without bias, to detect rest.", frame="B", shape=(2,))
-    start: RangingStart = part("Pings collected until the filter can start.")
+    start: RangingStart = part("Data collected from pings until the filter can start.")
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: RangeFix = part("Statistics of the range updates.")
 
@@ -119,7 +119,7 @@ class TightlyCoupled:
         self.intake.check()
         if not self.intake.position:
             raise InputError(
-                "TightlyCoupled.intake.position", "intake.position must name the ranging sensor", fix="name it"
+                "TightlyCoupled.intake.position", "must name the ranging sensor", fix="give the ranging sensor's name"
             )
         check_positions("TightlyCoupled", self)
 

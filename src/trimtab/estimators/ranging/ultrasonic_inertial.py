@@ -132,10 +132,12 @@ class UltrasonicInertial:
         lever = np.asarray(self.positioning.units)[0, :2] if units == 1 else np.zeros(2)
         if not np.allclose(self.inertial.arms.aiding, lever):
             problem = f"inertial.arms.aiding is {np.asarray(self.inertial.arms.aiding)}; for {units} units set {lever}"
-            fix = "set it to x, y of the unit; with two units leave it at zero, as lever arms are taken off here"
+            fix = "set it to x, y of the unit; for two units set it to zero, because lever arms are subtracted before"
             raise InputError("UltrasonicInertial", problem, fix=fix)
         if not self.inertial.intake.position:
-            raise InputError("UltrasonicInertial", "the INS must read positions", fix="set inertial.intake.position")
+            raise InputError(
+                "UltrasonicInertial", "the INS must read positions", fix="give inertial.intake.position a name"
+            )
 
     def init(self, key: Key) -> UltrasonicInertialState:
         """Return the initial states of positioning and INS, before any measurement."""
