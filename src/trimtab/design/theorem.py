@@ -59,7 +59,7 @@ class LawTheorem(NamedTuple):
     the law, or None if V comes from the certificate.  limits: all end points of motions, each as state -> polynomial;
     the proof must find exactly these points.  hurwitz: polynomials that are positive if the linear loop is stable, for
     all positive values of hurwitz_positive.  claims: further claims.  identities: name -> polynomial that must be zero.
-    counterexamples: points at which similar claims are wrong.  lines: further conditions.
+    counterexamples: wrong claims, each with a point at which it is wrong.  lines: further conditions.
 
     Three fields only help to make a certificate, and prove nothing.  multipliers: claim -> hypothesis -> weight of the
     hypothesis.  searches: claim -> setup of the search for Gram matrices.  proofs: claim -> known proof.

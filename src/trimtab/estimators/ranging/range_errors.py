@@ -143,7 +143,7 @@ def count_ranges(fix: RangeFix, replies: Any, correction: Any, errors: RangeErro
 
 
 def diagnose_beacons(fix: RangeFix, errors: RangeErrorModel) -> tuple[Any, Any, Any]:
-    """Return flags of beacons that have moved (n,), flags of beacons that are trusted again (n,), and True if lost.
+    """Return flags of beacons newly found moved (n,) and of beacons trusted again (n,), and True if the filter is lost.
 
     A beacon has moved if its ranges are rejected repeatedly while those of other beacons are accepted. The filter is
     lost if most ranges are rejected for a long time, or if at least half of the beacons are rejected repeatedly.
