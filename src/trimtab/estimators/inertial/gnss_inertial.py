@@ -70,9 +70,7 @@ IMU_WIDTH = 6
 class GnssFix:
     """Statistics of the updates with satellite measurements. Source: docs page, Gnss and inertial."""
 
-    innovation: Any = quantity(
-        "1", "Innovations of the last measurement, measured minus predicted: first in m, then in m/s."
-    )
+    innovation: Any = quantity("1", "Innovations of the last measurement, measured minus predicted; m, then m/s.")
     normalised: Any = quantity("1", "Innovations of the last measurement, divided by their standard deviations.")
     nis: Scalar = quantity(
         "1", "NIS: sum of squared normalised innovations, chi-square with as many degrees of freedom as values."
@@ -88,9 +86,7 @@ class GnssFix:
         "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
         kind="count",
     )
-    late: Scalar = quantity(
-        "1", "Number of measurements not used because they arrived too late or the queue was full.", kind="count"
-    )
+    late: Scalar = quantity("1", "Number of measurements not used: too late, or the queue was full.", kind="count")
 
 
 @record
@@ -143,8 +139,7 @@ class GnssInertial:
     has 17, two of them for the clock; it also works with fewer than four satellites. Measurements up to `delay` old are
     fused at the time at which they were measured.
 
-    The heading is not observable in straight flight. It becomes observable by lateral acceleration, for example in a
-    turn. Until then its standard deviation grows.
+    The heading is only observable under lateral acceleration, e.g. in a turn. Until then, its uncertainty grows.
 
     Frames:  W north-east-down, flat and not rotating. The earth's rotation is estimated as a bias of the gyros.
     Not modelled: errors correlated in time, except receiver.constant; scale factors and misalignments.
@@ -154,9 +149,7 @@ class GnssInertial:
     noise: SpatialNoise = part("Noise of the IMU and of the receiver's clock.", default=SpatialNoise())
     receiver: GnssNoise = part("Noise of the receiver's fixes or ranges.", default=GnssNoise())
     start: SpatialStart = part("Initial estimate and its uncertainty.", default=SpatialStart())
-    lever_arm: Any = quantity(
-        "m", "Position of the receiver's antenna relative to the IMU.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,)
-    )
+    lever_arm: Any = quantity("m", "Position of the GNSS antenna.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,))
     gravity: Any = quantity("m/s^2", "Gravity.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
     gate: Scalar = quantity(
         "1", "NIS gate for fixes; default: 0.9999 quantile with 6 degrees of freedom.", default=27.856, above=0
@@ -184,16 +177,10 @@ class GnssInertial:
         off={"imu-noise": 0},
     )
     gap: Scalar = quantity(
-        "100 ns",
-        "Longest gap between IMU samples for which the filter adds no extra uncertainty.",
-        default=ms(40),
-        kind="time",
+        "100 ns", "Longest IMU gap for which the filter adds no extra uncertainty.", default=ms(40), kind="time"
     )
     delay: Scalar = quantity(
-        "100 ns",
-        "Delay of the filter behind the present, and thus maximum age of a usable fix.",
-        default=ms(150),
-        kind="time",
+        "100 ns", "Delay of the filter behind the present: maximum age of a usable fix.", default=ms(150), kind="time"
     )
     imu: str = option("Name of the inertial sensor.", default="imu")
     gnss: str = option("Name of the satellite receiver.", default="gnss")
@@ -257,10 +244,7 @@ class GnssInertial:
         return state, Estimate(t=t, age=age, fresh=fresh, valid=valid, state=_navigation(self, state, silent))
 
     def _widths(self) -> tuple[int, int]:
-        """Return the number of values in a satellite measurement, and the number of values that are measured.
-
-        A measurement of raw ranges also contains satellite positions and velocities.
-        """
+        """Return the number of values in a satellite measurement, and the number of those that are measured."""
         if self.aiding == "ranges":
             return RANGE_NUMBERS * self.satellites, 2 * self.satellites
         return FIX_NUMBERS, FIX_NUMBERS
@@ -369,10 +353,7 @@ def _correct(form: GnssInertial, state: GnssInertialState, longest: Any) -> Gnss
 
 
 def _estimate_error(y: Any, H: Any, wanted: Any) -> Any:
-    """Return the variances (n,) of position and velocity, from the innovations y (m,), by which P is inflated.
-
-    P is inflated to accept a measurement after too many rejections.
-    """
+    """Return the variances (n,) by which P is inflated after too many rejections, from the innovations y (m,)."""
     squares = jnp.where(wanted & jnp.isfinite(y), y * y, 0.0)
     largest_place = jnp.max(squares * (jnp.abs(H[:, POSITION.start]) + jnp.abs(H[:, POSITION.start + 2]) > 0.1))
     largest_speed = jnp.max(squares * (jnp.abs(H[:, VELOCITY.start]) + jnp.abs(H[:, VELOCITY.start + 2]) > 0.1))

@@ -32,15 +32,13 @@ from trimtab.estimators.ranging.position import SQUARE
 HEADING, NORTH, EAST, TURN_BIAS, COURSE, SCALE, ERRORS = range(7)
 """Indices of the states of the odometry filter. From ERRORS on, there is one range error for each beacon."""
 DOUBTED_MIN = 3
-"""Smallest number of beacons whose newest ranges must have been rejected before a restart. Two would not be enough,
-because two circles intersect twice."""
+"""Smallest number of beacons with rejected newest ranges for a restart. Two circles would intersect twice."""
 OTHERS_MIN = 3
 """Smallest number of ranges, to beacons other than the two with the most ranges, that is needed for a restart."""
 AGREEMENT = 2.0
 """Largest chi-square per degree of freedom at which ranges count as agreeing with each other."""
 RESTART_VARIANCE = 4.0
-"""Factor on the variances after a restart, relative to independent ranges. It allows for the error that all ranges of a
-beacon have in common."""
+"""Factor on the variances after a restart. It allows for the error that all ranges of a beacon have in common."""
 NEAREST = 0.01
 """Smallest distance to a beacon (m) that is used in computations, because a range has no direction at the beacon."""
 
@@ -102,29 +100,19 @@ class PlanarStart:
         "rad/s", "Standard deviation of the yaw rate's initial bias.", default=5e-3, low=0
     )
     sigma_course: Scalar = quantity(
-        "rad",
-        "Standard deviation of the initial angle from the body's x axis to the direction of motion.",
-        default=0.03,
-        low=0,
+        "rad", "Standard deviation of the initial angle from the body's x axis to the motion.", default=0.03, low=0
     )
 
 
 @record
 class RadioFix:
-    """Statistics of the newest range updates. Arrays have one entry for each beacon.
+    """Statistics of the newest range updates, one entry per beacon. Source: docs page, Odometry and ranges."""
 
-    Source: docs page, Odometry and ranges.
-    """
-
-    innovation: Any = quantity(
-        "m", "Innovation of each beacon's range, measured minus predicted; 0 if no range arrived."
-    )
+    innovation: Any = quantity("m", "Innovation of each range, measured minus predicted; 0 if no range arrived.")
     normalised: Any = quantity("1", "Range innovations divided by their standard deviations.")
     nis: Any = quantity("1", "NIS of each beacon's range.")
     accepted: Any = quantity("1", "True for each beacon whose range was used.", kind="flag")
-    refused_in_a_row: Any = quantity(
-        "1", "Number of ranges of each beacon rejected since its last accepted range.", kind="count"
-    )
+    refused_in_a_row: Any = quantity("1", "Ranges of each beacon rejected since its last accepted range.", kind="count")
     used: Scalar = quantity("1", "Number of ranges used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
     rejected_in_a_row: Scalar = quantity("1", "Number of ranges rejected since the last accepted range.", kind="count")
@@ -133,17 +121,12 @@ class RadioFix:
         "Number of restarts of the pose from ranges that agree with each other.",
         kind="count",
     )
-    late: Scalar = quantity(
-        "1", "Number of messages with ranges too far in time from the newest odometry.", kind="count"
-    )
+    late: Scalar = quantity("1", "Number of messages with ranges too far in time from the odometry.", kind="count")
 
 
 @record
 class RobotNavigation:
-    """Position and heading with their uncertainty, at the time of the newest odometry sample.
-
-    Source: docs page, Odometry and ranges.
-    """
+    """Position and heading with their uncertainty, at the newest odometry. Source: docs page, Odometry and ranges."""
 
     heading: Scalar = quantity("rad", "Heading: angle from north to the body's x axis, unwrapped.", kind="angle")
     north: Scalar = quantity("m", "Estimated north position.", frame="W")
@@ -178,11 +161,7 @@ class OdometryState:
 
 
 class PredictedRange(NamedTuple):
-    """Prediction of a range.
-
-    range: (m).  H: derivative by the states (6 + n,).  along: displacement from the odometry's time to the range's time
-    (2,) (m).
-    """
+    """Predicted range (m), its derivative by the states (6 + n,), and the motion since the odometry sample (2,) (m)."""
 
     range: Any
     H: Any
@@ -193,9 +172,8 @@ class PredictedRange(NamedTuple):
 class OdometryRanging:
     """Extended Kalman filter driven by odometry. It fuses each range when it arrives.
 
-    The odometry sensor measures the total distance and angle since it was switched on, so that a lost message loses no
-    motion. A range measured between two odometry samples is compared with the position extrapolated with the last speed
-    and yaw rate.
+    Odometry samples are totals of distance and angle since power-on, so that a lost message loses no motion. For a
+    range measured between two samples, the position is extrapolated with the last speed and yaw rate.
 
     Frames:  beacons in W; level vehicle on a flat floor.
     Valid:   from the first odometry sample on, with a given initial pose (`OdometryParticle` finds the pose itself).
@@ -208,9 +186,7 @@ class OdometryRanging:
     start: PlanarStart = part("Initial pose and its uncertainty.", default=PlanarStart())
     beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's antenna.", default=0.0, frame="W")
-    longest: Scalar = quantity(
-        "s", "Maximum time between a range and the newest odometry sample.", default=1.0, above=0
-    )
+    longest: Scalar = quantity("s", "Maximum time between a range and the last odometry sample.", default=1.0, above=0)
     odometry: str = option("Name of the odometry sensor; its samples have `distance` and `turn`.", default="odometry")
     ranging: str = option("Name of the ranging sensor; its samples have `range` and `arrived`.", default="ranging")
 
@@ -288,8 +264,7 @@ class OdometryMotion(NamedTuple):
 
 
 def read_odometry(s: Any, sample: Any, t: Any, grip: Any) -> tuple[Any, Any, OdometryMotion]:
-    """Return the state with a new odometry sample stored, True if there is a motion since the last sample, and the
-    motion."""
+    """Return the state with a new odometry sample, True if there is a motion since the last one, and the motion."""
     distance, turn = jnp.asarray(sample.value.distance, float), jnp.asarray(sample.value.turn, float)
     usable = sample.fresh & sample.valid & (sample.t > s.t) & (sample.t <= t)
     usable = usable & jnp.isfinite(distance) & jnp.isfinite(turn)
@@ -302,10 +277,7 @@ def read_odometry(s: Any, sample: Any, t: Any, grip: Any) -> tuple[Any, Any, Odo
 
 
 def predict_odometry(x: Any, P: Any, m: OdometryMotion, noise: OdometryNoise) -> tuple[Any, Any]:
-    """Return state x (6 + n,) and covariance after a motion.
-
-    The vehicle is assumed to turn by half of the angle before it drives the distance, and by the other half after it.
-    """
+    """Return state x (6 + n,) and covariance after a motion: half of the turn, the distance, the rest of the turn."""
     angle = m.turn - x[TURN_BIAS] * m.dt
     c = x[HEADING] + x[COURSE] + angle / 2
     along = m.distance * jnp.stack([jnp.cos(c), jnp.sin(c)])
@@ -321,10 +293,7 @@ def predict_odometry(x: Any, P: Any, m: OdometryMotion, noise: OdometryNoise) ->
 
 
 def read_ranges(s: OdometryState, sample: Any, t: Any, longest: Any) -> tuple[Any, Any, RadioFix]:
-    """Return the usable ranges, their time, and the statistics reset for this frame.
-
-    Ranges (n,) that can't be used are 0. The time (s) is relative to the newest odometry sample.
-    """
+    """Return the ranges (n,), 0 if not usable, their time after the odometry sample (s), and the reset statistics."""
     value, n = sample.value, s.fix.nis.shape[0]
     z = jnp.where(jnp.asarray(value.arrived, bool), jnp.asarray(value.range, float), 0.0)
     z = jnp.where(jnp.isfinite(z) & (z > 0) & sample.fresh & sample.valid & (s.t > NEVER), z, 0.0)
@@ -337,10 +306,7 @@ def read_ranges(s: OdometryState, sample: Any, t: Any, longest: Any) -> tuple[An
 
 
 def predict_range(x: Any, i: Any, beacons: Any, down: Any, s: OdometryState, ahead: Any) -> PredictedRange:
-    """Return the predicted range to beacon i, `ahead` seconds after the newest odometry sample.
-
-    The position is extrapolated with the sample's speed and yaw rate.
-    """
+    """Return the predicted range to beacon i, `ahead` seconds after the odometry sample, at constant speed and rate."""
     c = x[HEADING] + x[COURSE] + (s.rate - x[TURN_BIAS]) * ahead / 2
     along = s.speed * ahead * jnp.stack([jnp.cos(c), jnp.sin(c)])
     beacon = jnp.asarray(beacons)[i]
