@@ -94,8 +94,8 @@ def test_no_delay_is_the_feedback_itself():
 
 @pytest.mark.parametrize(
     ("change", "why"),
-    [({"K": np.zeros((3, 2))}, "don't fit"), ({"delay": -0.1}, "0 s or more"), ({"period": 0.0}, "above 0"),
-     ({"delay": float("nan")}, "0 s or more"), ({"A": np.eye(2)}, "don't fit")],
+    [({"K": np.zeros((3, 2))}, "don't fit"), ({"delay": -0.1}, "at least 0 s"), ({"period": 0.0}, "above 0"),
+     ({"delay": float("nan")}, "at least 0 s"), ({"A": np.eye(2)}, "don't fit")],
 )  # fmt: skip
 def test_what_does_not_fit_is_refused(change, why):
     with pytest.raises(InputError, match=why):

@@ -69,10 +69,10 @@ def test_a_file_is_read(tmp_path):
     ("change", "says"),
     [
         ({"floor": {"north": [4, -4], "east": [-4, 4]}}, r"north must be \[FROM, TO\] .* got \[4, -4\]"),
-        ({"goal": {"north": 3}}, "east = None is not a number"),
+        ({"goal": {"north": 3}}, "east must be a number of metres, got None"),
         ({"craft": {"radius": 0}}, "radius must be above 0, got 0"),
         ({"circles": []}, r"unknown section \[circles\]"),
-        ({"circle": [{"north": 0, "east": "x", "radius": 1}]}, "circle.* 1: east = 'x' is not a number"),
+        ({"circle": [{"north": 0, "east": "x", "radius": 1}]}, "circle.* 1: east must be a number of metres, got 'x'"),
         ({"polygon": [{"corners": [[1, 1], [2, 2]]}]}, "must be three or more pairs"),
         ({"start": {"north": -3, "east": -3, "heading": "90 m"}}, "heading"),
     ],

@@ -4,7 +4,7 @@ Model: x' = f(x) + sum g_j(x) u_j about an equilibrium. If the brackets of f and
 reached in any short time fill a set with inner points (accessible). A bracket is bad if it contains f an odd number of
 times and each g_j an even number. If in addition every bad bracket is a combination of brackets of lower degree, these
 states fill a neighbourhood of the point (small-time locally controllable, STLC). The second condition is sufficient,
-not necessary. Offline code.
+not necessary. This code runs offline.
 
 Source: [1] A. Isidori, "Nonlinear Control Systems", Springer 1995, chapter 2; [2] H. J. Sussmann, "A general theorem on
 local controllability", SIAM J. Control Optim. 25 (1987), theorem 7.3, with all weights 1.
@@ -27,18 +27,18 @@ from trimtab.design.model import StateSpaceModel
 HIGHEST_DEGREE = 5
 """Default maximum degree of a Lie bracket, i.e. the number of vector fields in the bracket."""
 AT_REST = 1e-8
-"""A derivative x' up to this factor times max(1, |x|) counts as zero, because a trim has rounding errors."""
+"""Largest state derivative that counts as zero, relative to max(1, |x|). It allows for rounding errors of a trim."""
 ROUNDING = 1e-9
-"""A polynomial coefficient up to this fraction of the largest coefficient counts as zero."""
+"""Largest polynomial coefficient that counts as zero, as a fraction of the largest coefficient."""
 INDEPENDENT = 1e-7
-"""A bracket is a new direction if more than this fraction of it is independent of the earlier brackets."""
+"""Smallest part of a Lie bracket, as a fraction, that must be independent of earlier brackets to be a new direction."""
 DRIFT = "f"
 TaylorField = dict[tuple[int, ...], Any]
 """Taylor polynomial of a vector field: powers of the states' deviations -> coefficients (n,)."""
 
 
 class LieBracket(NamedTuple):
-    """Value of a bracket at the point.
+    """Lie bracket and its value at the equilibrium.
 
     name: e.g. "[FY, [f, FY]]".  degree: number of vector fields in the bracket.  value: (n,).  is_bad: True if it
     contains f an odd number of times and each input an even number.
@@ -54,10 +54,11 @@ class Accessibility(NamedTuple):
     """Result of the accessibility test.
 
     basis: brackets that each give a new direction, by degree.  rank: number of brackets in the basis.  n: number of
-    states.  bad: bad brackets that do not vanish, up to the degree at which the basis is complete.  obstructions: the
-    bad brackets that are not a combination of lower ones.  curved: inputs in which the model is not affine; their
-    first-order part is used.  is_accessible, is_stlc: verdicts; a False is_stlc decides nothing.  is_linear: True if
-    the linear model is controllable and decides alone.
+    states.  bad: bad brackets that do not vanish, up to the degree at which the basis is complete.  obstructions: bad
+    brackets that are not a combination of brackets of lower degree.  curved: inputs in which the model is not affine;
+    their first-order part is used.  is_accessible: True if the brackets span all directions.  is_stlc: True if small-
+    time local controllability is proved; if False, the question stays open.  is_linear: True if the linear model is
+    controllable, so that no other brackets were computed.
     """
 
     basis: tuple[LieBracket, ...]
@@ -108,7 +109,7 @@ def find_accessibility(
 def _linear_brackets(model: StateSpaceModel, x0: Any, u0: Any) -> tuple[LieBracket, ...]:
     """Return the brackets of the linear model, [f, … [f, g]] = ±A^k b, without those that give no new direction.
 
-    States are scaled by their size at the point. There are n brackets if the linear model is controllable.
+    States are scaled by their size at the point. The result has n brackets if the linear model is controllable.
     """
     size = np.where(x0 != 0, np.abs(x0), 1.0)
     A, B = (np.asarray(d) for d in jax.jacfwd(model.f, argnums=(0, 1))(jnp.asarray(x0), jnp.asarray(u0)))
@@ -132,14 +133,14 @@ def check_rest(model: StateSpaceModel, x0: Any, u0: Any) -> None:
     rate = np.abs(np.asarray(model.f(jnp.asarray(x0), jnp.asarray(u0))))
     moving = [n for n, r, size in zip(model.states, rate, np.abs(x0), strict=True) if not r <= AT_REST * max(1.0, size)]
     if moving:
-        problem = f"{', '.join(moving)} would change at the model's point"
+        problem = f"the point is not an equilibrium: {', '.join(moving)} would change"
         raise InputError(
             "equilibrium", problem, fix="give x0 and u0 at which f(x0, u0) = 0; trimtab.design.trim finds one"
         )
 
 
 def expand_fields(model: StateSpaceModel, x0: Any, u0: Any, order: int) -> tuple[TaylorField, ...]:
-    """Return Taylor polynomials of the drift f and each input's field g_j about a point, to an order in the states."""
+    """Return Taylor polynomials, up to a given order, of the drift f and of each input's field g_j about a point."""
 
     def stack_fields(x: Any) -> Any:
         columns = jax.jacfwd(model.f, argnums=1)(x, jnp.asarray(u0))
@@ -162,7 +163,7 @@ def expand_fields(model: StateSpaceModel, x0: Any, u0: Any, order: int) -> tuple
 
 
 def bracket_fields(X: TaylorField, Y: TaylorField, order: int) -> TaylorField:
-    """Return [X, Y] = (dY/dx) X - (dX/dx) Y as a Taylor polynomial, to an order. Source: [1] section 1.2."""
+    """Return [X, Y] = (dY/dx) X - (dX/dx) Y as a Taylor polynomial up to a given order. Source: [1] section 1.2."""
     total: TaylorField = {}
     size = 0.0
     for sign, inner, outer in ((1.0, X, Y), (-1.0, Y, X)):
@@ -181,7 +182,7 @@ def bracket_fields(X: TaylorField, Y: TaylorField, order: int) -> TaylorField:
 def _brackets_by_degree(
     fields: Sequence[TaylorField], names: Sequence[str], n: int, highest: int
 ) -> Iterator[list[LieBracket]]:
-    """Yield, for each degree, right-nested brackets (they span all others) that do not vanish at the point."""
+    """Yield, for each degree, the right-nested brackets that do not vanish at the point. These span all brackets."""
     level = [((i,), names[i], field) for i, field in enumerate(fields)]
     origin = (0,) * n
     for degree in range(1, highest + 1):
@@ -189,7 +190,7 @@ def _brackets_by_degree(
         yield [
             LieBracket(name, degree, field[origin], _is_bad(word, len(fields)))
             for word, name, field in alive
-            if origin in field and (degree > 1 or word[0] > 0)  # the drift itself vanishes here
+            if origin in field and (degree > 1 or word[0] > 0)  # the drift itself is zero at an equilibrium
         ]
         level = [
             ((i, *word), f"[{names[i]}, {name}]", bracket_fields(fields[i], field, highest - degree - 1))
@@ -204,7 +205,7 @@ def _is_bad(word: tuple[int, ...], count: int) -> bool:
 
 
 def _is_new(value: Any, others: Sequence[LieBracket]) -> bool:
-    """Return True if a vector is linearly independent of the values of these brackets."""
+    """Return True if a vector is linearly independent of the values of the given brackets."""
     if not others:
         return True
     rows = np.array([b.value for b in others])

@@ -2,9 +2,10 @@
 
     -dV/dt - s(x) (c - V(x)) = z'G z,   s = x'S x,   S and G positive definite,   z = (x, products of x)
 
-so that V falls wherever V <= c, except at rest (S-procedure of sums of squares). The function solves Lyapunov's
-equation of the linear loop; its weight is varied to maximise the volume. S and G come from a solver in floats, and are
-rounded and then made to fit exactly, so that the proof does not depend on the search.
+so that V falls wherever V <= c, except at rest (S-procedure of sums of squares). V solves the Lyapunov equation of the
+linear loop. The weight in that equation is varied to maximise the volume of the region V <= c. A solver finds S and G
+in floats. They are then rounded to fractions that satisfy the identity exactly, so that the proof does not depend on
+the search.
 
 Source: [1] P. A. Parrilo, "Semidefinite programming relaxations for semialgebraic problems", Math. Programming 96
 (2003); [2] H. Peyrl, P. A. Parrilo, "Computing sum of squares decompositions with rational coefficients", Theoretical
@@ -28,17 +29,17 @@ from trimtab.design.squares import GramForm, SquaresProof
 from trimtab.design.theorem import FALLS, GROWS, INSIDE, LawTheorem
 
 SMALLEST_MARGIN = 1e-4
-"""A level counts as proved if all eigenvalues of the scaled S and G exceed this. It leaves room for rounding."""
+"""A level of V counts as proved if all eigenvalues of the scaled matrices S and G exceed this margin for rounding."""
 DIGITS = 7
 """Number of decimals to which the scaled matrices S and G are rounded."""
 TRIES = 200
 """Default number of Lyapunov functions V that the search tries."""
 ROUGH, FINE = 1.03, 1.002
-"""Accuracy of a level, as a ratio: ROUGH while Lyapunov functions are compared, FINE for the result."""
+"""Accuracy of a level of V, as a ratio: ROUGH while Lyapunov functions are compared, FINE for the result."""
 
 
 class AttractionRegion(NamedTuple):
-    """Region of attraction: V, the level c, proofs that V > 0 and dV/dt < 0, and the half widths of V <= c."""
+    """Region of attraction V <= c: V, the level c, proofs that V > 0 and dV/dt < 0, and the region's half widths."""
 
     lyapunov: Polynomial
     level: Fraction
@@ -47,7 +48,7 @@ class AttractionRegion(NamedTuple):
 
 
 class _Loop(NamedTuple):
-    """Loop in deviations from rest. names: of the states.  field: their derivatives.  A: Jacobian at rest, floats."""
+    """Closed loop in deviations from rest. names: state names.  field: state derivatives.  A: Jacobian at rest."""
 
     names: tuple[str, ...]
     field: dict[str, Polynomial]
@@ -55,13 +56,14 @@ class _Loop(NamedTuple):
 
 
 def find_region(theorem: LawTheorem, *, tries: int = TRIES) -> AttractionRegion:
-    """Find a large region of attraction of a loop whose rates are polynomials of degree at most 3.
+    """Find a large region of attraction of a loop whose state derivatives are polynomials of degree at most 3.
 
     Args:
-        theorem: gives the field and the point of rest.
+        theorem: theorem that contains the state derivatives and the equilibrium.
         tries: number of shapes of V to try.
 
-    Raises: InputError if the linear loop is not stable, or the rates contain symbolic parameters or higher powers.
+    Raises: InputError if the linear loop is not stable, or the derivatives contain symbolic parameters or powers
+        above 3.
     """
     loop, n = _shift_loop(theorem), len(theorem.region.states)
     start, guess = np.zeros(n * (n + 1) // 2), 1.0
@@ -92,7 +94,11 @@ def _shift_loop(theorem: LawTheorem) -> _Loop:
     outside = sorted({name for f in field.values() for name in f.names} - set(names))
     powers = [sum(p for _, p in m) for f in field.values() for m in f.terms]
     if outside or max(powers) > 3:
-        problem = f"these parameters have no value: {', '.join(outside)}" if outside else "the loop has powers above 3"
+        problem = (
+            f"these parameters have no value: {', '.join(outside)}"
+            if outside
+            else "the loop has powers of states above 3"
+        )
         raise InputError("region", problem, fix="give every parameter a number; use a law of degree at most 3")
     A = np.array([[float(f.terms.get(((k, 1),), 0)) for k in names] for f in field.values()])
     fast = np.linalg.eigvals(A).real.max()
@@ -106,7 +112,10 @@ def _shift_loop(theorem: LawTheorem) -> _Loop:
 
 
 def _lyapunov_matrix(loop: _Loop, z: Any) -> Any:
-    """Solve Lyapunov's equation for the weight L L', of determinant 1; z: L's lower triangle, logs on the diagonal."""
+    """Solve Lyapunov's equation for the weight L L', and scale P to determinant 1.
+
+    z: lower triangle of L, with logarithms on the diagonal.
+    """
     L = np.zeros_like(loop.A)
     L[np.tril_indices(len(L))] = z
     np.fill_diagonal(L, np.exp(np.diag(L)))
@@ -115,7 +124,7 @@ def _lyapunov_matrix(loop: _Loop, z: Any) -> Any:
 
 
 def _largest_level(loop: _Loop, P: Any, guess: float, ratio: float) -> float:
-    """Return the largest provable level, to within a ratio. The search starts at a guess; it returns 0 on failure."""
+    """Return the largest level that can be proved, to within a ratio, or 0 if none is found near the guess."""
 
     def is_reached(level: float) -> bool:
         return _margin(loop, P, level, np.sqrt(level / np.diag(P))).margin > SMALLEST_MARGIN
@@ -142,7 +151,7 @@ class _Solution(NamedTuple):
 
 
 class _Products(NamedTuple):
-    """Products of states. Monomials of z = (x, products of x), and the pairs of them that give each product."""
+    """Products of states. z: monomials (x, products of x).  pairs: product -> pairs of entries of z that give it."""
 
     z: tuple[Monomial, ...]
     pairs: dict[Monomial, list[tuple[int, int]]]
@@ -159,7 +168,10 @@ def _form_products(names: tuple[str, ...]) -> _Products:
 
 
 def _gram_matrix(coefficients: Mapping[Monomial, Any], kernel: Any, products: _Products, zero: Any) -> Any:
-    """Return G with these coefficients of z'G z. Each is spread over its pairs, then moved by the kernel's entries."""
+    """Return G for given coefficients of z'G z. Each coefficient is spread over the pairs of z that give its product.
+
+    The kernel's entries then move parts of a coefficient from one pair to another.
+    """
     G = np.full((len(products.z),) * 2, zero, dtype=object if isinstance(zero, Fraction) else float)
     used = 0
     for m, pairs in products.pairs.items():
@@ -181,7 +193,7 @@ def _kernel_matrices(names: tuple[str, ...]) -> list[Any]:
 
 
 def _margin(loop: _Loop, P: Any, level: float, size: Any) -> _Solution:
-    """Return the largest margin of S and G at a level, in y = x/size, with S and the kernel."""
+    """Return the solution that maximises the smallest eigenvalue of S and G at a level of V, in y = x/size."""
     falls, inside = _scale_parts(loop, P, level, size)
     products, n, count, moves = _form_products(loop.names), len(P), len(inside), _kernel_matrices(loop.names)
     still = np.zeros(len(moves))
@@ -200,7 +212,7 @@ def _margin(loop: _Loop, P: Any, level: float, size: Any) -> _Solution:
 def _scale_parts(loop: _Loop, P: Any, level: Any, size: Any) -> tuple[dict[Monomial, Any], list[dict[Monomial, Any]]]:
     """Return coefficients of -dV/dt/level, and of y_i y_j (1 - V/level) for the upper entries of S, in y = x/size.
 
-    The results are floats for float arguments, and exact for Fractions.
+    The results are floats for float arguments, and Fractions for Fractions.
     """
     singles, one = [((name, 1),) for name in loop.names], P[0, 0] / P[0, 0]
     scaled, number = P * size * size[:, None] / level, Fraction if isinstance(one, Fraction) else float
@@ -225,7 +237,7 @@ def _scale_parts(loop: _Loop, P: Any, level: Any, size: Any) -> tuple[dict[Monom
 
 
 def _round_region(theorem: LawTheorem, loop: _Loop, P: Any, level: float) -> AttractionRegion:
-    """Convert a region to short fractions, with a G that satisfies the identity exactly."""
+    """Round V, c and S to short fractions, and compute a G that satisfies the identity exactly."""
     products, unit = _form_products(loop.names), 10.0 ** np.floor(np.log10(np.abs(P).max()))
     P, c = _shorten_all(P / unit, 4), Fraction(f"{0.99 * level / unit:.3g}")
     rough = P.astype(float)
@@ -248,5 +260,5 @@ def _round_region(theorem: LawTheorem, loop: _Loop, P: Any, level: float) -> Att
 
 
 def _shorten_all(values: Any, digits: int) -> Any:
-    """Convert floats to fractions with a number of decimals."""
+    """Round floats to a number of decimals, and return them as fractions."""
     return np.vectorize(lambda v: Fraction(f"{v:.{digits}f}"), otypes=[object])(values)

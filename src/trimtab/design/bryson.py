@@ -19,7 +19,7 @@ from trimtab.design.lqr import augment_integrals
 from trimtab.design.model import find_indices
 
 STRICT = 1.01
-"""Ratio of the regulator's weight Q to the certified weight Q_e, as in `trimtab design hypersonic`."""
+"""Ratio of the regulator's weight Q to the certified weight Q_e. `trimtab design hypersonic` uses the same ratio."""
 INTEGRAL = "integral of "
 
 
@@ -30,14 +30,14 @@ def weigh_by_limits(
     integrals: Mapping[str, float] | None = None,
     about: Mapping[str, Setting] | None = None,
 ) -> CertifiedSystem:
-    """Build the system whose gain `certificate.design_certificate` finds and proves.
+    """Build the system with Bryson's weights, for which `certificate.design_certificate` designs a gain.
 
     Args:
         name: name of the vehicle.
         linear: linear model at a trim, with the states that are fed back.
         limits: each state or input -> its largest acceptable value; a large value gives it little weight.
         integrals: state -> limit of the integral of its error; the integrals are appended to the states.
-        about: other content of a certificate, from which it can be rebuilt.
+        about: settings and point, stored in the certificate, from which the system can be built again.
 
     Source: Bryson and Ho, as above.
     """
@@ -72,7 +72,7 @@ def weigh_by_limits(
 
 
 def fed_back_states(linear: LinearModel, idle: Iterable[str], named: Iterable[str]) -> tuple[str, ...]:
-    """Return the states that are fed back: all states except those that are idle and not named."""
+    """Return the states that are fed back: all states except the idle ones. A named idle state is fed back, too."""
     left_out = set(idle) - set(named)
     return tuple(n for n in linear.states if n not in left_out)
 

@@ -1,8 +1,8 @@
-"""Certificate of a gain: matrices, weights, claims and the name of the system, sufficient for a new proof.
+"""Certificate of a gain: the matrices, weights, claims and system name that suffice to prove the gain again.
 
-`design_certificate` makes a certificate. `certificate_file` stores it as text without losing a digit.
-`certificate_check.prove_certificate` proves it without the solver that found it. A certificate applies to the linear
-model of a named system: near the point, and only while no input saturates.
+`design_certificate` makes a certificate. `certificate_file` stores the certificate as text without losing a digit.
+`certificate_check.prove_certificate` proves the certificate without the solver that found the gain. A certificate
+applies to the linear model of a named system: near the operating point, and only while no input saturates.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 14, 15, corrected as in `composite`.
@@ -21,14 +21,14 @@ from trimtab.design.lqr import KalmanBucy, Lqr, kalman_bucy, lqr
 from trimtab.design.poles import sorted_poles
 
 ABOVE = 1.01
-"""Weight of the observer in the Lyapunov function, relative to the smallest possible weight."""
+"""Weight of the observer in the Lyapunov function, relative to the smallest weight that allows a proof."""
 METHODS = ("lqr", "lmi")
 
 
 class ObserverPart(NamedTuple):
-    """Filter of some of the states.
+    """Observer of some of the states, as part of a certificate.
 
-    estimated: names of the states that it estimates.  A: A_eta (k, k).  C: (p, k).  Q: Q_eta (k, k).  R: (p, p).  P:
+    estimated: names of the k estimated states.  A: A_eta (k, k).  C: (p, k).  Q: Q_eta (k, k).  R: (p, p).  P:
     P_eta (k, k). L: (k, p).  weight: weight of the observer's part of the Lyapunov function.  least_weight: lambda*;
     inequality (15) holds for larger weights.  poles: of A - L C (k,).
     """
@@ -46,13 +46,13 @@ class ObserverPart(NamedTuple):
 
 
 class Certificate(NamedTuple):
-    """Gain of v = +K e, and its proof.
+    """Gain K of v = +K e, with the data for its proof.
 
     system: name of the system, as in `trimtab design SYSTEM`.  about: settings and point, name -> number or text.
     method: "lqr" or "lmi".  states, inputs: names.  A: (n, n).  B: (n, m).  K: (m, n).  P: (n, n).  Qe: (n, n) and Re:
-    (m, m), the weights in (14).  Q: weight of the regulator (n, n), None for other methods.  scale: sizes of the states
-    (n,).  poles: of A + B K (n,).  observer: None if the whole state is measured.  recorded: name -> value of the
-    system's numbers.  version: of this package.
+    (m, m), the weights in (14).  Q: weight of the regulator (n, n), None for "lmi".  scale: sizes of the states (n,).
+    poles: poles of A + B K (n,).  observer: None if the whole state is measured.  recorded: further computed numbers of
+    the system, name -> value.  version: version of this package.
     """
 
     system: str
@@ -74,7 +74,7 @@ class Certificate(NamedTuple):
     version: str = __version__
 
     def feedback_matrices(self) -> composite.Feedback:
-        """Return the matrices of the conditions, in floats."""
+        """Return the feedback's matrices, in floats."""
         return composite.Feedback(self.A, self.B, self.K, self.P, self.Qe, np.linalg.inv(self.Re))
 
     def estimated_indices(self) -> Any:
@@ -87,7 +87,7 @@ class Certificate(NamedTuple):
 
 
 def design_certificate(system: CertifiedSystem) -> Certificate:
-    """Design the gain of a system, and the steady filter of its estimated states, with data for the proof."""
+    """Design the gain of a system and the steady filter of its estimated states; return them with the proof's data."""
     s = system
     if s.method not in METHODS:
         raise InputError("method", f"unknown method {s.method!r}", choices=METHODS, fix=argument("method", "lqr"))
@@ -99,12 +99,12 @@ def design_certificate(system: CertifiedSystem) -> Certificate:
 
 
 def build_certificate(system: CertifiedSystem, gain: Lqr | LmiGain, kalman: KalmanBucy | None) -> Certificate:
-    """Assemble a certificate without proof. `certificate_check.prove_certificate` proves it.
+    """Assemble a certificate that is not yet proved. `certificate_check.prove_certificate` proves it.
 
     Args:
         system: the certified system.
         gain: K (m, n) and P (n, n).
-        kalman: filter of the system's estimated states, None without such states.
+        kalman: filter of the system's estimated states; None if no state is estimated.
     """
     s = system
     certificate = Certificate(

@@ -1,9 +1,9 @@
-"""Proof of a certificate: it belongs to the named system, and its claims follow, without a solver.
+"""Proof, without a solver, that a certificate belongs to the named system and that its claims are true.
 
-The system is built again from its code, and all data of the certificate is compared with it, entry by entry. Each entry
-is then taken as the exact fraction of its float. P = P' > 0 and P (A + B K) + (A + B K)'P < 0 imply that A + B K is
-Hurwitz (Lyapunov), without eigenvalues. This code defines the conditions and their limits. Each condition is evaluated,
-whatever the result of the others.
+The system is built again from its code, and all data of the certificate is compared with the system, entry by entry.
+Each entry is then taken as the exact fraction of its float. P = P' > 0 and P (A + B K) + (A + B K)'P < 0 imply that
+A + B K is Hurwitz (Lyapunov); the proof needs no eigenvalues. This code defines the conditions and their limits. All
+conditions are evaluated, even after one has failed.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 14, 15, corrected as in `composite`; proofs as in `exact`.
@@ -34,9 +34,10 @@ from trimtab.design.proof import (
 )
 
 SAME = 1e-6
-"""Largest relative deviation of a recomputed number from the recorded one."""
+"""Largest accepted relative deviation of a recomputed number from the number recorded in a certificate."""
 SLOW = 1e-7
-"""Fraction of the fastest pole that is added to each pole's size before deviations are compared: rounding."""
+"""Fraction of the fastest pole that is added to each pole's size before relative deviations are computed. It allows
+for rounding errors of slow poles."""
 ROBUST = {"K": 0.0, "K + R_e^-1 B'P/2": 0.5, "K - R_e^-1 B'P/2": -0.5}
 FLOATS = "floats"
 
@@ -48,8 +49,8 @@ def prove_certificate(
 
     Args:
         certificate: from `design_certificate` or from a file.
-        system: the system of the certificate, built again.
-        written: digest in the file, if there is one.
+        system: the system that the certificate names, built again from code.
+        written: digest in the file, if the file contains one.
     """
     lines = [*compare_with_system(certificate, system), *feedback_lines(certificate)]
     if certificate.observer is not None:
@@ -63,7 +64,7 @@ def prove_certificate(
 
 
 def feedback_lines(c: Certificate) -> Iterator[Line]:
-    """Yield the conditions of gain and Lyapunov matrix."""
+    """Yield the conditions on the gain and its Lyapunov matrix."""
     inputs = c.inputs
     yield "Q_e > 0", lambda: definite_condition(c.Qe, c.states)
     yield "R_e > 0", lambda: definite_condition(c.Re, inputs)
@@ -78,7 +79,7 @@ def feedback_lines(c: Certificate) -> Iterator[Line]:
 
 
 def observer_lines(c: Certificate, o: ObserverPart) -> Iterator[Line]:
-    """Yield the conditions of the filter, and of gain and filter together."""
+    """Yield the conditions on the filter, and on gain and filter together."""
     rows, names = [str(i) for i in range(len(o.R))], (*c.states, *(f"w.{n}" for n in o.estimated))
     yield "R > 0", lambda: definite_condition(o.R, rows)
     yield "P_eta > 0", lambda: definite_condition(o.P, o.estimated)
@@ -106,7 +107,7 @@ def _hurwitz_condition(c: Certificate) -> ProofCondition:
 
 
 def _also_positive(condition: ProofCondition, P: Any) -> ProofCondition:
-    """Return the condition. Mark it as failed if P is not positive definite, because it then proves nothing."""
+    """Return the condition. If P is not positive definite, mark the condition as failed: it then proves nothing."""
     if condition.holds and not exact.prove_definite(P).holds:
         return condition._replace(holds=False, why="the Lyapunov matrix itself is not positive definite")
     return condition
@@ -193,9 +194,9 @@ def rational_observer(c: Certificate, o: ObserverPart) -> composite.Observer:
 
 
 def _poles_condition(now: Any, then: Any) -> ProofCondition:
-    """Compare computed and recorded poles, in pairs, so that no pole is counted twice or left out.
+    """Pair each computed pole with one recorded pole, and compare the two.
 
-    Each deviation is relative to the pole's own size, so that a slow pole beside fast ones counts.
+    Each deviation is relative to the pole's own size, so that errors of slow poles are not hidden by fast poles.
     """
     if now.shape != then.shape:
         raise ValueError(f"{len(then)} poles are recorded, but {len(now)} are computed")

@@ -1,7 +1,7 @@
-"""Certificate files: JSON text with data only; each float is written so that it is read back exactly.
+"""Certificate files: JSON text that contains only data. Each float is written so that it is read back exactly.
 
-A file is data only. Missing, duplicate or unknown keys, values that are not numbers, and implausibly large numbers are
-rejected. Comparison with the system is done elsewhere.
+Missing, duplicate or unknown keys, values that are not numbers, and implausibly large numbers are rejected.
+`certified_system` compares a certificate with its system.
 
 Source: this module.
 """
@@ -34,7 +34,7 @@ FIX = (
 
 
 def certificate_json(certificate: Certificate) -> str:
-    """Return the certificate as text; floats have the shortest digits that give the same float again."""
+    """Return the certificate as JSON text. Each float has the fewest digits that are read back as the same float."""
     content = {"format": FORMAT, "scope": SCOPE} | _as_plain(certificate) | {"digest": certificate_digest(certificate)}
     return _join_matrix_rows(json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
 
@@ -58,7 +58,7 @@ def _as_plain(value: Any) -> Any:
 
 
 def _join_matrix_rows(text: str) -> str:
-    """Write each row of numbers on one line, so that matrices are readable."""
+    """Return JSON text with each row of a matrix on one line, for readability."""
     lines, row = [], ""
     for line in text.split("\n"):
         inner = line.strip()
@@ -77,7 +77,7 @@ def _join_matrix_rows(text: str) -> str:
 
 
 def read_certificate(path: str | Path) -> tuple[Certificate, str]:
-    """Read a certificate, and the digest stored with it."""
+    """Return the certificate in a file, and the digest stored with the certificate."""
     try:
         text = read_user_text(path)
     except (OSError, UnicodeDecodeError) as error:
@@ -100,7 +100,7 @@ def parse_json(text: str, name: str) -> Any:
 
 
 def parse_certificate(text: str, name: str) -> tuple[Certificate, str]:
-    """Parse a certificate, and the digest stored with it.
+    """Return the certificate in a text, and the digest stored with the certificate.
 
     Args:
         text: content of the file.
@@ -109,7 +109,7 @@ def parse_certificate(text: str, name: str) -> tuple[Certificate, str]:
     content = parse_json(text, name)
     form = content.get("format") if isinstance(content, dict) else type(content).__name__
     if form != FORMAT:
-        older = form == "trimtab certificate 1"  # whose conditions and limits were the file's own
+        older = form == "trimtab certificate 1"  # a file of this older format contained its own conditions and limits
         fix = f"trimtab design hypersonic --out {name}  writes a new one" if older else FIX
         raise InputError(f"file '{name}'", f"is not a certificate; its format is {form!r}", choices=(FORMAT,), fix=fix)
     try:
@@ -169,7 +169,7 @@ def _parse_observer(o: dict[str, Any], states: tuple[str, ...], name: str) -> Ob
 
 
 def _check_keys(value: Any, wanted: Iterable[str], where: str, name: str) -> None:
-    """Raise InputError unless the keys are exactly these, because an unknown key would be an unchecked claim."""
+    """Raise InputError if a wanted key is missing or a key is unknown. An unknown key would be an unchecked claim."""
     wanted = tuple(wanted)
     lacking = [key for key in wanted if key not in value]
     if lacking:
@@ -197,7 +197,7 @@ def _parse_number(value: Any, key: str, name: str) -> float:
 
 
 def _parse_array(value: Any, shape: tuple[int, ...], key: str, name: str) -> Any:
-    """Read an array of JSON numbers. Texts and booleans are rejected."""
+    """Convert a list of JSON numbers to an array; raise InputError for a text, a boolean or a wrong shape."""
     array = np.array(value, object)
     if array.shape != shape or not all(type(v) in (int, float) for v in array.ravel()):
         raise InputError(f"file '{name}', {key}", f"must be numbers of shape {shape}, got shape {array.shape}", fix=FIX)

@@ -1,7 +1,8 @@
 """Certified system: a named linear system whose matrices, weights, sizes and limits all come from code.
 
-A file gives the name of its system and the settings. The system is built again from code, and the file's content is
-compared with it entry by entry. A file therefore can't introduce a plant, a weight, a size or a limit of its own.
+A certificate file contains the name of its system and the settings. The system is built again from code, and the file's
+content is compared with the system entry by entry. Therefore a file can't introduce a plant, a weight, a size or a
+limit of its own.
 
 Source: this module.
 """
@@ -20,16 +21,17 @@ from trimtab.design.proof import Line, ProofCondition
 SAME = 1e-9
 """Largest accepted relative deviation of a matrix entry in a file from the same entry of the system."""
 SMALL = 1e-4
-"""An entry below this fraction of its scaled row's largest is compared relative to this fraction (rounding)."""
+"""Limit of small matrix entries, as a fraction of the largest entry in the scaled row. The deviation of a smaller entry
+is taken relative to this limit, to allow for rounding."""
 ANEW = "computed again, in floats"
 Setting = float | str
 
 
 class LimitedNumber(NamedTuple):
-    """Number computed over a grid, with its limits.
+    """Number of a system, computed over a grid, with limits.
 
-    value: must be at least low and below high.  how: grid and method of its computation.  near: largest accepted
-    deviation of the number in a file.
+    value: must be at least low and below high.  how: grid and method of the computation.  near: largest accepted
+    deviation of the number in a certificate file from value.
     """
 
     value: float
@@ -40,12 +42,12 @@ class LimitedNumber(NamedTuple):
 
     @property
     def is_inside(self) -> bool:
-        """True if the value is within its limits."""
+        """True if the number is within its limits."""
         return self.low <= self.value < self.high
 
 
 LoopLines = Callable[[Any], Iterable[Line]]
-"""Function that takes a certificate with a filter and yields conditions on the whole loop."""
+"""Function that takes a certificate with a filter and yields proof conditions on the whole loop."""
 
 
 class CertifiedSystem(NamedTuple):
@@ -54,9 +56,9 @@ class CertifiedSystem(NamedTuple):
     name: as in `trimtab design NAME`.  about: settings and point; name -> number or text.  method: "lqr" or "lmi".
     states (n), inputs (m): names.  A: (n, n).  B: (n, m).  Qe: (n, n) and Re: (m, m), the weights in (14).  Q: weight
     of the regulator (n, n), None for "lmi".  scale: sizes of the states (n,).  estimated: names of the k estimated
-    states.  C: (p, k), Q_eta: (k, k), R: (p, p): of their filter, None without one.  numbers: function from the gain K
-    (m, n) to numbers with limits, by name.  loop_lines: function from a certificate with a filter to further
-    conditions.
+    states.  C: (p, k), Q_eta: (k, k), R: (p, p): matrices of the filter of these states, None without a filter.
+    numbers: function from the gain K (m, n) to numbers with limits, by name.  loop_lines: function from a certificate
+    with a filter to conditions on the whole loop.
     """
 
     name: str
@@ -79,7 +81,7 @@ class CertifiedSystem(NamedTuple):
 
     @property
     def A_eta(self) -> Any:
-        """Block of A for the estimated states (k, k). The filter knows all other effects on these states."""
+        """Block of A from estimated states to estimated states (k, k). The filter knows all other effects on them."""
         at = self.estimated_indices()
         return self.A[np.ix_(at, at)]
 
@@ -93,10 +95,10 @@ SystemFunction = Callable[..., CertifiedSystem]
 
 
 def system_settings(function: Callable[..., Any], given: Mapping[str, object], part: str) -> dict[str, Setting]:
-    """Return all settings of a system's or theorem's function: the given values, and defaults for the others.
+    """Return all settings of a system or theorem: the given values, and defaults for the other settings.
 
     Args:
-        function: function of the system.
+        function: function that builds the system or theorem from settings.
         given: name -> number or text; numbers may be given as text.
         part: name used in errors.
     """
@@ -125,11 +127,11 @@ def _as_setting(value: object, default: Setting, part: str) -> Setting:
 
 
 def compare_with_system(certificate: Any, system: CertifiedSystem) -> Iterator[Line]:
-    """Yield the conditions that every entry of a certificate's data equals the system's.
+    """Yield the conditions that every entry of a certificate's data equals the same entry of the system.
 
     Args:
         certificate: a `certificate.Certificate`.
-        system: the system, built again.
+        system: the system that the certificate names, built again from code.
     """
     c, s, o = certificate, system, certificate.observer
     estimated = () if o is None else o.estimated
@@ -167,7 +169,7 @@ def compare_with_system(certificate: Any, system: CertifiedSystem) -> Iterator[L
 
 
 def number_lines(certificate: Any, system: CertifiedSystem) -> Iterator[Line]:
-    """Yield the conditions that the system's numbers are within limits, and equal to the numbers in the file."""
+    """Yield the conditions that the system's numbers are within limits and equal to the numbers in a certificate."""
     written, wanted = certificate.recorded, (len(system.inputs), len(system.states))
     if certificate.K.shape != wanted:
         why = f"the gain must have shape {wanted}, got {certificate.K.shape}"
@@ -209,7 +211,10 @@ def _compare_about(there: Mapping[str, Setting], now: Mapping[str, Setting]) -> 
 
 
 def _compare_matrix(there: Any, now: Any, size: Any, names: tuple[Any, Any]) -> ProofCondition:
-    """Compare entries by relative deviation. Small entries are compared relative to SMALL times their scaled row."""
+    """Compare two matrices by the largest relative deviation of an entry.
+
+    The deviation of a small entry is taken relative to SMALL times the largest entry in its scaled row.
+    """
     meaning = "largest relative deviation of an entry"
     if (there is None) != (now is None) or (now is not None and there.shape != now.shape):
         shapes = ["nothing" if M is None else f"shape {M.shape}" for M in (there, now)]

@@ -1,14 +1,14 @@
-"""Lyapunov conditions, with a weight, for state feedback on an observer of some of the states.
+"""Lyapunov conditions for state feedback that uses an observer for some of the states.
 
     e' = (A + B K) e - B K E e_eta        e_eta' = (A_eta - L C) e_eta        V = e'P e/2 + weight e_eta'P_eta^-1 e_eta
 
-E selects the estimated states. Two conditions:
+E selects the estimated states. The weight of the observer in V is a free parameter. The first of two conditions,
 
     z(weight) = [Q_e, W E/2; E'W/2, weight Pi] > 0     W = P B R_e^-1 B'P     Pi = P_eta^-1 Q_eta P_eta^-1 + C'R^-1 C
 
-is [1]'s (15), corrected and with a weight. `decrease_matrix` is -dV/dt itself, for any gain. Both are in coordinates w
-with e_eta = P_eta w, which keep all signs and need no inverse of P_eta. All functions accept float arrays, or arrays of
-fractions for exact results.
+is (15) of [1], corrected and with a weight. The second condition is `decrease_matrix` > 0, which is -dV/dt > 0 for any
+gain. Both use coordinates w with e_eta = P_eta w. These keep the sign of both conditions, and need no inverse of P_eta.
+All functions accept float arrays, or arrays of fractions for exact results.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 14, 15; corrections: docs page.
@@ -23,7 +23,7 @@ from trimtab.core.errors import InputError
 
 
 class Feedback(NamedTuple):
-    """Feedback v = +K e.
+    """Matrices of the state feedback v = +K e.
 
     A: (n, n).  B: (n, m).  K: (m, n).  P: (n, n).  Qe: (n, n).  Re_inverse: R_e^-1 (m, m).
     """
@@ -37,10 +37,10 @@ class Feedback(NamedTuple):
 
 
 class Observer(NamedTuple):
-    """Filter of k of the states.
+    """Matrices of a filter that estimates k of the n states.
 
     A: A_eta (k, k).  C: (p, k).  Q: Q_eta (k, k).  P: P_eta (k, k).  L: (k, p).  R_inverse: R^-1 (p, p).
-    at: indices of these states in e (k,).
+    at: indices of the estimated states in e (k,).
     """
 
     A: Any
@@ -76,7 +76,10 @@ def dissipation_matrix(o: Observer) -> Any:
 
 
 def observer_lyapunov_matrix(o: Observer) -> Any:
-    """Return -((A_eta - L C) P_eta + P_eta (A_eta - L C)') (k, k); `dissipation_matrix` for steady P_eta, L."""
+    """Return -((A_eta - L C) P_eta + P_eta (A_eta - L C)') (k, k).
+
+    For the steady P_eta and L, the result equals `dissipation_matrix`.
+    """
     rate = (o.A - o.L @ o.C) @ o.P
     return -(rate + rate.T)
 
@@ -93,7 +96,7 @@ def decrease_matrix(f: Feedback, o: Observer, weight: Any, robust: Any = 0) -> A
         f: the feedback.
         o: the observer.
         weight: weight of the observer's part of V.
-        robust: factor of the robust term u_h: 0 without it, +1/2 as published, -1/2 with reversed sign.
+        robust: factor of the robust term u_h: 0 for no term, +1/2 as published, -1/2 with reversed sign.
     """
     whole = f._replace(K=f.K + robust * (f.Re_inverse @ f.B.T @ f.P))
     across = (f.P @ f.B @ whole.K)[:, o.at] @ o.P / 2
@@ -106,16 +109,17 @@ def least_weight(f: Feedback, o: Observer) -> float:
 
 
 def least_decrease_weight(f: Feedback, o: Observer, robust: float = 0.0) -> float:
-    """Return the weight above which `decrease_matrix` proves that V falls; infinite if A + B K alone is not proved."""
+    """Return the weight above which `decrease_matrix` is positive, so that V falls. It is infinite if the feedback
+    without an observer can't be proved stable."""
     return _least_block_weight(decrease_matrix(f, o, 1.0, robust), len(f.A))
 
 
 def printed_inequality(f: Feedback, o: Observer) -> Any:
-    """Return the matrix of (15) as printed, (k + m, k + m). Only this reading has matrices that fit together.
+    """Return the matrix of (15) as printed in [1] (k + m, k + m), in the only reading in which the shapes fit.
 
-    [-2 sqrt(Q_e Pi), P B; B'P, -R_e] with Q_e and P B reduced to the estimated states. (15) holds if the matrix is
-    negative definite. It is kept for comparison with the publication: it takes the symmetric part of the root of a
-    non-symmetric product, and lacks the weight.
+    The matrix is [-2 sqrt(Q_e Pi), P B; B'P, -R_e] with Q_e and P B reduced to the estimated states. (15) holds if the
+    matrix is negative definite. The function only serves for comparison with the publication: the matrix contains the
+    symmetric part of the square root of a non-symmetric product, and lacks the weight.
     """
     inner = np.linalg.inv(o.P)
     Pi = inner @ dissipation_matrix(o) @ inner

@@ -1,12 +1,12 @@
 """Coordinates of a vehicle in space: twelve numbers, with three for the attitude instead of a quaternion's four.
 
-A quaternion q_XB is recognised by its frame of two letters and its shape (4,). Vectors of the frame X are converted to
+A quaternion q_XB is recognised by its frame of two letters and its shape (4,). Vectors in the frame X are converted to
 body axes, so that steady flight (a turn or a climb) is an equilibrium.
 
     trim_model     roll, pitch, yaw; velocities in body axes; positions unchanged: coordinates for stating a point
     error_model    q = q_r exp(e): attitude and position relative to a reference that continues the steady flight
 
-A vehicle without a quaternion keeps its own states in both. Offline code.
+A vehicle without a quaternion keeps its own states in both models. This code runs offline.
 
 Source: [1] B. L. Stevens, F. L. Lewis, E. N. Johnson, "Aircraft Control and Simulation", Wiley 2015, sections 3.6, 3.7,
 for the states of a trim; [2] J. Solà, "Quaternion kinematics for the error-state Kalman filter", arXiv:1711.02508,
@@ -32,15 +32,16 @@ TURN = ("x", "y", "z")
 DERIVED = ("speed", "angle_of_attack", "sideslip", "climb")
 """Extra outputs of a vehicle that moves in space: airspeed (m/s) and angles (rad)."""
 STANDS = 1e-6
-"""Direction angles are undefined below this speed (m/s), or this close to a right angle (rad)."""
+"""Limit below which flow and path angles are undefined: speed (m/s), or an angle's distance from 90 degrees (rad)."""
 SAME = 1e-9
-"""Largest difference (m/s, rad) at which a state counts as equal to a component of the vehicle's motion."""
+"""Largest difference (m/s, rad or m) at which a state counts as equal to a component of the vehicle's motion."""
 
 
 class _StateField(NamedTuple):
-    """Field of a state. path, shape: of the field.  attitude: path of its quaternion.
+    """Field of a state record, and its form in the design coordinates.
 
-    form: "attitude"; "velocity" or "position" in the attitude's outer frame; "body velocity"; or "plain".
+    path, shape: path and shape of the field.  form: "attitude"; "velocity" or "position" in the outer frame of a
+    quaternion; "body velocity"; or "plain".  attitude: path of the quaternion.
     """
 
     path: str
@@ -50,17 +51,17 @@ class _StateField(NamedTuple):
 
 
 def attitude_fields(state: Any) -> dict[str, str]:
-    """Return outer frame -> path of each quaternion in a state record."""
+    """Return the path of each quaternion in a state record, by the quaternion's outer frame."""
     return {d.frame[0]: path for path, _, d in real_leaves(state) if _is_quaternion(d)}
 
 
 def error_names(state: Any, path: str) -> tuple[str, ...]:
-    """Return the names that a field's numbers have in `error_model`; () for fields that it leaves unchanged."""
+    """Return the names that a field's numbers have in `error_model`; () for fields that `error_model` keeps."""
     return tuple(name for leaf in _describe_leaves(state) if leaf.path == path for name in _error_names(leaf))
 
 
 def state_from_trim(state: Any, values: Mapping[str, float]) -> Any:
-    """Return the state record with numbers in `trim_model`'s coordinates set by name."""
+    """Return the state record after setting named numbers in the coordinates of `trim_model`."""
     fields = _describe_leaves(state)
     names = [name for leaf in fields for name in _trim_names(leaf)]
     z = np.array(_to_trim(state, fields))
@@ -69,10 +70,10 @@ def state_from_trim(state: Any, values: Mapping[str, float]) -> Any:
 
 
 def trim_model(vehicle: Any, x: Any, u: Any, *, t: float = 0.0) -> StateSpaceModel:
-    """Build the vehicle's model in the coordinates in which a point of steady flight is stated.
+    """Build the vehicle's model in the coordinates in which the user states a point of steady flight.
 
-    Outputs are the states and, for a vehicle with a velocity in space, DERIVED: airspeed in still air, angle of attack,
-    sideslip and climb angle.
+    Outputs are the states. A vehicle with a velocity in space also has the outputs DERIVED: airspeed in still air,
+    angle of attack, sideslip and climb angle.
 
     Args:
         vehicle: anything with `dynamics(t, x, u)`.
@@ -103,10 +104,10 @@ def trim_model(vehicle: Any, x: Any, u: Any, *, t: float = 0.0) -> StateSpaceMod
 
 
 def error_model(vehicle: Any, x: Any, u: Any, *, t: float = 0.0) -> StateSpaceModel:
-    """Build the model of deviations from steady flight, relative to a reference that continues as at (x, u).
+    """Build the model of deviations from steady flight, relative to a reference that continues the flight at (x, u).
 
-    States: rotation of q relative to the reference, in body axes; velocities in body axes; positions relative to the
-    reference's, in its body axes. All others as in `trim_model`.
+    States: rotation relative to the reference, in body axes; velocities in body axes; position relative to the
+    reference, in the reference's body axes. All other states are those of `trim_model`.
 
     Args: as in `trim_model`.
     """
@@ -134,11 +135,11 @@ def error_model(vehicle: Any, x: Any, u: Any, *, t: float = 0.0) -> StateSpaceMo
 
 
 def flight_names(vehicle: Any, model: StateSpaceModel) -> dict[str, str]:
-    """Return the names in `trim_model` of speed, climb, sideslip, roll, yaw and height, without those that the model
-    lacks.
+    """Return the names that speed, climb, sideslip, roll, yaw and height have in `trim_model`, as far as they exist.
 
-    For a vehicle with a quaternion: outputs and Euler angles. For another: the states that equal, near the model's
-    point, numbers of its `motion`. For several vehicles together: nothing.
+    For a vehicle with a quaternion, the names are those of outputs and Euler angles. For any other vehicle, they are
+    those of states that, near the model's point, equal numbers of the vehicle's `motion`. For several vehicles
+    together, the result is empty.
     """
     fields = _describe_leaves(model.state_record)
     turns = [leaf.path for leaf in fields if leaf.form == "attitude"]
@@ -165,7 +166,7 @@ def flight_names(vehicle: Any, model: StateSpaceModel) -> dict[str, str]:
 
 
 def unsmooth_outputs(model: StateSpaceModel) -> dict[str, str]:
-    """Return DERIVED outputs that have no derivative at the model's point -> reason; {} without such coordinates."""
+    """Return each DERIVED output that has no derivative at the model's point, with the reason."""
     derived = [n for n in DERIVED if n in model.outputs and n not in model.states]
     if model.to_record is None or not derived:
         return {}
@@ -180,7 +181,7 @@ def unsmooth_outputs(model: StateSpaceModel) -> dict[str, str]:
 
 
 def _evaluate_once(function: Callable[..., Any], *inputs: Any) -> Any:
-    """Compile function(*inputs) and evaluate it. This is ten times as fast as operation by operation."""
+    """Compile function(*inputs) and evaluate it. This is ten times as fast as evaluation without compilation."""
     return jax.jit(function, compiler_options=FAST_COMPILE_OPTIONS)(*inputs)
 
 
@@ -258,9 +259,7 @@ def _from_trim(like: Any, fields: tuple[_StateField, ...], z: Any) -> Any:
         values[leaf.path] = z[start : start + size]
         start += size
     x = like
-    for leaf in sorted(
-        fields, key=lambda leaf: leaf.form != "attitude"
-    ):  # vectors in the frame of an attitude come after it
+    for leaf in sorted(fields, key=lambda leaf: leaf.form != "attitude"):  # attitudes first: the vectors need them
         own = values[leaf.path]
         if leaf.form == "attitude":
             x = _put(x, leaf.path, quaternion.from_euler(*own))
@@ -272,7 +271,7 @@ def _from_trim(like: Any, fields: tuple[_StateField, ...], z: Any) -> Any:
 
 
 def _to_error(r: Any, x: Any, fields: tuple[_StateField, ...]) -> Any:
-    """Return deviations of x from r in attitude and position; velocities and plain fields are returned unchanged."""
+    """Return deviations of x from r in attitude and position, velocities in body axes, and plain fields unchanged."""
     parts = []
     for leaf in fields:
         if leaf.form == "attitude":
@@ -308,7 +307,7 @@ def _from_error(r: Any, fields: tuple[_StateField, ...], z: Any) -> Any:
 
 
 def _derived_outputs(fields: tuple[_StateField, ...]) -> Any:
-    """Return a function from state record to DERIVED (4,), or None without a velocity in space."""
+    """Return the function from a state record to the DERIVED outputs (4,), or None without a velocity in space."""
     moving = [leaf for leaf in fields if leaf.form in ("velocity", "body velocity")]
     if not moving:
         return None

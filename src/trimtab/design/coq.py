@@ -183,7 +183,7 @@ Open Scope Z_scope.
 
 
 def coq_text(certificate: Certificate) -> str:
-    """Return the file for `coqc`, for Coq 8.16 or newer."""
+    """Return the text of a file for the proof assistant Coq (`coqc`), version 8.16 or newer."""
     c = certificate
     lines = [
         f"(* {_as_comment(c.system)}: " + _as_comment(", ".join(f"{k} {v}" for k, v in c.about.items())),
@@ -200,7 +200,7 @@ def coq_text(certificate: Certificate) -> str:
 
 
 def _feedback_text(c: Certificate) -> Iterator[str]:
-    """Yield the theorems: e'P e is positive, and falls along e' = (A + B K) e."""
+    """Yield Coq theorems on the feedback: e'P e is positive, and falls along e' = (A + B K) e."""
     n, powers = len(c.A), {name: _power(M) for name, M in {"A": c.A, "B": c.B, "K": c.K, "P": c.P}.items()}
     yield from (_matrix_text(name, getattr(c, name), power) for name, power in powers.items())
     most = max(powers["A"], powers["B"] + powers["K"])
@@ -214,7 +214,7 @@ def _feedback_text(c: Certificate) -> Iterator[str]:
 
 
 def _observer_text(o: ObserverPart) -> Iterator[str]:
-    """Yield the theorems of P_eta and the filter's errors, e_eta' = (A_eta - L C) e_eta."""
+    """Yield Coq theorems on the filter's matrix P_eta and its errors, e_eta' = (A_eta - L C) e_eta."""
     k, matrices = len(o.A), {"A_eta": o.A, "C": o.C, "L": o.L, "P_eta": o.P}
     powers = {name: _power(M) for name, M in matrices.items()}
     yield from (_matrix_text(name, matrices[name], power) for name, power in powers.items())
@@ -237,16 +237,16 @@ def _theorem_text(name: str, matrix: str, n: int) -> str:
 
 
 def _matrix_text(name: str, M: Any, power: int) -> str:
-    """Return a definition; its integers are the floats times 2^power."""
+    """Return a Coq definition of the matrix M as integers, which are its floats times 2^power."""
     rows = [f"  [{'; '.join(f'({int(v * Fraction(2) ** power)})' for v in row)}]" for row in as_fractions(M)]
     return f"(* {name}, times 2^{power} *)\nDefinition {name} : list (list Z) := [\n" + ";\n".join(rows) + "]%Z.\n"
 
 
 def _power(M: Any) -> int:
-    """Return the least power of two, at least 0, that makes all entries integers."""
+    """Return the smallest exponent p >= 0 for which all entries times 2^p are integers."""
     return max(v.denominator for v in as_fractions(M).ravel()).bit_length() - 1
 
 
 def _as_comment(text: str) -> str:
-    """Remove text that would end a comment, or begin a comment or a string."""
+    """Return the text without characters that would end a Coq comment, or begin a comment or a string."""
     return text.replace("*", "").replace('"', "")

@@ -1,6 +1,6 @@
-"""Corners and jumps of a model at a point, where automatic derivatives are those of one side, or a mean of the two
-sides. Beside a corner, derivatives do not approach the derivative at the point, however small the distance. Values
-beside a jump do not approach the value at the point. Offline code.
+"""Corners and jumps of a model at a point. There, automatic differentiation returns the derivative of one side, or the
+mean of both sides. Near a corner, derivatives do not approach the derivative at the point, however small the distance.
+Near a jump, values do not approach the value at the point. This code runs offline.
 
 Source: this module; one-sided derivatives as in A. Griewank, A. Walther, "Evaluating Derivatives", SIAM 2008, chapter
 14.
@@ -16,28 +16,31 @@ from trimtab.design.model import StateSpaceModel
 FAR, NEAR = 1e-5, 1e-7
 """Distances from the point, relative to max(1, |value|), at which slopes and values are compared."""
 SMOOTH_RATIO = 0.3
-"""A slope exists if its change at NEAR is at most this fraction of that at FAR; 0.01 for smooth functions."""
+"""A slope is smooth if its change at distance NEAR is at most this fraction of its change at distance FAR. For a smooth
+function the fraction is about 0.01."""
 SLOPE_CHANGE_MIN = 1e-6
-"""Smallest change of a slope, relative to the largest slope of its row, that shows a corner."""
+"""Smallest change of a slope that counts as a corner, relative to the largest slope of the same output."""
 ROUNDING = 1e-10
-"""Change of a slope, relative to the largest of all slopes, that counts as rounding."""
+"""Largest change of a slope that counts as rounding, relative to the largest slope of all outputs."""
 JUMP_MIN = 1e-10
-"""Smallest change of a value, relative to the value and the largest slope of its row, that shows a jump."""
+"""Smallest change of an output that counts as a jump, relative to the larger of its value and its largest slope."""
 VALUE_ROUNDING = 1e-14
-"""Change of a value, relative to the largest of all values and slopes, that counts as rounding."""
+"""Largest change of an output that counts as rounding, relative to the largest of all values and slopes."""
 MIXED = 8
-"""Number of directions that move all states and inputs together."""
+"""Number of tested directions in which all states and inputs change together."""
 
 
 class Corner(NamedTuple):
-    """Corner or jump. row: name of the derivative or output.  reason: one-sided slopes, or values, in words."""
+    """Corner or jump. row: name of the state derivative or output.  reason: text with its slopes or values on both
+    sides.
+    """
 
     row: str
     reason: str
 
 
 class _Side(NamedTuple):
-    """Changes of slopes (rows, columns) and values (rows,) between the point and two places on one side of it."""
+    """Changes of slopes (rows, columns) and values (rows,) from the point to two places, FAR and NEAR, on one side."""
 
     far: Any
     near: Any
@@ -48,7 +51,7 @@ class _Side(NamedTuple):
 def find_corner(model: StateSpaceModel, x: Any, u: Any) -> Corner | None:
     """Return the first corner or jump at a point, or None if the model is smooth there.
 
-    Places along each state and input are tried, and along some directions that move all together.
+    Places near the point are tried along each state and input, and along some directions that change all of them.
 
     Args:
         model: the system.
@@ -84,7 +87,7 @@ def find_corner(model: StateSpaceModel, x: Any, u: Any) -> Corner | None:
 
 
 def _directions(names: tuple[str, ...]) -> Iterator[tuple[Any, str]]:
-    """Yield directions (n,) with their names: each state and input, then mixtures with drawn signs and lengths."""
+    """Yield directions (n,) with their names: each state and input, then combinations with random signs and lengths."""
     for k, name in enumerate(names):
         yield np.eye(len(names))[k], name
     if len(names) > 1:
@@ -96,13 +99,14 @@ def _directions(names: tuple[str, ...]) -> Iterator[tuple[Any, str]]:
 
 
 def _slopes_and_values(model: StateSpaceModel, z: Any, n: int, size: Any) -> tuple[Any, Any]:
-    """Return slopes of derivatives and outputs, times the sizes of states and inputs, and values."""
+    """Return slopes (rows, columns), times the sizes of states and inputs, and values (rows,), all at z. The rows are
+    the state derivatives and the outputs."""
     A, B, C, D = model.slopes(z[:n], z[n:])
     return np.block([[A, B], [C, D]]) * size, np.concatenate(model.evaluate(z[:n], z[n:]))
 
 
 def _jump(sides: list[_Side], y0: Any, J0: Any) -> int | None:
-    """Return the row of a jump. Places without a finite value show none."""
+    """Return the row that has a jump, or None. Values that are not finite don't count as jumps."""
     row = np.maximum(np.abs(y0), np.abs(J0).max(axis=1, initial=0.0))
     least = np.maximum(JUMP_MIN * row, VALUE_ROUNDING * row.max(initial=0.0))
     for side in sides:
@@ -114,7 +118,7 @@ def _jump(sides: list[_Side], y0: Any, J0: Any) -> int | None:
 
 
 def _corner(sides: list[_Side], J0: Any) -> tuple[int, int] | None:
-    """Return row and column of a slope that changes at the point. Places without a finite slope show none."""
+    """Return row and column of a slope with a corner, or None. Slopes that are not finite don't count as corners."""
     around = [np.abs(J0), *(np.abs(J0 + side.near) for side in sides)]
     row = np.nanmax([np.nanmax(J, axis=1, initial=0.0) for J in around], axis=0)
     least = np.maximum(SLOPE_CHANGE_MIN * row, ROUNDING * row.max(initial=0.0))[:, None]

@@ -2,9 +2,9 @@
 
     x' = A x + B u(t - delay)     u(t) = K z(t)     z(t) = e^(A delay) x(t) + integral of e^(A s) B u(t - s), s < delay
 
-z is the predicted state at the arrival of the current command. It moves by z' = A z + B u, without delay, so
-that the loop has the poles of A + B K for any delay, and even a plant that is faster than the delay can be stabilised.
-The command is held over a period. The delay may be any number of periods, whole or not. Offline code: LAPACK.
+z is the predicted state at the arrival of the current command. It obeys z' = A z + B u, without delay. The loop
+therefore has the poles of A + B K for any delay, and even a plant that is faster than the delay can be stabilised. The
+command is held over a period. The delay need not be a whole number of periods. This code runs offline and uses LAPACK.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, eq. 5.1;
 [2] A. Manitius, A. Olbrot, "Finite spectrum assignment problem for systems with delays", IEEE Trans. Automatic Control
@@ -25,10 +25,10 @@ ON_A_PERIOD = 1e-9
 
 
 class PredictiveFeedback(NamedTuple):
-    """Feedback u(k) = state_gain x(k) + sum of input_gains[j] u(k - 1 - j).
+    """Feedback of the predicted state, u(k) = state_gain x(k) + sum of input_gains[j] u(k - 1 - j).
 
     state_gain: K e^(A delay) (m, n).  input_gains: (N, m, m), for the N commands in transit, newest first. A, B:
-    matrices of the plant.  K: (m, n).  delay, period: s.
+    matrices of the plant.  K: (m, n).  delay: design delay (s).  period: time for which a command is held (s).
     """
 
     state_gain: Any
@@ -40,11 +40,14 @@ class PredictiveFeedback(NamedTuple):
     period: float
 
     def command(self, x: Any, sent: Any) -> Any:
-        """Return u (m,) from the state (n,) and the commands sent before (N, m), newest first."""
+        """Return u (m,) from the state x (n,) and the commands in transit `sent` (N, m), newest first."""
         return self.state_gain @ x + np.einsum("jab,jb->a", self.input_gains, np.asarray(sent))
 
     def loop_matrix(self, delay: float | None = None) -> Any:
-        """Return one period of the loop, in (x, commands in transit), for a plant delay (None: the design delay)."""
+        """Return the matrix that advances (x, commands in transit) by one period of the closed loop.
+
+        delay: actual delay of the plant (s); None for the design delay.
+        """
         actual = self.delay if delay is None else delay
         n, m = self.B.shape
         weights = _arriving_weights(self.A, self.B, self.period, actual)
@@ -64,7 +67,10 @@ class PredictiveFeedback(NamedTuple):
         return F
 
     def poles(self, delay: float | None = None) -> Any:
-        """Return poles of the sampled loop, by falling size. At the design delay: as without delay, and zeros."""
+        """Return the poles of the sampled loop, by falling size.
+
+        At the design delay, they are the poles of the loop without delay, and zeros for the commands in transit.
+        """
         poles = sorted_poles(self.loop_matrix(delay))
         return poles[np.argsort(-np.abs(poles), kind="stable")]
 
@@ -76,7 +82,7 @@ def compensate_delay(A: Any, B: Any, K: Any, delay: float, period: float) -> Pre
         A: (n, n).
         B: (n, m).
         K: (m, n), designed without delay, u = +K x.
-        delay: time from the state's sample to the plant (s), constant, 0 or more.
+        delay: time from the sampling of the state to the arrival of the command (s), constant, 0 or more.
         period: time for which a command is held (s).
 
     Raises: InputError for matrices that don't fit, and invalid times.
@@ -87,25 +93,25 @@ def compensate_delay(A: Any, B: Any, K: Any, delay: float, period: float) -> Pre
         problem = f"the shapes of A {A.shape}, B {B.shape}, K {K.shape} don't fit together"
         raise InputError("compensate_delay", problem, fix="give A (n, n), B (n, m), K (m, n)")
     if not (0 <= delay < math.inf and 0 < period < math.inf):
-        problem = f"got a delay of {delay} s and a period of {period} s"
-        raise InputError("compensate_delay", problem, fix="the delay must be 0 s or more, the period above 0 s")
+        problem = f"the delay must be at least 0 s and the period above 0 s, got {delay} s and {period} s"
+        raise InputError("compensate_delay", problem, fix="give e.g. delay=0.05, period=0.01")
     gains = [K @ weight for weight in _waiting_weights(A, B, period, delay)]
     return PredictiveFeedback(K @ expm(A * delay), np.array(gains).reshape(-1, m, m), A, B, K, delay, period)
 
 
 def plain_feedback(A: Any, B: Any, K: Any, period: float) -> PredictiveFeedback:
-    """Return u = K x without compensation, for comparison; `poles(delay)` shows the effect of a delay."""
+    """Return the feedback u = K x without compensation, for comparison; `poles(delay)` shows the effect of a delay."""
     return compensate_delay(A, B, K, 0.0, period)
 
 
 def _waiting_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
-    """Return the effect of each command in transit, newest first, on the state one delay later."""
+    """Return the effect of each command in transit, newest first, on the state when the current command arrives."""
     count = math.ceil(delay / period - ON_A_PERIOD)
     return [_integral(A, B, max((j - 1) * period, 0.0), min(j * period, delay)) for j in range(1, count + 1)]
 
 
 def _arriving_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
-    """Return the effect of each command, newest first, on the state at the end of the current period."""
+    """Return the effect of each command, newest first, on the plant's state at the end of the current period."""
     count = math.ceil(delay / period - ON_A_PERIOD)
     late = (
         delay - (count - 1) * period if count else 0.0

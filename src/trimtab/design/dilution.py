@@ -17,20 +17,20 @@ REACH = 9.144
 
 @record
 class DilutionMap:
-    """Horizontal dilution of precision over the floor: error of a fix relative to error of a range.
+    """Horizontal dilution of precision over the floor: error of a position fix relative to the error of a range.
 
     Frames:  W.    Source:  Langley, "Dilution of precision", GPS World, May 1999; cone and reach: [1] section 5.5.
     """
 
-    north: Any = quantity("m", "North coordinates of the rows (a,).", frame="W")
-    east: Any = quantity("m", "East coordinates of the columns (b,).", frame="W")
-    dilution: Any = quantity("1", "Dilution sqrt(trace((H'H)^-1)) (a, b); infinite where a fix is impossible.")
-    visible: Any = quantity("1", "Number of beacons within reach and cone (a, b).", kind="count")
+    north: Any = quantity("m", "North coordinates of the grid's rows (a,).", frame="W")
+    east: Any = quantity("m", "East coordinates of the grid's columns (b,).", frame="W")
+    dilution: Any = quantity("1", "Dilution sqrt(trace((H'H)^-1)) (a, b); infinite where no position fix is possible.")
+    visible: Any = quantity("1", "Number of beacons whose range and cone include each grid point (a, b).", kind="count")
     beacons: Any = quantity("m", "Positions of the beacons (n, 3).", frame="W")
-    down: Scalar = quantity("m", "Down coordinate of the unit.", frame="W")
+    down: Scalar = quantity("m", "Down coordinate of the positioning unit.", frame="W")
 
     def coverage(self, limit: float = 2.0) -> float:
-        """Return the share of the map, 0 to 1, with a dilution of `limit` or less."""
+        """Return the fraction of the map, 0 to 1, in which the dilution is at most `limit`."""
         return float(np.mean(np.asarray(self.dilution) <= limit))
 
 
@@ -38,11 +38,11 @@ def dilution(directions: Any, visible: Any, *, common_error: bool = False) -> An
     """Return sqrt(trace((H'H)^-1)) of the horizontal position, for unit error of each range.
 
     Args:
-        directions: derivatives of each range by north and east (..., n, 2): horizontal part of the unit vectors.
+        directions: derivatives of each range by north and east (..., n, 2), i.e. horizontal parts of the unit vectors.
         visible: True for each available range (..., n).
-        common_error: True to estimate also an error common to all ranges, as the closed-form solution does.
+        common_error: True to also estimate an error common to all ranges, as the closed-form solution does.
 
-    Returns: (...), infinite where the ranges don't determine a position.
+    Returns: dilution (...), infinite where the ranges don't determine a position.
     """
     H = np.where(visible[..., None], directions, 0.0)
     if common_error:
@@ -69,9 +69,9 @@ def dilution_map(
 
     Args:
         beacons: positions in W (m), shape (n, 3).
-        north: north coordinates of the rows (m), shape (a,).
-        east: east coordinates of the columns (m), shape (b,).
-        down: down coordinate of the unit (m).
+        north: north coordinates of the grid's rows (m), shape (a,).
+        east: east coordinates of the grid's columns (m), shape (b,).
+        down: down coordinate of the positioning unit (m).
         cone: half the opening angle of beacons that point straight down (rad).
         reach: longest range (m).
         common_error: as in `dilution`.
@@ -79,7 +79,7 @@ def dilution_map(
     beacons = np.asarray(beacons, np.float64)
     if beacons.ndim != 2 or beacons.shape[1] != 3:
         fix = "give one row (north, east, down) for each beacon"
-        raise InputError("dilution_map.beacons", f"has shape {beacons.shape}", fix=fix)
+        raise InputError("dilution_map.beacons", f"must have shape (n, 3), got {beacons.shape}", fix=fix)
     north, east = np.asarray(north, np.float64), np.asarray(east, np.float64)
     N, E = np.meshgrid(north, east, indexing="ij")
     line = np.stack([N, E, np.full_like(N, down)], axis=-1)[:, :, None] - beacons

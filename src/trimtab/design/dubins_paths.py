@@ -1,8 +1,8 @@
-"""Shortest paths of a car with a minimum turning radius: Dubins' six words.
+"""Shortest paths of a car with a minimum turning radius (Dubins paths).
 
-A shortest path has at most three pieces: turns on the tightest circle, L and R, and straight lines, S. Only the words
-LSL, RSR, LSR, RSL, RLR and LRL can be shortest. All six are constructed by the geometry of their circles, and the
-shortest is chosen.
+A shortest path has at most three pieces: arcs of the minimum radius to the left (L) or right (R), and straight lines
+(S). The word of a path is the sequence of its letters. Only the words LSL, RSR, LSR, RSL, RLR and LRL can be shortest.
+All six paths are constructed geometrically, and the shortest is chosen.
 
 [1] is L. E. Dubins, "On curves of minimal length with a constraint on average curvature, and with prescribed initial
 and terminal positions and tangents", American Journal of Mathematics 79 (1957) 497-516.
@@ -21,36 +21,36 @@ from trimtab.core.reference import ReferencePoint
 
 WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
 TURNS: Mapping[str, float] = MappingProxyType({"L": -1.0, "S": 0.0, "R": 1.0})
-"""Sign of the curvature of each letter: positive to the right, which is clockwise seen from above."""
+"""Sign of the curvature for each letter of a path: left, straight, right. Right is clockwise seen from above."""
 TINY = 1e-9
-"""Limit of rounding: an arc this close (rad) to a full turn, or a line this short (radii), counts as zero."""
+"""Tolerance for rounding: an arc this close to a full turn (rad), or a line this short (in radii), counts as zero."""
 
 
 @record
 class DubinsPath:
-    """Path of three pieces, arcs and straight lines, at one speed; a reference. After the end of the path the reference
-    goes straight on.
+    """Reference along a path of three pieces, arcs or straight lines, at constant speed. After the end of the path the
+    reference goes straight on.
 
     Frames:  W; headings clockwise from north.    Source:  [1].
     """
 
-    north: Scalar = quantity("m", "North coordinate of the start.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "East coordinate of the start.", frame="W", default=0.0)
-    heading: Scalar = quantity("rad", "Heading at the start.", kind="angle", frame="W", default=0.0)
-    radius: Scalar = quantity("m", "Radius of the arcs.", default=1.0, above=0)
+    north: Scalar = quantity("m", "North coordinate of the path's start.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "East coordinate of the path's start.", frame="W", default=0.0)
+    heading: Scalar = quantity("rad", "Heading at the path's start.", kind="angle", frame="W", default=0.0)
+    radius: Scalar = quantity("m", "Radius of the path's arcs.", default=1.0, above=0)
     speed: Scalar = quantity("m/s", "Speed along the path.", default=1.0, above=0)
     turns: Any = quantity(
-        "1", "Direction of each piece: -1 left, 0 straight, 1 right.", shape=(3,), default=np.zeros(3)
+        "1", "Direction of each of the path's pieces: -1 left, 0 straight, 1 right.", shape=(3,), default=np.zeros(3)
     )
-    lengths: Any = quantity("m", "Length of each piece.", shape=(3,), default=np.zeros(3), low=0)
+    lengths: Any = quantity("m", "Length of each of the path's pieces.", shape=(3,), default=np.zeros(3), low=0)
 
     @property
     def length(self) -> Any:
-        """Return the total length (m)."""
+        """Return the total length of the path (m)."""
         return self.lengths[0] + self.lengths[1] + self.lengths[2]
 
     def at(self, t: Any) -> ReferencePoint:
-        """Return the reference at t (s)."""
+        """Return the reference point at the time t (s)."""
         left = jnp.maximum(self.speed * t, 0.0)
         north, east, heading, curvature = self.north, self.east, self.heading, 0.0
         for k in range(3):
@@ -74,10 +74,10 @@ class DubinsPath:
 
 
 def dubins_path(word: str, start: Any, goal: Any, radius: float, speed: float = 1.0) -> DubinsPath | None:
-    """Return the shortest path of one word, or None if the word does not lead to the goal.
+    """Return the shortest path with a given sequence of pieces, or None if no such path leads to the goal.
 
     Args:
-        word: one of WORDS.
+        word: letters of the three pieces, one of WORDS, e.g. "LSR".
         start: north, east (m), heading (rad) (3,).
         goal: north, east (m), heading (rad) (3,).
         radius: radius of the arcs (m).
@@ -99,7 +99,7 @@ def dubins_path(word: str, start: Any, goal: Any, radius: float, speed: float = 
     between = (last - first) / radius
     if word[1] != "S":
         candidates = _three_arcs(signs[0], between)
-    elif np.hypot(*between) < TINY:  # one circle, without a line
+    elif np.hypot(*between) < TINY:  # the first and last circle coincide, so the line has no length
         candidates = [(float(start[2]), float(start[2]), 0.0)] if signs[0] == signs[2] else []
     else:
         candidates = _straight(signs, between)
@@ -127,12 +127,12 @@ def shortest_path(start: Any, goal: Any, radius: float, speed: float = 1.0) -> D
 
 
 def word_of(path: DubinsPath) -> str:
-    """Return the letters of a path's pieces."""
+    """Return the letters of a path's three pieces, e.g. "LSR"."""
     return "".join({v: k for k, v in TURNS.items()}[float(turn)] for turn in path.turns)
 
 
 def _advance(pose: tuple[Any, Any, Any], bend: Any, s: Any) -> tuple[Any, Any, Any]:
-    """Return north, east (m) and heading (rad) after a length s (m) at a curvature (1/m), also for a straight line."""
+    """Return north, east (m) and heading (rad) after a length s (m) at the curvature `bend` (1/m), which may be 0."""
     north, east, heading = pose
     half = bend * s / 2
     chord = s * jnp.where(half == 0, 1.0, jnp.sin(half) / jnp.where(half == 0, 1.0, half))
@@ -150,16 +150,16 @@ def _heading_of(right: Any) -> float:
 
 
 def _arc(angle: float) -> float:
-    """Return an angle (rad) in [0, 2 pi)."""
+    """Return the angle (rad) wrapped to [0, 2 pi)."""
     turn = float(np.mod(angle, 2 * np.pi))
     return 0.0 if 2 * np.pi - turn < TINY else turn
 
 
 def _straight(signs: Any, between: Any) -> list[tuple[float, float, float]]:
-    """Return headings (rad) before and after a straight line (equal), and the line's length between two circles.
+    """Return the heading (rad) at the start and, equal, at the end of the line between two circles, and its length.
 
-    between: vector from the first centre to the last (2,). Lengths are in radii. The line is a tangent of both circles,
-    an inner tangent if the turns differ.
+    between: vector from the first circle's centre to the last (2,). Lengths are in radii. The line is a tangent of both
+    circles, and an inner tangent if the turns differ.
     """
     direction, squared = float(np.arctan2(between[1], between[0])), float(between @ between)
     if signs[0] == signs[2]:
@@ -172,10 +172,10 @@ def _straight(signs: Any, between: Any) -> list[tuple[float, float, float]]:
 
 
 def _three_arcs(sign: float, between: Any) -> list[tuple[float, float, float]]:
-    """Return headings (rad) where the middle circle touches the first and the last; one pair for each middle circle."""
+    """Return, for each possible middle circle, the headings (rad) at which it touches the first and the last circle."""
     distance = float(np.hypot(*between))
     if not 0 < distance <= 4:
-        return []  # too far apart, or the same circle, which needs no other turn
+        return []  # the circles are too far apart, or equal, so that no middle arc is needed
     across = np.array([-between[1], between[0]]) / distance * np.sqrt(4 - distance**2 / 4)
     middles = (between / 2 + across, between / 2 - across)
     return [(_heading_of(-sign * m), _heading_of(-sign * (m - between)), 0.0) for m in middles]

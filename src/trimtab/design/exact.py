@@ -20,8 +20,8 @@ EXACT = "exact, leading minors"
 class DefinitenessProof(NamedTuple):
     """Result of a proof that a symmetric matrix is positive definite.
 
-    holds: True if proved.  how: method.  pivot: index from 0 of the first non-positive pivot, or None.  value: that
-    pivot, a ratio of consecutive minors, in the unit of the matrix; NaN without a non-positive pivot.
+    holds: True if proved.  how: method.  pivot: index from 0 of the first non-positive pivot, or None.  value: value of
+    this pivot, in the unit of the matrix; NaN if all pivots are positive.
     """
 
     holds: bool
@@ -31,7 +31,7 @@ class DefinitenessProof(NamedTuple):
 
 
 def as_fractions(M: Any) -> Any:
-    """Convert a matrix of floats or integers to Fractions (dtype object); `@`, `+`, `-`, `*` keep the type."""
+    """Convert a matrix of floats or integers to an array of Fractions, for which `@`, `+`, `-` and `*` are exact."""
     values: Any = np.asarray(M)
     fractions = np.empty(values.shape, object)
     for i in np.ndindex(values.shape):
@@ -56,11 +56,13 @@ def exact_inverse(M: Any) -> Any:
 
 
 def prove_definite(M: Any) -> DefinitenessProof:
-    """Prove that a symmetric matrix, of floats or Fractions, is positive definite; ValueError if it is not symmetric.
+    """Check exactly if a symmetric matrix of floats or Fractions is positive definite.
+
+    Raises: ValueError if the matrix is not symmetric.
 
     Source: [1], Sylvester's criterion: the pivots of the elimination are the leading minors of the matrix times the
-    common denominator. Rows and columns are first scaled alike by powers of two. This keeps all signs, and keeps the
-    integers short.
+    common denominator. Rows and columns are first scaled alike by powers of two. The scaling changes no sign, and keeps
+    the integers short.
     """
     exact = as_fractions(M)
     if any(exact[i, j] != exact[j, i] for i in range(len(exact)) for j in range(i)):
@@ -76,7 +78,7 @@ def prove_definite(M: Any) -> DefinitenessProof:
         minor = work[k, k]
         if minor <= 0:
             return DefinitenessProof(False, EXACT, k, float(Fraction(minor, before * scale) / size[k] ** 2))
-        for i in range(k + 1, len(work)):  # the lower triangle is the transpose, and stays so
+        for i in range(k + 1, len(work)):  # elimination keeps the matrix symmetric
             work[i, i:] = (work[i, i:] * minor - work[k, i:] * work[k, i]) // before
         before = minor
     return DefinitenessProof(True, EXACT, None, float("nan"))
@@ -100,7 +102,7 @@ def exact_rank(M: Any) -> int:
 
 
 def _binary_exponent(value: Fraction) -> int:
-    """Return an integer k with 2^(k-1) < value < 2^(k+1), for a positive fraction."""
+    """Return an integer k with 2^(k-1) < value < 2^(k+1); the value must be positive."""
     return value.numerator.bit_length() - value.denominator.bit_length()
 
 

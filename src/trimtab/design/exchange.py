@@ -15,7 +15,8 @@ from trimtab.design.linearise import LinearModel
 
 
 def to_control(linear: LinearModel) -> Any:
-    """Convert a linear model to python-control's `StateSpace`, in deviations from the point, with all signal names."""
+    """Convert a linear model to python-control's `StateSpace`, with its signal names. Signals are deviations from the
+    operating point."""
     names = {"states": list(linear.states), "inputs": list(linear.inputs), "outputs": list(linear.outputs)}
     return _import_control().ss(linear.A, linear.B, linear.C, linear.D, **names)
 
@@ -30,7 +31,7 @@ def to_scipy(linear: LinearModel) -> Any:
 def from_control(system: Any) -> LinearModel:
     """Convert a continuous system of python-control (state space, transfer function) or scipy.signal to a linear model.
 
-    Its operating point is zero. Names are those of python-control, or x0, u0, y0 etc.
+    The result's operating point is zero. Its names are those of python-control; otherwise x0, x1, …, u0, …, y0, ….
 
     Raises: InputError for a sampled system, or an object of another type.
     """

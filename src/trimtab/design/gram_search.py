@@ -1,8 +1,9 @@
-"""Search for Gram matrices that prove a claim: found by a solver, rounded, and made to fit exactly.
+"""Search for Gram matrices that prove a polynomial claim.
 
     conclusion = z'G z + sum of y'S y * hypothesis,   G and S positive definite
 
-in coordinates in which the entries of z and y are single terms. `squares` checks the result independently.
+The entries of z and y are single terms in suitable coordinates. A solver finds G and S in floats. They are then rounded
+and adjusted to satisfy the identity exactly. `squares` checks the result independently.
 
 Source: [1] H. Peyrl, P. A. Parrilo, "Computing sum of squares decompositions with rational coefficients", Theoretical
 Computer Science 409 (2008).
@@ -24,10 +25,10 @@ DIGITS = 7
 
 
 class GramSearch(NamedTuple):
-    """Setup of a search.
+    """Coordinates and terms for a search for Gram matrices.
 
     states: state -> polynomial in the coordinates.  coordinates: coordinate -> polynomial in the states.  forms: name
-    of a hypothesis ("" without a hypothesis) -> single terms, in the coordinates, of its Gram matrix.
+    of a hypothesis -> entries of y, single terms in the coordinates; the name "" -> entries of z.
     """
 
     states: Mapping[str, Polynomial]
@@ -36,7 +37,7 @@ class GramSearch(NamedTuple):
 
 
 def find_gram_proof(claim: Claim, search: GramSearch) -> SquaresProof:
-    """Find a proof of a claim without open parameters; raise ArithmeticError if the solver finds no proof."""
+    """Find a proof of a claim that has no free parameters; raise ArithmeticError if the solver finds no proof."""
     z = [_as_monomial(form) for form in search.forms[""]]
     pairs: dict[Monomial, list[tuple[int, int]]] = {}
     for i, j in combinations_with_replacement(range(len(z)), 2):
@@ -63,7 +64,7 @@ def find_gram_proof(claim: Claim, search: GramSearch) -> SquaresProof:
 
 
 def _solve_margin(base: Any, moves: list[Any], sizes: list[int], first: int) -> Any:
-    """Return the values that maximise the smallest eigenvalue of all matrices, in floats."""
+    """Return the variables, in floats, that maximise the smallest eigenvalue of all Gram matrices."""
     start, steps, count = base.astype(float), np.array(moves).astype(float), len(moves)
 
     def inner(x: Any, k: int) -> Any:
@@ -81,7 +82,7 @@ def _solve_margin(base: Any, moves: list[Any], sizes: list[int], first: int) -> 
 
 
 def _spread_terms(p: Polynomial, pairs: Mapping[Monomial, list[tuple[int, int]]], n: int) -> Any:
-    """Return a Gram matrix of a polynomial. Raise ArithmeticError if a term is not a product of two forms."""
+    """Return a Gram matrix of a polynomial; raise ArithmeticError if a term is not a product of two entries of z."""
     G = np.full((n, n), Fraction(0), object)
     for m, c in p.terms.items():
         if m not in pairs:
@@ -92,7 +93,7 @@ def _spread_terms(p: Polynomial, pairs: Mapping[Monomial, list[tuple[int, int]]]
 
 
 def _kernel_matrix(pairs: list[tuple[int, int]], k: int, n: int) -> Any:
-    """Return the matrix that moves a term from its first pair of entries to the k-th; z'G z does not change."""
+    """Return the change of G that moves a term from its first pair of entries to its k-th; z'G z does not change."""
     G = np.full((n, n), Fraction(0), object)
     for (i, j), sign in ((pairs[0], -1), (pairs[k], 1)):
         G[i, j] = G[j, i] = Fraction(sign) if i == j else Fraction(sign, 2)

@@ -2,8 +2,8 @@
 
     Wc = integral of exp(A t) B B' exp(A' t)        Wo = integral of exp(A' t) C' C exp(A t)        t from 0 to T
 
-in units that make rows and columns of the matrices alike. The time T is finite, because position and heading of a
-vehicle are poles at zero, for which the infinite integrals diverge. Offline code: LAPACK.
+in units that make the rows and columns of the matrices comparable. The time T is finite, because a vehicle's position
+and heading have poles at zero, for which the infinite integrals diverge. This code runs offline and uses LAPACK.
 
 Source: C.-T. Chen, "Linear System Theory and Design", Oxford 1999, sections 6.2, 6.3; C. F. Van Loan, "Computing
 integrals involving the matrix exponential", IEEE Trans. Automatic Control 23 (1978).
@@ -21,9 +21,10 @@ from trimtab.design.zero_dynamics import scale_system
 
 
 class WeakestDirection(NamedTuple):
-    """Weakest direction. size: smallest eigenvalue of the Gramian, relative to its largest.  direction: scaled (n,).
+    """Least controllable or least observable direction of the state.
 
-    words: the direction as text, e.g. "0.8 FX - 0.6 FY".
+    size: smallest eigenvalue of the Gramian, relative to the largest.  direction: scaled (n,).  words: the direction as
+    text, e.g. "0.8 FX - 0.6 FY".
     """
 
     size: float
@@ -32,9 +33,10 @@ class WeakestDirection(NamedTuple):
 
 
 class Gramians(NamedTuple):
-    """Gramians. controllability, observability: matrices (n, n), in units of the states' sizes (n,).
+    """Gramians of a linear model, and the weakest directions.
 
-    hardly_moved: least controllable direction.  hardly_seen: least observable direction.
+    controllability, observability: matrices (n, n), in units of the states' sizes (n,).  hardly_moved: least
+    controllable direction.  hardly_seen: least observable direction.
     """
 
     controllability: Any
@@ -45,7 +47,7 @@ class Gramians(NamedTuple):
 
 
 def find_gramians(linear: LinearModel, horizon: float) -> Gramians:
-    """Compute the controllability and observability Gramians over a time (s)."""
+    """Compute the controllability and observability Gramians over the time `horizon` (s)."""
     if not (np.isfinite(horizon) and horizon > 0):
         raise InputError("gramians.horizon", f"must be above 0 s, got {horizon} s", fix="horizon=10.0")
     A, B, C, _, (sizes, _) = scale_system(linear)
@@ -54,7 +56,7 @@ def find_gramians(linear: LinearModel, horizon: float) -> Gramians:
 
 
 def integrate_gramian(A: Any, B: Any, horizon: float) -> Any:
-    """Integrate exp(A t) B B' exp(A' t) (n, n) over a time (s): a short step is doubled repeatedly."""
+    """Integrate exp(A t) B B' exp(A' t) (n, n) over the time `horizon` (s), by doubling a short step repeatedly."""
     n = len(A)
     halvings = max(0, int(np.ceil(np.log2(max(np.abs(A).sum(axis=1).max(initial=0.0) * horizon, 1.0)))))
     step = horizon / 2**halvings

@@ -1,8 +1,8 @@
 """Lie derivatives, relative degree and decoupling matrix of any model, by automatic differentiation.
 
 An output is differentiated along x' = f(x, u), with the input held, until the input appears. For a system affine in the
-inputs, f(x) + g(x) u, the derivative is L_f^k h, and its derivative by u is L_g L_f^(r-1) h. The system need not be
-affine: the matrix is then dv/du at the point, with v the highest derivatives. Offline code.
+inputs, f(x) + g(x) u, the k-th derivative is L_f^k h, and the decoupling matrix consists of L_g L_f^(r-1) h. If the
+system is not affine, the matrix is dv/du at the point, with v the highest derivatives. This code runs offline.
 
 Source: [1] A. Isidori, "Nonlinear Control Systems", Springer 1995, sections 4.1, 5.1, 5.4; [2] H. Nijmeijer, A. van der
 Schaft, "Nonlinear Dynamical Control Systems", Springer 1990, chapter 13, for systems that are not affine.
@@ -22,9 +22,10 @@ from trimtab.design.model import Function, StateSpaceModel, find_indices, format
 ROUNDING = 1e-10
 """A sum counts as zero up to this fraction of the sum of its terms' magnitudes."""
 WEAK = 1e-13
-"""A function does not depend on a state if the state's relative influence around the point is below this."""
+"""Relative influence of a state on a function, near the point, below which the function counts as independent of it."""
 VANISHES = 1e-8
-"""A row counts as zero up to this fraction of its size nearby; a singular value, of the largest singular value."""
+"""Limit below which a matrix row counts as zero, as a fraction of its size nearby. The same limit, as a fraction of the
+largest singular value, holds for singular values."""
 Field = Callable[[Any], Any]
 """Function from x (n,) to a vector, traceable by jax."""
 
@@ -32,12 +33,12 @@ Field = Callable[[Any], Any]
 class RelativeDegree(NamedTuple):
     """Vector relative degree at a point.
 
-    degrees: output -> number of differentiations until an input appears, or None if none ever does.  matrix: decoupling
-    matrix d(highest derivatives)/du at the point (p, m); L_g L_f^(r-1) h for affine systems.  condition: its condition
-    number after rows and columns are scaled to size 1, which removes the units.  determinant: of the matrix; NaN if it
-    is not square. margin: output -> size of its row at the point, relative to the largest around it.  total: sum of the
-    degrees. defined: True if the vector relative degree is well defined at the point.  why: otherwise the reasons, as
-    text.
+    degrees: output -> number of differentiations until an input appears; None if no input ever does.  matrix:
+    decoupling matrix d(highest derivatives)/du at the point (p, m); L_g L_f^(r-1) h for affine systems.  condition:
+    condition number of the matrix after rows and columns are scaled to size 1, which removes the units.  determinant:
+    determinant of the matrix; NaN if the matrix is not square.  margin: output -> size of its row of the matrix at the
+    point, relative to the largest size near the point.  total: sum of the degrees.  defined: True if the vector
+    relative degree is well defined at the point.  why: reasons, as text, if it is not.
     """
 
     degrees: dict[str, int | None]
@@ -73,7 +74,8 @@ def affine_fields(model: StateSpaceModel, u: Any = None) -> tuple[Field, tuple[F
 def curved_inputs(
     model: StateSpaceModel, x: Any = None, u: Any = None, *, radius: Any = None, samples: int = 32
 ) -> dict[str, tuple[str, ...]]:
-    """Return inputs in which the model is not affine near a point -> states whose derivatives are nonlinear in them."""
+    """Return the inputs in which the model is not affine near a point, each with the states whose derivatives are
+    nonlinear in the input."""
     points = sample_neighbourhood(model, x, u, radius, samples)
     slope = jax.jacfwd(model.f, argnums=1)
     both = jax.jit(jax.vmap(lambda a, b: (slope(a, b), jax.jacfwd(slope, 1)(a, b))))
@@ -84,9 +86,9 @@ def curved_inputs(
 
 
 def extend_inputs(model: StateSpaceModel, names: Sequence[str], order: int = 1) -> StateSpaceModel:
-    """Extend the model dynamically: named inputs become states, and their derivatives become the inputs.
+    """Extend the model dynamically: the named inputs become states, and their derivatives become the new inputs.
 
-    The result is affine in the new inputs, for any model. Names: "FX", "FX'", …
+    The result is affine in the new inputs, for any model. The derivatives of an input "FX" are named "FX'", "FX''", …
 
     Source: [1] section 5.4.
     """
@@ -111,7 +113,7 @@ def extend_inputs(model: StateSpaceModel, names: Sequence[str], order: int = 1) 
 
 
 def output_derivatives(model: StateSpaceModel, output: Any, order: int) -> Function:
-    """Return the order-th time derivative of outputs (by index) along f, input held, as a function of (x, u)."""
+    """Return the time derivative, of the given order, of some outputs along f, with u held, as a function of (x, u)."""
 
     def differentiate(x: Any, u: Any) -> Any:
         return lie_derivative(lambda a: model.h(a, u)[output], lambda a: model.f(a, u), order)(x)
@@ -141,14 +143,15 @@ def relative_degree(
 ) -> RelativeDegree:
     """Compute the vector relative degree at a point, and check that it is well defined there.
 
-    An input appears in a derivative if it does so at the point or at any sample around it. If it appears only around
-    the point, the relative degree is not well defined, and the result reports this.
+    An input appears in a derivative if it appears at the point or at any sample around the point. If an input appears
+    only around the point, the relative degree is not well defined, and the result reports this.
 
     Args:
         model: the system; its outputs are differentiated.
         x: state: vector, record, or changes to the model's own point.
         u: input, likewise.
-        radius: distance of the samples: entry -> half width, or one number relative to max(1, |value|). Default: 0.1.
+        radius: distance of the samples from the point: entry name -> half width, or one number relative to
+            max(1, |value|). Default: 0.1.
         samples: number of samples.
 
     Source: [1] section 5.1 (5.2); [2] definition 13.1 if the system is not affine.
@@ -168,7 +171,7 @@ def relative_degree(
 
 
 def _derivative_rows(model: StateSpaceModel, outputs: list[int], order: int, points: tuple[Any, Any]) -> Any:
-    """Return derivatives by u of the outputs' derivatives of one order at all points (s, p, m), free of rounding."""
+    """Return the slopes by u of the outputs' derivatives of one order, at all points (s, p, m), free of rounding."""
     picked = np.array(outputs)
     if order == 0:
         slope = jax.jacfwd(lambda a, b: model.h(a, b)[picked], argnums=1)
@@ -192,7 +195,7 @@ def _require_finite(rows: Any) -> Any:
 
 
 def equilibrate(matrix: Any) -> Any:
-    """Scale rows and columns alternately to length 1, except zeros. Source: Ruiz, RAL-TR-2001-034."""
+    """Scale the rows and columns of a matrix alternately to length 1, except zeros. Source: Ruiz, RAL-TR-2001-034."""
     scaled = np.array(matrix, float)
     for _ in range(20):
         for axis in (1, 0):

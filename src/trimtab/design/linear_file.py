@@ -1,4 +1,4 @@
-"""Linear models in text files without loss of digits: matrices, names, point and origin."""
+"""Text files of linear models, without loss of digits: matrices, names, operating point and origin."""
 
 import json
 from pathlib import Path
@@ -17,14 +17,14 @@ NAMES = ("states", "inputs", "outputs")
 
 
 def linear_json(linear: LinearModel, about: dict[str, Any]) -> str:
-    """Return the text of a file with a linear model. about: other content, e.g. the vehicle's name and the point."""
+    """Return the text of a file with a linear model. about: further content, e.g. the vehicle's name and the point."""
     numbers = {n: np.asarray(getattr(linear, n), float).tolist() for n in (*MATRICES, *VECTORS)}
     names = {n: list(getattr(linear, n)) for n in NAMES}
     return json.dumps({"format": FORMAT, "about": about, **names, **numbers}, indent=1) + "\n"
 
 
 def read_linear(file: Path) -> tuple[LinearModel, dict[str, Any]]:
-    """Read a linear model from a file, and the rest of the file's content.
+    """Return the linear model in a file, and the file's further content.
 
     Raises: InputError for a file that is not a linear model, or whose matrices don't fit its names.
     """

@@ -1,6 +1,6 @@
 """Linearisation by automatic differentiation, in deviations from a point, with the names of all entries.
 
-Offline code: LAPACK.
+This code runs offline and uses LAPACK.
 
 Source: [1] B. L. Stevens, F. L. Lewis, E. N. Johnson, "Aircraft Control and Simulation", Wiley 2015, section 3.7.
 """
@@ -18,15 +18,16 @@ from trimtab.design.poles import balance_matrix, participation, sorted_poles
 ROUNDING = 1e-10
 """Real or imaginary parts of a pole up to this fraction of the largest entry of the scaled A count as zero."""
 POLE_DISTANCE_MIN = 1e-6
-"""Poles closer than this, relative to the largest entry of the scaled A, are one pole for participations."""
+"""Distance of two poles, relative to the largest entry of the scaled A, below which they share participations."""
 
 
 class Eigenmode(NamedTuple):
     """Mode of a linear model: one real pole, or a conjugate pair.
 
-    pole: for a pair, that with positive imaginary part.  frequency: |pole| (rad/s).  damping: -Re/|pole|; NaN at 0.
-    time_constant: 1/|Re pole| (s), of decay or growth; infinite for a pole on the imaginary axis.  states: name and
-    participation of the states in the mode, largest first; the participations sum to 1 and do not depend on units.
+    pole: the pole; for a pair, the pole with positive imaginary part.  frequency: |pole| (rad/s).  damping:
+    -Re/|pole|; NaN at 0.  time_constant: 1/|Re pole| (s), of decay or growth; infinite for a pole on the imaginary
+    axis.  states: name and participation of the states in the mode, largest first; the participations sum to 1 and do
+    not depend on units.
     """
 
     pole: complex
@@ -39,8 +40,8 @@ class Eigenmode(NamedTuple):
 class LinearModel(NamedTuple):
     """Linear model dx' = A dx + B du, dy = C dx + D du, in deviations from (x0, u0, y0).
 
-    A: (n, n).  B: (n, m).  C: (p, n).  D: (p, m).  x0, u0, y0: the operating point.  drift: f(x0, u0) (n,), zero at a
-    trim. states, inputs, outputs: names.
+    A: (n, n).  B: (n, m).  C: (p, n).  D: (p, m).  x0, u0, y0: the operating point.  drift: state derivative f(x0, u0)
+    (n,), zero at a trim.  states, inputs, outputs: names.
     """
 
     A: Any
@@ -56,11 +57,11 @@ class LinearModel(NamedTuple):
     outputs: tuple[str, ...]
 
     def poles(self) -> Any:
-        """Return the eigenvalues of A (n,), by falling real part."""
+        """Return the eigenvalues of A (n,), sorted by falling real part."""
         return sorted_poles(balance_matrix(self.A))
 
     def modes(self, *, least: float = 0.02) -> tuple[Eigenmode, ...]:
-        """Return poles with their states, by falling real part; states with participation below `least` are omitted."""
+        """Return the modes, sorted by falling real part. States with a participation below `least` are omitted."""
         scaled = balance_matrix(self.A)
         size = max(np.abs(scaled).max(initial=0.0), np.finfo(float).tiny)
         modes: list[Eigenmode] = []
@@ -92,7 +93,8 @@ class LinearModel(NamedTuple):
         inputs: Iterable[str] | None = None,
         outputs: Iterable[str] | None = None,
     ) -> "LinearModel":
-        """Return the model with only the named states, inputs and outputs, in that order; all others are zero."""
+        """Return the model with only the named states, inputs and outputs, in the given order. The deviations of all
+        others are taken as zero."""
         i = find_indices(argument_name("states"), self.states if states is None else states, self.states)
         j = find_indices(argument_name("inputs"), self.inputs if inputs is None else inputs, self.inputs)
         k = find_indices(argument_name("outputs"), self.outputs if outputs is None else outputs, self.outputs)
@@ -102,9 +104,9 @@ class LinearModel(NamedTuple):
         return LinearModel(A, B, C, D, self.x0[i], self.u0[j], self.y0[k], self.drift[i], *labels)
 
     def settle(self, states: Iterable[str]) -> "LinearModel":
-        """Return the slow model: the named fast states are replaced by their steady values.
+        """Return the slow model, in which the named fast states are replaced by their steady values.
 
-        The steady values depend on the other states and the inputs. `x0` and `drift` contain the remaining states.
+        The steady values depend on the other states and the inputs. `x0` and `drift` refer to the remaining states.
 
         Raises: InputError if the named states are not stable while all others are held.
 
@@ -130,7 +132,10 @@ class LinearModel(NamedTuple):
         return self._replace(A=A, B=B, C=C, D=D, x0=self.x0[slow], drift=self.drift[slow], states=names)
 
     def rescale(self, states: Any, inputs: Any = None, outputs: Any = None) -> "LinearModel":
-        """Return the model in units of the given sizes of states (n,), inputs (m,) and outputs (p,); default: ones."""
+        """Return the model in which each state, input and output is divided by its given size.
+
+        states: (n,).  inputs: (m,).  outputs: (p,).  Default sizes: 1.
+        """
         sizes = []
         names = (self.states, self.inputs, self.outputs)
         for what, value, known in zip(("states", "inputs", "outputs"), (states, inputs, outputs), names, strict=True):
@@ -149,7 +154,7 @@ def linearise(model: StateSpaceModel, x: Any = None, u: Any = None) -> LinearMod
     """Compute A, B, C, D at a point, by automatic differentiation.
 
     If the point is not a trim (`drift` not zero), the deviations follow dx' = A dx + B du + drift. A point at a corner
-    or a jump of the model is refused (`design.corners`).
+    or a jump of the model is rejected (`design.corners`).
 
     Args:
         model: the system.

@@ -9,9 +9,9 @@ The substitution X = P^-1, Y = K X makes the inequality linear:
     [A X + X A' + B Y + Y'B' + B R_e^-1 B' + 2 decay X, X; X, -Q_e^-1] < 0         X > 0
 
 Of all solutions, the one with the least tr(Q_e X) + tr(R_e Y X^-1 Y') is chosen; otherwise the gain would be arbitrary.
-The problem is solved in scaled states and in inputs for which R_e = I, by Clarabel, from the extra `design`. The
-inequalities are given as functions; because they are affine, their values at zero and at the unit vectors define them.
-Offline code: LAPACK, Clarabel.
+Clarabel, from the extra `design`, solves the problem in scaled states and in inputs for which R_e = I. The inequalities
+are given as functions. They are affine, so their values at zero and at the unit vectors define them. This code runs
+offline and uses LAPACK and Clarabel.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206; [2] S. Boyd, L. El Ghaoui, E. Feron, V. Balakrishnan, "Linear matrix inequalities
@@ -33,19 +33,19 @@ from trimtab.design.lqr import check_matrices, state_sizes
 from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 STRICT = 1e-7
-"""Least eigenvalue by which the scaled inequality in X, Y must hold."""
+"""Smallest eigenvalue with which the scaled inequality in X, Y must be satisfied."""
 STATES_SOLVED = 8
-"""Longest chain of integrators for which the solver finds a gain. A test solves this length."""
+"""Length of the longest chain of integrators for which the solver finds a gain, as shown by a test."""
 MatrixBlock = Callable[[Any], Any]
 """Affine function from variables (k,) to a symmetric matrix that must be positive semidefinite."""
 
 
 class LmiGain(NamedTuple):
-    """Gain of v = +K e.
+    """Gain K of v = +K e, from a linear matrix inequality.
 
-    K: (m, n).  P: (n, n), of the inequality.  poles: of A + B K (n,), by falling real part.  margin: smallest
-    eigenvalue of minus the inequality's left side, in the scaled X, Y.  least: smallest eigenvalue of the scaled X.
-    objective: minimised value.  status: the solver's status.
+    K: (m, n).  P: (n, n), the solution of the inequality.  poles: poles of A + B K (n,), by falling real part.  margin:
+    smallest eigenvalue of minus the inequality's left side, in the scaled X, Y.  least: smallest eigenvalue of the
+    scaled X.  objective: minimised value.  status: the solver's status.
     """
 
     K: Any
@@ -58,10 +58,10 @@ class LmiGain(NamedTuple):
 
 
 class SemidefiniteSolution(NamedTuple):
-    """Result of the solver.
+    """Solution of a semidefinite program.
 
-    x: variables (k,).  status: the solver's status, e.g. "Solved", "PrimalInfeasible".  objective: at x.  margins:
-    smallest eigenvalue of each block at x.
+    x: variables (k,).  status: the solver's status, e.g. "Solved", "PrimalInfeasible".  objective: value at x.
+    margins: smallest eigenvalue of each block at x.
     """
 
     x: Any
@@ -76,7 +76,7 @@ class SemidefiniteSolution(NamedTuple):
 
 
 def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: float = 0.0) -> LmiGain:
-    """Return the gain K of v = +K e and the P that proves it. Raise InputError with the reasons on failure.
+    """Return the gain K of v = +K e, and the P that proves stability. Raise InputError with the reasons on failure.
 
     Args:
         A: (n, n).
@@ -84,7 +84,7 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
         Qe: weight in the inequality (n, n), positive definite.
         Re: weight of the inputs (m, m), positive definite.
         scale: sizes of the states (n,); default: 1/sqrt of Qe's diagonal.
-        decay: errors decay faster than exp(-decay t) (1/s).
+        decay: required decay rate (1/s); errors decay faster than exp(-decay t).
 
     Source: [1] eq. 14, as scaled semidefinite program.
     """
@@ -126,7 +126,8 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
 
 
 def _inequality_blocks(A: Any, B: Any, Q: Any, decay: float) -> tuple[MatrixBlock, MatrixBlock, MatrixBlock]:
-    """Return the matrices that must be positive: minus the inequality, X, and the bound of R Y X^-1 Y'; scaled."""
+    """Return the scaled matrices that must be positive: minus the inequality's left side, X, and the bound of
+    R Y X^-1 Y'."""
     n, m = B.shape
     inner = np.linalg.inv(Q)
 
@@ -154,14 +155,14 @@ def _objective(z: Any, Q: Any, m: int) -> float:
 
 
 def _stuck_poles(A: Any, B: Any, decay: float) -> list[Any]:
-    """Return the poles that no input moves and that decay too slowly."""
+    """Return the poles that no input can move and that decay more slowly than `decay`."""
     return [p for p in uncontrollable_poles(A, B) if p.real >= -decay - 1e-9 * np.abs(A).max()]
 
 
 def _explain_infeasibility(
     solution: SemidefiniteSolution, blocks: list[MatrixBlock], A: Any, B: Any, decay: float
 ) -> str:
-    """Return the reasons for failure: poles that no input moves, and the violation of the inequality."""
+    """Return the reasons for failure as text: poles that no input moves, and the violation of the inequality."""
     reasons = [f"the solver reported {solution.status}"]
     stuck = _stuck_poles(A, B, decay)
     if stuck:

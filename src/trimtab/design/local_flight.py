@@ -2,8 +2,8 @@
 north-east-down.
 
 `vehicles.rigid_body` integrates in an inertial frame, in which level flight is not an equilibrium. For trim and linear
-models the same dynamics are expressed here in local coordinates, exactly, with the earth's rotation and curvature.
-Offline code.
+models, this module expresses the same dynamics exactly in local coordinates, with the earth's rotation and curvature.
+This code runs offline.
 """
 
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ from trimtab.vehicles.rigid_body import RigidBody, RigidBodyState
 
 @record
 class LocalFlightState:
-    """State of flight relative to the ground below. Frames: N north-east-down at the vehicle, B the body's axes.
+    """State of a vehicle relative to the ground below it. Frames: N is north-east-down at the vehicle, B the body axes.
 
     Source: Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., section 1.7.
     """
@@ -38,8 +38,8 @@ class LocalFlightState:
 class LocalFlight(NamedTuple):
     """Vehicle whose RigidBodyState is expressed as a LocalFlightState.
 
-    vehicle: the original vehicle.  earth: model of the earth.  path: path of the RigidBodyState in its state, "" if it
-    is the whole state.
+    vehicle: the original vehicle.  earth: model of the earth.  path: path of the RigidBodyState in the vehicle's state,
+    "" if the RigidBodyState is the whole state.
     """
 
     vehicle: Any
@@ -47,15 +47,15 @@ class LocalFlight(NamedTuple):
     path: str
 
     def to_local(self, t: Any, x: Any) -> Any:
-        """Convert the vehicle's state at t (s) to local coordinates."""
+        """Return the vehicle's state at the time t (s) in local coordinates."""
         return _with_record(x, self.path, self._localise(t, _record_at(x, self.path)))
 
     def to_inertial(self, t: Any, x: Any) -> Any:
-        """Convert a local state at t (s) to the vehicle's state."""
+        """Return the vehicle's state for a state in local coordinates at the time t (s)."""
         return _with_record(x, self.path, self._globalise(t, _record_at(x, self.path)))
 
     def dynamics(self, t: Any, x: Any, u: Any) -> Any:
-        """Return the derivative of the local state; t: seconds."""
+        """Return the time derivative of the local state at the time t (s)."""
         own = jax.tree.map(lambda v: jnp.asarray(v, jnp.float64), self.to_inertial(t, x))
         rate = jax.tree.map(
             lambda v, d: jnp.broadcast_to(jnp.asarray(d, jnp.float64), jnp.shape(v)),
@@ -87,7 +87,7 @@ class LocalFlight(NamedTuple):
 
 
 def fly_locally(vehicle: Any, x: Any, *, t: float = 0.0) -> tuple[Any, Any]:
-    """Convert a vehicle over the rotating earth and its state to local coordinates; return others unchanged."""
+    """Convert a vehicle over the rotating earth and its state to local coordinates; return other vehicles unchanged."""
     inside = [path for path, own in records(x) if isinstance(own, RigidBodyState)]
     bodies = [own for _, own in records(vehicle) if isinstance(own, RigidBody)]
     if len(inside) != 1 or not bodies:

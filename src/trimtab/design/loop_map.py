@@ -1,11 +1,11 @@
-"""Periodic linear map of a loop: poles, response where a command is broken, and margins of gain and delay.
+"""Periodic linear map of a loop: poles, response of the loop opened at a command, and margins of gain and delay.
 
     z(j+1) = A_j z(j) + B_j v(j)        c(j) = C_j z(j)        j = 0 … N-1, then again
 
-v = c closes the loop. Poles are those of the map over a period. Margins are the gain, or the delay in whole instants,
-between c and v that the loop tolerates, computed exactly from its poles. The response is that of the fundamental: the
-part of c(t) in exp(jwt) for v(t) = exp(jwt), without what sampling folds to other frequencies. `run.loop_linearisation`
-makes the map of a scenario.
+v = c closes the loop. Poles are those of the map over one period. Margins are the gain between c and v, or the delay in
+whole instants, that the loop tolerates. They are computed exactly from the poles. The response is that of the
+fundamental: the component exp(jwt) of c(t) for v(t) = exp(jwt). Components that sampling folds to other frequencies are
+left out. `run.loop_linearisation` makes the map of a scenario.
 
 Source: [1] S. Bittanti, P. Colaneri, "Periodic systems", Springer 2009, chapters 2 and 3; for folding [2] K. J. Åström,
 B. Wittenmark, "Computer-controlled systems", Prentice Hall 1997, chapter 7.
@@ -19,19 +19,20 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 DEADBEAT = 1e-6
-"""A pole of the map over one period below this size is memory that the period clears, and counts as zero."""
+"""Size of a pole of the map over one period, below which the pole counts as zero. Such a pole is memory that is cleared
+within the period."""
 ROUNDING = 1e-12
-"""As DEADBEAT, for periods long enough to clear all memory; smaller poles are rounding errors."""
+"""Size of a pole below which it is a rounding error, for maps whose period is long enough to clear all memory."""
 STABLE = 1e-6
-"""A loop is unstable if a pole's size exceeds 1 by more than this."""
+"""Largest excess of a pole's size over 1 at which a loop counts as stable."""
 
 
 class LoopMap(NamedTuple):
     """Linear map of a loop over one period: matrices A_j (N, n, n), B_j (N, n, m), C_j (N, m, n).
 
-    Data in transit have the same slots in every matrix. tick: time between instants (s).  states: names of z (n,).
-    commands: names of c.  idle (n,): True for states on which no command depends, e.g. a position or a clock.  slowest:
-    period of the slowest part (s).
+    Data in transit are states, with the same indices in every matrix.  tick: time between instants (s).  states: names
+    of z (n,).  commands: names of c.  idle (n,): True for states on which no command depends, e.g. a position or a
+    clock.  slowest: period of the loop's slowest part (s).
     """
 
     A: Any
@@ -45,14 +46,14 @@ class LoopMap(NamedTuple):
 
     @property
     def period(self) -> float:
-        """Period T = N tick (s), after which the matrices repeat."""
+        """Period T = N tick (s) of the loop, after which the matrices repeat."""
         return self.tick * len(self.A)
 
     def transition(self, gain: Any = 1.0, delay: int = 0) -> Any:
-        """Return the closed map over T of non-idle states and commands in transit; v = gain c of `delay` instants ago.
+        """Return the matrix of the closed loop over one period, for non-idle states and commands in transit.
 
         Args:
-            gain: a number, or one for each command (m,).
+            gain: factor between c and v: a number, or one for each command (m,).
             delay: number of instants between c and v.
         """
         keep = ~self.idle
@@ -68,21 +69,22 @@ class LoopMap(NamedTuple):
         return whole
 
     def poles(self) -> Any:
-        """Return the eigenvalues of the closed map over T, by falling size, without those of idle states."""
+        """Return the eigenvalues of the closed loop's map over one period, by falling size, without idle states."""
         poles = np.linalg.eigvals(self.transition())
         return poles[np.lexsort((-poles.imag, -np.abs(poles).round(12)))]
 
     @property
     def deadbeat(self) -> float:
-        """Size below which poles over T count as zero."""
+        """Size of a pole of the map over one period, below which the pole counts as zero."""
         return ROUNDING if len(self.A) > 4 * int((~self.idle).sum()) else DEADBEAT
 
     def growth(self, gain: Any = 1.0, delay: int = 0) -> float:
-        """Return the size of the largest pole over T; the loop is stable below 1."""
+        """Return the size of the largest pole of the map over one period; the loop is stable if it is below 1."""
         return float(np.abs(np.linalg.eigvals(self.transition(gain, delay))).max(initial=0.0))
 
     def response(self, w: Any) -> Any:
-        """Return -c/v at frequencies w (rad/s), complex (k, m, m); negative feedback, as in `loop_transfer`."""
+        """Return the loop's frequency response -c/v at frequencies w (rad/s), complex (k, m, m), for negative feedback
+        as in `loop_transfer`."""
         keep = ~self.idle
         A, B, C = self.A[:, keep][:, :, keep], self.B[:, keep], self.C[:, :, keep]
         n, m, N = A.shape[1], B.shape[2], len(A)
@@ -101,7 +103,7 @@ class LoopMap(NamedTuple):
         return np.array(values)
 
     def broken_loops(self, w: Any) -> Any:
-        """Return -c/v for each command's loop opened alone, at the frequencies w (rad/s): complex (k, m)."""
+        """Return -c/v of each command, with only its own loop opened, at frequencies w (rad/s): complex (k, m)."""
         whole = self.response(w)
         columns = []
         for i in range(whole.shape[1]):
@@ -112,13 +114,13 @@ class LoopMap(NamedTuple):
         return np.stack(columns, axis=1)
 
     def grid(self) -> Any:
-        """Return frequencies (rad/s) from the loop's slow motions up to half the rate of its slowest part."""
+        """Return frequencies (rad/s) from a tenth of the slowest pole to half the sampling rate of the slowest part."""
         high = math.pi / self.slowest
         slow = [abs(s) for s in self.continuous_poles() if abs(s) > 1e-6 * high]
         return np.geomspace(min(slow, default=1e-3 * high) / 10, high, 400)
 
     def continuous_poles(self) -> Any:
-        """Return log(pole)/T (1/s) of the non-zero poles, the equivalent continuous poles."""
+        """Return the equivalent continuous poles log(pole)/T (1/s) of the non-zero poles."""
         poles = self.poles()
         poles = poles[np.abs(poles) > self.deadbeat].astype(complex)
         return np.log(poles) / self.period
@@ -127,9 +129,10 @@ class LoopMap(NamedTuple):
 class LoopMargins(NamedTuple):
     """Margins of a loop, from its poles.
 
-    gain_up, gain_down: largest and smallest stable factor on all commands (inf or 0 without limit).  delay: largest
-    tolerated delay of the command, in whole instants (s; inf beyond the longest tried).  crossings: for each command's
-    loop opened alone: crossover frequencies (rad/s) with phase margins (rad), by the fundamental.
+    gain_up, gain_down: largest and smallest factor on all commands for which the loop is stable (inf or 0 without
+    limit).  delay: largest tolerated delay of the commands (s), a whole number of instants; inf if the longest delay
+    tried is tolerated.  crossings: command -> crossover frequencies (rad/s) and phase margins (rad) of the fundamental,
+    with only this command's loop opened.
     """
 
     gain_up: float
@@ -139,10 +142,10 @@ class LoopMargins(NamedTuple):
 
 
 def loop_margins(loop: LoopMap, *, longest: float = 1.0) -> LoopMargins:
-    """Compute gain and delay margins of a stable loop; raise InputError for an unstable one.
+    """Compute gain and delay margins of a stable loop; raise InputError if the loop is unstable.
 
     Args:
-        loop: the map.
+        loop: map of the loop.
         longest: largest delay tried (s).
     """
     if loop.growth() > 1 + STABLE:
@@ -163,7 +166,7 @@ def loop_margins(loop: LoopMap, *, longest: float = 1.0) -> LoopMargins:
 
 
 def find_crossings(loop: LoopMap) -> dict[str, tuple[tuple[float, float], ...]]:
-    """Return crossover frequency (rad/s) and phase margin (rad) of each command's loop, opened alone."""
+    """Return the crossover frequencies (rad/s) and phase margins (rad) of each command, with only its loop opened."""
     w = loop.grid()
     values = loop.broken_loops(w)
     crossings = {}
@@ -180,7 +183,10 @@ def find_crossings(loop: LoopMap) -> dict[str, tuple[tuple[float, float], ...]]:
 
 
 def _bisect_gain(loop: LoopMap, inside: float, outside: float) -> float:
-    """Return the gain between two factors at which the loop becomes unstable; infinite or 0 if it stays stable."""
+    """Return the gain, between a stable and an outer factor, at which the loop becomes unstable.
+
+    If the loop stays stable up to the outer factor, the result is infinite, or 0 for a falling gain.
+    """
     steps = np.geomspace(inside, outside, 40)[1:]
     for last, factor in zip((inside, *steps[:-1]), steps, strict=True):
         if loop.growth(factor) > 1 + STABLE:

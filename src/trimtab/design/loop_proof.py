@@ -1,15 +1,16 @@
 """Exact stability proofs of a whole loop: sampled, for all plants in a box, and inside the inputs' limits.
 
-The Lyapunov matrices are found in floats, with LAPACK only. The proof does not depend on how they are found: it checks
-them with every entry taken as the exact fraction of its float.
+The Lyapunov matrices are found in floats, with LAPACK only. The proof does not depend on this search: it checks each
+matrix with every entry taken as the exact fraction of its float.
 
     sampled:  rho^2 P - F'P F > 0                       rho < 1: z decays by rho in each period
-    box:      P (A + r I) + (A + r I)'P < 0 at every vertex, one P for all: it then holds in their convex hull, also
-              while the plant changes in it. P comes from the S-procedure: each parameter is a bounded feedback, with
-                            multipliers that minimise the loop around it; then a Riccati equation.
+    box:      P (A + r I) + (A + r I)'P < 0 at every vertex, with the same P. It then holds for all plants in the box,
+              also while the plant changes within the box. P comes from the S-procedure: each uncertain parameter is
+              taken as a bounded feedback, multipliers minimise the gain of the loop around these feedbacks, and a
+              Riccati equation gives P.
 
-    level:    |g z| < room wherever V(z) <= c, for each input with slope g: motions never leave the set where V falls,
-                  and no input saturates in it.
+    level:    |g z| < room wherever V(z) <= c, for each input with slope g. No input saturates in this set, and motions
+              that start in it never leave it, because V falls.
 
 Source: [1] S. Boyd, L. El Ghaoui, E. Feron, V. Balakrishnan, "Linear matrix inequalities in system and control theory",
 SIAM 1994, sections 5.1, 5.2, 6.1; proofs as in `exact`.
@@ -28,11 +29,13 @@ from trimtab.design.certificate import Certificate, ObserverPart
 from trimtab.design.proof import ProofCondition
 
 SHARE = 0.9
-"""Fraction of the slowest pole's decay rate that is proved for a sampled loop."""
+"""Decay rate proved for a sampled loop, as a fraction of the decay rate of its slowest pole."""
 LOOP_SIZE_MAX = 0.97
-"""Largest gain of the loop around the parameters for which the Riccati equation is solved."""
+"""Largest gain, of the loop around the uncertain parameters, that the search for multipliers accepts without trying to
+reduce it."""
 FREQUENCIES = np.concatenate([np.linspace(0.0, 40.0, 320), np.geomspace(40.0, 4000.0, 40)])
-"""Frequencies (rad/s) at which the loop around the parameters is evaluated. They only serve to find multipliers."""
+"""Frequencies (rad/s) at which the search for multipliers evaluates the loop around the uncertain parameters. The proof
+does not depend on these frequencies."""
 MEANING = "decay, 1/s"
 
 
@@ -42,7 +45,7 @@ def prove_sampled(F: Any, size: Any, period: float, names: Sequence[str]) -> Pro
     Args:
         F: (n, n).
         size: sizes of the states (n,), in which the Lyapunov matrix is found.
-        period: period (s).
+        period: time of one step of the loop (s).
         names: names of the states.
     """
     scaled = F * size / size[:, None]
@@ -64,7 +67,7 @@ def prove_sampled(F: Any, size: Any, period: float, names: Sequence[str]) -> Pro
 
 
 def prove_boxes(boxes: Sequence[Any], size: Any, rate: float, names: Sequence[str]) -> ProofCondition:
-    """Return the condition that the loop is stable for all plants in some boxes. Each box has its own Lyapunov matrix.
+    """Return the condition that the loop is stable for all plants in the given boxes, with one Lyapunov matrix per box.
 
     Args:
         boxes: for each box, the loop's matrices at its vertices (2^k, n, n), the last parameter changing fastest;
@@ -92,8 +95,8 @@ def prove_level(c: Certificate, o: ObserverPart, slope: Any, room: Any) -> Proof
     Args:
         c: certificate; its P gives the first term of V.
         o: the certificate's observer; its P_eta and weight give the second term of V.
-        slope: derivatives of the inputs by (e, e_eta), linear (m, n + k).
-        room: distance of the inputs at rest from their nearer limits (m,).
+        slope: derivatives of the inputs, which are linear, by (e, e_eta) (m, n + k).
+        room: distance of each input at rest from its nearer limit (m,).
     """
     n, meaning, how = len(c.A), "level of V", f"exact, {len(room)} inputs"
     if not (np.asarray(room) > 0).all():
@@ -136,7 +139,10 @@ def _first_broken(vertices: Any, P: Any, rate: float, names: Sequence[str]) -> s
 
 
 def _common_lyapunov(vertices: Any, rate: float, multipliers: Any) -> tuple[Any, Any]:
-    """Return P for a whole box, in floats, or None, and multipliers to start the next search. Source: [1] 5.1."""
+    """Return P for a whole box, in floats, or None if none is found, and the multipliers to start the next search from.
+
+    Source: [1] section 5.1.
+    """
     n, count = vertices.shape[-1], len(vertices).bit_length() - 1
     centre = vertices.mean(axis=0) + rate * np.eye(n)
     cube = vertices.reshape(*(2,) * count, n, n)
@@ -161,9 +167,9 @@ def _common_lyapunov(vertices: Any, rate: float, multipliers: Any) -> tuple[Any,
 
 
 def _search_multipliers(A: Any, H: Any, E: Any, start: Any) -> Any:
-    """Find multipliers of the parameters' feedback, so that the loop around them is below LOOP_SIZE_MAX if possible.
+    """Find multipliers for which the loop around the uncertain parameters has a gain below LOOP_SIZE_MAX, if possible.
 
-    The largest singular value over FREQUENCIES is convex in the multipliers' logarithms.
+    The gain is the largest singular value over FREQUENCIES. It is convex in the multipliers' logarithms.
     """
     k = len(E)
     if k < 2:
@@ -182,13 +188,13 @@ def _search_multipliers(A: Any, H: Any, E: Any, start: Any) -> Any:
 
 
 def _stop_early(intermediate_result: Any) -> None:
-    """Stop the search as soon as the loop is small enough."""
+    """Stop the search for multipliers as soon as the loop's gain is small enough."""
     if intermediate_result.fun < 0.9 * LOOP_SIZE_MAX:
         raise StopIteration
 
 
 def _multiply(M: Any, N: Any) -> Any:
-    """Multiply matrices of fractions whose denominators are powers of two, as in floats, through integers."""
+    """Multiply, as integers, two matrices of fractions whose denominators are powers of two."""
     powers = [max(v.denominator for v in X.ravel()) for X in (M, N)]
     a, b = (exact.as_integers(X, power) for X, power in zip((M, N), powers, strict=True))
     product, whole = a @ b, powers[0] * powers[1]

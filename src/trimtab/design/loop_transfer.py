@@ -1,6 +1,6 @@
-"""Transfer function L of a feedback loop, opened at the law's demand; negative feedback: 1 + L closes it.
+"""Transfer function L of a feedback loop, opened at the law's demand and closed by negative feedback.
 
-Offline code: LAPACK and scipy.
+This code runs offline and uses LAPACK and scipy.
 
 Source: [1] S. Skogestad, I. Postlethwaite, "Multivariable feedback control", Wiley 2005, sections 2.4 and 4.10.
 """
@@ -21,18 +21,18 @@ from trimtab.design.model import entry_names, model_of_vehicle, record_vector, u
 from trimtab.design.poles import balance_matrix, format_pole, sorted_poles, uncontrollable_poles
 
 PER_DECADE = 120
-"""Number of frequencies of `grid` in each decade."""
+"""Number of frequencies per decade at which a loop's frequency response is evaluated."""
 NEAR = np.geomspace(1e-3, 10, 40)
-"""Distances of extra frequencies from each pole, relative to the pole's damping."""
+"""Distances of extra frequencies from each pole's frequency, as factors of the pole's real part."""
 UNSTABLE = 1e-9
-"""A closed-loop pole is stable if it decays faster than this fraction of the largest entry of A."""
+"""Smallest decay rate of a stable closed-loop pole, as a fraction of the largest entry of A."""
 
 
 class FeedbackLoop(NamedTuple):
     """Feedback loop x' = A x + B e, y = C x + D e, closed by e = -y: L(s) = C (s I - A)^-1 B + D.
 
-    A: (n, n).  B: (n, m).  C: (m, n).  D: (m, m).  period: 0 for a continuous loop; otherwise the sampling period (s),
-    and x' means x at the next sample.
+    A: (n, n).  B: (n, m).  C: (m, n).  D: (m, m).  period: 0 for a continuous loop; otherwise the sampling period (s).
+    In a sampled loop, x' means x at the next sample.
     """
 
     A: Any
@@ -49,7 +49,7 @@ class FeedbackLoop(NamedTuple):
         return self.C @ np.linalg.solve(shifted, np.broadcast_to(self.B, (len(w), *self.B.shape))) + self.D
 
     def complementary_sensitivity(self) -> "FeedbackLoop":
-        """Return T = (I + L)^-1 L as A, B, C, D: from a disturbance of the demand to minus the loop's reaction."""
+        """Return T = (I + L)^-1 L, the response from a disturbance of the demand to minus the loop's reaction."""
         try:
             F = np.linalg.inv(np.eye(len(self.D)) + self.D)
         except np.linalg.LinAlgError as error:
@@ -58,7 +58,7 @@ class FeedbackLoop(NamedTuple):
         return FeedbackLoop(self.A - self.B @ F @ self.C, self.B @ F, F @ self.C, F @ self.D, self.period)
 
     def unstable_poles(self) -> tuple[complex, ...]:
-        """Return closed-loop poles that do not decay, except uncontrollable and unobservable ones."""
+        """Return the closed-loop poles that do not decay, without uncontrollable and unobservable poles."""
         T = self.complementary_sensitivity()
         A = balance_matrix(T.A)
         hidden = np.array([*uncontrollable_poles(T.A, T.B), *uncontrollable_poles(T.A.T, T.C.T), np.inf])
@@ -81,7 +81,7 @@ class FeedbackLoop(NamedTuple):
         return self
 
     def discretise(self, period: float) -> "FeedbackLoop":
-        """Return the sampled loop: every `period` (s) a computer samples y, and holds e until the next sample."""
+        """Return the sampled loop: a computer samples y every `period` (s) and holds e until the next sample."""
         from scipy.signal import cont2discrete
 
         if self.period or not (math.isfinite(period) and period > 0):
@@ -95,7 +95,7 @@ class FeedbackLoop(NamedTuple):
         return FeedbackLoop(A, B, C, D, float(period))
 
     def grid(self) -> Any:
-        """Return frequencies (rad/s) that resolve L and T: even in decades, and dense near poles."""
+        """Return frequencies (rad/s) at which to evaluate L and T: evenly spaced on a log scale, dense near poles."""
         poles: Any = np.concatenate([np.linalg.eigvals(self.A), np.linalg.eigvals(self.complementary_sensitivity().A)])
         if self.period:
             moved = np.where(np.abs(poles) > 1e-12, poles, 1e-12)
@@ -114,7 +114,7 @@ class FeedbackLoop(NamedTuple):
 
 
 def loop_of_polynomials(numerator: Any, denominator: Any) -> FeedbackLoop:
-    """Create the loop L(s) = numerator/denominator, coefficients by falling powers of s."""
+    """Create the loop L(s) = numerator/denominator. Coefficients are sorted by falling powers of s."""
     from scipy.signal import tf2ss
 
     whole = [np.atleast_1d(np.asarray(p, float)) for p in (numerator, denominator)]
@@ -148,14 +148,15 @@ def loop_of_gain(A: Any, B: Any, K: Any) -> FeedbackLoop:
 def loop_of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> FeedbackLoop:
     """Linearise the loop of a law and a vehicle at a state at which the demand is constant.
 
-    The law is a function of the estimated state alone: its memory is constant. For a law that switches, the result is
-    therefore the loop of one mode.
+    The law's internal state is held constant, so that the demand depends on the estimated state alone. For a law that
+    switches between modes, the result is the loop of one mode.
 
     Args:
         vehicle: anything with `dynamics(t, x, u)` whose input is the law's demand.
-        law: with `step(t, state, estimate)` -> (state, output), the output's field `demand` a record like the input.
+        law: anything with `step(t, state, estimate)` -> (state, output), where output.demand is a record like the
+            vehicle's input.
         x: state record, e.g. `law.equilibrium()`.
-        state: state of the law; default: that of its `init`.
+        state: internal state of the law; default: the state from `law.init`.
 
     Raises: InputError if the demand is not constant at x, because the vehicle then leaves the point.
     """

@@ -1,6 +1,6 @@
-"""State feedback by the linear quadratic regulator, and its dual, the steady Kalman-Bucy filter; both scaled.
+"""State feedback by the linear quadratic regulator, and its dual, the steady Kalman-Bucy filter.
 
-Offline code: LAPACK and scipy.
+Both are computed in scaled states. This code runs offline and uses LAPACK and scipy.
 
 Source: [1] B. D. O. Anderson, J. B. Moore, "Optimal control: linear quadratic methods", Prentice Hall 1990, chapters 2,
 3; [2] W. F. Arnold, A. J. Laub, "Generalized eigenproblem algorithms and software for algebraic Riccati equations",
@@ -18,26 +18,27 @@ from trimtab.design import exact
 from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 AXIS = 1e-9
-"""A pole's real part counts as zero up to this fraction of the largest entry of the scaled A."""
+"""Largest real part of a pole that counts as zero, as a fraction of the largest entry of the scaled A."""
 EXACT = 1e-11
-"""Newton's method stops at this relative residual of the Riccati equation."""
+"""Relative residual of the Riccati equation at which Newton's method stops."""
 RESIDUAL_MAX = 1e-9
 """Largest relative residual of the Riccati equation at which a gain is accepted."""
 BESIDE_WEIGHT = 3e-10
-"""If the Riccati residual exceeds this fraction of Q, one last step is made with an exact residual. In long chains of
-integrators the other terms are millions of times Q, and a certificate compares with Q."""
+"""Residual of the Riccati equation, as a fraction of Q, above which Newton's method makes one last step with an exact
+residual. In long chains of integrators the other terms of the equation are millions of times larger than Q, but a
+certificate compares the residual with Q."""
 STEPS_MAX = 8
 """Largest number of steps of Newton's method [3]."""
 SEEN = 1e-12
-"""Eigenvalues of Q, scaled to a unit diagonal, count as positive above this."""
+"""Smallest eigenvalue of Q, scaled to a unit diagonal, that counts as positive."""
 
 
 class Lqr(NamedTuple):
     """Regulator v = +K e that minimises the integral of e'Q e + v'R v.
 
-    K: (m, n), -R^-1 B'P, sign included.  P: (n, n); e'P e is the cost of a motion that starts at e.  poles: of A + B K
-    (n,), by falling real part.  residual: largest entry of A'P + P A - P B R^-1 B'P + Q, relative to the largest term,
-    scaled.
+    K: (m, n), -R^-1 B'P, sign included.  P: (n, n); e'P e is the cost of a motion that starts at e.  poles: poles of
+    A + B K (n,), by falling real part.  residual: largest entry of A'P + P A - P B R^-1 B'P + Q in scaled states,
+    relative to the largest term.
     """
 
     K: Any
@@ -47,9 +48,10 @@ class Lqr(NamedTuple):
 
 
 class KalmanBucy(NamedTuple):
-    """Filter x^' = A x^ + L (y - C x^) with the least steady covariance.
+    """Filter x^' = A x^ + L (y - C x^) with the smallest steady covariance.
 
-    L: (n, p), P C'R^-1.  P: (n, n) steady covariance.  poles: of A - L C (n,).  residual: as in `Lqr`.
+    L: (n, p), P C'R^-1.  P: (n, n) steady covariance.  poles: poles of A - L C (n,).  residual: relative residual of
+    the Riccati equation, as in `Lqr`.
     """
 
     L: Any
@@ -66,8 +68,8 @@ def lqr(A: Any, B: Any, Q: Any, R: Any, *, scale: Any = None) -> Lqr:
         B: (n, m).
         Q: weight of the states (n, n), positive semidefinite.
         R: weight of the inputs (m, m), positive definite.
-        scale: sizes of the states (n,), in which the equation is solved. Default: 1/sqrt of Q's diagonal, and 1 for
-            zeros.
+        scale: sizes of the states (n,), in units of which the equation is solved. Default: 1/sqrt of Q's diagonal, and
+            1 where the diagonal is zero.
 
     Source: [1] chapters 2, 3.
     """
@@ -98,16 +100,16 @@ def lqr(A: Any, B: Any, Q: Any, R: Any, *, scale: Any = None) -> Lqr:
 
 
 def _solve_riccati(A: Any, B: Any, Q: Any, sizes: tuple[Any, ...]) -> tuple[Any, float]:
-    """Return P of the scaled equation with R = I, and its relative residual; infinite without a stabilising solution.
+    """Return P of the scaled Riccati equation with R = I, and its relative residual.
 
     The equation is solved in several scalings of the states, until the residual is small. Newton's method [3] improves
-    each solution.
+    each solution. The residual is infinite if no stabilising solution is found.
     """
     best, least = np.zeros_like(Q), float("inf")
     for d in sizes:
         a, b, q = A * d / d[:, None], B / d[:, None], Q * np.outer(d, d)
         try:
-            with np.errstate(invalid="ignore"):  # SciPy's balancing asks for more than 2^63
+            with np.errstate(invalid="ignore"):  # SciPy's balancing overflows a 64-bit integer
                 X = solve_continuous_are(a, b, q, np.eye(b.shape[1]))
         except (np.linalg.LinAlgError, ValueError):
             continue
@@ -165,8 +167,8 @@ def kalman_bucy(A: Any, C: Any, Q: Any, R: Any, *, scale: Any = None) -> KalmanB
     Args:
         A: (n, n).
         C: (p, n).
-        Q: density of w (n, n).
-        R: density of n (p, p).
+        Q: density of the process noise w (n, n).
+        R: density of the measurement noise n (p, p).
         scale: sizes of the states (n,); default: 1.
 
     Source: [1] chapter 7, duality.
@@ -177,7 +179,8 @@ def kalman_bucy(A: Any, C: Any, Q: Any, R: Any, *, scale: Any = None) -> KalmanB
 
 
 def augment_integrals(A: Any, B: Any, rows: Any) -> tuple[Any, Any]:
-    """Return A (n + k, n + k) and B (n + k, m) of the states, followed by the integrals of the k states at `rows`."""
+    """Return A (n + k, n + k) and B (n + k, m) after the integrals of the k states with the indices `rows` are appended
+    to the states."""
     A, B, rows = np.asarray(A, float), np.asarray(B, float), np.asarray(rows, int)
     n, k = len(A), len(rows)
     longer, wider = np.zeros((n + k, n + k)), np.zeros((n + k, B.shape[1]))
@@ -187,7 +190,8 @@ def augment_integrals(A: Any, B: Any, rows: Any) -> tuple[Any, Any]:
 
 
 def check_matrices(part: str, A: Any, B: Any, Q: Any, R: Any) -> tuple[Any, Any, Any, Any]:
-    """Check that the matrices are finite and fit, Q and R symmetric, R positive definite; return them as floats."""
+    """Return the matrices as floats; raise InputError if a shape is wrong, an entry is not finite, Q or R is not
+    symmetric, or R is not positive definite."""
     A, B, Q, R = (np.atleast_2d(np.asarray(M, float)) for M in (A, B, Q, R))
     n, m = len(A), B.shape[1]
     for name, M, shape in (("A", A, (n, n)), ("B", B, (n, m)), ("Q", Q, (n, n)), ("R", R, (m, m))):
@@ -217,7 +221,7 @@ def check_matrices(part: str, A: Any, B: Any, Q: Any, R: Any) -> tuple[Any, Any,
 
 
 def state_sizes(part: str, scale: Any, Q: Any) -> Any:
-    """Return sizes of the states (n,): the given ones, or 1/sqrt of Q's diagonal."""
+    """Return the sizes of the states (n,): the given sizes, or 1/sqrt of Q's diagonal by default."""
     if scale is None:
         weight = np.diag(Q)
         return 1 / np.sqrt(np.where(weight > 0, weight, 1.0))

@@ -1,19 +1,21 @@
 """Margins of a loop against the link that closes it: constant delay, varying delay, lost packets.
 
-`delay_margin`: the largest constant delay, i.e. the least phase margin over crossover frequency of all crossovers.
+`delay_margin`: the largest constant delay. This is the smallest ratio of phase margin to crossover frequency over all
+crossovers.
 
-`jitter_margin`: the loop is stable for every delay that varies in [0, tau], in any way. The condition is sufficient,
-not necessary: larger variations may still be stable.
+`jitter_margin`: the largest tau for which the loop is proved stable for every delay that varies within [0, tau]. The
+condition is sufficient, not necessary: the loop may also be stable for larger variations.
 
 `mean_square`: spread of a controlled signal caused by lost packets.
 
-    x(k+1) = w(k) where the packet came,  a x(k) + w(k) where it was lost;   w white, of variance 1
+    x(k+1) = w(k) if the packet arrives,  a x(k) + w(k) if it is lost;   w white noise of variance 1
 
-Control that arrives removes x within one step; after a loss the step runs open. A packet is sent again up to
-`retransmissions` times within its step, each try lost with probability q. With one retransmission the step is lost with
-q^2, and E x^2 stays bounded if |a| q < 1. These functions allow any number of retransmissions; [1] has one.
+A command that arrives brings x to zero within one step. After a loss, the loop is open for one step. A packet is sent
+again up to `retransmissions` times within its step. Each try is lost with probability q. With one retransmission, a
+step gets no command with probability q^2, and E x^2 stays bounded if |a| q < 1. These functions allow any number of
+retransmissions; [1] has one.
 
-Offline code: LAPACK and scipy.
+This code runs offline and uses LAPACK and scipy.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section
 5.3.3, eqs. 5.2 and 5.3; [2] S. Skogestad, I. Postlethwaite, "Multivariable feedback control", Wiley 2005, section 2.4.3
@@ -32,13 +34,15 @@ from trimtab.core.errors import InputError
 from trimtab.design.loop_transfer import FeedbackLoop
 
 PEAKS, PEAK_SHARE_MIN = 12, 0.7
-"""PEAKS highest peaks on the grid are refined, if they exceed PEAK_SHARE_MIN times the highest."""
+"""Number of highest peaks on the frequency grid that are refined, and smallest size of a refined peak relative to the
+highest peak."""
 CROSSOVER_DISTANCES = np.geomspace(1e-6, 0.3, 60)
-"""Relative distances of extra frequencies from a crossover. T peaks there if the delay is near its margin."""
+"""Relative distances of extra frequencies from a crossover frequency. T has a peak near a crossover if the delay is
+near the delay margin."""
 
 
 class Crossover(NamedTuple):
-    """Crossover: frequency (rad/s) at which an eigenvalue of L has size 1, phase margin (rad), and their ratio (s)."""
+    """Crossover, at which an eigenvalue of L has size 1: frequency (rad/s), phase margin (rad), tolerated delay (s)."""
 
     frequency: float
     phase_margin: float
@@ -46,9 +50,11 @@ class Crossover(NamedTuple):
 
 
 class DelayMargin(NamedTuple):
-    """Delay margin: stable for every constant delay below `delay` (s; infinite if no delay destabilises).
+    """Delay margin of a loop.
 
-    crossovers: all crossovers, by rising delay. The first gives the margin; at that delay it is a pole pair.
+    delay: the loop is stable for every constant delay below this (s); infinite if no delay destabilises the loop.
+    crossovers: all crossovers, by rising delay. The first one gives the margin; at this delay, the closed loop has a
+    pair of poles on the imaginary axis, at the crossover frequency.
     """
 
     delay: float
@@ -58,7 +64,8 @@ class DelayMargin(NamedTuple):
 def delay_margin(loop: FeedbackLoop) -> DelayMargin:
     """Compute the delay margin of a continuous loop, for the same delay in all of its signals.
 
-    det(I + exp(-j w tau) L(j w)) = 0 requires an eigenvalue of L(j w) with size 1; then tau = phase margin / w.
+    A closed-loop pole at j w, det(I + exp(-j w tau) L(j w)) = 0, requires an eigenvalue of L(j w) with size 1. Then
+    tau = phase margin / w.
 
     Raises: InputError if the loop is sampled, or not stable without delay.
     """
@@ -78,13 +85,16 @@ def delay_margin(loop: FeedbackLoop) -> DelayMargin:
 
 
 def _eigenvalue_loci(loop: FeedbackLoop, w: Any) -> Any:
-    """Return the eigenvalues of L (len(w), m), by rising size, so that their sizes are continuous in w."""
+    """Return the eigenvalues of L (len(w), m), sorted by rising size, so that each column's size is continuous in w."""
     values = np.linalg.eigvals(loop.frequency_response(w))
     return np.take_along_axis(values, np.argsort(np.abs(values), axis=1), axis=1)
 
 
 def _crossings(loop: FeedbackLoop) -> list[tuple[float, int]]:
-    """Return (frequency, eigenvalue index) of each crossover. The grid is refined where a size turns back near 1."""
+    """Return (frequency, eigenvalue index) of each crossover.
+
+    The grid is refined where the size of an eigenvalue approaches 1 and turns back.
+    """
     from scipy.optimize import brentq
 
     solve: Any = brentq
@@ -105,7 +115,7 @@ def _crossings(loop: FeedbackLoop) -> list[tuple[float, int]]:
 
 
 def _insert_turning_points(w: Any, values: Any, function: Callable[[float], float]) -> tuple[Any, Any]:
-    """Insert into grid and values the extreme point wherever the values approach 0 and turn back."""
+    """Return grid and values, with a point added at each extremum where the values approach 0 and turn back."""
     from scipy.optimize import minimize_scalar
 
     side, rising = np.sign(values), np.diff(np.abs(values)) > 0
@@ -125,15 +135,16 @@ def _insert_turning_points(w: Any, values: Any, function: Callable[[float], floa
 
 
 def jitter_margin(loop: FeedbackLoop, *, delay: float = 0.0) -> float:
-    """Return tau (s): the loop is stable for every time-varying delay in [delay, delay + tau].
+    """Return the largest tau (s) for which the loop is proved stable for every time-varying delay in
+    [delay, delay + tau].
 
         |T(j w)| < 1/(tau w) for all w                                                              [3, theorem 1]
 
-    with T = (I + L e)^-1 L e, e = exp(-j w delay). For several signals, which all have the same delay, it is the
+    with T = (I + L e)^-1 L e, e = exp(-j w delay). For several signals, which all have the same delay, |T| is the
     largest singular value.
 
     Args:
-        loop: continuous.
+        loop: continuous loop.
         delay: constant part of the delay (s).
 
     Returns:
@@ -159,15 +170,15 @@ def jitter_margin(loop: FeedbackLoop, *, delay: float = 0.0) -> float:
 
 
 def jitter_margin_samples(loop: FeedbackLoop) -> float:
-    """Return N: the loop is stable for every whole number of periods in [0, N], varying from sample to sample.
+    """Return the bound N: the loop is stable for every delay of 0 to N whole periods that varies from sample to sample.
 
         |T(e^jw)| < 1/(N |e^jw - 1|) for all w                                                      [3, theorem 2]
 
     Args:
-        loop: sampled, see `FeedbackLoop.sampled`.
+        loop: sampled loop, see `FeedbackLoop.discretise`.
 
     Returns:
-        The bound as a real number; every whole N below it is safe.
+        The bound as a real number; every whole number of periods below the bound is safe.
 
     Raises: InputError if the loop is continuous, or not stable without delay.
     """
@@ -206,11 +217,11 @@ def _refine_peak(gain: Callable[[Any], Any], w: Any) -> float:
 
 
 def mean_square_growth(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
-    """Return the growth of E x^2 in one step: a^2 q^(1 + retransmissions); E x^2 is bounded if it is below 1.
+    """Return the growth factor of E x^2 in one step, a^2 q^(1 + retransmissions). E x^2 is bounded if it is below 1.
 
     Args:
         a: the plant's pole, per step; any shape.
-        q: probability that one try is lost, in [0, 1]; of a shape compatible with a's.
+        q: probability that one try is lost, in [0, 1]; its shape must broadcast with that of a.
         retransmissions: number of tries after the first.
     """
     a, q = np.asarray(a, float), np.asarray(q, float)
@@ -232,13 +243,13 @@ def mean_square_growth(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
 def mean_squares(a: float, q: float, steps: int, *, start: float = 0.0, retransmissions: int = 1) -> Any:
     """Return the mean square E[x^2] of the plant's state after 0, 1, …, `steps` steps, of shape (steps + 1,).
 
-    It is exact: E[x(k+1)^2] = growth * E[x(k)^2] + 1.
+    The values are exact: E[x(k+1)^2] = growth * E[x(k)^2] + 1.
 
     Args:
         a: the plant's pole, per step.
         q: probability that one try is lost.
         steps: number of steps.
-        start: E x(0)^2.
+        start: mean square at the start, E x(0)^2.
         retransmissions: number of tries after the first.
     """
     g = float(mean_square_growth(a, q, retransmissions=retransmissions))
@@ -250,15 +261,17 @@ def mean_squares(a: float, q: float, steps: int, *, start: float = 0.0, retransm
 
 
 def mean_square(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
-    """Return the limit of E x^2, 1/(1 - a^2 q^2) with one retransmission; infinite if it diverges [1, eq. 5.3]."""
+    """Return the limit of E x^2 after many steps, e.g. 1/(1 - a^2 q^2) with one retransmission; infinite if E x^2
+    diverges [1, eq. 5.3]."""
     g = mean_square_growth(a, q, retransmissions=retransmissions)
     return np.where(g < 1, 1 / np.where(g < 1, 1 - g, 1.0), np.inf)
 
 
 def critical_loss(a: Any, *, retransmissions: int = 1) -> Any:
-    """Return the loss probability q of a try from which E x^2 grows without bound: 1/|a| with one retransmission.
+    """Return the loss probability q of one try above which E x^2 grows without bound, e.g. 1/|a| with one
+    retransmission.
 
-    The result is 1 for a stable plant, whose E x^2 stays bounded at any loss.
+    The result is 1 for a stable plant, whose E x^2 stays bounded at any loss probability.
     """
     size = np.maximum(np.abs(np.asarray(a, float)), 1.0)
     return size ** (-2.0 / (1 + retransmissions))

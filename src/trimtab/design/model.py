@@ -1,6 +1,6 @@
 """State-space models of a vehicle, or of any x' = f(x, u), y = h(x, u): functions of vectors with named entries.
 
-All design tools use this form, so that they work for any vehicle. Offline code.
+All design tools use this form, so that they work for any vehicle. This code runs offline.
 
 Source: this module; the form is that of A. Isidori, "Nonlinear Control Systems", Springer 1995, chapter 5.
 """
@@ -24,9 +24,10 @@ Function = Callable[[Any, Any], Any]
 class StateSpaceModel(NamedTuple):
     """Model x' = f(x, u), y = h(x, u), with the names of all entries.
 
-    f: (x (n,), u (m,)) -> (n,).  h: -> (p,).  states, inputs, outputs: names.  x0, u0: the model's reference point.
-    state_record, input_record: records with the layout of the vectors, or None.  to_record: state vector -> record, if
-    the vector differs from the record's own numbers (`design.coordinates`), or None.
+    f: (x (n,), u (m,)) -> x' (n,).  h: (x, u) -> y (p,).  states, inputs, outputs: names.  x0, u0: the model's
+    reference point.  state_record, input_record: records with the layout of the vectors, or None.  to_record: function
+    from the state vector to the record, if the vector is in other coordinates than the record (`design.coordinates`),
+    or None.
     """
 
     f: Function
@@ -41,17 +42,17 @@ class StateSpaceModel(NamedTuple):
     to_record: Callable[[Any], Any] | None = None
 
     def state(self, x: Any) -> Any:
-        """Convert the state vector (n,) to the vehicle's record; return it unchanged without one."""
+        """Convert the state vector (n,) to the vehicle's state record; return the vector if the model has no record."""
         if self.to_record is not None:
             return jax.jit(self.to_record, compiler_options=FAST_COMPILE_OPTIONS)(jnp.asarray(x))
         return x if self.state_record is None else unpack_record(self.state_record, x)
 
     def input(self, u: Any) -> Any:
-        """Convert the input vector (m,) to the vehicle's record; return it unchanged without one."""
+        """Convert the input vector (m,) to the vehicle's input record; return the vector if the model has no record."""
         return u if self.input_record is None else unpack_record(self.input_record, u)
 
     def keep(self, inputs: Iterable[str] = (), outputs: Iterable[str] = ()) -> "StateSpaceModel":
-        """Return the model with only the given inputs and outputs; all if None. Other inputs are held at u0."""
+        """Return the model with only the given inputs and outputs; by default with all. Other inputs are held at u0."""
         j = np.array(find_indices(argument_name("inputs"), tuple(inputs) or self.inputs, self.inputs))
         k = np.array(find_indices(argument_name("outputs"), tuple(outputs) or self.outputs, self.outputs))
         held, f, h = jnp.asarray(self.u0), self.f, self.h
@@ -83,13 +84,13 @@ class StateSpaceModel(NamedTuple):
 
 @lru_cache(maxsize=32)
 def compile_functions(f: Function, h: Function) -> Callable[[Any, Any], tuple[Any, Any]]:
-    """Return the compiled function (x, u) -> f, h. It is compiled once per model."""
+    """Return the function (x, u) -> f, h. It is compiled once per model."""
     return jax.jit(lambda x, u: (f(x, u), h(x, u)), compiler_options=FAST_COMPILE_OPTIONS)
 
 
 @lru_cache(maxsize=32)
 def compile_slopes(f: Function, h: Function) -> Callable[[Any, Any], Any]:
-    """Return the compiled function (x, u) -> (df/dx, df/du), (dh/dx, dh/du). It is compiled once per model."""
+    """Return the function (x, u) -> (df/dx, df/du), (dh/dx, dh/du). It is compiled once per model."""
     slopes = [jax.jacfwd(function, argnums=(0, 1)) for function in (f, h)]
     return jax.jit(lambda x, u: tuple(slope(x, u) for slope in slopes), compiler_options=FAST_COMPILE_OPTIONS)
 
@@ -103,7 +104,7 @@ def entry_names(value: Any) -> tuple[str, ...]:
 
 
 def input_names(value: Any, states: Sequence[str]) -> tuple[str, ...]:
-    """Return `entry_names` of an input record; "u.rudder" if a state has the same name, as for a vehicle's servo."""
+    """Return the name of each entry of an input record, e.g. "rudder", or "u.rudder" if a state is named "rudder"."""
     return tuple(f"u.{name}" if name in states else name for name in entry_names(value))
 
 
@@ -115,7 +116,7 @@ def record_vector(value: Any) -> Any:
 
 
 def unpack_record(like: Any, values: Any) -> Any:
-    """Return the record `like` with its reals and angles from a vector (n,); angles stay unwrapped."""
+    """Return a copy of the record `like` with its reals and angles set from a vector (n,). Angles are not wrapped."""
     start, record = 0, like
     for path, old, _ in real_leaves(like):
         size = int(np.size(old))
@@ -138,13 +139,13 @@ def model_of_functions(
     """Create a model from functions of vectors.
 
     Args:
-        f: the derivative, (x (n,), u (m,)) -> (n,).
+        f: the derivative, (x (n,), u (m,)) -> x' (n,).
         states: n names.
         inputs: m names.
-        h: the outputs -> (p,); default: all states.
+        h: the outputs, (x, u) -> y (p,); default: all states.
         outputs: p names; default: "y0", "y1", …, or the states' names if h is not given.
-        x0: a state (n,); default: zeros.
-        u0: an input (m,); default: zeros.
+        x0: state at the model's reference point (n,); default: zeros.
+        u0: input at the model's reference point (m,); default: zeros.
     """
     x = np.zeros(len(states)) if x0 is None else np.asarray(x0, float)
     u = np.zeros(len(inputs)) if u0 is None else np.asarray(u0, float)
@@ -205,7 +206,7 @@ def model_of_vehicle(
 
 
 def find_indices(part: str, names: Iterable[str], known: Sequence[str]) -> list[int]:
-    """Return the indices of names among the known ones; raise InputError for an unknown or repeated name."""
+    """Return the index of each name in the list of known names; raise InputError for an unknown or repeated name."""
     places: list[int] = []
     for name in names:
         if name not in known:
@@ -219,7 +220,7 @@ def find_indices(part: str, names: Iterable[str], known: Sequence[str]) -> list[
 
 
 def format_combination(v: Any, names: Iterable[str]) -> str:
-    """Format a vector, largest entries first: "0.8 FX - 0.6 FY"; entries below 1 % of the largest are left out."""
+    """Format a vector as text, e.g. "0.8 FX - 0.6 FY". Entries below 1 % of the largest are left out."""
     pairs = sorted(zip(np.asarray(v), names, strict=True), key=lambda pair: -abs(pair[0]))
     sign = np.sign(pairs[0][0]) or 1.0
     text = ""
@@ -236,7 +237,7 @@ def _whole_state(x: Any, u: Any) -> Any:
 
 
 def real_leaves(value: Any) -> list[tuple[str, Any, Quantity]]:
-    """Return path, value and declaration of each real or angle in a record, in declared order."""
+    """Return path, value and declaration of each real number or angle in a record, in declared order."""
     return [(p, v, d) for p, v, d in leaves(value) if isinstance(d, Quantity) and d.kind in ("real", "angle")]
 
 
@@ -244,7 +245,7 @@ def _check_length(what: str, labels: Sequence[str], source: str, shape: tuple[in
     if len(set(labels)) != len(labels):
         raise InputError(f"model.{what}", f"{tuple(labels)} contains a name twice", fix="give each entry its own name")
     if shape != (len(labels),):
-        problem = f"{len(labels)} names for {source} of shape {shape}"
+        problem = f"got {len(labels)} names for {source} of shape {shape}"
         raise InputError(f"model.{what}", problem, fix=f"give a vector ({len(labels)},), or as many names as it has")
 
 

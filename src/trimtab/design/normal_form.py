@@ -5,13 +5,13 @@
 Coordinates and inputs are found by Newton's iteration and differentiated by the implicit function theorem. This works
 also for systems that are not affine in their inputs.
 
-`linear_normal_form` is its linearisation at a trim, from first derivatives only. With z = (xi, zeta) = phi(x) and
-v = w(x, u) the highest derivatives of the outputs, at a point where x' = f = 0
+`linear_normal_form` is the linearisation of the normal form at a trim, from first derivatives only. With
+z = (xi, zeta) = phi(x) and v = w(x, u) the highest derivatives of the outputs, at a point where x' = f = 0
 
     dz' = Phi (f_x - f_u W_u^-1 W_x) Phi^-1 dz + Phi f_u W_u^-1 dv        Phi = dphi/dx
 
-because the term with the second derivative of phi is multiplied by f. It equals `linearise(normal_form(…).model())`,
-but is quick, without iterations. Offline code: LAPACK.
+because the term with the second derivative of phi is multiplied by f. The result equals
+`linearise(normal_form(…).model())`, but needs no iterations. This code runs offline and uses LAPACK.
 
 Source: [1] A. Isidori, "Nonlinear Control Systems", Springer 1995, sections 4.1, 4.3, 5.1; the linearisation: derived
 here.
@@ -32,28 +32,29 @@ from trimtab.design.linearise import LinearModel
 from trimtab.design.model import StateSpaceModel, find_indices, model_of_functions
 
 AT_REST = 1e-8
-"""A derivative x' counts as zero up to this fraction of A times the states' sizes."""
+"""Largest state derivative that counts as zero at a trim, as a fraction of its row of A times the states' sizes."""
 EARLY = 1e-10
-"""An input affects an output's derivative if its slope exceeds this fraction of the largest slope by a state."""
+"""Slope of an output's derivative by an input, as a fraction of its largest slope by a state, above which the input
+counts as affecting the derivative."""
 SINGULAR = 1e-10
-"""A matrix, scaled to unit rows and columns, is singular up to this ratio of smallest to largest singular value."""
+"""Ratio of smallest to largest singular value up to which a matrix, scaled to unit rows and columns, is singular."""
 ROUNDING = 1e-13
-"""A state's influence on an output's derivative counts as zero up to this fraction of the other states' influence."""
+"""Influence of a state on an output's derivative that counts as zero, as a fraction of the other states' influence."""
 STEPS = 50
 """Maximum number of Newton steps."""
 SETTLED = 1e-9
-"""Newton's method makes one last step after a step below this, relative to max(1, |value|)."""
+"""Size of a Newton step, relative to max(1, |value|), at which the iteration has converged. One last step follows."""
 
 
 class NormalForm(NamedTuple):
-    """Coordinates around a point, and the functions between them, all traceable by jax.
+    """Normal form around a point: coordinates, and the functions between them, all traceable by jax.
 
     forward: x -> (xi, zeta).  backward: (xi, zeta) -> x.  invert: (x, v) -> u.  internal: (xi, zeta, v) -> zeta'.
-    backward and invert search from the point; they return NaN without a solution nearby. external, internals, virtual:
-    names of xi, e.g. ("h", "h'", "V"), zeta and v ("h''", "V'"). xi0, zeta0, v0, x0, u0: the point.  degree: relative
-    degree there. jacobian: dPsi/dzeta at the point (k, k), with v held.  condition: condition number of the scaled
-    d(xi, zeta)/dx. inputs_enter: internal coordinates whose derivatives contain the inputs (possible for states chosen
-    as zeta).
+    backward and invert search from the point; they return NaN if no solution is found nearby.  external: names of xi,
+    e.g. ("h", "h'", "V").  internals: names of zeta.  virtual: names of v, e.g. ("h''", "V'").  xi0, zeta0, v0, x0, u0:
+    the point.  degree: relative degree at the point.  jacobian: dPsi/dzeta at the point (k, k), with v held.
+    condition: condition number of the scaled d(xi, zeta)/dx.  inputs_enter: internal coordinates whose derivatives
+    contain the inputs (possible for states chosen as zeta).
     """
 
     forward: Callable[[Any], tuple[Any, Any]]
@@ -74,7 +75,7 @@ class NormalForm(NamedTuple):
     inputs_enter: tuple[str, ...]
 
     def model(self) -> StateSpaceModel:
-        """Return the system in these coordinates: states (xi, zeta), inputs v, outputs y."""
+        """Return the model in normal form: states (xi, zeta), inputs v, outputs y."""
         orders = [r for r in self.degree.degrees.values() if r is not None]
         total, ends = sum(orders), np.cumsum(orders, dtype=int)
         differentiated = np.flatnonzero(orders)
@@ -107,8 +108,8 @@ def normal_form(
         model: model with as many outputs as inputs.
         x: state: vector, record, or changes to the model's own point.
         u: input, likewise.
-        internal: names of the states that make zeta, or name -> function of x (n,). Default: the states that complete
-            xi best.
+        internal: names of the states that form zeta, or name -> function of x (n,). Default: the states that, together
+            with xi, make the best conditioned coordinates.
         radius: as in `relative_degree`.
 
     Source: [1] propositions 4.1.3 and 5.1.2.
@@ -169,7 +170,8 @@ def _coordinate_functions(
 def _linearise_internal(
     model: StateSpaceModel, zeta: Any, labels: Any, slope: Any, slopes: Any, point: Any
 ) -> tuple[Any, float, Any]:
-    """Return dPsi/dzeta at the point, condition number of the coordinates, and internal coordinates with inputs.
+    """Return dPsi/dzeta at the point, the condition number of the coordinates, and, for each internal coordinate, if
+    its derivative contains the inputs.
 
     slope: dxi/dx.  slopes: dv/dx and dv/du. With xi and v held, dx = S dzeta and du = -(dv/du)^-1 dv/dx dx.
     """
@@ -198,10 +200,10 @@ def _condition_of_coordinates(part: str, Phi: Any, labels: tuple[str, ...], fix:
 
 
 def _choose_internal(model: StateSpaceModel, slope: Any, choice: Any) -> tuple[tuple[str, ...], Any]:
-    """Return the names of the internal coordinates, and x -> zeta; slope: dxi/dx."""
+    """Return the names of the internal coordinates, and the function from x to zeta. slope: dxi/dx."""
     total, size = len(slope), len(model.states) - len(slope)
     if choice is None:
-        free = np.linalg.svd(equilibrate(slope))[2][total:]  # directions in which no output moves
+        free = np.linalg.svd(equilibrate(slope))[2][total:]  # directions in which xi does not change
         pivoted: Any = qr(free, pivoting=True) if size else (None, None, [])
         choice = tuple(model.states[i] for i in sorted(pivoted[2][:size]))
     labels = tuple(choice)
@@ -225,9 +227,9 @@ def _choose_internal(model: StateSpaceModel, slope: Any, choice: Any) -> tuple[t
 
 
 def solve_root(equation: Callable[[Any], Any], start: Any) -> Any:
-    """Find the root of a function of a vector near `start`, by Newton; NaN if the iteration does not settle.
+    """Find the root of a function of a vector near `start`, by Newton's method; NaN if the iteration does not converge.
 
-    The result is differentiable, by the implicit function theorem, in all variables that `equation` closes over.
+    By the implicit function theorem, the result is differentiable in all variables that `equation` closes over.
     """
 
     def newton(g: Any, z0: Any) -> Any:
@@ -240,7 +242,7 @@ def solve_root(equation: Callable[[Any], Any], start: Any) -> Any:
             return (carry[2] < STEPS) & (carry[1].max(initial=0.0) > SETTLED)
 
         z, moved, _ = jax.lax.while_loop(on, go, (z0, jnp.full_like(z0, jnp.inf), 0))
-        step = jnp.linalg.solve(jax.jacfwd(g)(z), g(z))  # once more, to rounding
+        step = jnp.linalg.solve(jax.jacfwd(g)(z), g(z))  # one last step, down to rounding errors
         return jnp.where(moved.max(initial=0.0) <= SETTLED, z - step, jnp.nan)
 
     def tangent(g: Any, y: Any) -> Any:
@@ -252,12 +254,14 @@ def solve_root(equation: Callable[[Any], Any], start: Any) -> Any:
 def linear_normal_form(
     model: StateSpaceModel, degrees: Mapping[str, int], internal: Iterable[str], x: Any = None, u: Any = None
 ) -> LinearModel:
-    """Return dz' = A dz + B dv with z = (outputs and their derivatives, internal states) and v the highest derivatives.
+    """Compute the linear normal form dz' = A dz + B dv at a trim.
+
+    z contains the outputs, their derivatives and the internal states; v contains the highest derivatives.
 
     Args:
         model: model with as many outputs as inputs.
-        degrees: output -> relative degree, from `relative_degree`; checked at the point.
-        internal: names of the states that complete the coordinates.
+        degrees: output -> relative degree, from `relative_degree`; checked at the trim.
+        internal: names of the internal states, which complete the coordinates.
         x: a trim: vector, record, or changes to the model's own point.
         u: the input at the trim, likewise.
     """
@@ -291,11 +295,11 @@ def linear_normal_form(
 def _output_orders(
     model: StateSpaceModel, degrees: Mapping[str, int], labels: tuple[str, ...]
 ) -> tuple[list[int], list[int]]:
-    """Return the degree of each output, and the indices of the internal states."""
+    """Return the relative degree of each output, and the indices of the internal states."""
     find_indices("linear_normal_form.degrees", degrees, model.outputs)
     orders = [degrees.get(n, 0) for n in model.outputs]
     if len(model.outputs) != len(model.inputs) or min(orders, default=0) < 1:
-        problem = f"got {len(model.outputs)} outputs, {len(model.inputs)} inputs, degrees {dict(degrees)}"
+        problem = f"outputs, inputs and degrees don't match: {len(model.outputs)}, {len(model.inputs)}, {dict(degrees)}"
         raise InputError(
             "linear_normal_form.degrees",
             problem,
@@ -309,7 +313,7 @@ def _output_orders(
 
 
 def _exact_chain_rows(A: Any, B: Any, chain: list[tuple[int, int]], orders: list[int]) -> tuple[Any, Any]:
-    """Return A and B with exact rows for the outputs and their derivatives, which are known by definition."""
+    """Return A and B with exact zeros and ones in the rows of outputs and their derivatives (integrator chains)."""
     for row, (i, k) in enumerate(chain):
         A[row], B[row] = 0.0, 0.0
         if k + 1 < orders[i]:

@@ -1,6 +1,6 @@
-"""Observability: the Gramian along a trajectory, scaled by the prior, and the rank of a constant pair.
+"""Observability: the Gramian along a trajectory, scaled by the prior, and the rank of a constant pair (A, C).
 
-Offline code: LAPACK.
+This code runs offline and uses LAPACK.
 
 Source: [7] Maybeck, "Stochastic models, estimation, and control", vol. 1, Academic Press 1979, section 5.7; [8] Ham,
 Brown, "Observability, eigenvalues, and Kalman filtering", IEEE Trans. AES 19 (1983), for scaling by the prior.
@@ -17,10 +17,10 @@ from trimtab.core.errors import InputError
 class Observability(NamedTuple):
     """Observability along a trajectory.
 
-    gramian: scaled (n, n).  singular: its singular values, falling; at 1 the measurements give as much information
-    about a direction as the prior.  rank: number of values above the tolerance.  hidden_directions: (n - rank, n),
-    unobservable directions, in units of the prior's sigmas.  remaining_sigmas: standard deviation of each state from
-    prior and measurements, in the state's unit (n,).
+    gramian: Gramian scaled by the prior sigmas (n, n).  singular: its singular values, falling; at a value of 1 the
+    measurements give as much information about a direction as the prior.  rank: number of singular values above the
+    tolerance.  hidden_directions: (n - rank, n), unobservable directions, in units of the prior sigmas.
+    remaining_sigmas: standard deviation of each state, given prior and measurements, in the state's unit (n,).
     """
 
     gramian: Any
@@ -31,11 +31,11 @@ class Observability(NamedTuple):
 
 
 class ConstantRank(NamedTuple):
-    """Observability of a constant pair.
+    """Observability of a constant pair (A, C).
 
-    rank: of the scaled observability matrix.  singular: its singular values, falling.  ratio: last over first.
-    hidden_directions: (n - rank, n), unobservable directions, in units of the scale.  time: unit (s) in which
-    derivatives are counted.
+    rank: rank of the scaled observability matrix.  singular: its singular values, falling.  ratio: last singular value
+    over first.  hidden_directions: (n - rank, n), unobservable directions, in units of the states' sizes.  time: unit
+    of time (s) in the scaled matrix.
     """
 
     rank: int
@@ -48,13 +48,13 @@ class ConstantRank(NamedTuple):
 def constant_rank(A: Any, C: Any, *, scale: Any = None, tolerance: float = 1e-9) -> ConstantRank:
     """Return the rank of [C; C A; C A^2; …] for x' = A x, y = C x, in units that make its rows comparable.
 
-    Without scaling, powers of fast poles hide the other rows. Time is counted in 1/|A|, states in their scale, and rows
-    of C by their length.
+    Without scaling, the powers of fast poles hide the other rows. Therefore the unit of time is 1/|A|, the unit of each
+    state is its size, and each row of C is divided by its length.
 
     Args:
         A: (n, n).
         C: (p, n).
-        scale: sizes of the states (n,); default: those that balance A.
+        scale: sizes of the states (n,); default: the sizes that balance A.
         tolerance: singular values below this share of the largest count as zero.
 
     Source: Kalman's rank condition.
@@ -64,7 +64,7 @@ def constant_rank(A: Any, C: Any, *, scale: Any = None, tolerance: float = 1e-9)
     if A.shape != (n, n) or C.shape[1] != n or not (np.isfinite(A).all() and np.isfinite(C).all()):
         problem = f"A {A.shape} and C {C.shape} must fit together and be finite"
         raise InputError("constant_rank", problem, fix="give (n, n) and (p, n)")
-    with np.errstate(invalid="ignore"):  # it casts scalings to integers internally
+    with np.errstate(invalid="ignore"):  # SciPy casts scale factors to integers
         balance: Any = matrix_balance(A, permute=False, separate=True)
     d = np.asarray(balance[1][0] if scale is None else scale, float)
     if d.shape != (n,) or not (np.isfinite(d) & (d > 0)).all():
@@ -86,11 +86,11 @@ def constant_rank(A: Any, C: Any, *, scale: Any = None, tolerance: float = 1e-9)
 
 
 def observability_gramian(transitions: Any, rows: Any, noises: Any) -> Any:
-    """Return the sum over k of Phi_k' H_k' R_k^-1 H_k Phi_k (n, n), Phi_k from the first instant to instant k.
+    """Return the Gramian, the sum over k of Phi_k' H_k' R_k^-1 H_k Phi_k (n, n). Phi_k leads from instant 0 to k.
 
     Args:
         transitions: (instants - 1, n, n), from each instant to the next.
-        rows: H at each instant (instants, m, n); zeros without a measurement.
+        rows: H at each instant (instants, m, n); zero at instants without a measurement.
         noises: R at each instant (instants, m, m).
 
     Source: [7] section 5.7, the information about the first state.
@@ -111,10 +111,11 @@ def observability_gramian(transitions: Any, rows: Any, noises: Any) -> Any:
 
 
 def observability(transitions: Any, rows: Any, noises: Any, sigmas: Any, *, tolerance: float = 1e-9) -> Observability:
-    """Return the singular values of the Gramian scaled by the prior sigmas, and the unobservable directions.
+    """Compute the singular values of the Gramian scaled by the prior sigmas, and the unobservable directions.
 
-    Scaling makes rad, m and m/s^2 comparable: a singular value s leaves 1/sqrt(1 + s) of the prior sigma along its
-    direction. Process noise is left out, so that for long flights the result is an upper limit of what a filter sees.
+    Scaling makes rad, m and m/s^2 comparable: along a direction with singular value s, the measurements reduce the
+    prior sigma by the factor 1/sqrt(1 + s). Process noise is left out. For long flights, the result is therefore an
+    upper limit of the information that a filter gains.
 
     Args:
         transitions, rows, noises: as in `observability_gramian`.

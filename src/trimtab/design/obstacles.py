@@ -1,4 +1,4 @@
-"""Floor with obstacles: clearance of a place, and the file with the obstacles' places.
+"""Floor with obstacles: distance of a place from the nearest obstacle, and the file that describes the floor.
 
 [floor]                              m; W, north and east
 north = [-4, 4]
@@ -62,7 +62,8 @@ class ObstacleFloor(NamedTuple):
     polygons: tuple[Any, ...] = ()
 
     def clearance(self, places: Any) -> Any:
-        """Return the distance (n,) of places (n, 2) from the nearest obstacle or edge; negative if not free."""
+        """Return the distance (n,) of places (n, 2) from the nearest obstacle or edge of the floor; negative inside an
+        obstacle or outside the floor."""
         p = np.asarray(places, np.float64)
         edges = [p[:, 0] - self.north[0], self.north[1] - p[:, 0], p[:, 1] - self.east[0], self.east[1] - p[:, 1]]
         circles = [np.hypot(p[:, 0] - n, p[:, 1] - e) - r for n, e, r in np.reshape(self.circles, (-1, 3))]
@@ -70,9 +71,9 @@ class ObstacleFloor(NamedTuple):
 
 
 class PlanTask(NamedTuple):
-    """Planning task: start and goal (m, W), the floor, and the radius of the craft.
+    """Planning task: start and goal (m, W), the floor, and the radius of the craft (m).
 
-    heading: of the nose at the start (rad); None: the initial direction of the route.
+    heading: heading of the nose at the start (rad); None for the initial direction of the route.
     """
 
     floor: ObstacleFloor
@@ -83,9 +84,9 @@ class PlanTask(NamedTuple):
 
 
 def read_task(path: str | Path) -> PlanTask:
-    """Read the task from a file.
+    """Return the planning task described by a file.
 
-    Raises: InputError for missing, unknown or impossible content, with the text to write.
+    Raises: InputError for missing, unknown or impossible content, with an example of valid text.
     """
     part = str(path)
     try:
@@ -100,7 +101,7 @@ def read_task(path: str | Path) -> PlanTask:
 
 
 def parse_task(content: Mapping[str, Any], part: str = "plan") -> PlanTask:
-    """Return the planning task from a file's content."""
+    """Return the planning task described by a file's content; raise InputError if the content is not valid."""
     for name in content:
         if name not in SECTIONS:
             near = closest(name, SECTIONS, 1)
@@ -144,7 +145,7 @@ def _is_number(value: Any) -> bool:
 def _number(section: Mapping[str, Any], part: str, name: str) -> float:
     value = section.get(name)
     if not _is_number(value):
-        raise InputError(part, f"{name} = {value!r} is not a number of metres", fix=f"{name} = 1.5")
+        raise InputError(part, f"{name} must be a number of metres, got {value!r}", fix=f"{name} = 1.5")
     return float(value)  # pyright: ignore[reportArgumentType]
 
 
@@ -169,7 +170,7 @@ def _corners(section: Mapping[str, Any], part: str) -> Any:
 
 
 def _angle(value: Any, part: str) -> float:
-    """Return an angle in rad, from a number in rad or a text with a unit."""
+    """Convert a number (rad), or a text with a unit such as "90 deg", to an angle in rad."""
     number, _, unit = str(value).partition(" ")
     size = find_size(unit or "rad", "rad")
     try:
@@ -177,12 +178,12 @@ def _angle(value: Any, part: str) -> float:
     except ValueError:
         angle = np.nan
     if not np.isfinite(angle):
-        raise InputError(part, f"{value!r} is not an angle", fix='heading = "90 deg"')
+        raise InputError(part, f"must be an angle, got {value!r}", fix='heading = "90 deg"')
     return angle
 
 
 def _polygon_distance(corners: Any, p: Any) -> Any:
-    """Return the signed distance (n,) of places from a polygon; negative inside."""
+    """Return the distance (n,) of places p (n, 2) from a polygon's boundary; negative inside the polygon."""
     a, b = corners, np.roll(corners, -1, axis=0)
     along = b - a
     square = np.maximum((along**2).sum(axis=1), 1e-300)

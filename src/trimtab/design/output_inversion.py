@@ -1,10 +1,10 @@
-"""Output inversion: state and input of any vehicle whose outputs follow a course exactly, even if non-minimum phase.
+"""Output inversion: state and input for which a vehicle's outputs follow a course exactly, even if non-minimum phase.
 
-In the normal form the outputs and their derivatives are given. The rest, zeta' = Psi(xi, zeta, v), is solved for its
-bounded solution. That solution takes unstable modes from the future, and therefore moves before the outputs do. Places
-(e.g. north, east), on which no other rate depends, are integrated from their initial value. A slow mode, as of speed,
-is taken from the past if it is stable, and from the future otherwise. The result is a feedforward next to a feedback.
-Offline code.
+In the normal form the outputs and their derivatives are given. The internal dynamics zeta' = Psi(xi, zeta, v) are
+solved for their bounded solution. In this solution, stable modes depend on the past. Unstable modes depend on the
+future, so that the vehicle moves before its outputs do. The same holds for slow modes, e.g. that of the speed. Places
+(e.g. north, east), on which no other derivative depends, are integrated from their initial value. The result is a
+feedforward for use with a feedback. This code runs offline.
 
 Source: S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
 Control 41(7), 1996.
@@ -26,14 +26,16 @@ from trimtab.design.stable_inversion import ON_AXIS, BoundedSolution, bounded_so
 
 
 class Course(NamedTuple):
-    """Course of outputs. times: (k,) (s).  derivatives: output -> its values and time derivatives (order + 1, k)."""
+    """Desired course of outputs. times: (k,) (s).  derivatives: output -> value and derivatives (order + 1, k)."""
 
     times: Any
     derivatives: Mapping[str, Any]
 
 
 class Inversion(NamedTuple):
-    """Result. times (k,) (s).  x: states (k, n).  u: inputs (k, m).  internal: bounded solution.  form: normal form."""
+    """State and input along a course. times: (k,) (s).  x: states (k, n).  u: inputs (k, m).  internal: bounded
+    solution of the internal dynamics.  form: normal form.
+    """
 
     times: Any
     x: Any
@@ -43,16 +45,18 @@ class Inversion(NamedTuple):
 
 
 class InternalMode(NamedTuple):
-    """Mode of the internal dynamics. pole: (1/s).  states: names of the states that take part."""
+    """Mode of the internal dynamics. pole: (1/s).  states: names of the states that participate, as text."""
 
     pole: complex
     states: str
 
 
 def internal_modes(form: NormalForm) -> tuple[tuple[str, ...], tuple[InternalMode, ...]]:
-    """Return the names of the internal places of a normal form, and the modes of its other internal coordinates.
+    """Return the names of the places among a normal form's internal coordinates, and the modes of the others.
 
-    Raises: InputError if a mode on the imaginary axis feeds back, because the bounded solution is then not unique.
+    Places are coordinates, e.g. north, on which no other derivative depends.
+
+    Raises: InputError if a mode lies on the imaginary axis, because the bounded solution is then not unique.
     """
     places = find_places(form.jacobian)
     rest = [i for i in range(len(form.internals)) if i not in places]
@@ -78,9 +82,9 @@ def smooth_course(
 
     Args:
         times: (k,) (s), evenly spaced.
-        changes: output -> (first, last).
-        begin, end: times of the change (s).
-        order: number of derivatives, at least the relative degree.
+        changes: output -> (initial value, final value).
+        begin, end: times (s) at which the change begins and ends.
+        order: number of derivatives, at least the relative degree of each output.
     """
     times = np.asarray(times, float)
     if not times[0] <= begin < end <= times[-1]:
@@ -89,7 +93,7 @@ def smooth_course(
             f"begin and end must lie within the grid, with begin before end; got {begin} and {end} s",
             fix="choose begin and end within times",
         )
-    q = order + 1  # t^q (1 - t)^q integrated: q derivatives vanish at both ends
+    q = order + 1  # the integral of t^q (1 - t)^q has q derivatives that vanish at t = 0 and t = 1
     shape = np.polynomial.Polynomial([0.0] * q + [1.0]) * np.polynomial.Polynomial([1.0, -1.0]) ** q
     rise = shape.integ()
     rise = rise / rise(1.0)
@@ -105,15 +109,16 @@ def smooth_course(
 def invert_output(
     model: StateSpaceModel, course: Course, *, end: tuple[Any, Any] | None = None, tolerance: float = 1e-9
 ) -> Inversion:
-    """Compute state and input along a course of all outputs.
+    """Compute the state and input for which all outputs follow a course.
 
     Args:
         model: model with as many inputs as outputs; its point is the equilibrium at the beginning of the course.
-        course: for each output at least as many derivatives as its relative degree; evenly spaced.
-        end: x (n,), u (m,) of the equilibrium at the end. Default: internal coordinates as at the beginning.
+        course: course of all outputs at evenly spaced times, each with at least as many derivatives as its relative
+            degree.
+        end: x (n,), u (m,) of the equilibrium at the end. Default: the internal coordinates end as they begin.
         tolerance: as in `bounded_solution`.
 
-    Raises: InputError without a relative degree, or if the iteration does not settle.
+    Raises: InputError if the model has no relative degree, or if the iteration does not converge.
     Source: this module's.
     """
     form = normal_form(model)

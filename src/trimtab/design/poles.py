@@ -1,6 +1,6 @@
-"""Eigenvalues of a matrix: sorted, as text, with the states that take part, and those that no input moves.
+"""Eigenvalues of a matrix: sorting, text, participation of the states, and uncontrollable eigenvalues.
 
-Offline code: LAPACK. No JAX, because certificates are proved without it.
+This code runs offline and uses LAPACK. It does not use JAX, because certificates are proved without JAX.
 
 Source: [1] I. J. Pérez-Arriaga, G. C. Verghese, F. C. Schweppe, "Selective modal analysis", IEEE Trans. PAS 101 (1982).
 """
@@ -11,10 +11,10 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs, schur, solve_sylvester
 
 UNCONTROLLABLE = 1e-9
-"""A pole s is uncontrollable if the singular values of the scaled [s I - A, B] have a ratio below this."""
+"""Ratio of smallest to largest singular value of the scaled [s I - A, B] below which the pole s is uncontrollable."""
 
 COLUMN = 1e-12
-"""A column of B shorter than this fraction of the longest column may be rounding."""
+"""Length of a column of B, as a fraction of the longest column, below which the column may be a rounding error."""
 
 
 def sorted_poles(A: Any) -> Any:
@@ -29,18 +29,18 @@ def format_pole(pole: complex) -> str:
 
 
 def balance_matrix(A: Any) -> Any:
-    """Return A after scaling of the states by powers of two, so that rows and columns have similar size."""
+    """Return A with its states scaled by powers of two, so that its rows and columns have similar sizes."""
     if not np.size(A):
         return np.asarray(A, float)
     balance: Any = get_lapack_funcs("gebal", (np.asarray(A, float),))
-    return balance(A, scale=1, permute=0)[0]  # matrix_balance warns if rounding asks for more than 2^63
+    return balance(A, scale=1, permute=0)[0]  # matrix_balance would warn of scale factors above 2^63
 
 
 def participation(A: Any, pole: complex, distance: float) -> Any:
     """Return the participation (n,) of each state in the poles within `distance` of a given pole.
 
-    It is the diagonal of the spectral projector. For a single pole this is a product of left and right eigenvectors
-    [1]. Poles that coincide, for which eigenvectors fail, are treated together.
+    The participation is the diagonal of the spectral projector, scaled to a sum of 1. For a single pole it is the
+    product of left and right eigenvectors [1]. Coinciding poles, for which eigenvectors fail, are treated together.
     """
     ordered: Any = schur(A, output="complex", sort=lambda s: abs(s - pole) <= distance)
     T, Q, k = ordered
@@ -53,8 +53,8 @@ def uncontrollable_poles(A: Any, B: Any) -> tuple[complex, ...]:
     """Return the eigenvalues of the scaled A (n, n) that are uncontrollable by B (n, m). Source: Popov, Belevitch,
     Hautus.
 
-    The result does not depend on the units of the inputs: each column of B is scaled to the size of A. A column below
-    COLUMN times the longest may be rounding and stays small.
+    The result does not depend on the units of the inputs, because each column of B is scaled to the size of A. A column
+    shorter than COLUMN times the longest column may be a rounding error, and stays small.
     """
     n = len(A)
     columns = np.linalg.norm(B, axis=0)

@@ -1,8 +1,9 @@
-"""Polynomials with exact coefficients, on which a law's own code can run.
+"""Polynomials with exact coefficients, on which the code of a control law can run.
 
-A law or a vehicle that only adds, multiplies, and divides by single terms can run on polynomials instead of numbers.
-The result is the code's own polynomial, so that proofs about it are proofs about the code. Powers may be negative for
-names that never vanish, e.g. k1/m u. A float is taken as the decimal that is written: 2.6 is 13/5.
+The code of a law or a vehicle that only adds, multiplies, and divides by single terms can run on polynomials instead of
+numbers. The result is the polynomial that the code computes, so that a proof about the polynomial is a proof about the
+code. Names that are never zero may have negative powers, e.g. k1/m u. A float is taken as the decimal that is written:
+2.6 is 13/5.
 
 Source: this module.
 """
@@ -27,11 +28,11 @@ HIGHEST_POWER, MOST_TERMS = 12, 20
 class Polynomial:
     """Sum of terms, each a Fraction times powers of names. Immutable; compares by value.
 
-    terms: monomial -> coefficient, none of them zero.
+    terms: monomial -> coefficient, without zero coefficients.
     """
 
     __slots__ = ("terms",)
-    __array_ufunc__ = None  # NumPy's numbers leave the operation to this class
+    __array_ufunc__ = None  # so that NumPy's numbers use this class's operators
 
     def __init__(self, terms: Mapping[Monomial, Fraction]) -> None:
         self.terms = {m: c for m, c in terms.items() if c != 0}
@@ -95,14 +96,14 @@ class Polynomial:
         return frozenset(name for m in self.terms for name, _ in m)
 
     def reciprocal(self) -> "Polynomial":
-        """Return 1/p of a single term; raise ArithmeticError for a polynomial with several terms."""
+        """Return 1/p; raise ArithmeticError if the polynomial p does not consist of a single term."""
         if len(self.terms) != 1:
             raise ArithmeticError(f"1/({self}) is not a polynomial; only a single term can be a divisor")
         ((m, c),) = self.terms.items()
         return Polynomial({tuple((name, -power) for name, power in m): 1 / c})
 
     def derivative(self, name: str) -> "Polynomial":
-        """Return the partial derivative by a name."""
+        """Return the partial derivative with respect to a name."""
         terms: dict[Monomial, Fraction] = {}
         for m, c in self.terms.items():
             power = dict(m).get(name, 0)
@@ -112,7 +113,7 @@ class Polynomial:
         return Polynomial(terms)
 
     def substitute(self, values: Mapping[str, "Polynomial"]) -> "Polynomial":
-        """Replace names by polynomials, all at the same time."""
+        """Return the polynomial with names replaced by polynomials, all at the same time."""
         total = constant(0)
         for m, c in self.terms.items():
             kept = tuple((name, power) for name, power in m if name not in values)
@@ -124,7 +125,7 @@ class Polynomial:
         return total
 
     def collect(self, names: Iterable[str]) -> dict[Monomial, "Polynomial"]:
-        """Return monomial in these names -> coefficient, a polynomial in the other names."""
+        """Return the coefficient of each monomial in the given names, as a polynomial in the other names."""
         chosen, parts = frozenset(names), {}
         for m, c in self.terms.items():
             inner = tuple(p for p in m if p[0] in chosen)
@@ -133,13 +134,13 @@ class Polynomial:
         return {inner: Polynomial(terms) for inner, terms in parts.items()}
 
     def sign(self, positive: Iterable[str]) -> int:
-        """Return 1 or -1 if all coefficients have that sign and all names are positive; otherwise 0 (undecided)."""
+        """Return the common sign of all coefficients, 1 or -1, if all names are positive; otherwise 0 (undecided)."""
         signs = {1 if c > 0 else -1 for c in self.terms.values()}
         return signs.pop() if len(signs) == 1 and self.names <= frozenset(positive) else 0
 
 
 def constant(value: Any) -> Polynomial:
-    """Convert a number to a polynomial: integers and Fractions exactly, floats as the decimal that is written."""
+    """Convert a number to a constant polynomial: integers and Fractions exactly, floats as the decimal as written."""
     if isinstance(value, Fraction):
         return Polynomial({(): value})
     number = np.asarray(value).item()
@@ -159,7 +160,7 @@ def as_polynomial(value: Any) -> Polynomial:
 
 
 def lie_derivative_of(p: Polynomial, field: Mapping[str, Polynomial]) -> Polynomial:
-    """Return dp/dt along x' = field(x); names without a rate in the field are constant."""
+    """Return dp/dt along x' = field(x). Names without a derivative in the field are constant."""
     return sum((p.derivative(name) * rate for name, rate in field.items()), constant(0))
 
 
@@ -176,20 +177,20 @@ def format_polynomial(p: Polynomial) -> str:
 
 
 def _place_of_term(term: tuple[Monomial, Fraction]) -> Any:
-    """Return a sort key: whole terms first, high powers before low ones."""
+    """Return a sort key for printing: terms without negative powers first, high powers before low ones."""
     m, _ = term
     return any(power < 0 for _, power in m), -sum(abs(power) for _, power in m), m
 
 
 def parse_polynomial(text: Any, part: str, names: Iterable[str]) -> Polynomial:
-    """Read a polynomial from text with + - * / ^ and parentheses.
+    """Parse a polynomial from text with + - * / ^ and parentheses.
 
     Args:
         text: e.g. "k2*(v - d*r)^2".
-        part: name used in errors.
+        part: name of the input, for error messages.
         names: allowed names.
 
-    Raises: InputError for other text; nothing in the text is ever executed.
+    Raises: InputError for any other text. The text is never executed as code.
     """
     names = tuple(names)
     fix = "write e.g. k2*(v - d*r)^2"

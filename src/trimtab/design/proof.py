@@ -1,5 +1,5 @@
-"""Proofs as lists of conditions: each condition is evaluated by itself and gives a number. Definiteness is proved
-without rounding.
+"""Proofs as lists of conditions. Each condition is evaluated independently and results in a number. Definiteness is
+proved without rounding.
 
 Source: this module; proofs of definiteness as in `exact`.
 """
@@ -16,14 +16,14 @@ from trimtab.core.errors import InputError
 from trimtab.design import exact
 
 IDENTITY_ERROR_MAX = 1e-9
-"""Largest accepted error of an identity (e.g. a Riccati equation, K = -R_e^-1 B'P), relative to a scaled term."""
+"""Largest accepted error of an identity (e.g. a Riccati equation), relative to one of its terms, both scaled."""
 
 
 class ProofCondition(NamedTuple):
-    """One condition of a proof.
+    """One condition of a proof, and its result.
 
     name: the condition.  holds: True if proved.  number: margin, deviation or value.  meaning: meaning of the number.
-    how: method. why: reason for failure, or a remark.
+    how: method.  why: reason for failure, or a remark.
     """
 
     name: str
@@ -35,7 +35,7 @@ class ProofCondition(NamedTuple):
 
 
 class CertificateProof(NamedTuple):
-    """All conditions of a proof. holds: True if every condition holds."""
+    """Result of a proof: all conditions. holds: True if every condition holds."""
 
     conditions: tuple[ProofCondition, ...]
     holds: bool
@@ -46,7 +46,7 @@ Line = tuple[str, Callable[[], ProofCondition]]
 
 
 def evaluate_lines(lines: Iterable[Line]) -> CertificateProof:
-    """Evaluate each condition, whatever the others give. A condition that can't be computed fails, with the reason."""
+    """Evaluate all conditions, even after one has failed. A condition that can't be computed fails, with the reason."""
     conditions = []
     for name, compute in lines:
         try:
@@ -61,9 +61,9 @@ def evaluate_lines(lines: Iterable[Line]) -> CertificateProof:
 
 
 def version_line(written: str) -> Line:
-    """Return the condition that this version wrote the certificate.
+    """Return the condition that this version of the package wrote the certificate.
 
-    A certificate of another version cannot be proved, because the conditions belong to this version.
+    A certificate of another version can't be proved, because the conditions may differ between versions.
     """
     same = written == __version__
     why = (
@@ -81,8 +81,8 @@ def definite_condition(M: Any, names: Sequence[str], unit: Any = None, label: st
 
     Args:
         M: matrix of floats or of Fractions; the condition fails if it is not symmetric.
-        names: names of its rows.
-        unit: positive definite unit of the margin; default: M's own diagonal.
+        names: names of the matrix's rows.
+        unit: positive definite matrix that is the unit of the margin; default: the diagonal of M.
         label: name of the unit, for the report.
     """
     meaning = f"margin in {label}"
@@ -102,7 +102,7 @@ def definite_condition(M: Any, names: Sequence[str], unit: Any = None, label: st
     lowest = _smallest_eigenvalue(M, unit)
     margin = (
         float(f"{0.99 * lowest:.2e}") if np.isfinite(lowest) else 0.0
-    )  # so that the number shown is the number proved
+    )  # rounded, so that the proved margin is the margin that is printed
     if not (margin > 0 and exact.prove_definite(M - Fraction(margin) * unit).holds):
         return ProofCondition(
             "", True, 0.0, meaning, proof.how, "positive definite; the margin is below the resolution of floats"
@@ -114,7 +114,7 @@ def identity_condition(apart: Any, term: Any, names: tuple[Sequence[str], Sequen
     """Return the condition that an identity holds.
 
     Args:
-        apart: difference that should be zero, scaled.
+        apart: difference of the identity's two sides, scaled.
         term: one of the identity's terms, scaled.
         names: names of rows and columns.
     """
@@ -134,6 +134,6 @@ def _smallest_eigenvalue(M: Any, unit: Any) -> float:
     b = b / np.outer(size, size) if np.diag(b).all() else np.eye(len(a))
     try:
         values: Any = eigh(a / np.outer(size, size), b, eigvals_only=True)
-    except (np.linalg.LinAlgError, ValueError):  # positive, but not in floats
+    except (np.linalg.LinAlgError, ValueError):  # the unit is positive definite exactly, but not in floats
         return float("nan")
     return float(values[0])

@@ -1,6 +1,6 @@
-"""Hover of a multirotor that has lost a rotor and gives up yaw control: it spins about an axis that points down.
+"""Hover of a multirotor after the loss of a rotor, without yaw control: the craft spins about an axis that points down.
 
-Offline code: scipy.
+This code runs offline and uses scipy.
 
 [1] is M. W. Mueller, R. D'Andrea, "Stability and control of a quadrocopter despite the complete loss of one, two, or
 three propellers", ICRA 2014.
@@ -18,11 +18,11 @@ from trimtab.core.record import FAST_COMPILE_OPTIONS, to_arrays
 from trimtab.vehicles.quadrotor import Multirotor, MultirotorState, RotorSpeeds
 
 RESIDUAL = 1e-9
-"""Largest accepted residual of a force (moment), relative to the weight (its moment at the longest arm)."""
+"""Largest accepted residual: of a force, relative to the weight; of a moment, relative to weight times longest arm."""
 
 
 class RelaxedHover(NamedTuple):
-    """Steady spin without one rotor.
+    """Steady spin of a multirotor that has lost one rotor.
 
     axis: unit vector in B (3,) that points down during the spin. rate: angular velocity in B (3,) (rad/s), along axis.
     thrusts: thrust of each rotor (n,) (N), 0 for the lost rotor.
@@ -38,10 +38,10 @@ def find_relaxed_hover(craft: Multirotor, lost: int, ratio: float = 0.5) -> Rela
 
     Args:
         craft: a quadrotor.
-        lost: index of the rotor.
-        ratio: thrust of the opposite rotor, relative to each of the two others.
+        lost: index of the lost rotor.
+        ratio: thrust of the rotor opposite the lost one, relative to the thrust of each of the other two.
 
-    Raises: InputError if the craft has no drag about z, has not four rotors, or no such spin exists.
+    Raises: InputError if the craft has no drag about z or does not have four rotors, or if no such spin is found.
     """
     spins = np.asarray(craft.rotors.spins)
     if len(spins) != 4 or not float(np.asarray(craft.turning_drag)[2]) > 0:
@@ -74,7 +74,8 @@ def find_relaxed_hover(craft: Multirotor, lost: int, ratio: float = 0.5) -> Rela
 
 @partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
 def _angular_acceleration(craft: Multirotor, rate: Any, speed: Any) -> Any:
-    """Return the angular acceleration in B (3,) of a level craft at rest, turning at `rate` with rotors at `speed`."""
+    """Return the angular acceleration in B (3,) of a craft that is level, does not translate, turns at `rate`, and has
+    rotors that turn at `speed`."""
     x = MultirotorState(np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0]), rate, speed)
     return craft.accelerations(x, RotorSpeeds(speed))[1]
 

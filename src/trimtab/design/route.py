@@ -1,7 +1,7 @@
 """Smooth, timed route between obstacles for a craft of some width.
 
-Search on a grid, straight shortcuts, corners rounded as far as there is room, and a tempo from the craft's
-accelerations. Without a route, the error reports the width of the widest passage.
+A route is searched on a grid and shortened by straight lines. Its corners are rounded as far as obstacles allow. Speeds
+follow from limits of speed and acceleration. If no route exists, the error reports the width of the widest passage.
 
 Source: P. Hart, N. Nilsson, B. Raphael, "A formal basis for the heuristic determination of minimum cost paths", IEEE
 Trans. Systems Science and Cybernetics 4 (1968) 100; the widest way: M. Pollack, "The maximum capacity through a
@@ -20,7 +20,7 @@ from trimtab.core.errors import InputError
 from trimtab.design.obstacles import ObstacleFloor, PlanTask
 
 GRID = 0.1
-"""Distance between the places of the search grid (m)."""
+"""Distance between neighbouring places of the search grid (m)."""
 MARGINS = (0.3, 0.2, 0.12, 0.06)
 """Margins (m) between craft and obstacles, tried in this order. The first margin for which a route exists is used."""
 SPACING = 0.05
@@ -28,13 +28,16 @@ SPACING = 0.05
 CONTROL = 0.4
 """Distance between the control points of the spline (m)."""
 WEIGHTS = 0.2, 1.0, 0.15
-"""Weights of the route's first to third derivative by arc length (1, m, m^2), in the smoothing."""
+"""Weights, in the smoothing of a route, of the route's first, second and third derivative by arc length (1, m, m^2)."""
 ROOMS = (0.0, 200.0), (0.3, 5.0)
-"""Two penalties of the smoothing: extra clearance (m), and weight of missing clearance (1/m)."""
+"""Two penalties, in the smoothing of a route, for missing clearance: clearance wanted beyond the craft's radius and
+margin (m), and weight of the missing clearance (1/m)."""
 
 
 class Tempo(NamedTuple):
-    """Limits of the motion. speed (m/s).  along, across: accelerations along the route and in curves (m/s^2)."""
+    """Limits of the motion along a route. speed: (m/s).  along, across: acceleration along the route and in curves
+    (m/s^2).
+    """
 
     speed: float = 0.5
     along: float = 0.1
@@ -42,7 +45,7 @@ class Tempo(NamedTuple):
 
 
 class Route(NamedTuple):
-    """Route. times (n,), s; places (n, 2), m in W; margin: distance kept beyond the craft's radius (m)."""
+    """Timed route. times: (n,) (s).  places: (n, 2) (m), in W.  margin: distance kept beyond the craft's radius (m)."""
 
     times: Any
     places: Any
@@ -50,13 +53,13 @@ class Route(NamedTuple):
 
 
 class _Grid(NamedTuple):
-    """Search grid. places (rows, columns, 2) and their clearance (rows, columns)."""
+    """Search grid. places: (rows, columns, 2).  clearance: distance from obstacles of each place (rows, columns)."""
 
     places: Any
     clearance: Any
 
     def nearest(self, place: Any) -> tuple[int, int]:
-        """Return row and column of the grid place nearest to a place."""
+        """Return row and column of the grid point that is nearest to a place."""
         away = ((self.places - np.asarray(place)) ** 2).sum(axis=2)
         row, column = np.unravel_index(np.argmin(away), away.shape)
         return int(row), int(column)
@@ -65,7 +68,7 @@ class _Grid(NamedTuple):
 def find_route(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") -> Route:
     """Find a route that begins and ends at rest.
 
-    Raises: InputError with the obstruction: an end that touches an obstacle, or a passage that is too narrow.
+    Raises: InputError if the start or the goal is too close to an obstacle, or if every passage is too narrow.
     """
     floor, tempo = task.floor, tempo or Tempo()
     _refuse_ends(task, part)
@@ -110,7 +113,7 @@ STEPS = [(a, b, GRID * float(np.hypot(a, b))) for a, b in itertools.product((-1,
 
 
 def _search(grid: _Grid, start: tuple[int, int], goal: tuple[int, int], room: float) -> "list[tuple[int, int]] | None":
-    """Return the cells of a shortest route with at least this clearance; start and goal may have less."""
+    """Return the cells of a shortest route, or None. Its clearance is at least `room`, except at start and goal."""
     free = grid.clearance >= room
     free[start] = free[goal] = True
     best, came = {start: 0.0}, {start: start}
@@ -158,7 +161,7 @@ def _widest(grid: _Grid, start: tuple[int, int], goal: tuple[int, int]) -> float
 
 
 def _shortcut(floor: ObstacleFloor, corners: Any, room: float) -> Any:
-    """Return the route without corners that straight lines can skip."""
+    """Return the corners of the route, without those that a straight line with enough clearance can skip."""
     kept, at = [corners[0]], 0
     while at < len(corners) - 1:
         ahead = len(corners) - 1
@@ -174,7 +177,7 @@ def _shortcut(floor: ObstacleFloor, corners: Any, room: float) -> Any:
 
 
 def _resample(places: Any, spacing: float) -> Any:
-    """Return evenly spaced places along the same lines."""
+    """Return evenly spaced places along the lines between the given places."""
     lengths = np.append(0.0, np.cumsum(np.hypot(*np.diff(places, axis=0).T)))
     count = max(int(np.ceil(lengths[-1] / spacing)), 1) + 1
     along = np.linspace(0.0, lengths[-1], count)
@@ -182,7 +185,10 @@ def _resample(places: Any, spacing: float) -> Any:
 
 
 def _smooth(floor: ObstacleFloor, corners: Any, room: float) -> Any:
-    """Return places of a spline of degree 5 near the lines, with little curvature and, where possible, clearance."""
+    """Return places along a smooth route near the given corners.
+
+    The route is a spline of degree 5 with little curvature and, where possible, extra clearance.
+    """
     lines = _resample(corners, SPACING)
     length, degree = SPACING * (len(lines) - 1), 5
     count = max(int(np.ceil(length / CONTROL)), degree + 1) + 1
@@ -218,7 +224,7 @@ def _smooth(floor: ObstacleFloor, corners: Any, room: float) -> Any:
 
 
 def _directions(floor: ObstacleFloor, places: Any) -> Any:
-    """Return the gradient (n, 2) of the clearance at places."""
+    """Return the gradient (n, 2) of the floor's clearance at the places (n, 2)."""
     h = 1e-6
     return np.column_stack(
         [(floor.clearance(places + d) - floor.clearance(places - d)) / (2 * h) for d in h * np.eye(2)]
@@ -226,7 +232,7 @@ def _directions(floor: ObstacleFloor, places: Any) -> Any:
 
 
 def _times(places: Any, tempo: Tempo) -> Any:
-    """Return the time at each place (n,): from rest to rest, as fast as the tempo allows."""
+    """Return the time at each place (n,) of a motion from rest to rest, as fast as the tempo allows."""
     step = np.hypot(*np.diff(places, axis=0).T)
     turn = np.zeros(len(places))
     direction = np.unwrap(np.arctan2(*np.diff(places, axis=0).T[::-1]))

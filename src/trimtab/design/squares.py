@@ -2,9 +2,9 @@
 
     scale * conclusion = sum of weight * form^2 [* hypothesis]  +  sum of z'G z [* hypothesis]
 
-Weights and scale are positive for all positive values of their names, because all their coefficients are. Each G is
-positive definite, proved without rounding. The conclusion is therefore not negative wherever every hypothesis is
-positive. A file may claim any such sum; this module computes if both sides are the same polynomial.
+Weights and scale are positive for all positive values of their names, because all their coefficients are positive. Each
+G is proved positive definite without rounding. The conclusion is therefore not negative wherever every hypothesis is
+positive. A file may claim any such sum; this module checks that both sides are the same polynomial.
 
 Source: [1] P. A. Parrilo, "Semidefinite programming relaxations for semialgebraic problems", Math. Programming 96
 (2003); definiteness as in `exact`.
@@ -19,15 +19,15 @@ from trimtab.design.polynomial import Polynomial, constant, symbol
 from trimtab.design.zero_set import ZeroBranch, solve_equations
 
 DEFINITE, NONNEGATIVE, POSITIVE = "zero at rest only", "not negative", "positive"
-"""Values of `Claim.says`: the possible statements about a conclusion."""
+"""Possible statements of a claim about its polynomial (values of `Claim.says`)."""
 SHOWN = 90
 """Maximum number of characters of a polynomial in a message."""
 
 
 class WeightedSquares(NamedTuple):
-    """Sum of weight form^2, times the hypothesis named in `times`.
+    """Sum of weight form^2, multiplied by a hypothesis.
 
-    times: name of a hypothesis, or "".  weights, forms: polynomials, as many of each.
+    times: name of the hypothesis, or "" for none.  weights, forms: polynomials, one weight for each form.
     """
 
     times: str
@@ -40,9 +40,9 @@ class WeightedSquares(NamedTuple):
 
 
 class GramForm(NamedTuple):
-    """Form z'G z, times the hypothesis named in `times`.
+    """Quadratic form z'G z, multiplied by a hypothesis.
 
-    times: name of a hypothesis, or "".  forms: z, k polynomials.  matrix: G, Fractions (k, k).
+    times: name of the hypothesis, or "" for none.  forms: z, k polynomials.  matrix: G, Fractions (k, k).
     """
 
     times: str
@@ -61,17 +61,17 @@ Term = WeightedSquares | GramForm
 
 
 class SquaresProof(NamedTuple):
-    """Proof by squares. scale: polynomial factor of the conclusion.  terms: sum to scale times conclusion."""
+    """Proof by squares. scale: polynomial factor of the conclusion.  terms: must sum to scale times conclusion."""
 
     scale: Polynomial
     terms: tuple[Term, ...]
 
 
 class Claim(NamedTuple):
-    """Claim to be proved, all of it from code.
+    """Claim to be proved, which comes entirely from code.
 
-    name: name of the claim.  conclusion: the polynomial.  hypotheses: name -> polynomial, the conclusion is only
-    claimed where all are positive.  says: DEFINITE, NONNEGATIVE or POSITIVE.
+    name: name of the claim.  conclusion: the polynomial.  hypotheses: name -> polynomial; the claim is only made where
+    all hypotheses are positive.  says: statement about the polynomial, DEFINITE, NONNEGATIVE or POSITIVE.
     """
 
     name: str
@@ -81,9 +81,10 @@ class Claim(NamedTuple):
 
 
 class Region(NamedTuple):
-    """Names in polynomials: which are states, which are positive, and the loop's point of rest.
+    """Meaning of the names in polynomials, and the equilibrium of the loop.
 
-    states, positive: names.  rest: state -> polynomial in the positive names.
+    states: names of states.  positive: names of parameters that are positive.  rest: state -> its value at the
+    equilibrium, a polynomial in the positive names.
     """
 
     states: tuple[str, ...]
@@ -92,7 +93,7 @@ class Region(NamedTuple):
 
 
 def find_fault(claim: Claim, proof: SquaresProof, region: Region) -> str:
-    """Return why a proof of a claim fails; an empty text if the proof holds."""
+    """Return the reason why a proof of a claim fails, or an empty text if the proof is valid."""
     if proof.scale.sign(region.positive) != 1:
         return f"the scale {_shorten(proof.scale)} may be negative"
     total = constant(0)
@@ -114,17 +115,18 @@ def find_fault(claim: Claim, proof: SquaresProof, region: Region) -> str:
 
 
 def unconditional_forms(proof: SquaresProof) -> tuple[Polynomial, ...]:
-    """Return the forms that vanish where the sum vanishes, from terms without hypotheses."""
+    """Return the forms of all terms without a hypothesis. All of them vanish wherever the proof's sum vanishes."""
     return tuple(form for term in proof.terms if not term.times for form in term.forms)
 
 
 def is_at_rest(branches: Sequence[ZeroBranch], region: Region) -> bool:
-    """Return True if a zero set is exactly the loop's point of rest."""
+    """Return True if a zero set consists of the loop's equilibrium only."""
     return len(branches) == 1 and branches[0].values == dict(region.rest)
 
 
 def has_growing_forms(proof: SquaresProof, region: Region) -> bool:
-    """Return True if the linear forms vanish only at rest. The sum then grows without bound in every direction."""
+    """Return True if the linear forms vanish only at the equilibrium. The sum then grows without bound in every
+    direction."""
     affine = [
         f
         for f in unconditional_forms(proof)
@@ -136,7 +138,7 @@ def has_growing_forms(proof: SquaresProof, region: Region) -> bool:
 def complete_squares(p: Polynomial, region: Region) -> WeightedSquares:
     """Write a polynomial of second degree in the states as a sum of squares, with weights in the positive names.
 
-    Raises ArithmeticError if no order of the states succeeds.
+    Raises: ArithmeticError if this is not possible in any order of the states.
     """
     shifted = p.substitute({n: symbol(n) + region.rest[n] for n in region.states})
     back, why = {n: symbol(n) - region.rest[n] for n in region.states}, ""
@@ -192,7 +194,7 @@ def _find_zero_fault(proof: SquaresProof, region: Region) -> str:
 
 
 def _is_strict(term: Term, region: Region) -> bool:
-    """Return True if a term is positive wherever its hypothesis is."""
+    """Return True if a term is positive wherever its hypothesis is positive."""
     constants = [bool(f) and len(f.terms) == 1 and f.names <= frozenset(region.positive) for f in term.forms]
     return any(constants) if isinstance(term, WeightedSquares) else False
 

@@ -1,7 +1,7 @@
-"""Two necessary conditions for a smooth state feedback that holds an equilibrium, checked numerically.
+"""Two necessary conditions for a smooth state feedback that stabilises an equilibrium, checked numerically.
 
-Both conditions can only exclude: a system that passes may still not be stabilisable. Offline code: automatic
-derivatives, LAPACK and scipy.
+A system that violates a condition is not stabilisable by such a feedback. A system that satisfies both conditions may
+still not be stabilisable. This code runs offline and uses automatic derivatives, LAPACK and scipy.
 
 Source: [2] C. I. Byrnes, A. Isidori, "On the attitude stabilization of rigid spacecraft", Automatica 27 (1991);
 [3] R. W. Brockett, "Asymptotic stability and feedback stabilization", in Differential Geometric Control Theory,
@@ -22,15 +22,16 @@ from trimtab.design.model import StateSpaceModel
 jax.config.update("jax_enable_x64", True)
 
 RANK_TOLERANCE = 1e-9
-"""A singular value counts as zero up to this fraction of the largest one."""
+"""Largest singular value that counts as zero, as a fraction of the matrix's largest singular value."""
 
 
 class ByrnesIsidori(NamedTuple):
-    """Result of byrnes_isidori.
+    """Result of the test of Byrnes and Isidori (`byrnes_isidori`).
 
-    h1: f2 = 0 only at x1 = 0 near the origin.  h2: df2/dx1 has full column rank n1 at the origin.
+    h1: True if f2 = 0 only at x1 = 0 near the origin.  h2: True if df2/dx1 has full column rank n1 at the origin.
     rank_f2: rank of df2/dx1.  rank_inputs: number of independent inputs m'.  n1: size of x1.
-    is_excluded: True if no continuously differentiable feedback can stabilise the origin; False decides nothing.
+    is_excluded: True if no continuously differentiable feedback can stabilise the origin; if False, the question stays
+    open.
     """
 
     h1: bool
@@ -42,13 +43,15 @@ class ByrnesIsidori(NamedTuple):
 
 
 class Brockett(NamedTuple):
-    """Result of brockett.
+    """Result of the test of Brockett's conditions (`brockett`).
 
-    uncontrollable_unstable: eigenvalues with positive real part that no input reaches (condition (i) fails if there are
-        any).
-    controllability_rank: of the linearisation, n if it is controllable.  is_onto: True if each tried right-hand side is
-        reached (condition (iii)).  missed_targets: (k, n) right-hand sides that are not reached.
-    is_excluded: True if no continuously differentiable feedback can stabilise the origin; False decides nothing.
+    uncontrollable_unstable: uncontrollable eigenvalues with positive real part; if the list is not empty, condition (i)
+        is violated.
+    controllability_rank: rank of the linearisation's controllability matrix; n if the linearisation is controllable.
+    is_onto: True if f reaches every tried right-hand side (condition (iii)).
+    missed_targets: (k, n) right-hand sides that f does not reach.
+    is_excluded: True if no continuously differentiable feedback can stabilise the origin; if False, the question stays
+        open.
     """
 
     uncontrollable_unstable: tuple[complex, ...]
@@ -59,7 +62,7 @@ class Brockett(NamedTuple):
 
 
 def numerical_rank(A: Any) -> int:
-    """Return the rank of a matrix (n, m), with RANK_TOLERANCE."""
+    """Return the number of singular values of a matrix (n, m) that exceed RANK_TOLERANCE times the largest."""
     s = np.linalg.svd(np.asarray(A), compute_uv=False)
     return int((s > RANK_TOLERANCE * max(s.max(initial=0.0), np.finfo(float).tiny)).sum())
 
@@ -76,9 +79,10 @@ def byrnes_isidori(
 ) -> ByrnesIsidori:
     """Check x1' = f1(x1, u) = a(x1) + B u, x2' = f2(x1, x2) at the origin, where f1(0, 0) = 0 and f2(0, x2) = 0.
 
-    With H1 (f2 = 0 only at x1 = 0) and H2 (df2/dx1 of rank n1), fewer than n1 independent inputs exclude a C1
-    stabiliser: a closed loop with an asymptotically stable origin would have to reach (b, 0) for every small b, and
-    f2 = 0 leaves only B u = b.
+    If H1 (f2 = 0 only at x1 = 0) and H2 (df2/dx1 has rank n1) are true and there are fewer than n1 independent inputs,
+    no continuously differentiable feedback stabilises the origin. The reason: with an asymptotically stable origin, the
+    right-hand side would have to reach (b, 0) for every small b. f2 = 0 implies x1 = 0, so that B u = b would have to
+    be solvable for every b.
 
     Args:
         f1: (x1 (n1,), u (m,)) -> (n1,), traceable by jax.
@@ -87,8 +91,8 @@ def byrnes_isidori(
         n2: size of x2.
         m: size of u.
         radius: distance from the origin within which H1 is sampled.
-        samples: number of points x2; at each, f2(0, x2) = 0 and the rank of df2/dx1 are tested, which implies H1 near
-            them by the implicit function theorem.
+        samples: number of points x2 at which f2(0, x2) = 0 and the rank of df2/dx1 are tested. By the implicit function
+            theorem, H1 follows near these points.
 
     Source: [2], as stated in [1] section 2.3.
     """
@@ -118,14 +122,16 @@ def is_reachable(
 ) -> bool:
     """Return True if f(x, u) = b has a solution with every |x_i|, |u_i| < radius.
 
-    Least squares from several starts; b counts as reached if the residual is below tolerance * |b|.
+    The solution is searched by least squares from several starts. b counts as reached if the residual is below
+    tolerance * |b|.
 
     Args:
         f: (x (n,), u (m,)) -> (n,), traceable by jax.
         b: right-hand side (n,), not zero.
         m: size of u.
-        radius: half the side of the box. Far away a nearly singular system reaches almost everything.
-        starts: number of starts, the first near the origin.
+        radius: half the side of the box in which solutions are searched. Far from the origin, even a nearly singular
+            system reaches almost every b.
+        starts: number of starting points of the search; the first is near the origin.
         tolerance: relative residual that counts as zero.
     """
     b = np.asarray(b, float)
@@ -151,14 +157,15 @@ def is_reachable(
 def controllability_rank(A: Any, B: Any) -> int:
     """Return the rank of [B, A B, ..., A^(n-1) B] for A (n, n), B (n, m). Source: Kalman's rank condition.
 
-    Directions are added one by one, each made orthogonal to earlier ones; powers of A would lose the weak ones.
+    Directions are added one by one, and each is made orthogonal to the earlier directions. Powers of A would lose weak
+    directions to rounding.
     """
     A, pending = np.asarray(A, float), list(np.asarray(B, float).T)
     basis = np.zeros((0, len(A)))
     while pending:
         vector = pending.pop(0)
         left = vector
-        for _ in range(2):  # once more, because the first time leaves rounding
+        for _ in range(2):  # twice, because the first pass leaves rounding errors
             left = left - basis.T @ (basis @ left)
         size = np.linalg.norm(left)
         if size > RANK_TOLERANCE * np.linalg.norm(vector):
@@ -168,7 +175,10 @@ def controllability_rank(A: Any, B: Any) -> int:
 
 
 def uncontrollable_eigenvalues(A: Any, B: Any) -> tuple[complex, ...]:
-    """Return eigenvalues of A that B does not move. Source: Popov, Belevitch, Hautus: rank [s I - A, B] < n."""
+    """Return the eigenvalues s of A that are uncontrollable by B: rank [s I - A, B] < n.
+
+    Source: Popov, Belevitch, Hautus.
+    """
     A, B = np.asarray(A), np.asarray(B)
     n = len(A)
     return tuple(complex(s) for s in np.linalg.eigvals(A) if numerical_rank(np.hstack([s * np.eye(n) - A, B])) < n)
@@ -179,11 +189,10 @@ def brockett(
 ) -> Brockett:
     """Check Brockett's conditions (i) and (iii) for x' = f(x, u) at the origin, an equilibrium.
 
-    (i) the linearisation has no uncontrollable eigenvalue with positive real part; (iii) (x, u) -> f(x, u) reaches
-    (i) the linearisation has no uncontrollable eigenvalue with positive real part; (iii) (x, u) -> f(x, u) reaches
-    every small right-hand side. (iii) holds if df/d(x, u) has rank n; otherwise the directions outside its range, where
-    it can fail, and some random ones are tried. Condition (ii), that some input drives every near state to the origin,
-    is not checked.
+    (i) The linearisation has no uncontrollable eigenvalue with positive real part. (ii) For every nearby state, some
+    input drives the state to the origin. (iii) (x, u) -> f(x, u) reaches every small right-hand side. Condition (ii) is
+    not checked. Condition (iii) is true if df/d(x, u) has rank n. Otherwise right-hand sides outside the range of
+    df/d(x, u), and some random ones, are tried.
 
     Args:
         f: (x (n,), u (m,)) -> (n,), traceable by jax.
@@ -209,18 +218,18 @@ def brockett(
 
 
 class Cascade(NamedTuple):
-    """Cascade x1' = a(x1) + B u, x2' = f2(x1, x2) of a model; x1, x2: indices of their states."""
+    """Cascade x1' = a(x1) + B u, x2' = f2(x1, x2) of a model. x1, x2: indices of the states in each part."""
 
     x1: tuple[int, ...]
     x2: tuple[int, ...]
 
 
 class SmoothFeedback(NamedTuple):
-    """Result of smooth_feedback.
+    """Result of both tests of smooth stabilisability (`smooth_feedback`).
 
-    brockett: for the whole model.  byrnes_isidori: for the cascade.  cascade, byrnes_isidori: None without a cascade.
-    is_excluded: True if one of the two conditions excludes a continuously differentiable stabiliser; False decides
-    nothing.
+    brockett: test of the whole model.  cascade: the model as a cascade; None if it is not a cascade.  byrnes_isidori:
+    test of the cascade; None if the model is not a cascade.  is_excluded: True if one of the two tests shows that no
+    continuously differentiable feedback stabilises the equilibrium; if False, the question stays open.
     """
 
     brockett: Brockett
@@ -230,11 +239,11 @@ class SmoothFeedback(NamedTuple):
 
 
 def find_cascade(model: StateSpaceModel, *, samples: int = 20) -> Cascade | None:
-    """Find the smallest set x1 of states that inputs affect, with rates that depend only on x1 and u; None if all
-    states.
+    """Find the cascade of a model: the smallest set x1 of states that contains all states driven by inputs, and whose
+    derivatives depend only on x1 and u.
 
-    The decision uses derivatives at sampled points around the model's own point. The result is also None if the inputs
-    enter x1 with varying coefficients.
+    The decision uses derivatives at sampled points around the model's own point. The result is None if x1 contains all
+    states, or if the inputs enter x1 with varying coefficients.
     """
     draws = np.random.default_rng(4)
     x0, u0 = model.point()
@@ -253,8 +262,9 @@ def find_cascade(model: StateSpaceModel, *, samples: int = 20) -> Cascade | None
 
 
 def smooth_feedback(model: StateSpaceModel) -> SmoothFeedback:
-    """Check the conditions of Brockett and of Byrnes and Isidori for a model at its own point, which must be an
-    equilibrium.
+    """Test if a smooth feedback can stabilise a model at its own point, which must be an equilibrium.
+
+    The conditions are those of Brockett, and those of Byrnes and Isidori.
 
     States and inputs are scaled by their size at the point, if it is not zero.
     """

@@ -1,20 +1,22 @@
-"""Internal dynamics while an output follows its command: the exact noncausal solution, or the causal linear one.
+"""Internal dynamics while an output follows its command: the exact noncausal solution, and a causal linear solution.
 
-`bounded_solution`: zeta' = Psi(t, zeta) if the linearisation has poles on both sides. Forward integration follows an
-unstable mode to infinity. The bounded solution takes stable parts from the past and unstable parts from the future, and
-therefore moves before its cause. Picard's iteration: with A = dPsi/dzeta at one point, solve
+`bounded_solution` solves zeta' = Psi(t, zeta) if the linearisation has stable and unstable poles. Forward integration
+would follow an unstable mode to infinity. In the bounded solution, stable modes depend on the past and unstable modes
+on the future, so that it moves before its cause. Picard's iteration: with A = dPsi/dzeta at one point, solve
 
     zeta' = A zeta + w(t)        w = Psi(t, previous zeta) - A (previous zeta)
 
-exactly for w piecewise linear: the stable part forward from the left boundary, the unstable part backward from the
-right one. Repeat until nothing changes. A place is a coordinate whose value enters no rate except those of other
-places. A place has no mode; it is the integral of its own rate, forward from the left boundary.
+exactly for w piecewise linear: the stable part forward from the first instant, the unstable part backward from the last
+instant. Repeat until zeta no longer changes. A place is a coordinate, e.g. north, that enters no derivative except
+those of other places. A place is integrated forward from the first instant.
 
-`solve_steady_response`: a linear system driven by a command from an exosystem, X with X S = A X + G.
+`solve_steady_response` computes the steady response X, X S = A X + G, of a linear system to a command from an
+exosystem.
 
-    omega' = S omega        zeta' = A zeta + G omega        zeta = X omega is the solution that follows omega alone
+    omega' = S omega        zeta' = A zeta + G omega        zeta = X omega is the solution without transients
 
-It needs only the present omega: it is causal, for any signs of the poles of A. Offline code: LAPACK.
+It depends only on the present omega. Therefore it is causal, for any signs of the poles of A. This code runs offline
+and uses LAPACK.
 
 Source: [1] S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
 Control 41(7), 1996, section III; [2] B. A. Francis, "The linear multivariable regulator problem", SIAM Journal on
@@ -33,22 +35,23 @@ from scipy.linalg import expm, schur, solve_sylvester
 from trimtab.core.errors import InputError
 
 ON_AXIS = 1e-9
-"""Real part, relative to the largest magnitude, below which poles lie on the imaginary axis."""
+"""Size of a pole's real part, relative to the largest pole, up to which the pole counts as on the imaginary axis."""
 FADED = 1e-40
-"""Further powers of a transition matrix are ignored if its entries are below this."""
+"""Size of the entries of a transition matrix below which its higher powers are ignored."""
 GROWN = 1e3
-"""The iteration is abandoned if its change grows by this factor over the first change."""
+"""Growth of the change per iteration, relative to the first change, at which the iteration is abandoned."""
 PLACE = 1e-12
-"""An entry of A counts as zero up to this fraction of the largest entry."""
+"""Largest entry of the matrix A that counts as zero, as a fraction of the largest entry of A."""
 POLE_DISTANCE_MIN = 1e-9
-"""A pole of A and a pole of S count as equal below this distance, relative to the largest pole."""
+"""Distance, relative to the largest pole, up to which a pole of A and a pole of S count as equal."""
 
 
 class BoundedSolution(NamedTuple):
-    """Result of the iteration. zeta: bounded solution (n, k) on the grid.  rates: Psi there (n, k).  iterations: number
-    of iterations.  changes: largest change in each iteration, relative to the scales.  poles: of A without its places,
-    those with positive real part last.  unstable: number of poles with positive real part.  places: indices of the
-    places.
+    """Bounded solution of the internal dynamics.
+
+    zeta: solution (n, k) on the grid.  rates: Psi, the derivative of zeta (n, k).  iterations: number of iterations.
+    changes: largest change in each iteration, relative to the scales.  poles: poles of A without its places, unstable
+    poles last.  unstable: number of unstable poles.  places: indices of the places.
     """
 
     zeta: Any
@@ -61,7 +64,9 @@ class BoundedSolution(NamedTuple):
 
 
 class _Split(NamedTuple):
-    """Split of A. basis: (k, k); columns span the stable and the unstable subspace. A is block diagonal in it."""
+    """Split of A into a stable and an unstable block. basis: (k, k), columns that span the two subspaces.  stable,
+    unstable: the diagonal blocks of A in this basis.
+    """
 
     basis: Any
     stable: Any
@@ -80,13 +85,13 @@ def bounded_solution(
     tolerance: float = 1e-10,
     most: int = 30,
 ) -> BoundedSolution:
-    """Compute the bounded solution on a uniform grid of n instants; without coordinates (k = 0) it is empty.
+    """Compute the bounded solution on a uniform grid of n instants. Without internal coordinates (k = 0) it is empty.
 
     Args:
-        psi: function from zeta (n, k) on the whole grid to its rates (n, k) there; it includes all time dependence.
-        A: dPsi/dzeta somewhere along the motion (k, k), with no poles on the imaginary axis except those of
-            `find_places`. The choice changes the speed of convergence, not the solution.
-        start: first guess (n, k), such as the quasi-static one.
+        psi: function from zeta (n, k) on the whole grid to its time derivative (n, k); it includes all time dependence.
+        A: dPsi/dzeta at any point of the motion (k, k), with no poles on the imaginary axis except those of
+            `find_places`. The choice of the point changes the speed of convergence, not the solution.
+        start: first guess (n, k), such as the quasi-static solution.
         dt: step of the grid (s).
         left: zeta (k,) at the first instant; its stable part is used.
         right: zeta (k,) at the last instant; its unstable part is used.
@@ -127,7 +132,7 @@ def bounded_solution(
 
 
 def find_places(A: Any) -> tuple[int, ...]:
-    """Return indices of places: coordinates, e.g. north, that affect no rate, or only rates of other places."""
+    """Return the indices of places: coordinates, e.g. north, that enter no derivatives except those of places."""
     size = np.abs(np.asarray(A, float))
     size = size > PLACE * max(size.max(initial=0.0), np.finfo(float).tiny)
     places: list[int] = []
@@ -140,13 +145,13 @@ def find_places(A: Any) -> tuple[int, ...]:
 
 
 def _integrate(rates: Any, dt: float) -> Any:
-    """Return the integral of the rates from the first instant on (n, k), by cubic splines."""
+    """Return the integral of `rates` (n, k) from the first instant to each instant, by cubic splines."""
     times = dt * np.arange(len(rates))
     return CubicSpline(times, rates).antiderivative()(times) if rates.shape[1] else rates
 
 
 def bounded_residual(solution: BoundedSolution, dt: float) -> Any:
-    """Return the difference between central differences of zeta and Psi, (n - 2, k): an independent check."""
+    """Return the central differences of zeta minus Psi (n - 2, k), as an independent check of the solution."""
     return (solution.zeta[2:] - solution.zeta[:-2]) / (2 * dt) - solution.rates[1:-1]
 
 
@@ -170,7 +175,7 @@ def _check_arguments(A: Any, guess: Any, dt: float, scales: Any, left: Any, righ
 
 
 def _split_subspaces(A: Any) -> _Split:
-    """Split A by its stable and its unstable subspace; raise InputError for poles on the imaginary axis."""
+    """Split A into a stable and an unstable block; raise InputError if a pole lies on the imaginary axis."""
     if not len(A):
         return _Split(A, A, A)
     poles = np.linalg.eigvals(A)
@@ -189,7 +194,10 @@ def _split_subspaces(A: Any) -> _Split:
 
 
 def _solve_linear(split: _Split, w: Any, dt: float, left: Any, right: Any) -> Any:
-    """Return the bounded solution of zeta' = A zeta + w, w (n, k) piecewise linear. left, right: in the split basis."""
+    """Return the bounded solution of zeta' = A zeta + w for w (n, k) piecewise linear.
+
+    left, right: boundary values, in the basis of the split.
+    """
     k = len(split.stable)
     driven = np.linalg.solve(split.basis, w.T)
     stable = _propagate_linear(split.stable, driven[:k], dt, left[:k])
@@ -198,7 +206,7 @@ def _solve_linear(split: _Split, w: Any, dt: float, left: Any, right: Any) -> An
 
 
 def _propagate_linear(A: Any, w: Any, dt: float, z0: Any) -> Any:
-    """Solve z' = A z + w (k, n) from z0, A stable: z(j+1) = E z(j) + (p0 - p1) w(j) + p1 w(j+1), exact."""
+    """Solve z' = A z + w (k, n) exactly from z0, for a stable A: z(j+1) = E z(j) + (p0 - p1) w(j) + p1 w(j+1)."""
     k = len(A)
     if not k:
         return w
@@ -207,18 +215,18 @@ def _propagate_linear(A: Any, w: Any, dt: float, z0: Any) -> Any:
     E, p0, p1 = np.split(expm(whole)[:k], 3, axis=1)
     z = np.concatenate([np.asarray(z0)[:, None], (p0 - p1) @ w[:, :-1] + p1 @ w[:, 1:]], axis=1)
     reach = 1
-    while reach < z.shape[1] and np.abs(E).max() > FADED:  # sums over twice as many instants each time
+    while reach < z.shape[1] and np.abs(E).max() > FADED:  # each pass sums over twice as many instants
         z[:, reach:] += E @ z[:, :-reach]
         E, reach = E @ E, 2 * reach
     return z
 
 
 def solve_steady_response(A: Any, S: Any, G: Any) -> Any:
-    """Return X (k, m) with X S = A X + G.
+    """Return the X (k, m) of the steady response zeta = X omega, with X S = A X + G.
 
     Args:
         A: matrix of the system (k, k).
-        S: matrix of the exosystem (m, m), without a pole of A.
+        S: matrix of the exosystem (m, m), which must have no pole in common with A.
         G: input of the exosystem to the system (k, m).
 
     Source: [2].
@@ -241,7 +249,8 @@ def solve_steady_response(A: Any, S: Any, G: Any) -> Any:
 
 
 def exosystem_matrix(w: float, order: int) -> Any:
-    """Return S (order, order) of (y - y_final, y', …) behind a filter of `order` equal poles at -w (rad/s)."""
+    """Return the matrix S (order, order) of an exosystem with the state (y - y_final, y', …). y is a step command after
+    a filter with `order` equal poles at -w (rad/s)."""
     S = np.eye(order, k=1)
     S[-1] = [-float(math.comb(order, i)) * w ** (order - i) for i in range(order)]
     return S

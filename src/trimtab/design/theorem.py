@@ -1,9 +1,9 @@
-"""Theorems about a closed loop: long-term behaviour of a law's code, with a Lyapunov function and its exact proof.
+"""Theorems about a closed loop: stability of the loop that a law's code makes, proved exactly by a Lyapunov function.
 
-The loop is the vehicle's and the law's own code, run on polynomials. The Lyapunov function, thresholds and points of
-rest also come from the law, if it has them. A certificate holds the function and the sums of squares. The proof here
-checks these against the code, and solves nothing. Where -dV/dt vanishes on more than a point, LaSalle's largest
-invariant set is computed.
+The closed loop is obtained by running the vehicle's and the law's own code on polynomials. The Lyapunov function,
+thresholds and equilibria also come from the law, if it has them. A certificate contains the Lyapunov function and sums
+of squares. The proof here checks these against the code, without a solver. Where -dV/dt vanishes on more than a point,
+LaSalle's largest invariant set is computed.
 
 Source: [1] H. K. Khalil, "Nonlinear Systems", Prentice Hall 2002, theorems 4.2, 4.4 and section 8.2; [2] A. Hurwitz,
 Math. Annalen 46 (1895), for the minors.
@@ -34,16 +34,16 @@ from trimtab.design.squares import (
 from trimtab.design.zero_set import ZeroBranch, largest_invariant_set, solve_equations
 
 GROWS, FALLS = "V > 0", "-dV/dt >= 0"
-"""Names of the two claims that every theorem about a motion makes."""
+"""Names of the two claims of every theorem about a motion: V is positive, and V never rises."""
 INSIDE = "c - V"
-"""Name of the hypothesis of a region: V is below the level c."""
+"""Name of the hypothesis of a theorem about a region: the Lyapunov function V is below the level c."""
 EXACT = "exact, polynomials"
 
 
 class Counterexample(NamedTuple):
-    """Counterexample: a point at which a claim fails.
+    """Counterexample: a point at which a claim is wrong.
 
-    name: name of the claim that fails.  claim: with hypotheses and conclusion.  point: name -> number.
+    name: name of the proof condition.  claim: the wrong claim, with hypotheses and conclusion.  point: name -> number.
     """
 
     name: str
@@ -52,16 +52,17 @@ class Counterexample(NamedTuple):
 
 
 class LawTheorem(NamedTuple):
-    """Theorem to be proved, all of it from code.
+    """Theorem to be proved, which comes entirely from code.
 
     name: as in `trimtab design NAME`.  about: settings.  says: the theorem in words.  region: states, positive names
-    and point of rest.  field: rate of each state; empty for a theorem without motion.  lyapunov: V of the law, or None
-    if the certificate has it.  limits: end points of motions, as state -> polynomial. The proof must find exactly
-    these. hurwitz: polynomials that are positive if the linear loop is stable, for all positive values of
-    hurwitz_positive. claims: further consequences of hypotheses.  identities: name -> polynomial that vanishes.
-    counterexamples: claims that fail.  lines: further conditions.  multipliers: claim -> hypothesis -> its weight,
-    searches: claim -> setup of the search for Gram matrices, proofs: of claims; these only help to make a certificate,
-    and prove nothing.
+    and equilibrium.  field: derivative of each state; empty for a theorem that is not about a motion.  lyapunov: V of
+    the law, or None if V comes from the certificate.  limits: all end points of motions, each as state -> polynomial;
+    the proof must find exactly these points.  hurwitz: polynomials that are positive if the linear loop is stable, for
+    all positive values of hurwitz_positive.  claims: further claims.  identities: name -> polynomial that must be zero.
+    counterexamples: wrong claims, each with a point at which it is wrong.  lines: further conditions.
+
+    Three fields only help to make a certificate, and prove nothing.  multipliers: claim -> hypothesis -> weight of the
+    hypothesis.  searches: claim -> setup of the search for Gram matrices.  proofs: claim -> known proof.
     """
 
     name: str
@@ -83,7 +84,11 @@ class LawTheorem(NamedTuple):
 
 
 class TheoremCertificate(NamedTuple):
-    """Content of a file: the theorem, V for a motion, its level if it is local, and the proofs."""
+    """Content of a theorem's certificate file.
+
+    theorem: name.  about: settings.  says: the theorem in words.  lyapunov: V, None if the theorem is not about a
+    motion.  level: level of V, if the theorem is about a region.  proofs: claim -> proof.  version: package version.
+    """
 
     theorem: str
     about: Mapping[str, Setting]
@@ -97,12 +102,12 @@ class TheoremCertificate(NamedTuple):
 def closed_loop(
     vehicle: Any, law: Any, state: Any, names: Mapping[str, str]
 ) -> tuple[dict[str, Polynomial], Polynomial | None]:
-    """Return the field of a vehicle under a law, and the law's `lyapunov` output if it has one, as polynomials.
+    """Return the state derivatives of a vehicle under a law, and the law's `lyapunov` output or None, as polynomials.
 
     Args:
-        vehicle: with `dynamics(t, x, u)`; its numbers may be polynomials.
-        law: without memory, with an output `demand`; its numbers may be polynomials.
-        state: a state record; other fields keep their values.
+        vehicle: vehicle with `dynamics(t, x, u)`; its parameters may be polynomials.
+        law: law without internal state, with an output `demand`; its parameters may be polynomials.
+        state: a state record; fields that are not in `names` keep their values.
         names: field of the state -> symbol.
 
     Raises: InputError if the code does more than add, multiply, and divide by single terms.
@@ -121,7 +126,7 @@ def closed_loop(
 
 
 def motion_claims(theorem: LawTheorem, lyapunov: Polynomial, level: Fraction | None) -> tuple[Claim, ...]:
-    """Return the claims V > 0 and -dV/dt >= 0, for all x, or for V below the level."""
+    """Return the claims V > 0 and -dV/dt >= 0. If a level is given, the second is claimed only where V is below it."""
     inside = {} if level is None else {INSIDE: constant(level) - lyapunov}
     rate = -lie_derivative_of(lyapunov, theorem.field)
     falls = Claim(FALLS, rate, inside, NONNEGATIVE if level is None else DEFINITE)
@@ -132,7 +137,7 @@ def hurwitz_minors(field: Mapping[str, Polynomial], rest: Mapping[str, Polynomia
     """Return polynomials that are all positive if and only if the Jacobian at rest (n <= 3) is Hurwitz. Source: [2]."""
     J = [[f.derivative(n).substitute(rest) for n in field] for f in field.values()]
     coefficients, power = [constant(1)], _unit_matrix(len(J))
-    for k in range(1, len(J) + 1):  # Faddeev and LeVerrier
+    for k in range(1, len(J) + 1):  # characteristic polynomial by the method of Faddeev and LeVerrier
         power = _multiply_matrices(J, power)
         c = -sum((power[i][i] for i in range(len(J))), constant(0)) / k
         coefficients.append(c)
@@ -150,11 +155,11 @@ def hurwitz_minors(field: Mapping[str, Polynomial], rest: Mapping[str, Polynomia
 def prove_theorem(
     certificate: TheoremCertificate, theorem: LawTheorem, digests: tuple[str, str] | None = None
 ) -> CertificateProof:
-    """Evaluate every condition of a certificate by itself.
+    """Evaluate all conditions of a certificate, even after one has failed.
 
     Args:
         certificate: a new certificate, or one read from a file.
-        theorem: the theorem of the certificate, built again from code.
+        theorem: the theorem that the certificate names, built again from code.
         digests: the digest written in the file, and the digest of the file's content.
     """
     lines = list(_data_lines(certificate, theorem))
@@ -203,7 +208,7 @@ def _data_lines(c: TheoremCertificate, theorem: LawTheorem) -> Iterator[Line]:
 def _motion_lines(c: TheoremCertificate, theorem: LawTheorem) -> Iterator[Line]:
     region, V = theorem.region, c.lyapunov
     at_rest = [f.substitute(dict(region.rest)) for f in theorem.field.values()]
-    resting = f"the rates at rest are {', '.join(map(str, at_rest))}"
+    resting = f"the state derivatives at rest are {', '.join(map(str, at_rest))}"
     yield "the law's point of rest is an equilibrium", lambda: _verdict(not any(at_rest), resting)
     yield "points of rest", lambda: _rest_condition(theorem)
     if V is None:
@@ -212,7 +217,7 @@ def _motion_lines(c: TheoremCertificate, theorem: LawTheorem) -> Iterator[Line]:
     if theorem.lyapunov is not None:
         yield "V is that of the law", lambda: _identity(V - theorem.lyapunov)
     if (c.level is None) != (theorem.lyapunov is not None):
-        yield "level", lambda: _verdict(False, "exactly the theorems whose law has no V need a level")
+        yield "level", lambda: _verdict(False, "a level must be given if and only if the law has no Lyapunov function")
     if c.level is not None:
         level = c.level
         yield "level is above 0", lambda: _verdict(level > 0, f"the level is {level}", float(level), "level of V")
@@ -250,7 +255,7 @@ def _growth_condition(c: TheoremCertificate, region: Region) -> ProofCondition:
     proof = c.proofs.get(GROWS)
     return _verdict(
         proof is not None and has_growing_forms(proof, region),
-        "the linear forms of its proof do not vanish at rest only",
+        "the linear forms in the proof of V > 0 also vanish away from rest",
     )
 
 
@@ -298,7 +303,7 @@ def _refute(e: Counterexample) -> ProofCondition:
     outside = [f"{name} is {float(v):.4g}" for name, v in values.items() if v <= 0]
     holds = not outside and value <= 0
     why = f"at {', '.join(f'{n} = {float(v):.5g}' for n, v in e.point.items())}"
-    return ProofCondition("", holds, float(value), "conclusion there", EXACT, "; ".join([why, *outside]))
+    return ProofCondition("", holds, float(value), "conclusion at this point", EXACT, "; ".join([why, *outside]))
 
 
 def _number(p: Polynomial) -> Fraction:

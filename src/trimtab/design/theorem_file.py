@@ -1,6 +1,6 @@
-"""Files of theorem certificates: JSON text with data only; polynomials as text, numbers as fractions.
+"""Files of theorem certificates: JSON text that contains only data. Polynomials are text, and numbers are fractions.
 
-A file is data only, and nothing in it is executed. Missing, duplicate or unknown keys are rejected.
+The content of a file is never executed. Missing, duplicate or unknown keys are rejected.
 
 Source: this module.
 """
@@ -40,25 +40,28 @@ FRACTION = re.compile(r"-?\d{1,400}(/\d{1,400})?")
 def design_theorem(
     theorem: LawTheorem, lyapunov: Polynomial | None = None, level: Fraction | None = None, **proofs: SquaresProof
 ) -> TheoremCertificate:
-    """Create a certificate of a theorem; claims without a proof are proved by completing squares, if possible.
+    """Create a certificate of a theorem. Proofs that are not given are searched for.
 
     Args:
         theorem: the theorem to prove.
-        lyapunov: V, if the law has none of its own.
-        level: level of the region, if the theorem is local.
-        proofs: proofs of single claims, by name.
+        lyapunov: Lyapunov function V, if the law does not provide it.
+        level: level of V at the edge of the region, if the theorem is about a region.
+        proofs: known proofs, by name of the claim.
     """
     V = theorem.lyapunov if lyapunov is None else lyapunov
     known = {**theorem.proofs, **proofs}
     for claim in claims_of(theorem, V, level):
         if claim.name not in known:
-            with suppress(ArithmeticError):  # the condition will report that the file has no proof
+            with suppress(ArithmeticError):  # prove_theorem then reports that the proof is missing
                 known[claim.name] = _complete_proof(claim, theorem)
     return TheoremCertificate(theorem.name, theorem.about, theorem.says, V, level, known, __version__)
 
 
 def _complete_proof(claim: Claim, theorem: LawTheorem) -> SquaresProof:
-    """Prove a claim by Gram matrices if a search is given, otherwise by completing squares with weighted hypotheses."""
+    """Prove a claim by Gram matrices, if the theorem has a search for it, or by completing squares.
+
+    Raises: ArithmeticError if no proof is found.
+    """
     if claim.name in theorem.searches:
         return find_gram_proof(claim, theorem.searches[claim.name])
     weights = theorem.multipliers.get(claim.name, {})
@@ -68,18 +71,18 @@ def _complete_proof(claim: Claim, theorem: LawTheorem) -> SquaresProof:
 
 
 def theorem_json(certificate: TheoremCertificate) -> str:
-    """Return the certificate as text."""
+    """Return a theorem's certificate as JSON text."""
     content = {"format": FORMAT, "scope": SCOPE} | _as_plain(certificate) | {"digest": theorem_digest(certificate)}
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def theorem_digest(certificate: TheoremCertificate) -> str:
-    """Return the SHA-256 of the certificate, against accidental changes; no proof depends on it."""
+    """Return the SHA-256 of a theorem's certificate. It reveals accidental changes; no proof depends on it."""
     return hashlib.sha256(json.dumps(_as_plain(certificate), sort_keys=True).encode()).hexdigest()
 
 
 def parse_theorem(text: str, name: str) -> tuple[TheoremCertificate, str]:
-    """Parse a certificate and the digest stored with it; raise InputError for other text."""
+    """Return the certificate in a text, and the digest stored with it; raise InputError for any other text."""
     content = parse_json(text, name)
     form = content.get("format") if isinstance(content, dict) else type(content).__name__
     if form != FORMAT:
@@ -91,7 +94,7 @@ def parse_theorem(text: str, name: str) -> tuple[TheoremCertificate, str]:
         raise InputError(f"file '{name}', scope", f"must be {list(SCOPE)}, got {content['scope']}", fix=FIX)
     V, level, proofs = content["lyapunov"], content["level"], content["proofs"]
     if not isinstance(proofs, dict):
-        raise InputError(f"file '{name}', proofs", f"{proofs!r} must be a mapping of proofs", fix=FIX)
+        raise InputError(f"file '{name}', proofs", f"must be a JSON object with the proofs, got {proofs!r}", fix=FIX)
     certificate = TheoremCertificate(
         _parse_text(content["theorem"], f"file '{name}', theorem"),
         _parse_about(content["about"], f"file '{name}', about"),
@@ -188,7 +191,7 @@ def _parse_about(value: Any, part: str) -> dict[str, Setting]:
 
 
 def _check_keys(value: Any, wanted: Iterable[str], part: str) -> None:
-    """Raise InputError unless the keys are exactly these, because an unknown key would be an unchecked claim."""
+    """Raise InputError if a wanted key is missing or a key is unknown. An unknown key would be an unchecked claim."""
     wanted = tuple(wanted)
     if not isinstance(value, dict) or set(value) != set(wanted):
         there = sorted(value) if isinstance(value, dict) else type(value).__name__

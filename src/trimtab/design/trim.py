@@ -1,7 +1,7 @@
 """Trim: states and inputs at which chosen derivatives and outputs have given values, or the reasons for failure.
 
-Bounded least squares (trust region reflective) with derivatives by automatic differentiation, then Newton steps down to
-rounding. Offline code: scipy, LAPACK.
+The method is bounded least squares (trust region reflective) with derivatives by automatic differentiation, followed by
+Newton steps down to rounding errors. This code runs offline and uses scipy and LAPACK.
 
 Source: [1] B. L. Stevens, F. L. Lewis, E. N. Johnson, "Aircraft Control and Simulation", Wiley 2015, section 3.6, for
 trim as a search; [2] M. A. Branch, T. F. Coleman, Y. Li, SIAM J. Sci. Comput. 21 (1999), for the solver.
@@ -19,20 +19,21 @@ from trimtab.core.units import find_unit
 from trimtab.design.model import StateSpaceModel, find_indices, format_combination
 
 RANK_TOLERANCE = 1e-9
-"""A singular value counts as zero up to this fraction of the largest one."""
+"""Largest singular value that counts as zero, as a fraction of the Jacobian's largest singular value."""
 AT_BOUND = 1e-9
-"""An unknown lies on a bound if it is closer to the bound than this fraction of its scale."""
+"""Distance of an unknown from its bound, as a fraction of its scale, up to which it counts as lying on the bound."""
 
 
 class Trim(NamedTuple):
     """Trim point, or the reasons why none was found.
 
-    is_found: True if every equation holds.  x, u: the point (n,), (m,).  residual: equation -> its residual, in its own
-    unit, e.g. "speed'" -> 0.3.  relative: the same, relative to the effect of the unknowns, each moved by its scale.
-    active: unknown -> "low" or "high", the bounds that hold it.  powerless_unknowns: unknowns that affect no equation.
-    undetermined_unknowns: combinations of unknowns that affect no equation (several solutions).  rank: of the scaled
-    Jacobian.  singular: singular values of the scaled Jacobian.  why: the reasons, in words.  taken: state or output ->
-    value, of conditions added by default for level flight.
+    is_found: True if every equation is satisfied.  x, u: the point (n,), (m,).  residual: equation -> residual, in the
+    equation's unit, e.g. "speed'" -> 0.3.  relative: equation -> residual relative to the change of the equation when
+    each unknown changes by its scale.  active: unknown -> "low" or "high", for unknowns that lie on a bound.
+    powerless_unknowns: unknowns that affect no equation.  undetermined_unknowns: combinations of unknowns that affect
+    no equation, so that there are several solutions.  rank: rank of the scaled Jacobian.  singular: singular values of
+    the scaled Jacobian.  why: reasons for failure, in words.  taken: state or output -> value, for conditions added by
+    default for level flight.
     """
 
     is_found: bool
@@ -57,10 +58,11 @@ class Trim(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    """Problem for the solver. residual, jacobian: functions of the unknowns z (k,). The Jacobian is by all (x, u).
+    """Trim problem for the solver.
 
-    low, high, scale, names: of the unknowns.  equations: names.  x, u: values of the fixed entries.  columns: indices
-    of z in (x, u).
+    residual: function of the unknowns z (k,).  jacobian: function from z to the derivatives of the residual by all
+    states and inputs (x, u).  low, high, scale, names: bounds, scales and names of the unknowns.  equations: names of
+    the equations.  x, u: states and inputs with the values of the fixed entries.  columns: indices of z in (x, u).
     """
 
     residual: Any
@@ -95,18 +97,19 @@ def trim(
     Args:
         model: the system.
         free: names of the states and inputs to find.
-        x: start and fixed values: vector, record, or changes to the model's own point.
-        u: likewise, for the input.
-        derivatives: state -> wanted derivative; default: zero.
-        loose: states whose derivative is not constrained.
-        outputs: output -> wanted value, further equations.
+        x: initial guess of free states and values of fixed states: vector, record, or changes to the model's own point.
+        u: initial guess of free inputs and values of fixed inputs, in the same forms.
+        derivatives: state -> wanted derivative; default: zero for every state.
+        loose: states whose derivative may have any value.
+        outputs: output -> wanted value, as further equations.
         bounds: unknown -> (low, high).
-        scales: unknown -> size of a natural change. Default: the width between finite bounds, or the larger of 1 and
-            the start's magnitude.
-        starts: maximum number of starts; the first is x and u, others are used only if that start fails.
-        tolerance: relative residual below which an equation holds, compared with the effect of the unknowns' scales.
+        scales: unknown -> size of a typical change. Default: the width between finite bounds, or the larger of 1 and
+            the magnitude of the initial guess.
+        starts: maximum number of starts of the search. The first is at x and u; random starts follow only if it fails.
+        tolerance: largest residual at which an equation is satisfied, relative to the change of the equation when each
+            unknown changes by its scale.
 
-    Returns: a Trim, found or not; `require_trim` converts a failure into an InputError.
+    Returns: a Trim, with is_found False on failure; `require_trim` converts a failure into an InputError.
     Source: [1] section 3.6.
     """
     ranges = (bounds or {}, scales or {})
@@ -218,17 +221,17 @@ def _draw_restart(p: _Problem, z0: Any, draws: np.random.Generator) -> Any:
 
 
 def _scale_equations(p: _Problem, z: Any) -> tuple[Any, Any, Any]:
-    """Return residual and Jacobian in scaled equations and unknowns, and the scales of the equations."""
+    """Return residual and Jacobian for scaled equations and unknowns, and the scales of the equations."""
     r, slopes = p.residual(z), p.jacobian(z)
     J, whole = slopes[:, p.columns] * p.scale, np.linalg.norm(slopes, axis=1)
     size = np.linalg.norm(J, axis=1)
-    size = np.where(size > RANK_TOLERANCE * whole, size, whole)  # an equation that only rounding moves stays as it is
+    size = np.where(size > RANK_TOLERANCE * whole, size, whole)  # don't scale up rounding errors
     size = np.where(size > 0, size, 1.0)
     return r / size, J / size[:, None], size
 
 
 def _search_root(p: _Problem, z: Any) -> tuple[Any, float]:
-    """Run least squares and Newton from z; return the end point and its largest relative residual."""
+    """Search a trim from z by least squares and Newton's method; return its unknowns and largest relative residual."""
     if not (np.isfinite(p.residual(z)).all() and np.isfinite(p.jacobian(z)).all()):
         return z, np.inf
     size = _scale_equations(p, z)[2]
@@ -303,7 +306,10 @@ def _explain_failure(p: _Problem, miss: Trim, missing: Any, r: Any, tolerance: f
 
 
 def idle_states(model: StateSpaceModel, units: Mapping[str, str] = MappingProxyType({})) -> set[str]:
-    """Return idle states: no derivative depends on them, or they are lengths or angles that affect only idle states."""
+    """Return the idle states, on which the rest of the model does not depend.
+
+    No derivative depends on an idle state; if it is a length or an angle, derivatives of other idle states may.
+    """
     around = np.random.default_rng(0).uniform(-0.1, 0.1, (3, len(model.x0)))
     size = np.zeros((len(model.x0), len(model.x0)))
     for shift in (0 * around[0], *around):

@@ -1,7 +1,7 @@
 """Zeros and zero dynamics at an equilibrium, with a verdict: minimum phase, non-minimum phase, or marginal.
 
-Two methods check each other: the invariant zeros of the linearisation (reduction of the Rosenbrock matrix, scaled), and
-the Jacobian of the internal dynamics of the normal form. Offline code: LAPACK.
+The results of two methods are compared: the invariant zeros of the linearisation (reduction of the scaled Rosenbrock
+matrix), and the eigenvalues of the internal dynamics of the normal form. This code runs offline and uses LAPACK.
 
 Source: [1] A. Emami-Naeini, P. Van Dooren, "Computation of zeros of linear multivariable systems", Automatica 18
 (1982); [2] A. Isidori, "Nonlinear Control Systems", Springer 1995, sections 4.3, 6.1.
@@ -20,17 +20,17 @@ from trimtab.design.normal_form import normal_form
 from trimtab.design.poles import balance_matrix, format_pole, participation
 
 RANK_TOLERANCE = 1e-10
-"""A singular value counts as zero up to this fraction of the size of the scaled matrices."""
+"""Largest singular value that counts as zero, as a fraction of the norm of the scaled system matrix."""
 AGREE = 1e-3
-"""Zeros and poles of the zero dynamics are reported as different above this relative difference."""
+"""Relative difference between invariant zeros and poles of the zero dynamics above which a warning is added."""
 
 
 class Zeros(NamedTuple):
-    """Invariant zeros.
+    """Invariant zeros of a linear model.
 
-    zeros: (k,), by falling real part.  states, inputs: the directions: states (k, n) and inputs (k, m) that keep the
-    output at zero as exp(zero t), scaled to a largest entry of 1.  dominant: names of the dominant states of each zero.
-    size: magnitude of the matrix whose eigenvalues are the zeros, as a measure of rounding.
+    zeros: (k,), by falling real part.  states (k, n), inputs (k, m): zero directions, i.e. motions proportional to
+    exp(zero t) for which the output stays zero, scaled to a largest entry of 1.  dominant: names of the dominant states
+    of each zero.  size: norm of the matrix whose eigenvalues are the zeros, as a measure of rounding errors.
     """
 
     zeros: Any
@@ -44,11 +44,11 @@ class ZeroDynamics(NamedTuple):
     """Zero dynamics at an equilibrium.
 
     verdict: "minimum phase", "non-minimum phase" or "marginal"; "undecided" if the linearisation has only stable zeros
-    and no relative degree decides the rest.  offending: zeros with a real part above the tolerance; if there are no
-    such zeros, those within it.  zeros: invariant zeros of the linearisation.  jacobian: of the zero dynamics (k, k),
-    None if the relative degree is not well defined.  poles: its eigenvalues.  internals: its coordinates.  tolerance:
-    largest real part that counts as zero (1/s).  why: remarks: offending zeros with their states, and the reason for a
-    missing jacobian.
+    but the relative degree is not well defined.  offending_zeros: zeros with a real part above the tolerance; if there
+    are no such zeros, those with a real part within the tolerance.  zeros: invariant zeros of the linearisation.
+    jacobian: Jacobian of the zero dynamics (k, k); None if the relative degree is not well defined.  poles: eigenvalues
+    of the Jacobian.  internals: names of the internal coordinates.  tolerance: largest real part that counts as zero
+    (1/s).  why: remarks: offending zeros with their states, and the reason for a missing Jacobian.
     """
 
     verdict: str
@@ -62,11 +62,11 @@ class ZeroDynamics(NamedTuple):
 
 
 def transmission_zeros(linear: LinearModel) -> Zeros:
-    """Compute the invariant zeros of (A, B, C, D): [[A - s I, B], [C, D]] loses its normal rank there.
+    """Compute the invariant zeros s of (A, B, C, D), at which [[A - s I, B], [C, D]] loses its normal rank.
 
     For a minimal realisation these are the transmission zeros; otherwise uncontrollable and unobservable modes are
-    included. The matrices are scaled first, so that units do not change the ranks. If the transfer function is not
-    square, or not of full rank, only the finite zeros are returned.
+    included. The matrices are scaled first, so that the choice of units does not affect the ranks. If the transfer
+    function is not square, or not of full rank, only the finite zeros are returned.
 
     Source: [1].
     """
@@ -79,7 +79,7 @@ def transmission_zeros(linear: LinearModel) -> Zeros:
     elif not Dt.size:
         zeros, size = np.linalg.eigvals(At), np.linalg.norm(At)
     else:
-        W = svd(np.hstack([Ct, Dt]))[2].T  # compress the columns: the rest when the outputs are zero
+        W = svd(np.hstack([Ct, Dt]))[2].T  # basis of the states and inputs for which the outputs are zero
         W = W[:, len(Dt) :]
         M, N = np.hstack([At, Bt]) @ W, W[:k]
         zeros: Any = eig(M, N, right=False)
@@ -107,10 +107,10 @@ def zero_dynamics(
     Args:
         model: model with as many outputs as inputs.
         x: an equilibrium: vector, record, or changes to the model's own point.
-        u: its input, likewise.
-        internal: states that make the internal coordinates, as in `normal_form`.
-        loose: states that may move at the equilibrium, because nothing depends on them.
-        tolerance: real parts below it (1/s) count as zero; default: from rounding.
+        u: input at the equilibrium, in the same forms.
+        internal: names of the states that form the internal coordinates, as in `normal_form`.
+        loose: states that may change at the equilibrium, because no other derivative depends on them.
+        tolerance: largest real part (1/s) that counts as zero; default: estimated rounding error.
         radius: as in `relative_degree`.
     """
     linear = linearise(model, x, u)
@@ -176,14 +176,14 @@ def _check_rest(model: StateSpaceModel, linear: LinearModel, loose: list[str]) -
 
 
 def scale_system(linear: LinearModel) -> tuple[Any, Any, Any, Any, tuple[Any, Any]]:
-    """Scale [[A, B], [C, D]] to rows and columns of similar size. Also return the sizes of states and inputs."""
+    """Return A, B, C, D scaled to rows and columns of similar size, and the sizes of states and inputs."""
     n, m = linear.B.shape
     whole = np.block([[linear.A, linear.B], [linear.C, linear.D]])
     a, b, c = np.ones(n), np.ones(m), np.ones(len(linear.C))
     for _ in range(50):
         now = np.abs(whole) / np.concatenate([a, c])[:, None] * np.concatenate([a, b])
         off = now.copy()
-        off[np.arange(n), np.arange(n)] = 0.0  # a state's own entry does not depend on its unit
+        off[np.arange(n), np.arange(n)] = 0.0  # diagonal entries of A do not depend on the units of the states
         rows, columns = off.max(axis=1), off.max(axis=0)
         rows, columns = (np.where(v > 0, v, 1.0) for v in (rows, columns))
         both = (off.max(axis=1)[:n] > 0) & (off.max(axis=0)[:n] > 0)
@@ -217,26 +217,26 @@ def _reduce_system(A: Any, B: Any, C: Any, D: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def _zero_direction(A: Any, B: Any, C: Any, D: Any, s: complex) -> Any:
-    """Return state and input that keep the output at zero as exp(s t): smallest singular vector, real for a real s."""
+    """Return state and input for which the output stays zero as they change by exp(s t). They are real if s is real."""
     whole: Any = np.block([[A - s * np.eye(len(A)), B], [C, D]])
     v = np.linalg.svd(whole if s.imag else whole.real)[2][-1].conj()
     return v / v[np.abs(v).argmax()]
 
 
 def _dominant_coordinates(jacobian: Any, internals: tuple[str, ...], zeros: Zeros) -> tuple[str, ...]:
-    """Return the dominant internal coordinates of each zero, by participation, which does not depend on units."""
+    """Return the names of the dominant internal coordinates of each zero, by participation."""
     balanced = balance_matrix(jacobian)
     return tuple(_dominant_states(participation(balanced, s, 1e-6 * zeros.size), internals) for s in zeros.zeros)
 
 
 def _dominant_states(direction: Any, names: tuple[str, ...]) -> str:
-    """Return the states with the largest entries: those above a tenth of the largest."""
+    """Return the names of the states whose entries exceed a tenth of the largest entry, largest first."""
     size = np.abs(direction)
     return ", ".join(names[i] for i in np.argsort(-size, kind="stable") if size[i] > 0.1 * size.max(initial=0.0))
 
 
 def _sort_by_real_part(values: Any) -> Any:
-    """Sort by falling real part; parts that differ only by rounding count as equal."""
+    """Sort complex values by falling real part. Real parts that differ only by rounding count as equal."""
     values = np.asarray(values, complex)
     parts: Any = values / (np.abs(values).max(initial=0.0) or 1.0)
     return values[np.lexsort((-np.round(np.imag(parts), 9), -np.round(np.real(parts), 9)))]

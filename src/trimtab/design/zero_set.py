@@ -1,11 +1,11 @@
-"""Common zeros of polynomials, and the largest invariant set in them (LaSalle).
+"""Common zeros of polynomials, and the largest invariant set within them (LaSalle).
 
-Equations are solved by elimination if possible, with every step in words. Otherwise an ArithmeticError is raised, and
-nothing is claimed. Names declared positive never vanish.
+Equations are solved by elimination if possible, and every step is recorded in words. If elimination fails, an
+ArithmeticError is raised. Names declared positive are never zero.
 
 Source: [1] J. P. LaSalle, "Some extensions of Liapunov's second method", IRE Trans. Circuit Theory 7 (1960), theorem 3.
-Motions of a polynomial field are analytic: one that stays in a union of algebraic sets stays in one of them, so that
-the branches can be treated one by one.
+Motions of a polynomial field are analytic. Therefore a motion that stays in a union of algebraic sets stays in one of
+these sets, and the branches can be treated one by one.
 """
 
 import math
@@ -20,7 +20,7 @@ MOST_ROUNDS = 12
 
 
 class ZeroBranch(NamedTuple):
-    """One piece of a zero set, a graph over its free unknowns.
+    """Branch of a set of common zeros, on which some unknowns are free and the others are functions of them.
 
     values: unknown -> polynomial in the free unknowns and the positive names. free: the free unknowns.  steps: steps of
     the solution, in words.
@@ -32,7 +32,7 @@ class ZeroBranch(NamedTuple):
 
     @property
     def dimension(self) -> int:
-        """Dimension: 0 for a point, 1 for a line or curve."""
+        """Dimension of the branch: 0 for a point, 1 for a line or curve."""
         return len(self.free)
 
     def __str__(self) -> str:
@@ -42,12 +42,12 @@ class ZeroBranch(NamedTuple):
 def solve_equations(
     equations: Iterable[Polynomial], unknowns: Sequence[str], positive: Iterable[str]
 ) -> tuple[ZeroBranch, ...]:
-    """Return all common zeros of polynomials, as branches; raise ArithmeticError if elimination does not decide.
+    """Return all common zeros of polynomials, as branches; raise ArithmeticError if elimination can't find them.
 
     Args:
-        equations: polynomials that must vanish.
-        unknowns: names that may take any real value.
-        positive: names that are above 0.
+        equations: polynomials that must be zero.
+        unknowns: names that may have any real value.
+        positive: names whose values are above 0.
     """
     branches = _solve(tuple(equations), ZeroBranch({}, tuple(unknowns)), frozenset(positive))
     return tuple({str(b): b for b in branches}.values())
@@ -56,10 +56,10 @@ def solve_equations(
 def largest_invariant_set(
     field: Mapping[str, Polynomial], equations: Iterable[Polynomial], positive: Iterable[str]
 ) -> tuple[ZeroBranch, ...]:
-    """Return the largest set within the zeros of the equations that motions of x' = field(x) never leave, by [1].
+    """Return the largest invariant set of x' = field(x) within the common zeros of the equations, by [1].
 
-    If an expression stays zero, its derivatives are zero too. Each branch is differentiated along the field, and the
-    results are added to the equations, until nothing new appears.
+    If an expression stays zero, its derivatives are zero too. The constraints of each branch are differentiated along
+    the field, and the results are added to the equations, until no new equation appears.
     """
     positive, pending, whole = frozenset(positive), list(solve_equations(equations, tuple(field), positive)), []
     for _ in range(MOST_ROUNDS):
@@ -77,7 +77,7 @@ def largest_invariant_set(
 
 
 def _leaving_rates(branch: ZeroBranch, field: Mapping[str, Polynomial]) -> list[tuple[Polynomial, str]]:
-    """Yield the polynomials that must vanish on a branch for a motion to stay in it, with the reason in words."""
+    """Return the polynomials that must be zero for a motion to stay on a branch, each with the reason in words."""
     rates = []
     for name, value in branch.values.items():
         constraint = symbol(name) - value
@@ -88,7 +88,7 @@ def _leaving_rates(branch: ZeroBranch, field: Mapping[str, Polynomial]) -> list[
 
 
 def _drop_contained(branches: Sequence[ZeroBranch]) -> tuple[ZeroBranch, ...]:
-    """Drop branches that lie in another branch."""
+    """Return the branches that do not lie within another branch."""
     kept = []
     for i, b in enumerate(branches):
         others = [o for j, o in enumerate(branches) if j != i and (o.dimension > b.dimension or j < i)]
@@ -106,13 +106,13 @@ def _solve(equations: tuple[Polynomial, ...], branch: ZeroBranch, positive: froz
         if not e.names & frozenset(branch.free):
             if e.sign(positive):
                 return []
-            raise ArithmeticError(f"it depends on the parameters if {e} is zero")
+            raise ArithmeticError(f"the values of the parameters decide if {e} is zero")
     undecided = ""
     for e in sorted(rest, key=lambda e: len(e.terms)):
         for name, value in _linear_pivots(e, branch.free, positive):
             try:
                 return _solve(tuple(rest), _put(branch, name, value), positive)
-            except ArithmeticError as error:  # another order may decide it
+            except ArithmeticError as error:  # another order of elimination may succeed
                 undecided = str(error)
     if undecided:
         raise ArithmeticError(undecided)
@@ -131,7 +131,10 @@ def _put(branch: ZeroBranch, name: str, value: Polynomial) -> ZeroBranch:
 
 
 def _linear_pivots(e: Polynomial, free: Sequence[str], positive: frozenset[str]) -> Iterator[tuple[str, Polynomial]]:
-    """Yield unknowns that the equation determines: each occurs once, linearly, times a term that never vanishes."""
+    """Yield the unknowns that an equation determines, with their values.
+
+    Such an unknown occurs in one term only, linearly, with a coefficient that is never zero.
+    """
     for name in reversed(free):
         parts = e.collect((name,))
         slope = parts.get(((name, 1),))
@@ -153,7 +156,7 @@ def _split(e: Polynomial, free: Sequence[str], positive: frozenset[str]) -> list
     coefficients = e.collect(free)
     signs = {c.sign(positive) for c in coefficients.values()}
     even = all(k % 2 == 0 for m in coefficients for _, k in m)
-    if even and len(signs) == 1 and signs != {0}:  # a sum of terms that can't be negative: each of them vanishes
+    if even and len(signs) == 1 and signs != {0}:  # no term can be negative, so each term is zero
         if () in coefficients:
             return []
         return [tuple(Polynomial({m: Fraction(1)}) for m in coefficients)]

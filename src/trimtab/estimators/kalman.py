@@ -1,7 +1,7 @@
-"""Prediction and update of the Kalman filter on small matrices: pure, unrolled, no LAPACK.
+"""Prediction and update of the Kalman filter on small matrices, as pure, unrolled functions without LAPACK.
 
-The caller gives the innovation y = z - h(x), so that the same update serves a linear filter, an extended filter and an
-error-state filter. A measurement that is not finite or lies outside the gate is not used, and leaves state and
+The caller computes the innovation y = z - h(x), so that the same update is used by a linear filter, an extended filter
+and an error-state filter. A measurement that is not finite or lies outside the gate is not used, and leaves state and
 covariance unchanged bit for bit.
 
 Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001,
@@ -18,15 +18,15 @@ from trimtab.core.linalg import cholesky, solve_lower, solve_spd, symmetric
 from trimtab.core.record import Scalar, quantity, record
 
 NO_GATE = float("inf")
-"""Gate that accepts every finite measurement."""
+"""NIS gate that accepts every finite measurement."""
 
 
 class Update(NamedTuple):
-    """Result of an update.
+    """Result of a Kalman filter's update.
 
     x: state (n,).  P: covariance (n, n).  innovation: (m,), 0 where the measurement was not finite.
-    S: its covariance (m, m).  nis: y' S^-1 y, chi-square with m degrees of freedom when the filter is consistent.
-    accepted: True if the measurement was used.  finite: True if the measurement was finite.
+    S: covariance of the innovation (m, m).  nis: y' S^-1 y, chi-square with m degrees of freedom if the filter is
+    consistent.  accepted: True if the measurement was used.  finite: True if the measurement was finite.
     """
 
     x: Any
@@ -40,7 +40,7 @@ class Update(NamedTuple):
 
 @record
 class CovarianceHealth:
-    """Signals of a covariance's health. Source: docs page, Kalman filter."""
+    """Checks of a covariance matrix. Source: docs page, Kalman filter."""
 
     positive: Scalar = quantity("1", "True if the covariance is finite and positive definite.", kind="flag")
     asymmetry: Scalar = quantity("1", "Largest asymmetry of the covariance P, relative to its largest variance.")
@@ -48,7 +48,7 @@ class CovarianceHealth:
         "1", "Smallest fraction of a state's variance that remains if the preceding states are known."
     )
     eigenvalue_bound: Scalar = quantity(
-        "1", "Lower bound of the eigenvalues of the correlation matrix; 0 if unhealthy."
+        "1", "Lower bound of the correlation matrix's eigenvalues; 0 if the covariance is invalid."
     )
     trace: Scalar = quantity("1", "Sum of the variances, each in its own unit squared.")
 
@@ -59,7 +59,7 @@ def predict(x: Any, P: Any, F: Any, Q: Any) -> tuple[Any, Any]:
 
 
 def predict_covariance(P: Any, F: Any, Q: Any) -> Any:
-    """Return F P F' + Q (n, n), made symmetric, for filters that propagate their state in another way."""
+    """Return the covariance F P F' + Q (n, n), made symmetric, for filters whose state is propagated separately."""
     return symmetric(F @ P @ F.T + Q)
 
 
@@ -68,13 +68,14 @@ def update(x: Any, P: Any, y: Any, H: Any, R: Any, *, gate: Any = NO_GATE, consi
 
     Args:
         x: state (n,).
-        P: its covariance (n, n).
+        P: covariance of the state (n, n).
         y: innovation z - h(x), (m,); for states that are errors, measured error minus H x.
         H: derivative of h (m, n).
         R: covariance of the measurement's noise (m, m).
         gate: largest NIS that is accepted, e.g. the 0.9999 quantile of chi-square with m degrees of freedom.
-        consider: (n,) of ones, with zeros for states that keep their estimate but whose uncertainty counts ([5]); their
-            rows of the gain are zero, and Joseph's form keeps P the true covariance of that poorer filter.
+        consider: mask of the states (n,). It is 0 for states that are considered ([5]): they keep their estimate, but
+            their uncertainty is taken into account. It is 1 for all others. The gain's rows of considered states are
+            zero, and due to Joseph's form P is the true covariance of this suboptimal filter.
 
     Source: [4] eq. 5.2.3-18; [5].
     """
@@ -88,16 +89,16 @@ def update(x: Any, P: Any, y: Any, H: Any, R: Any, *, gate: Any = NO_GATE, consi
     if consider is not None:
         K = K * consider[:, None]
     A = jnp.eye(x.shape[0]) - K @ H
-    accepted = finite & (nis <= gate)  # rejects a nis that is NaN
+    accepted = finite & (nis <= gate)  # False if nis is NaN
     new_x = jnp.where(accepted, x + K @ y, x)
     new_P = jnp.where(accepted, symmetric(A @ P @ A.T + K @ R @ K.T), P)
     return Update(new_x, new_P, y, S, nis, accepted, finite)
 
 
 def inflate_covariance(P: Any, y: Any, H: Any, R: Any) -> Any:
-    """Return P (n, n) times NIS/m where that is above 1, so that this innovation becomes a typical one.
+    """Return P (n, n), multiplied by NIS/m if this is above 1, so that the innovation y becomes a typical one.
 
-    For a filter whose measurements agree with each other but not with the estimate.
+    This is for a filter whose measurements agree with each other but not with the estimate.
     """
     y = jnp.where(jnp.isfinite(y), y, 0.0)
     nis = y @ solve_spd(symmetric(H @ P @ H.T + R), y)
@@ -105,11 +106,11 @@ def inflate_covariance(P: Any, y: Any, H: Any, R: Any) -> Any:
 
 
 def update_sequentially(x: Any, P: Any, y: Any, H: Any, variances: Any, *, gate: Any = NO_GATE) -> Update:
-    """Return the update for independent noises of these variances (m,), one scalar at a time: no matrix is factored.
+    """Return the update for measurements with independent noise of given variances (m,), one scalar at a time.
 
-    The gate applies to each scalar on its own, so an outlier does not affect the other measurements. nis is the sum
-    over those that were finite; without a rejection it equals that of `update`. S is diagonal: the
-    variance of each innovation given those before. accepted and finite have shape (m,).
+    No matrix is factored. The gate applies to each scalar separately, so that an outlier does not affect the other
+    measurements. nis is the sum over all finite scalars; if none is rejected, it equals the nis of `update`. S is
+    diagonal; it contains the variance of each innovation given the scalars before. accepted and finite have shape (m,).
 
     Source: [4] section 5.2, applied to one component after another.
     """
@@ -126,23 +127,24 @@ def update_sequentially(x: Any, P: Any, y: Any, H: Any, variances: Any, *, gate:
 
 
 def nees(error: Any, P: Any) -> Any:
-    """Return e' P^-1 e: chi-square with n degrees of freedom if P is the covariance of e. NaN if P is invalid."""
+    """Return NEES = e' P^-1 e, chi-square with n degrees of freedom if P is the covariance of e. NaN for invalid P."""
     half = solve_lower(cholesky(P), error)
     return half @ half
 
 
 def covariance_health(P: Any) -> CovarianceHealth:
-    """Return the health signals of a covariance (n, n).
+    """Return the checks of a covariance (n, n).
 
-    The pivots d_j of P = L diag(d) L' over their variances P_jj multiply to the determinant of the correlation matrix,
-    whose trace is n: so its least eigenvalue is at least determinant ((n-1)/n)^(n-1), by the inequality of the means.
+    The product of all d_j/P_jj, with the pivots d_j of P = L diag(d) L', is the determinant of the correlation matrix.
+    The trace of the correlation matrix is n. Its smallest eigenvalue is therefore at least
+    determinant ((n-1)/n)^(n-1), by the inequality of the means.
     """
     n = P.shape[0]
     variances = jnp.stack([P[j, j] for j in range(n)])
     i, k = np.triu_indices(n)
     flat = P.reshape(-1)
     upper, lower = flat[i * n + k], flat[k * n + i]
-    apart = jnp.max(jnp.abs(upper - lower))  # not finite if any pivot is not finite
+    apart = jnp.max(jnp.abs(upper - lower))  # not finite if an entry of P is not finite
     shares = _pivots((upper + lower) / 2, n) / variances
     positive = jnp.isfinite(apart) & jnp.all(shares > 0) & jnp.all(variances > 0)
     determinant = jnp.prod(shares)
@@ -159,7 +161,7 @@ def covariance_health(P: Any) -> CovarianceHealth:
 def _pivots(upper: Any, n: int) -> Any:
     """Return d (n,) of P = L diag(d) L' from the upper triangle of P (n (n + 1)/2,), row by row.
 
-    d_j is the variance of state j that is left when those before it are known. Source: Golub & Van Loan, "Matrix
+    d_j is the remaining variance of state j if all states before it are known. Source: Golub & Van Loan, "Matrix
     computations", section 4.1.
     """
     pivots = []

@@ -1,4 +1,4 @@
-"""Kalman filter of any vehicle's linear model: estimates all states from the available sensors."""
+"""Kalman filter for the linear model of any vehicle. It estimates all states from the available sensors."""
 
 from typing import Any
 
@@ -16,18 +16,18 @@ from trimtab.estimators.inertial.sensor_watch import NEVER
 
 TURNS = np.zeros((4, 4))
 TURNS[3, 2] = 0.005
-"""Default transition matrix, a placeholder: a heading changes by its rate times 5 ms."""
+"""Part of the default transition matrix, a placeholder: the heading changes by the yaw rate times 5 ms."""
 
 
 @record
 class LinearModelFilterState:
-    """State of the filter. Source: docs page, Linear model filter."""
+    """State of the Kalman filter of a linear model. Source: docs page, Linear model filter."""
 
-    e: Any = quantity("1", "Deviation from the trim (n,), each in its state's unit.")
-    P: Any = quantity("1", "Covariance of the deviation (n, n).")
-    t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
-    seen: Any = quantity("100 ns", "Time of measurement of the last sample of each sensor.", kind="time")
-    measured: Scalar = quantity("100 ns", "Time of measurement of the newest sample used.", kind="time")
+    e: Any = quantity("1", "Estimated deviation of each state from the trim (n,), in the state's unit.")
+    P: Any = quantity("1", "Covariance of the estimated deviation (n, n).")
+    t: Scalar = quantity("100 ns", "Time of the filter's last step.", kind="time")
+    seen: Any = quantity("100 ns", "Time at which the last sample used of each sensor was measured.", kind="time")
+    measured: Scalar = quantity("100 ns", "Time at which the newest sample used was measured.", kind="time")
     started: Scalar = quantity("1", "True once an input and a measurement have arrived.", kind="flag")
 
 
@@ -38,30 +38,31 @@ class FilteredEstimate:
     Source: docs page, Linear model filter.
     """
 
-    t: Scalar = quantity("100 ns", "Time of the estimate, at the autopilot.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the estimate, by the autopilot's clock.", kind="time")
     age: Scalar = quantity("s", "Age of the newest measurement used.")
     fresh: Scalar = quantity("1", "True if a measurement was used in this step.", kind="flag")
-    valid: Scalar = quantity("1", "True if the state is usable.", kind="flag")
+    valid: Scalar = quantity("1", "True if the estimated state is usable.", kind="flag")
     state: Any = part("Estimated state, as the vehicle's record of states.")
-    P: Any = quantity("1", "Covariance of the state, row by row (n n,); the order is that of the vehicle's record.")
-    nis: Scalar = quantity("1", "NIS summed over this step's measurements: chi-square with `used` degrees of freedom.")
-    used: Scalar = quantity("1", "Number of values measured and used in this step.", kind="count")
-    stick: Any = part("Always None: the filter has no pilot.", default=None)
-    dt: Any = part("Time between two steps of the law (s), for the law only; else None.", default=None)
+    P: Any = quantity("1", "Covariance of the state, row by row (n n,), in the order of the vehicle's record.")
+    nis: Scalar = quantity("1", "Sum of NIS over this step's measurements: chi-square with `used` degrees of freedom.")
+    used: Scalar = quantity("1", "Number of measured values used in this step.", kind="count")
+    stick: Any = part("Pilot's stick; always None, because the filter reads no stick.", default=None)
+    dt: Any = part("Time between two steps of the law (s); None except in the law's input.", default=None)
 
 
 @record
 class LinearModelFilter:
-    """The Kalman filter of x = x0 + e, e' = A e + B (u - u0) + w, sampled; made by `loop.linear_filter.design_filter`.
+    """Sampled Kalman filter of x = x0 + e, e' = A e + B (u - u0) + w, designed by `loop.linear_filter.design_filter`.
 
         e = Ad e + Bd (u - u0)                  P = Ad P Ad' + Qd
-        r = y - y0 - C e - D (u - u0)           then number by number in Joseph's form
+        r = y - y0 - C e - D (u - u0)           then one scalar at a time in Joseph's form
 
-    u is the input that has acted since the last command, as given by `acting` (`sensors.flight_state.ActingInput`). A
-    sample is used at the instant at which it was measured, or within a period; an older or non-finite one is not used.
+    u is the input that has acted since the last command, as measured by `acting` (`sensors.flight_state.ActingInput`).
+    A sample is used at the instant at which it was measured, or up to a period later. An older or non-finite sample is
+    not used.
 
-    Frames:  of the vehicle's states.
-    Valid:   near the trim, for noise that is white. Not modelled: delay and biases of the sensors.
+    Frames:  those of the vehicle's states.
+    Valid:   near the trim, for white noise. Not modelled: delay and biases of the sensors.
     Source:  Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001,
              section 5.2.
     """
@@ -69,14 +70,14 @@ class LinearModelFilter:
     x0: Any = part("State at the trim, as the vehicle's record of states.", default=PlanarState(0.0, 0.0, 0.0, 0.0))
     u0: Any = quantity("1", "Input at the trim (m,).", default=np.zeros(0))
     channels: tuple[str, ...] = option(
-        "Measured values, as SENSOR.NUMBER, e.g. imu.force[2].", default=("navigation.heading",)
+        "Measured values, as SENSOR.FIELD, e.g. imu.force[2].", default=("navigation.heading",)
     )
-    acting: tuple[str, ...] = option("Acting inputs, as SENSOR.NUMBER.", default=())
+    acting: tuple[str, ...] = option("Acting inputs, as SENSOR.FIELD.", default=())
     Ad: Any = quantity("1", "Transition matrix over one period (n, n).", default=np.eye(4) + TURNS)
     Bd: Any = quantity("1", "Input matrix over one period (n, m).", default=np.zeros((4, 0)))
-    Qd: Any = quantity("1", "Covariance of the disturbance over one period (n, n).", default=1e-4 * np.eye(4))
-    C: Any = quantity("1", "Output matrix: measured values by states (p, n).", default=np.eye(4)[3:])
-    D: Any = quantity("1", "Feedthrough matrix: measured values by inputs (p, m).", default=np.zeros((1, 0)))
+    Qd: Any = quantity("1", "Covariance of the process noise over one period (n, n).", default=1e-4 * np.eye(4))
+    C: Any = quantity("1", "Output matrix, from states to measured values (p, n).", default=np.eye(4)[3:])
+    D: Any = quantity("1", "Feedthrough matrix, from inputs to measured values (p, m).", default=np.zeros((1, 0)))
     y0: Any = quantity("1", "Measured values at the trim (p,).", default=np.zeros(1))
     R: Any = quantity("1", "Variances of the measurement noise (p,).", default=np.array([1e-4]), above=0)
     P0: Any = quantity("1", "Initial covariance of the state (n, n).", default=np.eye(4))
@@ -84,7 +85,7 @@ class LinearModelFilter:
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Return the names of the sensors of the channels and of the input."""
+        """Return the names of the sensors of the measured values and of the acting inputs."""
         return tuple(dict.fromkeys((*_sensors(self.channels), *_sensors(self.acting))))
 
     def check(self) -> None:
@@ -103,20 +104,24 @@ class LinearModelFilter:
         }
         for name, shape in shapes.items():
             if np.shape(getattr(self, name)) != shape:
-                problem = f"has shape {np.shape(getattr(self, name))}, must have {shape}"
+                problem = f"must have shape {shape}, got {np.shape(getattr(self, name))}"
                 raise InputError(
                     f"LinearModelFilter.{name}", problem, fix="create the filter with loop.linear_filter.design_filter"
                 )
 
     def init(self, key: Key) -> LinearModelFilterState:
-        """Return the initial state: the trim, before any measurement."""
+        """Return the filter's initial state, at the trim, before any measurement."""
         never = np.int64(NEVER)
         seen = np.full(len(_sensors(self.channels)), never)
         P = jnp.asarray(self.P0)
         return LinearModelFilterState(jnp.zeros(len(self.Ad)), P, np.int64(0), seen, never, jnp.asarray(False))
 
     def step(self, t: Any, s: LinearModelFilterState, frame: Frame) -> tuple[LinearModelFilterState, FilteredEstimate]:
-        """Predict over one period and correct with the measurements since; between periods the estimate is held."""
+        """Return the new state and the estimate at integer time t.
+
+        Once per period, the filter predicts over the period and corrects with the new measurements. In between, the
+        last estimate is held.
+        """
         due = ~s.started | (t - s.t >= self.period)
         names = _sensors(self.channels)
         samples = [frame.samples[name] for name in names]
@@ -156,7 +161,7 @@ class LinearModelFilter:
         return state, estimate
 
     def _acting_change(self, frame: Frame) -> tuple[Any, Any]:
-        """Return u - u0 (m,), zero if unknown, and whether it is known."""
+        """Return u - u0 (m,) and True, or zeros and False if a sample of the acting inputs is not valid."""
         numbers = [_number(frame, name) - self.u0[i] for i, name in enumerate(self.acting)]
         du = jnp.stack(numbers) if numbers else jnp.zeros(0)
         valid = [frame.samples[name].valid for name in _sensors(self.acting)]
@@ -180,7 +185,7 @@ def _number(frame: Frame, channel: str) -> Any:
 
 
 def _add(record: Any, change: Any) -> Any:
-    """Return the record with a vector added to its numbers, in declared order."""
+    """Return the record with the entries of a vector added to its numbers, in declared order."""
     leaves, tree = jax.tree.flatten(record)
     ends = np.cumsum([np.size(own) for own in leaves])
     parts = [change[int(end) - np.size(own) : int(end)] for own, end in zip(leaves, ends, strict=True)]

@@ -1,4 +1,4 @@
-"""Estimator that passes on one sensor, for sensors that already give the state that the law reads."""
+"""Estimator that passes on the samples of a sensor that already measures the state that the law reads."""
 
 from typing import Any
 
@@ -10,24 +10,25 @@ from trimtab.core.time import to_seconds
 
 @record
 class Passthrough:
-    """Takes the newest sample of one sensor as the estimate, however old it is; its age is a signal.
+    """Estimator whose estimate is the newest sample of one sensor, however old. The age of the sample is part of the
+    estimate.
 
     Source: docs page, Passthrough.
     """
 
-    sensor: str = option("Name of the sensor.", default="navigation")
+    sensor: str = option("Name of the sensor whose samples are passed on.", default="navigation")
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Return the name of the sensor."""
+        """Return the name of the sensor that is passed on."""
         return (self.sensor,)
 
     def init(self, key: Key) -> tuple[()]:
-        """Return the empty state."""
+        """Return an empty tuple, because the estimator has no state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], frame: Frame) -> tuple[tuple[()], Estimate]:
-        """Return the sample's value, valid from the first sample on."""
+        """Return the value of the newest sample as the estimate, which is valid from the first sample on."""
         newest = frame.samples[self.sensor]
         age = to_seconds(t - newest.t)
         return state, Estimate(t=t, age=age, fresh=newest.fresh, valid=newest.valid, state=newest.value)

@@ -1,17 +1,18 @@
 """Estimate the bending modes and their frequencies from the pitch acceleration, starting from uncertain frequencies.
 
 A single filter with eta and the frequencies in one state becomes overconfident. At rest eta_i = N_i/w_i^2: the
-accelerometer measures only w_i^2 eta_i, so all pairs (eta_i, w_i) on a curve explain it equally well. A linearised
-filter whose estimate moves with the noise uses several tangents of that curve, and its covariance shrinks along the
-curve without information. In stretched displacements
+accelerometer measures only w_i^2 eta_i, so all pairs (eta_i, w_i) on a curve explain the measurement equally well. The
+estimate of a linearised filter moves with the noise, and the filter uses different tangents of that curve. Its
+covariance therefore shrinks along the curve without information. In stretched displacements
 
     s_i = (w_i/w_i0)^2 eta_i        s_i' = (w_i/w_i0)^2 eta_i'        lam_i = ln(w_i/w_i0)
 
-the curve is the axis of lam_i, the same everywhere, and lam_i acts through vibration alone:
+the curve is a straight line along lam_i, with the same direction everywhere, and lam_i has an effect only while the
+modes vibrate:
 
     r_i = N_i - w_i0^2 s_i - 2 zeta_i w_i0 exp(-lam_i) s_i'      s_i'' = exp(2 lam_i) eta_i''(r_1, r_2)
 
-For constant lam_i this is exact, and linear in s. w_i0 are the nominal frequencies, those of the given vehicle.
+For constant lam_i these equations are exact, and linear in s. w_i0 are the nominal frequencies of the given vehicle.
 
 Source: derived from [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for
 hypersonic flight vehicle", Aerospace 2022, 9(4), 206, eq. 1, with the vehicle's interpretation of the coupling.
@@ -51,32 +52,34 @@ from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 TERMS = 6
-"""Number of terms of the exponential series over a step; the remainder is (w dt)^7/5040, 4e-11 at 22 rad/s and 5 ms."""
+"""Number of terms of the exponential series that propagates the modes over a step. The remainder is (w dt)^7/5040, e.g.
+4e-11 at 22 rad/s and 5 ms."""
 OF_MODE = np.array([[1.0, 0], [1, 0], [0, 1], [0, 1]])
-"""Matrix (4, 2): 1 where s1, s1', s2, s2' belongs to mode 1, mode 2."""
+"""Matrix (4, 2) that assigns the rows s1, s1', s2, s2' to the columns mode 1, mode 2 by ones."""
 SHARE = 0.5
-"""Share of the initial frequency deviation inside each hypothesis; the rest is the spacing between hypotheses."""
+"""Standard deviation of the frequency within each hypothesis, as a fraction of the total initial standard deviation.
+The rest of the deviation is represented by the spacing between hypotheses."""
 HYPOTHESIS_SPACING = math.sqrt(1.5 * (1 - SHARE**2))
 PROBABILITY_MIN = 1e-6
 """Approximate lower limit of a hypothesis's probability, so that each hypothesis can recover."""
 CORNERS = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
 M = len(CORNERS)
-"""Hypotheses: the frequency of each mode is lower than, equal to or higher than nominal."""
+"""Number of hypotheses. In each, the frequencies of both modes are lower than, equal to or higher than nominal."""
 
 
 def stretch_factors(x: Any) -> Any:
-    """Return (w_i/w_i0)^2 for each of s1, s1', s2, s2', (4,), of x = (s1, s1', s2, s2', lam1, lam2)."""
+    """Return the factor (w_i/w_i0)^2 of each of s1, s1', s2, s2' (4,), for x = (s1, s1', s2, s2', lam1, lam2)."""
     return OF_MODE @ jnp.exp(2 * x[4:])
 
 
 def modal_accelerations(craft: Hypersonic, x: Any) -> tuple[Any, Any, Any]:
-    """Return Q' (rad/s^2), eta1'', eta2'' due to the modes' own motion x (6,)."""
+    """Return pitch acceleration Q' (rad/s^2), eta1'' and eta2'' caused by the modes' own motion x (6,)."""
     back1, back2 = craft.modes.restoring_forces(x[0], x[1] * jnp.exp(-x[4]), x[2], x[3] * jnp.exp(-x[5]))
     return craft.modes.solve_accelerations(craft.Iyy, 0.0, back1, back2)
 
 
 def propagate_modes(craft: Hypersonic, x: Any, b: Any, dt: Any) -> Any:
-    """Return x (6,) after dt (s) under a held forcing b (4,) of eta; the linear part in s by the exponential series."""
+    """Return x (6,) after dt (s) under a constant forcing b (4,) of eta, by an exponential series in s."""
     by, still = stretch_factors(x), jnp.zeros(2)
 
     def rate(s: Any) -> Any:
@@ -102,14 +105,14 @@ def vibration(craft: Hypersonic, x: Any, P: Any, b: Any) -> tuple[Any, Any]:
 
 
 def disturbance_direction(craft: Hypersonic, x: Any) -> Any:
-    """Return x' (6,) caused by an unknown moment, from the pitch acceleration (rad/s^2) of that moment."""
+    """Return x' (6,) caused by an unknown pitching moment, per pitch acceleration (rad/s^2) caused by the moment."""
     q_rate, first, second = craft.modes.solve_accelerations(craft.Iyy, craft.Iyy, 0.0, 0.0)
     by, still = stretch_factors(x), jnp.zeros_like(q_rate)
     return jnp.stack([still, by[1] * first / q_rate, still, by[3] * second / q_rate, still, still])
 
 
 def unstretch(x: Any, P: Any) -> tuple[Any, Any]:
-    """Return (eta1, eta1', eta2, eta2', lam1, lam2) and its covariance (6, 6), to first order."""
+    """Return (eta1, eta1', eta2, eta2', lam1, lam2) and its covariance (6, 6), to first order, for stretched x, P."""
     soft = 1 / stretch_factors(x)
     eta = soft * x[:4]
     top = jnp.concatenate([jnp.eye(4) * soft, -2 * eta[:, None] * OF_MODE], axis=1)
@@ -118,7 +121,10 @@ def unstretch(x: Any, P: Any) -> tuple[Any, Any]:
 
 
 def mixture_mean(x: Any, P: Any, p: Any) -> tuple[Any, Any]:
-    """Return mean (6,) and covariance (6, 6), unstretched, of hypotheses x (m, 6), P (m, 6, 6), p (m,)."""
+    """Return mean (6,) and covariance (6, 6) of (eta1, eta1', eta2, eta2', lam1, lam2) over all hypotheses.
+
+    Each hypothesis has a state x (m, 6), a covariance P (m, 6, 6) and a probability p (m,).
+    """
     y, V = jax.vmap(unstretch)(x, P)
     mean = p @ y
     off = y - mean
@@ -128,73 +134,73 @@ def mixture_mean(x: Any, P: Any, p: Any) -> tuple[Any, Any]:
 
 @record
 class AdaptiveModeState:
-    """State of the filter. Source: docs page, Adaptive flexible modes."""
+    """State of the adaptive filter of the bending modes. Source: docs page, Adaptive flexible modes."""
 
-    x: Any = quantity("1", "State of each hypothesis: s1, s1', s2, s2', ln w1/w1_0, ln w2/w2_0.", shape=(M, 6))
-    P: Any = quantity("1", "Covariance of each hypothesis.", shape=(M, 6, 6))
+    x: Any = quantity("1", "Filter state of each hypothesis: s1, s1', s2, s2', ln w1/w1_0, ln w2/w2_0.", shape=(M, 6))
+    P: Any = quantity("1", "Covariance of each hypothesis's state.", shape=(M, 6, 6))
     p: Any = quantity("1", "Probability of each hypothesis.", shape=(M,))
-    Qd: Any = quantity("1", "Covariance of the noise of one period (4, 4), nominal frequencies.", shape=(4, 4))
+    Qd: Any = quantity("1", "Covariance of the process noise of one period, at nominal frequencies.", shape=(4, 4))
     mean: Any = quantity(
         "1", "Mean over the hypotheses of eta1, eta1', eta2, eta2', ln w1/w1_0, ln w2/w2_0.", shape=(6,)
     )
-    spread: Any = quantity("1", "Covariance of the mean over the hypotheses.", shape=(6, 6))
-    w: Any = quantity("rad/s", "Estimated frequencies.", shape=(2,))
+    spread: Any = quantity("1", "Covariance of the mean estimate, including the spread of hypotheses.", shape=(6, 6))
+    w: Any = quantity("rad/s", "Estimated natural frequencies of modes 1 and 2.", shape=(2,))
     bare: ModelPrediction = part("Prediction of the modes by the model alone.")
-    chi: RigidFlight = part("Rigid-body state at the last step.")
+    chi: RigidFlight = part("Measured rigid-body state at the last step.")
     u: HypersonicInput = part("Fuel ratio and elevator that acted in the last step.")
-    t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the filter's last step.", kind="time")
     seen: Scalar = quantity("100 ns", "Time at which the last acceleration used was measured.", kind="time")
     flight_t: Scalar = quantity("100 ns", "Time at which the rigid-body state was measured.", kind="time")
     started: Scalar = quantity("1", "True once the rigid-body state and the input have been received.", kind="flag")
-    innovation: Scalar = quantity("rad/s^2", "Innovation of the last step.")
-    S: Scalar = quantity("rad^2/s^4", "Variance of the innovation.")
-    nis: Scalar = quantity("1", "NIS: innovation squared over its variance S.")
+    innovation: Scalar = quantity("rad/s^2", "Innovation of the pitch acceleration in the last step.")
+    S: Scalar = quantity("rad^2/s^4", "Variance of the innovation of the pitch acceleration.")
+    nis: Scalar = quantity("1", "NIS: innovation squared, divided by its variance.")
     updated: Scalar = quantity("1", "True if a measurement was used in the last step.", kind="flag")
-    learned: Scalar = quantity(
-        "1", "True if the last measurement carried information about the frequencies.", kind="flag"
-    )
+    learned: Scalar = quantity("1", "True if the frequencies were corrected in the last step.", kind="flag")
     bounded: Scalar = quantity("1", "True if a frequency was held at its bound in the last step.", kind="flag")
 
 
 @record
 class AdaptiveFlexibleModeFilter:
-    """Nine extended Kalman filters of modal state and both natural frequencies, weighted by how well each predicts.
+    """Nine extended Kalman filters of modal state and both natural frequencies, weighted by their likelihood.
 
         x = (s1, s1', s2, s2', ln w1/w1_0, ln w2/w2_0)      s_i = (w_i/w_i0)^2 eta_i      p_m ~ p_m N(r_m; 0, S_m)
 
-    One such filter is not enough: frequencies 10 % off bring mode 2 near the expected mode 1, and the filter settles on
-    the wrong mode. Nine filters that start a tenth apart find the right one. The estimate is their mean; its
-    covariance includes the spread between the filters.
+    A single filter is not enough: if the frequencies are 10 % off, mode 2 is near the expected frequency of mode 1, and
+    the filter converges to the wrong mode. Of nine filters that start at frequencies about a tenth apart, one converges
+    to the right modes. The estimate is the weighted mean of the filters. Its covariance includes their spread.
 
     - Frequencies and probabilities change only while the modes vibrate by at least `excitation` standard deviations of
-      their uncertainty. Otherwise the frequencies are considered, not corrected. **At rest nothing can be learnt.**
-    - An innovation with NIS above `gate` is not noise but an unknown moment (a jolt): its square is added to R, and P
-      grows by the effect of that moment on the modes. The frequencies learn nothing from it.
-    - Each filter's frequencies walk slowly, up to its initial deviation, and stay within `bound`.
+      their uncertainty. Otherwise the uncertainty of the frequencies is considered, but the frequencies are not
+      corrected. **At rest the frequencies can't be estimated.**
+    - An innovation with NIS above `gate` is taken as an unknown moment (a jolt), not as noise. Its square is added to
+      R, P grows by the effect of this moment on the modes, and the frequencies are not corrected.
+    - The frequencies of each filter follow a slow random walk. Their standard deviation does not grow above its initial
+      value, and they stay within `bound`.
 
-    Not modelled: damping and coupling that differ from the vehicle's; noise of the rigid flight.
+    Not modelled: damping and coupling that differ from those of the vehicle model; noise of the measured rigid flight.
     Source:  beyond [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for
              hypersonic flight vehicle", Aerospace 2022, 9(4), 206; [4] Bar-Shalom, Li, Kirubarajan, "Estimation with
              applications to tracking and navigation", Wiley 2001, section 11.6 (static multiple models).
     """
 
     craft: Hypersonic = part("Vehicle model used by the filter, with nominal frequencies.", default=Hypersonic())
-    Q: Any = quantity("1", "Process noise of the modal state, diagonal.", default=(1e-5, 0.1, 1e-5, 0.1), shape=(4,))
+    Q: Any = quantity("1", "Process noise density, diagonal.", default=(1e-5, 0.1, 1e-5, 0.1), shape=(4,))
     R: Scalar = quantity("rad^2/s^4", "Noise variance of one sample of the pitch acceleration.", default=1e-4, above=0)
     P0: Any = quantity(
-        "1", "Initial variances of the modal state for given frequencies.", default=(1.0, 100.0, 1.0, 100.0), shape=(4,)
+        "1", "Initial variances of the modal state at known frequencies.", default=(1.0, 100.0, 1.0, 100.0), shape=(4,)
     )
     eta0: Any = quantity(
-        "1", "Initial estimate, at nominal frequencies.", default=PRINTED_ETA0, shape=(4,), source="[1]"
+        "1", "Initial modal state, at nominal frequencies.", default=PRINTED_ETA0, shape=(4,), source="[1]"
     )
     deviation: Any = quantity("1", "Initial standard deviations of ln w1 and ln w2.", default=(0.1, 0.1), shape=(2,))
     walk: Any = quantity("1/s", "Densities of the random walks of ln w1 and ln w2.", default=(1e-6, 1e-6), shape=(2,))
     bound: Scalar = quantity(
-        "1", "Bound of the estimated frequencies, as a factor above or below nominal.", default=1.25, above=1
+        "1", "Largest factor by which an estimated frequency may differ from nominal.", default=1.25, above=1
     )
     excitation: Scalar = quantity(
         "1",
-        "Frequencies are corrected if the vibration exceeds this many standard deviations of its uncertainty.",
+        "Smallest vibration at which frequencies are corrected, in standard deviations of its uncertainty.",
         default=3.0,
         low=0,
     )
@@ -221,14 +227,14 @@ class AdaptiveFlexibleModeFilter:
         for field, pair in {"deviation": self.deviation, "walk": self.walk}.items():
             values = np.asarray(pair, float)
             if not (np.isfinite(values).all() and (values >= 0).all()):
-                problem = f"{values.tolist()} must be finite and at least 0"
-                raise InputError(f"{name}.{field}", problem, fix="two numbers")
+                problem = f"must be finite and at least 0, got {values.tolist()}"
+                raise InputError(f"{name}.{field}", problem, fix="give two finite numbers of at least 0")
         for field, value in {"R": self.R, "bound": self.bound, "excitation": self.excitation}.items():
             if not math.isfinite(value):
-                raise InputError(f"{name}.{field}", f"{value} must be finite", fix="give a finite number")
+                raise InputError(f"{name}.{field}", f"must be finite, got {value}", fix="give a finite number")
         outermost = math.exp(HYPOTHESIS_SPACING * float(np.max(self.deviation)))
         if outermost >= self.bound:
-            problem = f"hypotheses start at a factor of {outermost:.3g}, outside the bound {float(self.bound):g}"
+            problem = f"hypotheses start at a factor of {outermost:.3g}, must be within the bound {float(self.bound):g}"
             raise InputError(f"{name}.bound", problem, fix="raise the bound, or choose a smaller `deviation`")
         fastest = float(max(self.craft.modes.w1, self.craft.modes.w2) * self.bound)
         if fastest * to_seconds(self.period) >= 0.5:
@@ -236,7 +242,7 @@ class AdaptiveFlexibleModeFilter:
             raise InputError(f"{name}.period", problem, fix=f"set it below {format_time(int(0.5 / fastest * 1e7))}")
 
     def init(self, key: Key) -> AdaptiveModeState:
-        """Return the initial state, before any measurement."""
+        """Return the filter's initial state, before any measurement."""
         no, deviation = jnp.asarray(False), jnp.asarray(self.deviation)
         A, _ = modal_dynamics(self.craft)
         model = discretise(A, jnp.diag(jnp.asarray(self.Q)), to_seconds(self.period))
@@ -261,7 +267,7 @@ class AdaptiveFlexibleModeFilter:
         )
 
     def predict(self, x: Any, P: Any, Qd: Any, b: Any) -> tuple[Any, Any]:
-        """Return x (6,) and P (6, 6) of one hypothesis after one period under the held forcing b (4,) of eta."""
+        """Return x (6,) and P (6, 6) of one hypothesis after one period under a constant forcing b (4,) of eta."""
         dt, by, still = to_seconds(self.period), stretch_factors(x), jnp.zeros((4, 2))
         F = jax.jacfwd(lambda x: propagate_modes(self.craft, x, b, dt))(x)
         room = (SHARE * jnp.asarray(self.deviation)) ** 2 - jnp.stack([P[4, 4], P[5, 5]])
@@ -270,10 +276,10 @@ class AdaptiveFlexibleModeFilter:
         return propagate_modes(self.craft, x, b, dt), kalman.predict_covariance(P, F, noise)
 
     def update(self, x: Any, P: Any, modal: Any, b: Any) -> tuple[Any, ...]:
-        """Update one hypothesis with a measurement `modal` (rad/s^2) of C eta while b (4,) acted.
+        """Update one hypothesis with a pitch acceleration (rad/s^2) caused by the modes, under a forcing b (4,) of eta.
 
-        Returns: x, P, innovation, its variance, log-likelihood, flags (2,) of the frequencies that learn, and whether
-        a frequency was held at its bound.
+        Returns: x, P, innovation, variance of the innovation, log-likelihood, flags (2,) that are True for each
+        frequency that was corrected, and a flag that is True if a frequency was held at its bound.
         """
         expected = modal_accelerations(self.craft, x)[0]
         H = jax.jacfwd(lambda x: modal_accelerations(self.craft, x)[0])(x)
@@ -332,7 +338,7 @@ class AdaptiveFlexibleModeFilter:
         )
 
     def estimated_flight(self, state: AdaptiveModeState) -> FlexibleFlight:
-        """Return the estimate: the mean of the hypotheses; the standard deviations include their spread."""
+        """Return the mean over the hypotheses as estimate, with standard deviations that include their spread."""
         sigma = jnp.sqrt(jnp.maximum(jnp.stack([state.spread[i, i] for i in range(6)]), 0.0))
         frequencies = ModalFrequencies(
             w1=state.w[0],
@@ -349,7 +355,10 @@ class AdaptiveFlexibleModeFilter:
 
 
 def update_probabilities(p: Any, likely: Any) -> Any:
-    """Return the probabilities (m,), at least about PROBABILITY_MIN, after log-likelihoods (m,) of a measurement."""
+    """Return the probabilities (m,) of the hypotheses after a measurement with the log-likelihoods `likely` (m,).
+
+    No probability falls below about PROBABILITY_MIN.
+    """
     p = p * jnp.exp(likely - jnp.max(likely))
     p = jnp.maximum(p / jnp.sum(p), PROBABILITY_MIN)
     return p / jnp.sum(p)

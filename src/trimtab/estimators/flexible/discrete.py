@@ -1,4 +1,4 @@
-"""Discrete filter of the hypersonic vehicle's bending modes from its pitch acceleration, as flown."""
+"""Discrete filter that estimates the hypersonic vehicle's bending modes from its pitch acceleration."""
 
 import math
 from typing import Any
@@ -40,32 +40,32 @@ TUNED_Q = (1e-5, 500.0, 1e-5, 6.0)
 
 @record
 class ModalModel:
-    """Discrete linear model, computed once. Source: docs page, Flexible modes."""
+    """Discrete linear model of the bending modes, computed once. Source: docs page, Flexible modes."""
 
-    C: Any = quantity("1", "Derivative of the pitch acceleration by the modal state (4,).", shape=(4,))
+    C: Any = quantity("1", "Derivative of the pitch acceleration by the modal state.", shape=(4,))
     Ad: Any = quantity("1", "Transition matrix of the modal state over one period (4, 4).", shape=(4, 4))
-    Bd: Any = quantity("1", "Effect of a held forcing over one period (4, 4).", shape=(4, 4))
-    Qd: Any = quantity("1", "Covariance of the noise of one period (4, 4).", shape=(4, 4))
+    Bd: Any = quantity("1", "Effect on the modal state of a forcing held over one period (4, 4).", shape=(4, 4))
+    Qd: Any = quantity("1", "Covariance of the process noise of one period (4, 4).", shape=(4, 4))
 
 
 @record
 class FlexibleModeState:
-    """State of the filter. Source: docs page, Flexible modes."""
+    """State of the discrete filter of the bending modes. Source: docs page, Flexible modes."""
 
-    model: ModalModel = part("Discrete model.")
+    model: ModalModel = part("Discrete model of the bending modes.")
     eta: Any = quantity("1", "Modal state eta1, eta1', eta2, eta2'.", shape=(4,))
     offset: Scalar = quantity("rad/s^2", "Estimated offset of the accelerometer.")
     P: Any = quantity("1", "Covariance of modal state and offset.", shape=(5, 5))
     bare: ModelPrediction = part("Prediction of the modes by the model alone.")
-    chi: RigidFlight = part("Rigid-body state at the last step.")
+    chi: RigidFlight = part("Measured rigid-body state at the last step.")
     u: HypersonicInput = part("Fuel ratio and elevator that acted in the last step.")
-    t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the filter's last step.", kind="time")
     seen: Scalar = quantity("100 ns", "Time at which the last acceleration used was measured.", kind="time")
     flight_t: Scalar = quantity("100 ns", "Time at which the rigid-body state was measured.", kind="time")
     started: Scalar = quantity("1", "True once the rigid-body state and the input have been received.", kind="flag")
-    innovation: Scalar = quantity("rad/s^2", "Innovation of the last step.")
-    S: Scalar = quantity("rad^2/s^4", "Variance of the innovation.")
-    nis: Scalar = quantity("1", "NIS: innovation squared over its variance S.")
+    innovation: Scalar = quantity("rad/s^2", "Innovation of the pitch acceleration in the last step.")
+    S: Scalar = quantity("rad^2/s^4", "Variance of the innovation of the pitch acceleration.")
+    nis: Scalar = quantity("1", "NIS: innovation squared, divided by its variance.")
     updated: Scalar = quantity("1", "True if a measurement was used in the last step.", kind="flag")
 
 
@@ -77,25 +77,26 @@ class FlexibleModeFilter:
         eta += L r                                   P = (I - L C) P (I - L C)' + R L L'
         eta = Ad eta + Bd b(chi, u)                  P = Ad P Ad' + Qd
 
-    with Ad = expm(A dt), Bd its integral, Qd by Van Loan. The accelerometer's offset o is a fifth state, constant
-    except for a random walk. Unlike bending, it does not decay, so the filter can separate the two. At an instant t_k
-    the filter predicts from t_k-1, with chi(k-1) and the input u that has acted since. It then updates with chi(k) and
-    the same u, because the acceleration was sampled before the new command acts. The affine part d must be in the
-    innovation: at the trim it is +0.212 rad/s^2, and without it the modal rates are biased. The sample "actuators"
-    holds the actual fuel ratio and elevator, **clipped and held**, not the demanded values.
+    with Ad = expm(A dt), Bd the integral of expm(A t) over a period, Qd by Van Loan. The accelerometer's offset o is a
+    fifth state, constant except for a random walk. Unlike bending, the offset does not decay, so the filter can
+    separate the two. At an instant t_k the filter predicts from t_k-1, with chi(k-1) and the input u that has acted
+    since. It then updates with chi(k) and the same u, because the acceleration was sampled before the new command acts.
+    The affine part d must be in the innovation: at the trim d is +0.212 rad/s^2, and without d the modal rates are
+    biased. The sample "actuators" contains the actual fuel ratio and elevator, **clipped and held**, not the demanded
+    values.
 
-    The default noise tolerates modal frequencies 10 % off, at the price of a larger steady error. It is large for the
-    slow mode 1 and small for mode 2, whose frequency is critical. With corrects=False the filter ignores the
-    measurements. Every result has to be compared with this observer: **its error vanishes too**, by structural damping
-    alone.
+    With the default process noise, the filter tolerates modal frequencies 10 % off, at the price of a larger steady
+    error. The noise is large for the slow mode 1 and small for mode 2, whose frequency is critical. With corrects=False
+    the filter ignores the measurements. Every result has to be compared with this prediction by the model alone: **its
+    error also vanishes**, by structural damping.
 
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
-             flight vehicle", Aerospace 2022, 9(4), 206, eq. 9 and below, corrected. Its P(0), sampling and noise are
-             not printed: chosen here, docs page.
+             flight vehicle", Aerospace 2022, 9(4), 206, eq. 9 and below, corrected. P(0), sampling and noise are not
+             given in [1]; they are chosen here, see the docs page.
     """
 
     craft: Hypersonic = part("Vehicle model used by the filter.", default=Hypersonic())
-    Q: Any = quantity("1", "Process noise of the modal state, diagonal of its density.", default=TUNED_Q, shape=(4,))
+    Q: Any = quantity("1", "Density of the modal state's process noise, diagonal.", default=TUNED_Q, shape=(4,))
     R: Scalar = quantity("rad^2/s^4", "Noise variance of one sample of the pitch acceleration.", default=1e-4, above=0)
     P0: Any = quantity("1", "Initial variances of the modal state.", default=(1.0, 100.0, 1.0, 100.0), shape=(4,))
     eta0: Any = quantity("1", "Initial estimate of the modal state.", default=PRINTED_ETA0, shape=(4,), source="[1]")
@@ -142,7 +143,7 @@ class FlexibleModeFilter:
         if not math.isfinite(self.R):
             raise InputError(
                 "FlexibleModeFilter.R",
-                f"{self.R} must be finite",
+                f"must be finite, got {self.R}",
                 fix="give a finite variance; corrects=False ignores measurements",
             )
         A, _ = modal_dynamics(self.craft)
@@ -160,7 +161,7 @@ class FlexibleModeFilter:
         return ModalModel(C, Ad, Bd, Qd)
 
     def init(self, key: Key) -> FlexibleModeState:
-        """Return the initial state, before any measurement."""
+        """Return the filter's initial state, before any measurement."""
         model = self.model()
         return FlexibleModeState(
             model=model,
@@ -173,7 +174,7 @@ class FlexibleModeFilter:
         )
 
     def predict(self, model: ModalModel, x: Any, P: Any, chi: RigidFlight, u: HypersonicInput) -> tuple[Any, Any]:
-        """Return modal state and offset x (5,) and their P (5, 5) after one period with held flight and input."""
+        """Return modal state and offset x (5,) and covariance P (5, 5) after a period of constant flight and input."""
         b, _, _ = forcing(self.craft, chi, u)
         walk = self.offset_walk * to_seconds(self.period)
         modes, mixed = kalman.predict_covariance(P[:4, :4], model.Ad, model.Qd), model.Ad @ P[:4, 4]
@@ -183,14 +184,14 @@ class FlexibleModeFilter:
     def update(
         self, model: ModalModel, x: Any, P: Any, chi: RigidFlight, u: HypersonicInput, pitch_acceleration: Any
     ) -> kalman.Update:
-        """Return x (5,) and P after a pitch acceleration (rad/s^2) measured while u acted, in Joseph's form."""
+        """Update x (5,) and P, in Joseph's form, with a pitch acceleration (rad/s^2) measured under the input u."""
         _, d, rigid = forcing(self.craft, chi, u)
         H = jnp.append(model.C, 1.0)
         r = pitch_acceleration - rigid - H @ x - d
         return kalman.update(x, P, r[None], H[None], jnp.asarray(self.R)[None, None])
 
     def estimated_flight(self, state: FlexibleModeState) -> FlexibleFlight:
-        """Return the estimate in a state of the filter, with the accelerometer's offset."""
+        """Return the flight estimate, including the accelerometer's offset, from a state of the filter."""
         offset = AccelerometerOffset(state.offset, jnp.sqrt(jnp.maximum(state.P[4, 4], 0.0)))
         return replace(estimated_flight(self, state), offset=offset)
 

@@ -4,7 +4,7 @@
 
 The modes enter the pitch acceleration and their own accelerations linearly, so A and C are constant for each
 interpretation of the coupling. The rigid-body state chi = (h, h', V, alpha, Q) and the input u act through b and d
-only. The publication's "extended" filter is a linear one.
+only. The publication's "extended" Kalman filter is therefore linear.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, section on the observer; d and the forcing in b, omitted there, are included.
@@ -26,7 +26,9 @@ from trimtab.vehicles.imperial import FOOT
 
 @record
 class RigidFlight:
-    """The measured part of the state, chi. Source: [1] eq. 4 and the observer's section, in its units."""
+    """Rigid-body state chi, the measured part of the state. Source: [1] eq. 4 and section on the observer, with the
+    units of [1].
+    """
 
     h: Scalar = quantity("ft", "Altitude.", frame="W", default=0.0)
     h_rate: Scalar = quantity("ft/s", "Climb rate.", frame="W", default=0.0)
@@ -37,24 +39,24 @@ class RigidFlight:
 
 @record
 class ModalState:
-    """State of both modes. Source: [1] eq. 1."""
+    """State of both bending modes. Source: [1] eq. 1."""
 
-    eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1.")
-    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 1.")
-    eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2.")
-    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 2.")
+    eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of bending mode 1.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Time derivative of the displacement of bending mode 1.")
+    eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of bending mode 2.")
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Time derivative of the displacement of bending mode 2.")
 
 
 @record
 class ModalFrequencies:
     """Natural frequencies of both modes, estimated by a filter. Source: docs page, Adaptive flexible modes."""
 
-    w1: Scalar = quantity("rad/s", "Natural frequency of mode 1, estimated.")
-    w2: Scalar = quantity("rad/s", "Natural frequency of mode 2, estimated.")
-    w1_sigma: Scalar = quantity("rad/s", "Standard deviation of the estimate of w1.")
-    w2_sigma: Scalar = quantity("rad/s", "Standard deviation of the estimate of w2.")
-    learned: Scalar = quantity("1", "True if this measurement carried information about the frequencies.", kind="flag")
-    bounded: Scalar = quantity("1", "True if a frequency was limited to its bound.", kind="flag")
+    w1: Scalar = quantity("rad/s", "Estimated natural frequency of bending mode 1.")
+    w2: Scalar = quantity("rad/s", "Estimated natural frequency of bending mode 2.")
+    w1_sigma: Scalar = quantity("rad/s", "Standard deviation of the estimated frequency of mode 1.")
+    w2_sigma: Scalar = quantity("rad/s", "Standard deviation of the estimated frequency of mode 2.")
+    learned: Scalar = quantity("1", "True if the last measurement corrected the frequencies.", kind="flag")
+    bounded: Scalar = quantity("1", "True if an estimated frequency was limited to its bound.", kind="flag")
 
 
 @record
@@ -67,49 +69,50 @@ class AccelerometerOffset:
 
 @record
 class ModelPrediction:
-    """Prediction of the modes by the model alone, without measurements: the baseline for every estimate.
+    """Prediction of the modes by the model alone, without measurements. It is the baseline for every estimate.
 
     Source: docs page, Flexible modes.
     """
 
     eta: Any = quantity("1", "Modal state eta1, eta1', eta2, eta2'.", shape=(4,))
     Ad: Any = quantity("1", "Transition matrix of the modal state over one period (4, 4).", shape=(4, 4))
-    Bd: Any = quantity("1", "Effect of a held forcing over one period (4, 4).", shape=(4, 4))
+    Bd: Any = quantity("1", "Effect on the modal state of a forcing held over one period (4, 4).", shape=(4, 4))
 
 
 @record
 class FlexibleFlight:
-    """Whole state as given by a filter of the modes, with signals of the filter's performance.
+    """Estimate of a bending mode filter: measured flight, estimated modes, and signals of the filter's performance.
 
-    Source: [1], order of its errors e; innovation signals: docs page, Flexible modes.
+    Source: [1], in the order of the errors e; innovation signals: docs page, Flexible modes.
     """
 
-    h: Scalar = quantity("ft", "Altitude, as measured.", frame="W")
-    h_rate: Scalar = quantity("ft/s", "Climb rate, as measured.", frame="W")
-    V: Scalar = quantity("ft/s", "Speed along the path, as measured.")
-    alpha: Scalar = quantity("rad", "Angle of attack, as measured.", kind="angle")
-    q: Scalar = quantity("rad/s", "Pitch rate, as measured.", frame="B")
-    eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1, estimated.")
-    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 1, estimated.")
-    eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2, estimated.")
-    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 2, estimated.")
-    sigma: Any = quantity("1", "Standard deviations of the four modal estimates, each in its unit.", shape=(4,))
+    h: Scalar = quantity("ft", "Measured altitude.", frame="W")
+    h_rate: Scalar = quantity("ft/s", "Measured climb rate.", frame="W")
+    V: Scalar = quantity("ft/s", "Measured speed along the path.")
+    alpha: Scalar = quantity("rad", "Measured angle of attack.", kind="angle")
+    q: Scalar = quantity("rad/s", "Measured pitch rate, nose up.", frame="B")
+    eta1: Scalar = quantity("(slug ft)^1/2", "Estimated displacement of bending mode 1.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Estimated time derivative of the displacement of bending mode 1.")
+    eta2: Scalar = quantity("(slug ft)^1/2", "Estimated displacement of bending mode 2.")
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Estimated time derivative of the displacement of bending mode 2.")
+    sigma: Any = quantity("1", "Standard deviations of eta1, eta1', eta2, eta2', each in its unit.", shape=(4,))
     innovation: Scalar = quantity(
         "rad/s^2", "Innovation: measured minus predicted pitch acceleration; 0 if not finite."
     )
-    S: Scalar = quantity("rad^2/s^4", "Variance of the innovation.")
-    nis: Scalar = quantity("1", "NIS: innovation squared over its variance S.")
+    S: Scalar = quantity("rad^2/s^4", "Variance of the innovation of the pitch acceleration.")
+    nis: Scalar = quantity("1", "NIS: innovation squared, divided by its variance.")
     updated: Scalar = quantity("1", "True if a measurement was used in this step.", kind="flag")
-    without_measurement: ModalState = part("Prediction of the same model without any measurement.")
-    frequencies: Any = part("ModalFrequencies of a filter that estimates them, else None.", default=())
-    offset: Any = part("AccelerometerOffset of a filter that estimates it, else None.", default=())
+    without_measurement: ModalState = part("Prediction of the modes by the model alone, without measurements.")
+    frequencies: Any = part("Estimated ModalFrequencies; () if the filter does not estimate frequencies.", default=())
+    offset: Any = part("Estimated AccelerometerOffset; () if the filter does not estimate it.", default=())
 
 
 class FlightSamples(NamedTuple):
     """Inputs of a mode filter at one instant.
 
-    chi, u: flight and input; the previous ones where the samples cannot be used.  flight_usable: True if the flight
-    sample can be used.  has_started: True once both have been received.  flight_t: time at which chi was measured.
+    chi, u: rigid-body state and input; the previous values if a sample can't be used.  flight_usable: True if the
+    flight sample can be used.  has_started: True once both a flight sample and an input sample have been used.
+    flight_t: time at which chi was measured.  acceleration: sample of the pitch acceleration.
     """
 
     chi: RigidFlight
@@ -121,7 +124,10 @@ class FlightSamples(NamedTuple):
 
 
 def modal_dynamics(craft: Hypersonic) -> tuple[Any, Any]:
-    """Return A (4, 4) and C (4,) for (eta1, eta1', eta2, eta2'), from the algebraic loop of any `kmode`, by units."""
+    """Return A (4, 4) and C (4,) for (eta1, eta1', eta2, eta2'), for any interpretation of the coupling.
+
+    The columns result from unit states in the vehicle's coupled equations of the modes.
+    """
     one = jnp.eye(4)
     back1, back2 = craft.modes.restoring_forces(one[0], one[1], one[2], one[3])
     C, first, second = craft.modes.solve_accelerations(craft.Iyy, jnp.zeros(4), back1, back2)
@@ -129,7 +135,7 @@ def modal_dynamics(craft: Hypersonic) -> tuple[Any, Any]:
 
 
 def forcing(craft: Hypersonic, chi: RigidFlight, u: HypersonicInput) -> tuple[Any, Any, Any]:
-    """Return b (4,), d and M/Iyy (rad/s^2): effect of flight and input on the modes and the pitch acceleration."""
+    """Return b (4,), d and M/Iyy (rad/s^2), the effects of flight and input on the modes and the pitch acceleration."""
     moment = craft.forces.at(chi.h, chi.V, chi.alpha, u.Phi, u.delta_e).M
     N1, N2 = craft.modes.forcing(chi.alpha, u.delta_e)
     q_rate, first, second = craft.modes.solve_accelerations(craft.Iyy, moment, N1, N2)
@@ -138,7 +144,10 @@ def forcing(craft: Hypersonic, chi: RigidFlight, u: HypersonicInput) -> tuple[An
 
 
 def read_flight_samples(listens: tuple[str, ...], state: Any, frame: Frame) -> FlightSamples:
-    """Return the inputs from the named samples of flight (SI), acceleration and acting input, and the last state."""
+    """Return a mode filter's inputs from the samples of three sensors. Where a sample can't be used, keep the last one.
+
+    listens: names of the sensors of flight (SI units), pitch acceleration and acting input.
+    """
     flight, acceleration, acting = (frame.samples[name] for name in listens)
     z = flight.value
     measured = RigidFlight(z.altitude / FOOT, z.climb / FOOT, z.speed / FOOT, z.alpha, z.pitch_rate)
@@ -152,14 +161,14 @@ def read_flight_samples(listens: tuple[str, ...], state: Any, frame: Frame) -> F
 
 
 def listened_sensors(form: Any) -> tuple[str, ...]:
-    """Return the names of the sensors of flight, pitch acceleration and acting input: `listens` of every filter."""
+    """Return the names of a mode filter's sensors of flight, pitch acceleration and acting input (`listens`)."""
     return (form.flight, form.accelerometer, form.actuators)
 
 
 def step_mode_filter(form: Any, t: Any, state: Any, frame: Frame) -> tuple[Any, Estimate]:
-    """Return a filter's state and its estimate at integer time t: `step` of every filter.
+    """Return a mode filter's state and its estimate at integer time t (`step` of every mode filter).
 
-    Once a period the filter and the model without measurements advance; in between the last estimate is held.
+    The filter and the prediction by the model alone advance once per period. In between, the last estimate is held.
     """
     due = ~state.started | (t - state.t >= form.period)
     new = form.advance(t, state, frame)
@@ -171,7 +180,7 @@ def step_mode_filter(form: Any, t: Any, state: Any, frame: Frame) -> tuple[Any, 
 
 
 def first_instant() -> dict[str, Any]:
-    """Return the initial fields of every filter's state, before any measurement."""
+    """Return the initial values of the fields that all mode filters have in their state."""
     no, zero = jnp.asarray(False), jnp.asarray(0.0)
     return {
         "chi": jax.tree.map(jnp.asarray, RigidFlight()),
@@ -187,7 +196,7 @@ def first_instant() -> dict[str, Any]:
 
 
 def next_instant(t: Any, state: Any, samples: FlightSamples) -> dict[str, Any]:
-    """Return the fields of every filter's state at time t, once these samples have arrived."""
+    """Return the values at time t of the fields that all mode filters have in their state, given new samples."""
     return {
         "chi": samples.chi,
         "u": samples.u,
@@ -198,19 +207,19 @@ def next_instant(t: Any, state: Any, samples: FlightSamples) -> dict[str, Any]:
 
 
 def _advance_model_prediction(craft: Hypersonic, state: Any, u: HypersonicInput) -> ModelPrediction:
-    """Return the prediction of the model alone after one period during which u acted."""
+    """Return the prediction by the model alone after one period during which the input u acted."""
     bare = state.bare
     b, _, _ = forcing(craft, state.chi, u)
     return replace(bare, eta=jnp.where(state.started, bare.Ad @ bare.eta + bare.Bd @ b, bare.eta))
 
 
 def estimated_flight(form: Any, state: Any) -> FlexibleFlight:
-    """Return the estimate in a filter's state: measured values as measured, the modes as estimated."""
+    """Return the estimate of a mode filter from its state: the measured flight and the estimated modes."""
     return flexible_flight(state, state.eta, jnp.stack([state.P[i, i] for i in range(4)]))
 
 
 def flexible_flight(state: Any, eta: Any, variances: Any) -> FlexibleFlight:
-    """Return the estimate with modal states (4,) of these variances (4,)."""
+    """Return the estimate of a mode filter with the modal state eta (4,) and its variances (4,)."""
     chi = state.chi
     return FlexibleFlight(
         h=chi.h,
@@ -236,9 +245,9 @@ def _is_finite(r: Any) -> Any:
 
 
 def check_variances(part: str, **fields: Any) -> None:
-    """Raise InputError if a field is not four variances; fields: the values by name."""
+    """Raise InputError if a field does not contain finite variances of at least 0. fields: values by name."""
     for name, value in fields.items():
         values = np.asarray(value, float)
         if not (np.isfinite(values).all() and (values >= 0).all()):
-            problem = f"{values.tolist()} must be four variances"
+            problem = f"must be four variances, got {values.tolist()}"
             raise InputError(f"{part}.{name}", problem, fix="give four finite numbers, each at least 0")

@@ -1,7 +1,9 @@
-"""Aided inertial navigation, the step common to all forms: read samples, order them, replay the filter, give the state.
+"""Aided inertial navigation: the step that all filter forms share. It reads samples, sorts them by time, replays the
+filter and returns the state.
 
 A form (`core.interfaces.InertialForm`) is the filter alone: its state at one instant (a node), its propagation and
-correction, and its estimate (belief). It has the parts intake, noise, start and arms, and takes its `step` from here.
+correction, and its estimate (Belief). A form has the parts intake, noise, start and arms, and uses `navigate` as its
+`step`.
 
     navigate      read_samples (sensor_watch)  ->  enter_event, replay_events (measurement_history): the form's
                   propagate and correct_...  ->  the form's belief  ->  reference_kinematics (navigation_state)
@@ -51,25 +53,25 @@ from trimtab.estimators.inertial.sensor_watch import (
 
 @record
 class Intake:
-    """Selection of the samples that are read, their gates, and the length of the history.
+    """Sensors that the navigation reads, gates and checks of their samples, and length of the history.
 
     Reads: angular_rate (3,), specific_force (3,), gyro_saturated and accelerometer_saturated of the IMU, whose axes are
-    B's; heading of the heading sensor; north and east of the position sensor. `variance` of these two is used where the
-    sensor gives a value above 0. An empty name means that there is no such sensor.
-    Source: ranges [1] section 5.4 (300 deg/s, 1.7 g); gates: 0.9999 quantiles of chi-square; the rest chosen here.
+    those of B; heading of the heading sensor; north and east of the position sensor. If the heading or position sensor
+    gives a `variance` above 0, this variance is used. An empty name means that the vehicle has no such sensor.
+    Source: ranges [1] section 5.4 (300 deg/s, 1.7 g); gates: 0.9999 quantiles of chi-square; other values chosen here.
     """
 
     gate_heading: Scalar = quantity("1", "NIS gate for heading measurements.", default=15.137, above=0)
     gate_position: Scalar = quantity("1", "NIS gate for position measurements.", default=18.421, above=0)
     patience_heading: Scalar = quantity(
         "1",
-        "Number of consecutive rejected headings after which the next heading is accepted anyway; 0: never.",
+        "Number of consecutive rejected headings after which the next heading is accepted anyway; 0 for never.",
         default=0,
         kind="count",
     )
     patience_position: Scalar = quantity(
         "1",
-        "Number of consecutive rejected positions after which the next position is accepted anyway; 0: never.",
+        "Number of consecutive rejected positions after which the next position is accepted anyway; 0 for never.",
         default=5,
         kind="count",
     )
@@ -84,20 +86,20 @@ class Intake:
     )
     frozen_imu: Scalar = quantity(
         "1",
-        "Consecutive equal IMU samples after which the IMU counts as frozen; 0: never.",
+        "Number of consecutive equal IMU samples after which the IMU counts as frozen; 0 for never.",
         default=25,
         kind="count",
         off={"imu-noise": 0},
     )
     frozen_heading: Scalar = quantity(
         "1",
-        "Consecutive equal headings after which the heading sensor counts as frozen; 0: never.",
+        "Number of consecutive equal headings after which the heading sensor counts as frozen; 0 for never.",
         default=20,
         kind="count",
     )
     frozen_position: Scalar = quantity(
         "1",
-        "Consecutive equal positions after which the position sensor counts as frozen; 0: never.",
+        "Number of consecutive equal positions after which the position sensor counts as frozen; 0 for never.",
         default=5,
         kind="count",
     )
@@ -109,7 +111,7 @@ class Intake:
     )
     lag: Scalar = quantity(
         "100 ns",
-        "Delay of the IMU's samples by its low-pass filter: sqrt(2)/omega for a second-order Butterworth.",
+        "Delay of the IMU's samples by its low-pass filter, e.g. sqrt(2)/omega for a second-order Butterworth filter.",
         default=0,
         kind="time",
         off={"imu-bandwidth": 0},
@@ -124,11 +126,12 @@ class Intake:
     )
 
     def listens(self) -> tuple[str, ...]:
-        """Return the names of the sensors that are read."""
+        """Return the names of the sensors that the navigation reads."""
         return tuple(name for name in (self.imu, self.heading, self.position) if name)
 
     def check(self) -> None:
-        """Raise InputError if the buffer is too small or a sensor name is used twice."""
+        """Raise InputError if the history is too short, a frozen sensor would be accepted, the IMU has no name, or a
+        sensor name is used twice."""
         if self.slots < 4:
             raise InputError(
                 "intake.slots",
@@ -141,7 +144,9 @@ class Intake:
         }
         for name, (patience, frozen) in limits.items():
             if 0 < patience < frozen:
-                problem = f"{frozen} equal samples show a frozen sensor, but it is accepted after {patience} rejections"
+                problem = (
+                    f"a sensor is frozen after {frozen} equal samples, but is accepted after {patience} rejections"
+                )
                 raise InputError(f"intake.frozen_{name}", problem, fix=f"set it to at most {patience}")
         if not self.imu or len(set(self.listens())) < len(self.listens()):
             problem = f"sensors {self.listens()} must include an IMU, and each name must be used once"
@@ -150,30 +155,33 @@ class Intake:
 
 @record
 class InertialState:
-    """State of an aided inertial navigation system. Source: docs page."""
+    """State of an aided inertial navigation system. Source: docs page, Measurement history."""
 
-    history: History = part("Recent events and the filter's states.")
+    history: History = part("Recent measurements and the filter's states at their times.")
     imu: SensorWatch = part("Checks of the IMU's samples.")
     heading: Any = part("Checks of the heading sensor's samples; None without a heading sensor.")
     position: Any = part("Checks of the position sensor's samples; None without a position sensor.")
     imu_arrival: Scalar = quantity("100 ns", "Arrival time of the last IMU sample.", kind="time")
-    reported: Any = part("Motion reported last: fields of NavigationState by name.")
+    reported: Any = part("Last estimate of the motion: fields of NavigationState by name.")
     clock: Scalar = quantity("100 ns", "Largest time of the autopilot's clock that has been received.", kind="time")
-    clock_backwards: Scalar = quantity("1", "Number of times the autopilot's time ran backwards.", kind="count")
+    clock_backwards: Scalar = quantity("1", "Number of times the autopilot's clock ran backwards.", kind="count")
 
 
 def listened_sensors(form: InertialForm) -> tuple[str, ...]:
-    """Return the names of the IMU and the aiding sensors: `listens` of every form."""
+    """Return the names of the IMU and the aiding sensors (`listens` of every filter form)."""
     return form.intake.listens()
 
 
 def check_intake(form: InertialForm) -> None:
-    """Raise InputError if the intake is invalid: `check` of a form."""
+    """Raise InputError if the settings of the sensors are invalid (`check` of a filter form)."""
     form.intake.check()
 
 
 def initial_inertial_state(form: InertialForm, key: Key, width: int = POSITION_NUMBERS) -> InertialState:
-    """Return the initial state: `init` of a form; width: numbers of its longest event."""
+    """Return the initial navigation state (`init` of a filter form).
+
+    width: largest number of values in one measurement.
+    """
     intake, first = form.intake, form.first()
     kinematics = jax.tree.map(
         lambda a: np.zeros(a.shape, a.dtype), jax.eval_shape(lambda: _kinematics(form, first, 0, False))
@@ -184,7 +192,7 @@ def initial_inertial_state(form: InertialForm, key: Key, width: int = POSITION_N
         heading=initial_watch() if intake.heading else None,
         position=initial_watch(max(width, WIDTH)) if intake.position else None,
         imu_arrival=np.int64(NEVER),
-        reported=kinematics | {"coasting": np.bool_(True)},  # so the first step computes it from scratch
+        reported=kinematics | {"coasting": np.bool_(True)},  # so that the first step computes these fields
         clock=np.int64(NEVER),
         clock_backwards=np.int32(0),
     )
@@ -192,7 +200,7 @@ def initial_inertial_state(form: InertialForm, key: Key, width: int = POSITION_N
 
 @jax.jit
 def navigate(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-    """Return the estimate, a NavigationState, at integer time t: `step` of every form.
+    """Return the new state and the estimate, a NavigationState, at integer time t (`step` of every filter form).
 
     Every fresh sample in the frame is fused at the time at which it was measured.
     """
@@ -217,7 +225,7 @@ def navigate(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> 
         clock=jnp.maximum(state.clock, t),
         clock_backwards=increment(state.clock_backwards, jnp.asarray(t < state.clock)),
     )
-    valid = begun  # whether every sensor has been used
+    valid = begun  # true once every sensor has been used
     if form.intake.heading:
         valid = valid & (node.heading_fix.used > 0)
     if form.intake.position:
@@ -235,7 +243,8 @@ def navigate(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> 
 
 
 def _receive_samples(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> Any:
-    """Return the history with the new samples, each sensor's watch, the last IMU time, and if any was usable."""
+    """Return the history with the new samples, the checks of each sensor, the arrival time of the last IMU sample, and
+    a flag that is True if any new sample was usable."""
     readings = read_samples(form.intake, form.AIDED_BY, t, state, frame)
     fresh = jnp.stack([validation.usable for _, validation in readings.values()]).any()
     before = state.history, {name: validation.watch for name, (_, validation) in readings.items()}
@@ -247,10 +256,10 @@ def _receive_samples(form: InertialForm, t: Any, state: InertialState, frame: Fr
 def read_samples(
     intake: Intake, aided_by: str, t: Any, state: Any, frame: Frame
 ) -> dict[str, tuple[Event, SampleValidation]]:
-    """Return each sensor's event, the IMU's first, and a flag that it can be used.
+    """Return each sensor's measurement (an Event) and its validation. The IMU comes first.
 
-    aided_by: "positions" or "ranges", what the sensor at intake.position gives.  t: integer time.
-    state: has the watches imu, heading and position.
+    aided_by: "positions" or "ranges", the quantity that the sensor intake.position measures.  t: integer time.
+    state: state with the SensorWatch fields imu, heading and position.
     """
     sample = frame.samples[intake.imu]
     reading = sample.value
@@ -275,7 +284,10 @@ def read_samples(
 
 
 def position_numbers(value: Any) -> tuple[Any, ...]:
-    """Return north, east (m) of a position and its covariance: north, mixed, east (m^2), 0 if the sensor gives none."""
+    """Return north and east (m) of a position and its covariance: north, mixed, east (m^2).
+
+    The covariance is 0 if the sensor does not provide it.
+    """
     variance = optional_member(value, "variance")
     if np.ndim(variance) == 2:
         return value.north, value.east, variance[0, 0], variance[0, 1], variance[1, 1]
@@ -283,7 +295,10 @@ def position_numbers(value: Any) -> tuple[Any, ...]:
 
 
 def range_numbers(value: Any) -> tuple[Any, ...]:
-    """Return the ranges (m) of a ping and its unit; -1 where a range is not a positive number, 0 where none arrived."""
+    """Return the ranges (m) of a ping, and the number of the unit that sent it.
+
+    A range is -1 if it is not a positive number, and 0 if it did not arrive.
+    """
     sound = jnp.isfinite(value.range) & (value.range > 0)
     ranges = jnp.where(value.arrived, jnp.where(sound, value.range, -1.0), 0.0)
     return (*ranges, value.unit)
@@ -292,13 +307,13 @@ def range_numbers(value: Any) -> tuple[Any, ...]:
 def _read_aiding(
     watch: SensorWatch, t: Any, sample: Sample, kind: int, numbers: tuple[Any, ...], frozen_after: Any
 ) -> tuple[Event, SampleValidation]:
-    """Return the event of an aiding sensor. A frozen one is not used at all; a frozen IMU is used as untrusted."""
+    """Return the measurement of an aiding sensor and its validation. Samples of a frozen sensor are not usable."""
     one = validate_sample(watch, t, sample, numbers, frozen_after=frozen_after, ordered=False)
     return Event(one.t, kind, one.value, np.zeros(2)), one._replace(usable=one.usable & ~one.watch.frozen)
 
 
 def _fuse_events(form: InertialForm, history: History, readings: dict[str, tuple[Event, SampleValidation]]) -> Any:
-    """Return the history with all usable events, and the watches with counts of late and repeated ones."""
+    """Return the history with all usable measurements, and the sensor checks with late and repeated samples counted."""
     reached = newest_imu_index(history)
     watches: dict[str, SensorWatch] = {}
     for name, (event, validation) in readings.items():
@@ -313,17 +328,20 @@ def _fuse_events(form: InertialForm, history: History, readings: dict[str, tuple
 
 
 def _kinematics(form: InertialForm, node: Any, age: Any, silent: Any) -> dict[str, Any]:
-    """Return kinematic fields of NavigationState at the newest IMU sample; if the IMU is silent, at present."""
+    """Return the kinematic fields of NavigationState at the newest IMU sample, or at present if no IMU data arrive."""
     sampled = node, node.imu_reading[0], jnp.asarray(form.noise.gyro, np.float64)
     node, rate, variance = lax.cond(silent, lambda: _coast(form, node, age), lambda: sampled)
     x, P = form.belief(node)
-    i = np.array([0, 3, 4])  # the others have no constant part
+    i = np.array([0, 3, 4])  # only heading and position have a constant error
     belief = Belief(x, P.at[i, i].add(form.noise.constant_variances()[i]))
     return reference_kinematics(belief, rate, variance, form.arms) | {"coasting": jnp.asarray(silent)}
 
 
 def _coast(form: InertialForm, node: Any, age: Any) -> tuple[Any, Any, Any]:
-    """Return a node, its gyro reading and variance at an age (s): constant velocity and heading, full uncertainty."""
-    still = form.belief(node).x[5:]  # reading of an IMU without motion
+    """Return the node, gyro reading and gyro variance after `age` (s) without IMU data.
+
+    Velocity and heading stay constant, and the uncertainty grows as for an untrusted IMU.
+    """
+    still = form.belief(node).x[5:]  # reading of the IMU at constant velocity and heading
     coasted = form.propagate(replace(node, imu_reading=still), age, still, jnp.ones(2))
     return coasted, still[0], form.noise.gyro + form.noise.doubtful_rate**2

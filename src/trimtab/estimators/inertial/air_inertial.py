@@ -1,4 +1,4 @@
-"""State for an aeroplane's control laws, from an inertial unit, satellites and air data probes."""
+"""Flight state for an aeroplane's control laws, estimated from an inertial unit, satellites and air data probes."""
 
 from typing import Any
 
@@ -17,17 +17,17 @@ ZERO = (0.0, 0.0, 0.0)
 
 @record
 class AirInertialEstimate:
-    """Flight state for a control law, with the navigation state behind it. Source: docs page, Air and inertial."""
+    """Flight state for a control law, and the underlying navigation state. Source: docs page, Air and inertial."""
 
-    speed: Scalar = quantity("m/s", "Airspeed, from the pitot tube.")
-    alpha: Scalar = quantity("rad", "Angle of attack, from the vane.", kind="angle")
-    beta: Scalar = quantity("rad", "Sideslip, from the vane.", kind="angle")
+    speed: Scalar = quantity("m/s", "Airspeed measured by the pitot tube.")
+    alpha: Scalar = quantity("rad", "Angle of attack measured by the vane.", kind="angle")
+    beta: Scalar = quantity("rad", "Sideslip angle measured by the vane.", kind="angle")
     altitude: Scalar = quantity("m", "Altitude of the centre of mass above the origin of W.", frame="W")
     roll: Scalar = quantity("rad", "Bank angle.", frame="WB", kind="angle")
     pitch: Scalar = quantity("rad", "Pitch angle, nose up.", frame="WB", kind="angle")
-    roll_rate: Scalar = quantity("rad/s", "Roll rate P, without the gyro's bias.", frame="B")
-    pitch_rate: Scalar = quantity("rad/s", "Pitch rate Q, without the gyro's bias.", frame="B")
-    yaw_rate: Scalar = quantity("rad/s", "Yaw rate R, without the gyro's bias.", frame="B")
+    roll_rate: Scalar = quantity("rad/s", "Roll rate P, corrected for the gyro's bias.", frame="B")
+    pitch_rate: Scalar = quantity("rad/s", "Pitch rate Q, corrected for the gyro's bias.", frame="B")
+    yaw_rate: Scalar = quantity("rad/s", "Yaw rate R, corrected for the gyro's bias.", frame="B")
     normal_load: Scalar = quantity("1", "Upward load factor at the inertial unit: 1 in level flight.", frame="B")
     side_load: Scalar = quantity("1", "Load factor to starboard at the inertial unit.", frame="B")
     inertial: SpatialNavigationState = part("Navigation state at the inertial unit.")
@@ -35,34 +35,35 @@ class AirInertialEstimate:
 
 @record
 class AirInertial:
-    """Air data beside inertial navigation: airspeed and flow angles from probes, the rest from the error-state filter.
+    """Flight state from two sources: airspeed and flow angles from probes, all else from an error-state filter.
 
         altitude = -(p - R_WB l)_down        n = (f - b_force)/g
 
-    p, R_WB, b: from the filter, at the unit's place l; f: accelerometer reading. Rates are the gyro readings minus
-    their estimated bias. The estimate is valid when the navigation is valid and the probes have given a sample.
+    p, R_WB, b: from the filter, at the inertial unit, whose position in B from the centre of mass is l; f:
+    accelerometer reading. Rates are the gyro readings minus their estimated bias. The estimate is valid if the
+    navigation is valid and the probes' sample is valid.
 
-    Frames:  as of `GnssInertial`; l in B from the centre of mass.
-    Not modelled: the wind is not estimated, and air data do not aid the navigation; nor does a barometer.
+    Frames:  those of `GnssInertial`.
+    Not modelled: the wind is not estimated; neither air data nor a barometer aid the navigation.
     Source:  docs page, Air and inertial.
     """
 
-    inertial: GnssInertial = part("Inertial navigation.", default=GnssInertial())
+    inertial: GnssInertial = part("Inertial navigation aided by satellites.", default=GnssInertial())
     lever_arm: Any = quantity("m", "Position of the inertial unit.", frame="B", default=ZERO, shape=(3,))
-    gravity: Scalar = quantity("m/s^2", "Acceleration that counts as a load factor of 1.", default=STANDARD, above=0)
+    gravity: Scalar = quantity("m/s^2", "Acceleration at a load factor of 1.", default=STANDARD, above=0)
     air: str = option("Name of the air data sensor.", default="air")
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Return the names of the sensors that are read."""
+        """Return the names of the sensors that the estimator reads."""
         return (*self.inertial.listens, self.air)
 
     def init(self, key: Key) -> GnssInertialState:
-        """Return the initial state, before any measurement."""
+        """Return the estimator's initial state, before any measurement."""
         return self.inertial.init(key)
 
     def step(self, t: Any, state: GnssInertialState, frame: Frame) -> tuple[GnssInertialState, Estimate]:
-        """Return the estimate at integer time t; its state is an AirInertialEstimate."""
+        """Return the new state and the estimate, an AirInertialEstimate, at integer time t."""
         state, of = self.inertial.step(t, state, frame)
         x, air = of.state, frame.samples[self.air]
         place = x.position - quaternion.rotate(x.attitude, jnp.asarray(self.lever_arm, float))

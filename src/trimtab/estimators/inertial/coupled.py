@@ -1,4 +1,4 @@
-"""Coupled extended filter: one covariance for all states, so positions alone give a heading.
+"""Coupled extended Kalman filter: one covariance for all states, so that positions alone correct the heading.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3;
 [5] Schmidt 1966 for states that are considered but not corrected.
@@ -36,39 +36,39 @@ from trimtab.estimators.inertial.navigation_state import (
 from trimtab.estimators.kalman import Update, predict_covariance
 
 SIGNS = np.array([1.0, 1, 1, 1, 1, -1, -1, -1])
-"""Sign of each error state: 1 for estimate minus truth, -1 (biases) for truth minus estimate."""
+"""Sign of each error state: 1 if the error is estimate minus truth, -1 (biases) if it is truth minus estimate."""
 
 
 @record
 class CoupledNode:
-    """Corrected INS, biases and their common covariance at one instant. Source: [1] chapter 3."""
+    """State of the coupled form at one instant: corrected INS, biases and covariance. Source: [1] chapter 3."""
 
-    t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the filter state.", kind="time")
     imu_reading: Any = quantity(
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
-    untrusted: Any = quantity("1", "Flags (2,): 1 if the gyro, 1 if the accelerometers cannot be trusted.", shape=(2,))
+    untrusted: Any = quantity("1", "Flags of gyro and accelerometers: 1 if the sensor cannot be trusted.", shape=(2,))
     x: Any = quantity(
         "1", "Heading, velocity, position, gyro bias, accelerometer biases (8,), in the order of Belief.x.", shape=(8,)
     )
-    P: Any = quantity("1", "Covariance of the errors, in the order of Belief.x.", shape=(8, 8))
-    force: Any = quantity("m/s^2", "Specific force without bias, low-passed for the Jacobian.", frame="B", shape=(2,))
-    steady: Any = quantity("m/s^2", "Specific force, low-passed to detect rest.", frame="B", shape=(2,))
+    P: Any = quantity("1", "Covariance of the error states, in the order of Belief.x.", shape=(8, 8))
+    force: Any = quantity("m/s^2", "Low-passed specific force without bias, for the Jacobian.", frame="B", shape=(2,))
+    steady: Any = quantity("m/s^2", "Low-passed specific force without bias, to detect rest.", frame="B", shape=(2,))
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: PositionFix = part("Statistics of the position updates.")
 
 
 @record
 class AidedInertialCoupled:
-    """Eight error states with feedback; heading is observed through the force that it turns.
+    """Extended Kalman filter of eight error states with feedback. A specific force makes the heading observable.
 
         dphi' = -db      dv' = J f dphi - B da      dr' = dv      J f = (-f_east, f_north)      (d = estimate - truth)
 
-    Where the low-passed force is within `rest_sigmas` standard deviations of zero (noise and accelerometer biases),
-    positions carry no information about the heading: heading and gyro bias are then considered, not corrected ([5]).
+    While the low-passed force is within `rest_sigmas` standard deviations of zero (noise and accelerometer biases),
+    positions contain no information about the heading. Heading and gyro bias are then considered, not corrected ([5]).
 
-    Valid:   near the truth: an initial heading error above about half a radian makes the filter overconfident.
-             At rest heading is not observable, and grows with the gyro's bias.
+    Valid:   near the truth. An initial heading error above about half a radian makes the filter overconfident.
+             At rest the heading is not observable, and its error grows with the gyro's bias.
     Source:  [1] chapter 3; low-pass and rest: reconstructed, see docs page.
     """
 
@@ -80,16 +80,16 @@ class AidedInertialCoupled:
     start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
     arms: LeverArms = part("Positions of the sensors on the vehicle.", default=LeverArms())
     smoothing: Scalar = quantity(
-        "s", "Time constant of the low-pass on the force in the Jacobian.", default=0.05, low=0
+        "s", "Time constant of the low-pass filter of the force in the Jacobian.", default=0.05, low=0
     )
     rest_smoothing: Scalar = quantity(
-        "s", "Time constant of the low-pass on the force that detects rest.", default=0.5, low=0
+        "s", "Time constant of the low-pass filter of the force for detecting rest.", default=0.5, low=0
     )
     rest_sigmas: Scalar = quantity(
-        "1", "A force below this many of its sigmas counts as zero; 0: the force is always used.", default=3.0, low=0
+        "1", "Number of standard deviations below which a force counts as zero; 0 for never.", default=3.0, low=0
     )
     rest: str = option(
-        "Treatment of heading and gyro bias at rest: considered only, or corrected.",
+        "Treatment of heading and gyro bias at rest: consider their uncertainty only, or correct them.",
         default="consider",
         choices=("consider", "correct"),
     )
@@ -102,7 +102,7 @@ class AidedInertialCoupled:
     step = navigate
 
     def first(self) -> CoupledNode:
-        """Return the initial state, before the first sample."""
+        """Return the filter's initial state, before the first sample."""
         s = self.start
         return CoupledNode(
             **first_of_node(),
@@ -113,13 +113,16 @@ class AidedInertialCoupled:
         )
 
     def propagate(self, node: CoupledNode, dt: Any, imu_reading: Any, untrusted: Any) -> CoupledNode:
-        """Propagate by dt (s) to the time of `imu_reading` (3,). Biases act with the initial heading, as in Phi."""
+        """Propagate the state by dt (s). imu_reading: IMU sample at the end of the step (3,).
+
+        Biases are turned to W with the heading at the start of the step, as in Phi.
+        """
         m = propagate_coupled(self, node, dt, imu_reading, untrusted)
         P = predict_covariance(node.P, m.F, m.Q)
         return replace(node, imu_reading=imu_reading, x=m.x, P=P, force=m.force, steady=m.steady)
 
     def correct_heading(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
-        """Correct with a heading z (rad, modulo 2 pi) and its variance; 0 as variance means noise.heading."""
+        """Correct the state with a measured heading z (rad, modulo 2 pi). If its variance is 0, use noise.heading."""
         H = jnp.zeros((1, 8)).at[0, 0].set(1.0)
         R = self.noise.heading_noise(variance)
         y = wrap(node.x[0] - z)[None]
@@ -127,7 +130,7 @@ class AidedInertialCoupled:
         return replace(_reset_errors(node, correction), heading_fix=fix)
 
     def correct_position(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
-        """Correct with a position z (2,) of the aided point; 0 as variance means noise.position."""
+        """Correct the state with a position z (2,) of the aided point. If its variance is 0, use noise.position."""
         arm, slope = rotate_lever(node.x[0], self.arms.imu_to_aided_point())
         none = jnp.zeros((2, 2))
         H = jnp.concatenate([slope[:, None], none, jnp.eye(2), jnp.zeros((2, 3))], axis=1)
@@ -142,18 +145,18 @@ class AidedInertialCoupled:
         return replace(_reset_errors(node, correction), position_fix=fix)
 
     def is_force_observable(self, node: CoupledNode) -> Any:
-        """Return True where the low-passed force differs significantly from zero."""
+        """Return True if the low-passed force differs significantly from zero, so that the heading is observable."""
         return is_force_significant(node.steady, node.P, self.noise, self.rest_smoothing, self.rest_sigmas)
 
     def belief(self, node: CoupledNode) -> Belief:
-        """Return the belief at the IMU's point."""
+        """Return the estimate (Belief) of the IMU's motion."""
         return Belief(node.x, node.P * SIGNS[:, None] * SIGNS[None, :])
 
 
 def is_force_significant(steady: Any, P: Any, noise: InertialNoise, smoothing: Any, sigmas: Any) -> Any:
-    """Return True where a force (2,), low-passed with this time constant (s), is `sigmas` sigmas away from zero.
+    """Return True if a low-passed force (2,) differs from zero by at least `sigmas` standard deviations.
 
-    P: covariance with the accelerometer biases at 6 and 7.
+    P: covariance with the accelerometer biases at the indices 6 and 7.  smoothing: time constant of the low-pass (s).
     """
     tick = to_seconds(noise.tick)
     white = (noise.forward + noise.starboard) * tick / (tick + 2 * smoothing)
@@ -161,7 +164,7 @@ def is_force_significant(steady: Any, P: Any, noise: InertialNoise, smoothing: A
 
 
 class CoupledMotion(NamedTuple):
-    """Return a step of the coupled form: the new state, both low-passed forces (2,), Phi and Q of the errors (8, 8)."""
+    """Step of the coupled form: the new state, both low-passed forces (2,), Phi and Q of the errors (8, 8)."""
 
     x: Any
     force: Any
@@ -171,9 +174,10 @@ class CoupledMotion(NamedTuple):
 
 
 def propagate_coupled(form: Any, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> CoupledMotion:
-    """Return the motion of a node whose x begins as Belief.x, over dt (s); the IMU reads `imu_reading` (3,) at the end.
+    """Return the step over dt (s) of a node whose x begins like Belief.x.
 
-    form: has noise, smoothing and rest_smoothing.  untrusted: as `InertialForm.propagate`.
+    form: filter form with noise, smoothing and rest_smoothing.  imu_reading: IMU sample at the end of the step (3,).
+    untrusted: as in `InertialForm.propagate`.
     """
     x = node.x
     parts = x[0], x[1:3], x[3:5], x[5], x[6:8]
@@ -188,15 +192,15 @@ def propagate_coupled(form: Any, node: Any, dt: Any, imu_reading: Any, untrusted
 
 
 def low_pass_gain(dt: Any, constant: Any) -> Any:
-    """Return the share of a step that a first-order low-pass follows in dt (s)."""
+    """Return the gain, 0 to 1, of a first-order low-pass filter over a step dt (s)."""
     return jnp.where(dt > 0, dt / jnp.where(dt > 0, dt + constant, 1.0), 0.0)
 
 
 def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
-    """Return Phi (8, 8) of the errors in the order of Belief.x, biases true minus estimated, for a constant force.
+    """Return Phi (8, 8) of the error states in the order of Belief.x, for a constant specific force.
 
-    dt: step (s).  heading: (rad).  force: per mass, in B (2,).
-    Source: [1] chapter 3; the series of exp(A dt) ends with the third power, as A^4 = 0.
+    Errors of biases are truth minus estimate.  dt: step (s).  heading: (rad).  force: specific force in B (2,).
+    Source: [1] chapter 3; the series of exp(A dt) ends with the third power, because A^4 = 0.
     """
     B = planar(heading)
     turned = (B @ jnp.stack([-force[1], force[0]]))[:, None]
@@ -214,7 +218,10 @@ def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
 
 
 def coupled_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
-    """Return Q (8, 8) in the order of Belief.x, as the dual filter's; growth and reach as InertialNoise gives them."""
+    """Return Q (8, 8) in the order of Belief.x, with the same noise as in the dual filter.
+
+    growth: `InertialNoise.growth`.  reach: `InertialNoise.integration_time`.
+    """
     Q1, Q2 = heading_process_noise(growth, reach), motion_process_noise(growth, heading, reach)
     return belief_covariance(Q1, Q2)
 

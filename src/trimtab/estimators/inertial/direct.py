@@ -1,4 +1,4 @@
-"""Direct form: the filters hold heading, velocity, position and biases themselves, not errors of an INS.
+"""Direct form: the filters' states are heading, velocity, position and biases, not the errors of an INS.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3.
 """
@@ -33,31 +33,32 @@ from trimtab.estimators.kalman import predict
 
 @record
 class DirectNode:
-    """Total states and their covariances at one instant. Source: [1] chapter 3."""
+    """State of the direct form at one instant: total states and their covariances. Source: [1] chapter 3."""
 
-    t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the filter state.", kind="time")
     imu_reading: Any = quantity(
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
-    untrusted: Any = quantity("1", "Flags (2,): 1 if the gyro, 1 if the accelerometers cannot be trusted.", shape=(2,))
+    untrusted: Any = quantity("1", "Flags of gyro and accelerometers: 1 if the sensor cannot be trusted.", shape=(2,))
     x1: Any = quantity("1", "Heading (rad, unwrapped), gyro bias (rad/s).", shape=(2,))
-    P1: Any = quantity("1", "Covariance of estimate minus truth.", shape=(2, 2))
+    P1: Any = quantity("1", "Covariance of the errors of heading and gyro bias.", shape=(2, 2))
     x2: Any = quantity("1", "Velocity (m/s), position (m), force biases (m/s^2).", shape=(6,))
-    P2: Any = quantity("1", "Covariance of estimate minus truth.", shape=(6, 6))
+    P2: Any = quantity("1", "Covariance of the errors of velocity, position and force biases.", shape=(6, 6))
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: PositionFix = part("Statistics of the position updates.")
 
 
 @record
 class AidedInertialDirect:
-    """Total-state filters: the mechanisation is their process model, the IMU its input, linearised at each sample.
+    """Filters of total states. Their process model is the mechanisation with the IMU as input, linearised at each
+    sample.
 
         heading' = w - bias        v' = B(heading) (F - bias)        r' = v        biases' = 0 + noise
 
-    Valid:         as the feedback form, to which it is equal to rounding; here the whole state is the filter's, which
-                   is what other process models (a vehicle's dynamics in place of an IMU) need.
-    Not modelled:  what a heading error does to velocity; see AidedInertialCoupled.
-    Source:        [1] chapter 3, as the alternative that was not flown.
+    Valid:         like the feedback form, to which it is equal except for rounding. Here the filter contains the whole
+                   state, as other process models (a vehicle's dynamics instead of an IMU) require.
+    Not modelled:  effect of a heading error on the velocity; see AidedInertialCoupled.
+    Source:        [1] chapter 3, where this form is described but not flown.
     """
 
     intake: Intake = part("Sensors that are read, and checks of their samples.", default=Intake())
@@ -73,7 +74,7 @@ class AidedInertialDirect:
     step = navigate
 
     def first(self) -> DirectNode:
-        """Return the initial state, before the first sample."""
+        """Return the filter's initial state, before the first sample."""
         s = self.start
         return DirectNode(
             **first_of_node(),
@@ -84,7 +85,7 @@ class AidedInertialDirect:
         )
 
     def propagate(self, node: DirectNode, dt: Any, imu_reading: Any, untrusted: Any) -> DirectNode:
-        """Propagate by dt (s); the IMU reads `imu_reading` (3,) at the end."""
+        """Propagate the state by dt (s). imu_reading: IMU sample at the end of the step (3,)."""
         m = dual_model(self.noise, dt, untrusted, node.x1[0])
         turned = jnp.stack([dt / 2 * (imu_reading[0] + node.imu_reading[0]), jnp.zeros(())])
         x1, P1 = predict(node.x1, node.P1, heading_transition(-dt), m.Q1)
@@ -95,25 +96,25 @@ class AidedInertialDirect:
         return replace(node, imu_reading=imu_reading, x1=x1, P1=P1, x2=x2 + gained, P2=P2)
 
     def correct_heading(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
-        """Correct with a heading z (rad, modulo 2 pi) and its variance; 0 as variance means noise.heading."""
+        """Correct the state with a measured heading z (rad, modulo 2 pi). If its variance is 0, use noise.heading."""
         R = self.noise.heading_noise(variance)
         correction, fix = fuse_heading(self, node, node.x1, node.P1, wrap(z - node.x1[0])[None], HEADING_ROW, R)
         return replace(node, x1=correction.x, P1=correction.P, heading_fix=fix)
 
     def correct_position(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
-        """Correct with a position z (2,) of the aided point; 0 as variance means noise.position."""
+        """Correct the state with a position z (2,) of the aided point. If its variance is 0, use noise.position."""
         arm, R = aided_point(self, node.x1[0], node.P1[0, 0], variance)
         y = z - node.x2[2:4] - arm
         correction, fix = fuse_position(self, node, node.x2, node.P2, y, POSITION_ROWS, R)
         return replace(node, x2=correction.x, P2=correction.P, position_fix=fix)
 
     def belief(self, node: DirectNode) -> Belief:
-        """Return the belief at the IMU's point."""
+        """Return the estimate (Belief) of the IMU's motion."""
         x = jnp.concatenate([node.x1[:1], node.x2[:4], node.x1[1:], node.x2[4:]])
         return Belief(x, belief_covariance(node.P1, node.P2))
 
 
 def _total_transition(transition: Any) -> Any:
-    """Return Phi2 for total states: an overestimated bias takes from velocity, where an error adds to it."""
+    """Return Phi2 for total states, from Phi2 for error states. The blocks of the biases have opposite signs."""
     signs = jnp.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
     return transition * signs[:, None] * signs[None, :]

@@ -1,6 +1,6 @@
-"""Discrete matrices and noise of the thesis's two filters: heading, then velocity and position.
+"""Discrete matrices and noise of the thesis's two filters: one of heading, the other of velocity and position.
 
-Errors are estimate minus truth; a bias is reading minus truth. x1 = (heading, gyro bias); x2 = (velocity north,
+Errors are estimate minus truth. A bias is reading minus true value. x1 = (heading, gyro bias); x2 = (velocity north,
 east, position north, east, accelerometer bias forward, starboard).
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3
@@ -29,21 +29,22 @@ POSITION_ROWS = np.concatenate([np.zeros((2, 2)), np.eye(2), np.zeros((2, 2))], 
 class InertialNoise:
     """Noise of the inertial sensors and of the aiding sensors, and its effect on the covariance.
 
-    consistent:  white noise of variance s^2 per sample grows a heading (velocity) by s^2 tick dt in a time dt, a bias
-                 with the walk q by q dt.
-    literal:     the printed numbers are added as they stand at every tick, although they are variances of a rate (a
-                 force) and not of a heading (velocity): gains near 0.8, output close to the aiding sensor.
+    consistent:  in a time dt, white noise of variance s^2 per sample adds s^2 tick dt to the variance of a heading or
+                 velocity. A random walk with the density q adds q dt to the variance of a bias.
+    literal:     the printed numbers are added unchanged at every tick, although they are variances of an angular rate
+                 or a force, not of a heading or a velocity. The filter's gains are then near 0.8, and its output
+                 follows the aiding sensor closely.
 
-    Source: [1] section 5.4.5; the reading of the walks as per second is reconstructed.
+    Source: [1] section 5.4.5; the interpretation of the random walks as densities per second is reconstructed.
     """
 
-    gyro: Scalar = quantity("rad^2/s^2", "White noise of one gyro sample.", default=4.9e-4, above=0, source=TABLE)
+    gyro: Scalar = quantity("rad^2/s^2", "Noise variance of one gyro sample.", default=4.9e-4, above=0, source=TABLE)
     gyro_walk: Scalar = quantity("rad^2/s^3", "Random walk of the gyro's bias.", default=5e-4, low=0, source=TABLE)
     forward: Scalar = quantity(
-        "m^2/s^4", "White noise of one forward force sample.", default=3.4e-2, above=0, source=TABLE
+        "m^2/s^4", "Noise variance of one forward accelerometer sample.", default=3.4e-2, above=0, source=TABLE
     )
     starboard: Scalar = quantity(
-        "m^2/s^4", "White noise of one starboard force sample.", default=2.7e-2, above=0, source=TABLE
+        "m^2/s^4", "Noise variance of one starboard accelerometer sample.", default=2.7e-2, above=0, source=TABLE
     )
     force_walk: Scalar = quantity(
         "m^2/s^5", "Random walk of each accelerometer's bias.", default=5e-4, low=0, source=TABLE
@@ -60,27 +61,27 @@ class InertialNoise:
     )
     heading_constant: Scalar = quantity(
         "rad",
-        "Constant error of the heading sensor, e.g. of its mounting; added to the variance, as it is unobservable.",
+        "Constant error of the heading sensor, e.g. of its mounting. It is unobservable, so the variance includes it.",
         default=0.0,
         low=0,
     )
     position_constant: Scalar = quantity(
         "m",
-        "Constant error of the positions, e.g. of a beacon's survey; added to the variance, as it is unobservable.",
+        "Constant error of the positions, e.g. of a beacon's survey. It is unobservable, so the variance includes it.",
         default=0.0,
         low=0,
     )
-    tick: int = period("Time between the samples to which these variances belong.", default=ms(6.5536))
+    tick: int = period("Time between IMU samples to which the noise variances apply.", default=ms(6.5536))
     covariance: str = option(
-        "Use of the noise variances: with consistent units, or literally as printed.",
+        "Use of the noise variances: consistent with their units, or literally as printed in the thesis.",
         default="consistent",
         choices=("consistent", "literal"),
     )
 
     def growth(self, dt: Any, untrusted: Any) -> Any:
-        """Return variances added in dt (s): heading, gyro bias, velocity forward and starboard, force biases (6,).
+        """Return the variances (6,) added in dt (s): heading, gyro bias, velocity forward and starboard, force biases.
 
-        untrusted: (2,), 1.0 where gyro or accelerometers can't be trusted, else 0.0.
+        untrusted: flags of gyro and accelerometers (2,): 1.0 if the sensor can't be trusted, else 0.0.
         """
         white = stack_numbers(self.gyro, self.forward, self.starboard)
         walk = stack_numbers(self.gyro_walk, self.force_walk, self.force_walk)
@@ -94,35 +95,36 @@ class InertialNoise:
         return jnp.stack([white[0], walk[0], white[1], white[2], walk[1], walk[2]])
 
     def integration_time(self, dt: Any) -> Any:
-        """Return the time (s) over which noise is integrated within a step: all of it, or 0 as printed."""
+        """Return the time (s) over which noise is integrated within a step: dt if consistent, 0 if literal."""
         return jnp.zeros_like(dt) if self.covariance == "literal" else dt
 
     def heading_noise(self, variance: Any) -> Any:
-        """Return R of a heading (1, 1): the given variance where it is above 0, else that of the sensor."""
+        """Return R of a heading (1, 1): the given variance if it is above 0, else the default."""
         return jnp.reshape(jnp.where(variance > 0, variance, self.heading), (1, 1))
 
     def position_noise(self, variance: Any) -> Any:
-        """Return R of a heading (1, 1): the given variance where it is above 0, else the default one."""
+        """Return R of a position fix (2, 2): the given variance or covariance (2, 2) if above 0, else the default."""
         own = variance if np.ndim(variance) == 2 else variance * jnp.eye(2)
         return jnp.where(own[0, 0] > 0, own, self.position * jnp.eye(2))
 
     def constant_variances(self) -> Any:
-        """Return R of a position fix (2, 2): the given variance or covariance (2, 2) if above 0, else the default."""
+        """Return the variances of constant errors (8,), in the order of Belief.x: of heading and position, else 0."""
         heading, place = self.heading_constant**2, self.position_constant**2
         zero = jnp.zeros(())
         return stack_numbers(heading, zero, zero, place, place, zero, zero, zero)
 
 
 def heading_transition(dt: Any) -> Any:
-    """Return Phi1 (2, 2) of the errors (heading, gyro bias). Source: [1] chapter 3."""
+    """Return the transition matrix Phi1 (2, 2) of the errors (heading, gyro bias). Source: [1] chapter 3."""
     one, zero = jnp.ones_like(dt), jnp.zeros_like(dt)
     return jnp.stack([jnp.stack([one, dt]), jnp.stack([zero, one])])
 
 
 def motion_transition(dt: Any, heading: Any) -> Any:
-    """Return Phi2 (6, 6) of the errors (velocity, position, accelerometer bias) at a heading; exact, as A^3 = 0.
+    """Return the transition matrix Phi2 (6, 6) of the errors (velocity, position, accelerometer bias) at a heading.
 
-    Source: [1] chapter 3: dt B in the block from bias to velocity, dt^2/2 B to position.
+    The matrix is exact, because A^3 = 0.
+    Source: [1] chapter 3: the block from bias to velocity is dt B, and from bias to position dt^2/2 B.
     """
     B, eye, none = planar(heading), jnp.eye(2), jnp.zeros((2, 2))
     return jnp.concatenate(
@@ -135,17 +137,21 @@ def motion_transition(dt: Any, heading: Any) -> Any:
 
 
 def heading_process_noise(growth: Any, reach: Any) -> Any:
-    """Return Q1 (2, 2) for the growth and reach of InertialNoise; with a reach, the walk also turns the heading."""
+    """Return the process noise Q1 (2, 2) of (heading, gyro bias).
+
+    growth: `InertialNoise.growth`.  reach: `InertialNoise.integration_time`; if it is above 0, the bias's random walk
+    also adds to the heading within the step.
+    """
     walk = growth[1]
     both = walk * reach / 2
     return jnp.stack([jnp.stack([growth[0] + walk * reach**2 / 3, both]), jnp.stack([both, walk])])
 
 
 def motion_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
-    """Return G2 Q2 G2' (6, 6): noise along the body's axes, expressed in W.
+    """Return the process noise G2 Q2 G2' (6, 6) of velocity, position and biases. Noise along body axes is turned to W.
 
-    With a reach of dt it is the exact integral of white noise on velocity and biases over dt; with 0, as printed, noise
-    of velocity does not reach position in the same step.
+    With a reach of dt, the result is the exact integral of white noise of velocity and biases over dt. With a reach of
+    0, as printed in [1], noise of the velocity does not affect the position in the same step.
     """
     B = planar(heading)
     V, A = (B * growth[2:4]) @ B.T, (B * growth[4:6]) @ B.T
@@ -161,7 +167,7 @@ def motion_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
 
 
 class DualModel(NamedTuple):
-    """Return both filters' matrices over a step: Phi1, Q1 (2, 2) of the heading, Phi2, Q2 (6, 6) of the motion."""
+    """Matrices of both filters over a step: F1, Q1 (2, 2) of the heading filter, F2, Q2 (6, 6) of the motion filter."""
 
     F1: Any
     Q1: Any
@@ -170,7 +176,10 @@ class DualModel(NamedTuple):
 
 
 def dual_model(noise: InertialNoise, dt: Any, untrusted: Any, heading: Any) -> DualModel:
-    """Return both filters over dt (s) from a heading. untrusted (2,): 1 for gyro, accelerometers not trusted."""
+    """Return the matrices of both filters over dt (s), for a heading at the start of the step.
+
+    untrusted: flags of gyro and accelerometers (2,): 1 if the sensor can't be trusted.
+    """
     growth, reach = noise.growth(dt, untrusted), noise.integration_time(dt)
     return DualModel(
         heading_transition(dt),
@@ -181,24 +190,25 @@ def dual_model(noise: InertialNoise, dt: Any, untrusted: Any, heading: Any) -> D
 
 
 def aided_point(form: InertialForm, heading: Any, heading_variance: Any, variance: Any) -> tuple[Any, Any]:
-    """Return the vector (2,) from the IMU to the measured point, in W, and the measurement's R (2, 2)."""
+    """Return the vector (2,) in W from the IMU to the measured point, and R (2, 2) of the position measurement."""
     arm, slope = rotate_lever(heading, form.arms.imu_to_aided_point())
     return arm, lever_arm_noise(form.noise.position_noise(variance), slope, heading_variance)
 
 
 def lever_arm_noise(R: Any, slope: Any, variance: Any) -> Any:
-    """Return R (2, 2) with the uncertainty of the heading that turns a lever arm; slope (2,): derivative by heading.
+    """Return R (2, 2) plus the uncertainty of a lever arm due to an uncertain heading.
 
-    The dual filters don't estimate heading from positions; they treat the heading error of the lever arm as noise.
+    The dual filters don't estimate the heading from positions. They treat the lever arm's error due to the heading as
+    noise.  slope: derivative of the lever arm by heading (2,).  variance: variance of the heading.
     """
     return R + variance * slope[:, None] * slope[None, :]
 
 
 def belief_covariance(P1: Any, P2: Any, bias_sign: float = 1.0) -> Any:
-    """Return the covariance (8, 8) of a Belief from those of the two filters, which are taken as independent.
+    """Return the covariance (8, 8) of a Belief from the covariances of the two filters, which are taken as independent.
 
-    bias_sign: -1 where the error state of a bias is true minus estimated, or a feed-forward filter's bias with
-    errors of the INS that it makes grow.
+    bias_sign: -1 if a filter's bias has the opposite sign of a Belief's error, relative to the errors of heading,
+    velocity and position; else 1.
     """
     s = bias_sign
     zero = jnp.zeros(4)

@@ -1,14 +1,14 @@
 """Error-state filter of inertial navigation in space: estimate, covariance, and their propagation.
 
-The state is a quaternion, vectors and biases; the error, truth minus estimate, has 15 numbers in this order:
+The state is a quaternion, vectors and biases. The error, truth minus estimate, has 15 numbers in this order:
 
     R = R^ Exp(dtheta)    v = v^ + dv    p = p^ + dp    b_gyro = b^ + ..    b_force = b^ + ..
 
-dtheta in B, dv and dp in W. With raw ranges two more follow: the receiver's clock, bias and drift. After a measurement
-the estimated error is moved into the state and reset to zero.
+dtheta is in B, dv and dp are in W. If raw ranges are used, two more numbers follow: bias and drift of the receiver's
+clock. After a measurement the estimated error is added to the state and reset to zero.
 
 The covariance P is propagated over many samples at once, by their combined increment (`strapdown`). A measurement is
-fused one number at a time, in Joseph's form, so no matrix is inverted.
+fused one number at a time, in Joseph's form, so that no matrix is inverted.
 
 Source: [1] Solà, "Quaternion kinematics for the error-state Kalman filter", arXiv:1711.02508, chapters 5 to 7 (local
 angular error). [2] Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed.,
@@ -29,7 +29,7 @@ from trimtab.core.rotation import DEG, cross_matrix
 from trimtab.estimators.inertial.strapdown import Increment, Kinematics, compose, increment_of, move, no_increment
 
 ATTITUDE, VELOCITY, POSITION, GYRO_BIAS, FORCE_BIAS, CLOCK = (slice(i, i + 3) for i in range(0, 18, 3))
-"""Slices of the error vector; the clock has two numbers."""
+"""Slices of the error vector of the error-state filter. The clock has two numbers, the others have three."""
 NAVIGATION = 9
 """Number of error states that the IMU propagates: attitude, velocity, position."""
 ERRORS = 15
@@ -38,9 +38,10 @@ ZERO = (0.0, 0.0, 0.0)
 
 @record
 class SpatialNoise:
-    """Noise of the IMU and, with raw ranges, of the receiver's clock.
+    """Noise of the IMU and, if raw ranges are used, of the receiver's clock.
 
-    Densities of white noise, as in the inertial unit's errors. doubtful_...: used for saturated samples and for gaps.
+    The values are densities of white noise, as in the inertial unit's error model. The fields doubtful_... are used for
+    saturated samples and for gaps.
     Source: docs page, Gnss and inertial; chosen for `Imu` with a good micromachined unit.
     """
 
@@ -50,8 +51,8 @@ class SpatialNoise:
     force_walk: Scalar = quantity("m/s^2/s^0.5", "Random walk of the accelerometers' biases.", default=2e-4, low=0)
     doubtful_rate: Scalar = quantity("rad/s", "Standard deviation of an untrusted angular rate.", default=0.5, low=0)
     doubtful_force: Scalar = quantity("m/s^2", "Standard deviation of an untrusted specific force.", default=5.0, low=0)
-    clock: Scalar = quantity("m/s^0.5", "White noise of the rate of the receiver's clock.", default=0.1, low=0)
-    clock_walk: Scalar = quantity("m/s^1.5", "Random walk of the drift of the receiver's clock.", default=0.05, low=0)
+    clock: Scalar = quantity("m/s^0.5", "White noise of the receiver's clock rate.", default=0.1, low=0)
+    clock_walk: Scalar = quantity("m/s^1.5", "Random walk of the receiver's clock drift.", default=0.05, low=0)
 
 
 @record
@@ -65,7 +66,7 @@ class SpatialStart:
         "rad", "Standard deviation of the initial tilt about each level body axis.", default=2.0 * DEG, above=0
     )
     sigma_heading: Scalar = quantity(
-        "rad", "Standard deviation of the initial turn about the body's z axis.", default=5.0 * DEG, above=0
+        "rad", "Standard deviation of the initial heading error about the body's z axis.", default=5.0 * DEG, above=0
     )
     sigma_velocity: Scalar = quantity(
         "m/s", "Standard deviation of each initial velocity component.", default=0.5, above=0
@@ -81,17 +82,17 @@ class SpatialStart:
     )
     sigma_clock_bias: Scalar = quantity(
         "m",
-        "Standard deviation of the clock bias set by the first ranges; "
-        "many times that of the position, so that these ranges are not counted twice.",
+        "Standard deviation of the clock bias after the first ranges have set it. "
+        "It must be much larger than the position's, so that these ranges are not counted twice.",
         default=100.0,
         above=0,
     )
     sigma_clock_drift: Scalar = quantity(
-        "m/s", "Standard deviation of the clock drift set by the first rates.", default=20.0, above=0
+        "m/s", "Standard deviation of the clock drift after the first range rates have set it.", default=20.0, above=0
     )
 
     def sigmas(self, n: int) -> Any:
-        """Return the initial variance of each error (n,), n = 15 or 17."""
+        """Return the initial standard deviation of each error (n,), n = 15 or 17."""
         tilt, three = jnp.asarray(self.sigma_tilt, float), jnp.ones(3)
         own = [
             jnp.stack([tilt, tilt, jnp.asarray(self.sigma_heading, float)]),
@@ -106,7 +107,7 @@ class SpatialStart:
 
 @record
 class Nominal:
-    """Estimate at one instant; P is the covariance of its error at the beginning of `span`.
+    """Estimate of the error-state filter at one instant. P is the error covariance at the beginning of `span`.
 
     Source: this module.
     """
@@ -117,15 +118,15 @@ class Nominal:
     gyro_bias: Any = quantity("rad/s", "Estimated bias of the gyros.", frame="B", shape=(3,))
     force_bias: Any = quantity("m/s^2", "Estimated bias of the accelerometers.", frame="B", shape=(3,))
     clock: Any = quantity("1", "Bias (m) and drift (m/s) of the receiver's clock.", shape=(2,))
-    rate: Any = quantity("rad/s", "Angular velocity of the last sample, without its bias.", frame="B", shape=(3,))
-    acceleration: Any = quantity("m/s^2", "Acceleration of the IMU, over the last sample.", frame="W", shape=(3,))
+    rate: Any = quantity("rad/s", "Angular velocity of the last sample, without gyro bias.", frame="B", shape=(3,))
+    acceleration: Any = quantity("m/s^2", "Acceleration of the IMU in the last sample.", frame="W", shape=(3,))
     P: Any = quantity("1", "Covariance of the error (n, n), n = 15 or 17.")
     span: Increment = part("Motion increment since the covariance P was last propagated.")
-    untrusted: Scalar = quantity("s", "Time within `span` during which the IMU was not trusted.")
+    untrusted: Scalar = quantity("s", "Time since P was last propagated during which the IMU was not trusted.")
 
 
 def first_nominal(start: SpatialStart, n: int) -> Nominal:
-    """Return the initial state, before the first sample; n: numbers of the error."""
+    """Return the initial state, before the first sample. n: number of error states, 15 or 17."""
     return Nominal(
         attitude=quaternion.from_euler(*jnp.asarray(start.angles, float)),
         velocity=jnp.asarray(start.velocity, float),
@@ -149,7 +150,8 @@ def kinematics_of(x: Nominal) -> Kinematics:
 def propagate(x: Nominal, w: Any, f: Any, dt: Any, untrusted: Any, gravity: Any) -> Nominal:
     """Return the state after dt (s), with unchanged P.
 
-    w, f: measured angular velocity (rad/s) and force (m/s²), (3,) in B.  untrusted: 1 where they can't be trusted.
+    w, f: measured angular velocity (rad/s) and specific force (m/s²), (3,) in B.  untrusted: 1 if w and f can't be
+    trusted, else 0.
     """
     rate, force = w - x.gyro_bias, f - x.force_bias
     one = increment_of(rate, force, dt)
@@ -162,11 +164,11 @@ def propagate(x: Nominal, w: Any, f: Any, dt: Any, untrusted: Any, gravity: Any)
 
 
 def transition(R_WB: Any, one: Increment) -> Any:
-    """Return the first 9 rows (9, 15) of the error's transition over an increment that begins at R_WB (3, 3).
+    """Return the first 9 rows (9, 15) of the error's transition matrix over an increment that begins at R_WB (3, 3).
 
-    Attitude, velocity and position follow exactly. Biases enter as for a constant rate: of attitude and velocity to the
-    second order in the turn, a force that changes included (T dv - dp is the integral of s f(s)); of the place with a
-    constant force.
+    The effects of errors of attitude, velocity and position are exact. The effects of bias errors are computed for a
+    constant angular rate. For attitude and velocity they are correct to second order in the turn, also for a changing
+    force (T dv - dp is the integral of s f(s)). For position they assume a constant force.
     """
     T, dR = one.time, quaternion.to_matrix(one.turn)
     eye, none = jnp.eye(3), jnp.zeros((3, 3))
@@ -182,7 +184,7 @@ def transition(R_WB: Any, one: Increment) -> Any:
 
 
 def process_noise(noise: SpatialNoise, T: Any, untrusted: Any, n: int) -> Any:
-    """Return the covariance (n, n) of the noise added in T (s), of which `untrusted` (s) without trust."""
+    """Return the process noise (n, n) added in T (s). The IMU was not trusted for `untrusted` seconds of T."""
     gyro = noise.gyro**2 * T + (noise.doubtful_rate * untrusted) ** 2
     force = noise.force**2 * T + (noise.doubtful_force * untrusted) ** 2
     three = jnp.ones(3)
@@ -196,7 +198,7 @@ def process_noise(noise: SpatialNoise, T: Any, untrusted: Any, n: int) -> Any:
 
 
 def carry_covariance(P: Any, R_WB: Any, one: Increment, untrusted: Any, noise: SpatialNoise) -> Any:
-    """Return P (n, n) after an increment that begins at R_WB (3, 3)."""
+    """Return the covariance P (n, n) propagated over an increment that begins at the attitude R_WB (3, 3)."""
     n, k = P.shape[0], NAVIGATION
     F = transition(R_WB, one)
     top = F @ P[:ERRORS]
@@ -212,17 +214,17 @@ def carry_covariance(P: Any, R_WB: Any, one: Increment, untrusted: Any, noise: S
 
 
 def catch_up(x: Nominal, noise: SpatialNoise) -> Nominal:
-    """Return the state with P propagated to its own time."""
+    """Return the state with P propagated to the time of the estimate."""
     begin = quaternion.multiply(x.attitude, quaternion.conjugate(x.span.turn))
     P = carry_covariance(x.P, quaternion.to_matrix(begin), x.span, x.untrusted, noise)
     return replace(x, P=P, span=no_increment(), untrusted=jnp.zeros(()))
 
 
 class Fusion(NamedTuple):
-    """Result of scalar updates.  error: estimated error (n,). P: covariance after the updates. innovation, variance,
-    nis (m,): of each update.
+    """Result of scalar updates.
 
-    used (m,): True for measurements that were finite, wanted and inside the gate.
+    error: estimated error (n,).  P: covariance after the updates.  innovation, variance, nis: innovation, its variance
+    and NIS of each update (m,).  used: True for measurements that were finite, wanted and inside the gate (m,).
     """
 
     error: Any
@@ -234,10 +236,10 @@ class Fusion(NamedTuple):
 
 
 def fuse_scalars(P: Any, y: Any, H: Any, R: Any, wanted: Any, gate: Any) -> Fusion:
-    """Fuse m measurements with independent noises, one after another.
+    """Fuse m scalar measurements with independent noise, one after another.
 
-    Args:     P: (n, n).    y: measured less predicted (m,).    H: (m, n).    R: variances (m,).    wanted: (m,).
-              gate: largest NIS of one that is used.
+    Args:     P: (n, n).    y: measured minus predicted (m,).    H: (m, n).    R: variances (m,).
+              wanted: True for measurements that may be used (m,).    gate: largest NIS of a measurement that is used.
     Source:   [3]: (I - K h) P (I - K h)' + K r K', for any gain P - K g' - g K' + K s K' with g = P h', s = h g + r.
     """
     n, m = P.shape[0], y.shape[0]
@@ -272,7 +274,8 @@ def fuse_scalars(P: Any, y: Any, H: Any, R: Any, wanted: Any, gate: Any) -> Fusi
 def put_error_in(x: Nominal, error: Any, P: Any) -> Nominal:
     """Return the state corrected by an error (n,), with P (n, n) as the remaining covariance.
 
-    P turns along by the right Jacobian of the turn, to its second order. Source: [1] eqs. 283-286 and 183.
+    P is rotated to the corrected attitude by the right Jacobian of the turn, to second order. Source: [1] eqs. 283-286
+    and 183.
     """
     turn = error[ATTITUDE]
     n = P.shape[0]

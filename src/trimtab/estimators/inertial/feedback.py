@@ -1,4 +1,4 @@
-"""Indirect feedback form: the estimated errors are removed from the INS at once, which then continues corrected.
+"""Indirect feedback form: after each measurement, the estimated errors are removed from the INS.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3.
 """
@@ -32,34 +32,36 @@ from trimtab.estimators.kalman import predict_covariance
 
 @record
 class FeedbackNode:
-    """Corrected INS, its biases and their covariances at one instant. Source: [1] chapter 3."""
+    """State of the feedback form at one instant: corrected INS, biases and covariances. Source: [1] chapter 3."""
 
-    t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the filter state.", kind="time")
     imu_reading: Any = quantity(
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
-    untrusted: Any = quantity("1", "Flags (2,): 1 if the gyro, 1 if the accelerometers cannot be trusted.", shape=(2,))
-    heading: Scalar = quantity("rad", "Heading of the corrected INS; unwrapped.", kind="angle")
-    gyro_bias: Scalar = quantity("rad/s", "Bias subtracted from the gyro.")
-    velocity: Any = quantity("m/s", "Velocity.", frame="W", shape=(2,))
-    position: Any = quantity("m", "Position.", frame="W", shape=(2,))
-    force_bias: Any = quantity("m/s^2", "Biases subtracted from the accelerometers.", frame="B", shape=(2,))
-    P1: Any = quantity("1", "Covariance of the errors: heading, gyro bias.", shape=(2, 2))
-    P2: Any = quantity("1", "Covariance of the errors: velocity, position, force biases.", shape=(6, 6))
+    untrusted: Any = quantity("1", "Flags of gyro and accelerometers: 1 if the sensor cannot be trusted.", shape=(2,))
+    heading: Scalar = quantity("rad", "Heading of the corrected INS, unwrapped.", kind="angle")
+    gyro_bias: Scalar = quantity("rad/s", "Bias subtracted from the gyro's readings.")
+    velocity: Any = quantity("m/s", "Velocity of the corrected INS.", frame="W", shape=(2,))
+    position: Any = quantity("m", "Position of the corrected INS.", frame="W", shape=(2,))
+    force_bias: Any = quantity("m/s^2", "Biases subtracted from the accelerometers' readings.", frame="B", shape=(2,))
+    P1: Any = quantity("1", "Covariance of the errors of heading and gyro bias.", shape=(2, 2))
+    P2: Any = quantity("1", "Covariance of the errors of velocity, position and force biases.", shape=(6, 6))
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: PositionFix = part("Statistics of the position updates.")
 
 
 @record
 class AidedInertialFeedback:
-    """Closed loop: after each update the errors are moved into the INS and its biases, and reset to zero.
+    """Indirect filter with feedback: after each update the INS and its biases are corrected by the estimated errors,
+    and the error states are reset to zero.
 
-    The error states are estimate minus truth for heading, velocity and position, and true minus estimated bias for the
-    biases, which are added to the bias estimates. Between updates the errors are zero, so only covariances move.
+    The error states of heading, velocity and position are estimate minus truth. The error states of biases are true
+    minus estimated bias; they are added to the bias estimates. Between updates the errors are zero, and only the
+    covariances are propagated.
 
-    Valid:         for ever: the INS's own errors stay as small as those of the estimate.
-    Not modelled:  what a heading error does to velocity; see AidedInertialCoupled.
-    Source:        [1] chapter 3, which describes this form and flies the feed-forward one.
+    Valid:         for any length of flight, because the INS's errors stay as small as those of the estimate.
+    Not modelled:  effect of a heading error on the velocity; see AidedInertialCoupled.
+    Source:        [1] chapter 3, which describes this form but flies the feed-forward form.
     """
 
     intake: Intake = part("Sensors that are read, and checks of their samples.", default=Intake())
@@ -75,7 +77,7 @@ class AidedInertialFeedback:
     step = navigate
 
     def first(self) -> FeedbackNode:
-        """Return the initial state, before the first sample."""
+        """Return the filter's initial state, before the first sample."""
         s = self.start
         return FeedbackNode(
             **first_of_node(),
@@ -89,7 +91,10 @@ class AidedInertialFeedback:
         )
 
     def propagate(self, node: FeedbackNode, dt: Any, imu_reading: Any, untrusted: Any) -> FeedbackNode:
-        """Propagate by dt (s) to the time of `imu_reading` (3,). Biases act with the initial heading, as in Phi2."""
+        """Propagate the state by dt (s). imu_reading: IMU sample at the end of the step (3,).
+
+        Biases are turned to W with the heading at the start of the step, as in Phi2.
+        """
         m = dual_model(self.noise, dt, untrusted, node.heading)
         x = node.heading, node.velocity, node.position, node.gyro_bias, node.force_bias
         heading, velocity, position = mechanise_corrected(dt, node.imu_reading, imu_reading, x)
@@ -99,7 +104,7 @@ class AidedInertialFeedback:
         )
 
     def correct_heading(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
-        """Correct with a heading z (rad, modulo 2 pi) and its variance; 0 as variance means noise.heading."""
+        """Correct the state with a measured heading z (rad, modulo 2 pi). If its variance is 0, use noise.heading."""
         y = wrap(node.heading - z)[None]
         R = self.noise.heading_noise(variance)
         correction, fix = fuse_heading(self, node, jnp.zeros(2), node.P1, y, HEADING_ROW, R, sign=-1.0)
@@ -112,7 +117,7 @@ class AidedInertialFeedback:
         )
 
     def correct_position(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
-        """Correct with a position z (2,) of the aided point; 0 as variance means noise.position."""
+        """Correct the state with a position z (2,) of the aided point. If its variance is 0, use noise.position."""
         arm, R = aided_point(self, node.heading, node.P1[0, 0], variance)
         y = node.position + arm - z
         correction, fix = fuse_position(self, node, jnp.zeros(6), node.P2, y, POSITION_ROWS, R, sign=-1.0)
@@ -126,6 +131,6 @@ class AidedInertialFeedback:
         )
 
     def belief(self, node: FeedbackNode) -> Belief:
-        """Return the belief at the IMU's point."""
+        """Return the estimate (Belief) of the IMU's motion."""
         x = jnp.concatenate([node.heading[None], node.velocity, node.position, node.gyro_bias[None], node.force_bias])
         return Belief(x, belief_covariance(node.P1, node.P2, -1.0))

@@ -32,16 +32,16 @@ from trimtab.estimators.kalman import predict
 
 @record
 class FeedforwardNode:
-    """INS and error filters at one instant. Source: [1] chapter 3."""
+    """State of the feed-forward form at one instant: INS and error filters. Source: [1] chapter 3."""
 
-    t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the filter state.", kind="time")
     imu_reading: Any = quantity(
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
-    untrusted: Any = quantity("1", "Flags (2,): 1 if the gyro, 1 if the accelerometers cannot be trusted.", shape=(2,))
-    heading: Scalar = quantity("rad", "Heading of the INS; unwrapped.", kind="angle")
-    velocity: Any = quantity("m/s", "Velocity of the INS.", frame="W", shape=(2,))
-    position: Any = quantity("m", "Position of the INS.", frame="W", shape=(2,))
+    untrusted: Any = quantity("1", "Flags of gyro and accelerometers: 1 if the sensor cannot be trusted.", shape=(2,))
+    heading: Scalar = quantity("rad", "Heading of the INS without correction, unwrapped.", kind="angle")
+    velocity: Any = quantity("m/s", "Velocity of the INS without correction.", frame="W", shape=(2,))
+    position: Any = quantity("m", "Position of the INS without correction.", frame="W", shape=(2,))
     x1: Any = quantity("1", "Estimated errors: heading (rad), gyro bias (rad/s).", shape=(2,))
     P1: Any = quantity("1", "Covariance of the errors of heading and gyro bias.", shape=(2, 2))
     x2: Any = quantity("1", "Estimated errors: velocity (m/s), position (m), accelerometer biases (m/s^2).", shape=(6,))
@@ -52,13 +52,15 @@ class FeedforwardNode:
 
 @record
 class AidedInertialFeedforward:
-    """INS of [1]: open-loop mechanisation and filters of its errors; the output is the INS minus the estimated error.
+    """Aided INS of [1]: an INS that is never corrected, and filters of its errors. The output is the INS minus the
+    estimated error.
 
         heading = phi_ins - x1[0]        yaw rate = w - x1[1]        v = v_ins - x2[:2]        r = r_ins - x2[2:4]
 
-    Valid:         while the INS's own errors stay small enough for a linear model; they grow for ever, as nothing is
-                   reset: half an hour with biases of 0.1 m/s^2 puts the INS 160 km off, still harmless in double.
-    Not modelled:  what a heading error does to velocity. Positions don't correct the heading here.
+    Valid:         while the INS's errors stay small enough for a linear model. They keep growing, because the INS is
+                   never reset: after half an hour with biases of 0.1 m/s^2 the INS is 160 km off, which is still
+                   harmless in double precision.
+    Not modelled:  effect of a heading error on the velocity. Positions don't correct the heading in this form.
     Source:        [1] chapter 3; differences from the source: docs page and Errata.
     """
 
@@ -75,7 +77,7 @@ class AidedInertialFeedforward:
     step = navigate
 
     def first(self) -> FeedforwardNode:
-        """Return the initial state, before the first sample."""
+        """Return the filter's initial state, before the first sample."""
         s = self.start
         return FeedforwardNode(
             **first_of_node(),
@@ -89,7 +91,7 @@ class AidedInertialFeedforward:
         )
 
     def propagate(self, node: FeedforwardNode, dt: Any, imu_reading: Any, untrusted: Any) -> FeedforwardNode:
-        """Propagate by dt (s); the IMU reads `imu_reading` (3,) at the end."""
+        """Propagate the state by dt (s). imu_reading: IMU sample at the end of the step (3,)."""
         before = node.heading - node.x1[0]
         m = dual_model(self.noise, dt, untrusted, before)
         heading = node.heading + dt / 2 * (imu_reading[0] + node.imu_reading[0])
@@ -110,21 +112,21 @@ class AidedInertialFeedforward:
         )
 
     def correct_heading(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
-        """Correct with a heading z (rad, modulo 2 pi) and its variance; 0 as variance means noise.heading."""
+        """Correct the state with a measured heading z (rad, modulo 2 pi). If its variance is 0, use noise.heading."""
         y = wrap(node.heading - z - node.x1[0])[None]
         R = self.noise.heading_noise(variance)
         correction, fix = fuse_heading(self, node, node.x1, node.P1, y, HEADING_ROW, R, sign=-1.0)
         return replace(node, x1=correction.x, P1=correction.P, heading_fix=fix)
 
     def correct_position(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
-        """Correct with a position z (2,) of the aided point; 0 as variance means noise.position."""
+        """Correct the state with a position z (2,) of the aided point. If its variance is 0, use noise.position."""
         arm, R = aided_point(self, node.heading - node.x1[0], node.P1[0, 0], variance)
         y = node.position + arm - z - node.x2[2:4]
         correction, fix = fuse_position(self, node, node.x2, node.P2, y, POSITION_ROWS, R, sign=-1.0)
         return replace(node, x2=correction.x, P2=correction.P, position_fix=fix)
 
     def belief(self, node: FeedforwardNode) -> Belief:
-        """Return the belief at the IMU's point."""
+        """Return the estimate (Belief) of the IMU's motion."""
         heading = node.heading - node.x1[0]
         kinematic = [heading[None], node.velocity - node.x2[:2], node.position - node.x2[2:4]]
         x = jnp.concatenate([*kinematic, node.x1[1:], node.x2[4:]])

@@ -1,12 +1,13 @@
-"""A filter that runs a fixed delay behind, so that late measurements arrive in time, and the motion from there to now.
+"""Fusion at a delayed horizon: the filter runs a fixed delay behind the present, so that late measurements arrive in
+time. The motion from the filter's time to the present is kept separately.
 
-Samples of the IMU wait in a ring until they are `delay` old; then the filter takes them. A fix that is less old waits
-as well, and is fused when the filter reaches the time at which the fix was made. Nothing is computed twice, only one
-state is kept, and a step costs the same whenever a fix arrives.
+Samples of the IMU wait in a ring buffer until they are `delay` old. Then the filter uses them. A fix that is not yet
+that old waits as well, and is fused when the filter reaches the time at which the fix was measured. No sample is
+processed twice, only one state is stored, and the cost of a step does not depend on the delay of a fix.
 
-The vehicle's motion since then is one increment (`strapdown`), updated at both ends: a new sample is appended, and the
-samples that the filter has taken are removed from the front. The increments form a group, so this is exact and no
-sample is processed again. Each sample entered with the biases estimated at that time. The window stores the mean of
+The vehicle's motion from the filter's time to the present is a single increment (`strapdown`), updated at both ends: a
+new sample is appended, and samples that the filter has used are removed from the front. The increments form a group, so
+that this is exact. Each sample was added with the biases estimated at that time. The window stores the integral of
 these biases and is corrected to first order for later changes (`correct_window`).
 
 Source: delayed horizon: Khosravian et al., "Recursive attitude estimation in the presence of multi-rate and multi-delay
@@ -34,39 +35,41 @@ from trimtab.estimators.inertial.strapdown import (
 )
 
 FIXES = 4
-"""Maximum number of waiting fixes."""
+"""Maximum number of fixes that wait until the delayed filter reaches their time."""
 
 
 @record
 class InertialWindow:
     """IMU samples not yet used by the filter, the last sample, and their combined increment. Source: this module."""
 
-    head: Scalar = quantity("1", "Slot of the oldest sample.", kind="count")
-    count: Scalar = quantity("1", "Number of waiting samples.", kind="count")
-    t: Any = quantity("100 ns", "End time of each sample (slots,).", kind="time")
-    dt: Any = quantity("s", "Duration of each sample (slots,).")
-    rate: Any = quantity("rad/s", "Measured angular velocity (slots, 3).", frame="B")
-    force: Any = quantity("m/s^2", "Measured specific force (slots, 3).", frame="B")
-    bias: Any = quantity("1", "Gyro and accelerometer biases estimated when each sample came (slots, 6).")
+    head: Scalar = quantity("1", "Slot of the oldest waiting IMU sample in the ring buffer.", kind="count")
+    count: Scalar = quantity("1", "Number of waiting IMU samples.", kind="count")
+    t: Any = quantity("100 ns", "Time at the end of each IMU sample (slots,).", kind="time")
+    dt: Any = quantity("s", "Duration of each IMU sample (slots,).")
+    rate: Any = quantity("rad/s", "Measured angular velocity of each sample (slots, 3).", frame="B")
+    force: Any = quantity("m/s^2", "Measured specific force of each sample (slots, 3).", frame="B")
+    bias: Any = quantity("1", "Gyro and accelerometer biases estimated when each sample arrived (slots, 6).")
     untrusted: Any = quantity("1", "Flag of each sample (slots,): 1 if the sample is not trusted.")
     last: Scalar = quantity("100 ns", "Time at which the last sample was measured.", kind="time")
-    imu_reading: Any = quantity("1", "Reading of the last sample: rad/s, m/s^2.", frame="B", shape=(6,))
-    motion: Increment = part("Combined increment of all waiting samples.")
-    entered: Any = quantity("1", "Biases of the waiting samples, integrated over their time: rad, m/s.", shape=(6,))
+    imu_reading: Any = quantity(
+        "1", "Last IMU sample: angular velocity (rad/s), specific force (m/s^2).", frame="B", shape=(6,)
+    )
+    motion: Increment = part("Combined motion increment of all waiting samples.")
+    entered: Any = quantity("1", "Integral of the waiting samples' biases: rad, m/s.", shape=(6,))
 
 
 @record
 class WaitingFixes:
-    """Queue of fixes measured after the time that the filter has reached. Source: this module."""
+    """Queue of fixes that were measured after the delayed filter's time. Source: this module."""
 
-    head: Scalar = quantity("1", "Slot of the oldest fix.", kind="count")
+    head: Scalar = quantity("1", "Slot of the oldest waiting fix in the queue.", kind="count")
     count: Scalar = quantity("1", "Number of waiting fixes.", kind="count")
     t: Any = quantity("100 ns", "Time at which each fix was measured.", kind="time", shape=(FIXES,))
     value: Any = quantity("1", "Measured values of each fix (FIXES, w).")
 
 
 class FeltSample(NamedTuple):
-    """Sample as it leaves the window: integer end time, duration (s), readings (6,), and 1 if untrusted."""
+    """IMU sample removed from the window: integer end time, duration (s), readings (6,), and 1 if it is not trusted."""
 
     t: Any
     dt: Any
@@ -75,7 +78,7 @@ class FeltSample(NamedTuple):
 
 
 def empty_window(slots: int) -> InertialWindow:
-    """Return the initial window, before the first sample."""
+    """Return an empty window for the given number of IMU samples."""
     none = np.int32(0)
     return InertialWindow(
         head=none,
@@ -94,15 +97,15 @@ def empty_window(slots: int) -> InertialWindow:
 
 
 def no_fixes(width: int) -> WaitingFixes:
-    """Return an empty queue; width: numbers of one fix."""
+    """Return an empty queue of fixes. width: number of values in one fix."""
     none = np.int32(0)
     return WaitingFixes(none, none, np.zeros(FIXES, np.int64), np.zeros((FIXES, width)))
 
 
 def add_sample(window: InertialWindow, t: Any, imu_reading: Any, bias: Any, untrusted: Any) -> InertialWindow:
-    """Return the window with one more sample; the first gives only an end time.
+    """Return the window with an IMU sample added. The very first sample has no duration and only sets the start time.
 
-    imu_reading, bias: rad/s and m/s² (6,).
+    imu_reading: angular velocity (rad/s) and specific force (m/s²) (6,).  bias: estimated biases in these units (6,).
     """
     begun = window.last > NEVER
     dt = jnp.where(begun, to_seconds(t - window.last), 0.0)
@@ -125,13 +128,13 @@ def add_sample(window: InertialWindow, t: Any, imu_reading: Any, bias: Any, untr
 
 
 def is_due(window: InertialWindow, delay: Any) -> Any:
-    """Return True if the oldest sample is due: it is old enough, or its slot is needed."""
+    """Return True if the filter must use the oldest IMU sample: it is older than the delay, or the window is full."""
     old = _read_slot(window.t, window.head) <= window.last - delay
     return (window.count > 0) & (old | (window.count >= window.t.shape[0]))
 
 
 def take_sample(window: InertialWindow) -> tuple[InertialWindow, FeltSample]:
-    """Return the window without its oldest sample, and that sample."""
+    """Return the window without its oldest IMU sample, and the removed sample."""
     t, dt, w, f, bias, untrusted = (
         _read_slot(ring, window.head)
         for ring in (window.t, window.dt, window.rate, window.force, window.bias, window.untrusted)
@@ -148,7 +151,7 @@ def take_sample(window: InertialWindow) -> tuple[InertialWindow, FeltSample]:
 
 
 def correct_window(window: InertialWindow, gyro_bias: Any, force_bias: Any) -> Increment:
-    """Return the motion of the window for these biases: to first order, the change spread evenly over its time."""
+    """Return the window's motion for new biases, to first order. The change is spread evenly over the window's time."""
     one = window.motion
     turned = window.entered[:3] - gyro_bias * one.time
     pushed = window.entered[3:] - force_bias * one.time
@@ -162,7 +165,10 @@ def correct_window(window: InertialWindow, gyro_bias: Any, force_bias: Any) -> I
 
 
 def add_fix(fixes: WaitingFixes, t: Any, value: Any) -> tuple[WaitingFixes, Any]:
-    """Return the queue with one more fix, measured later than the waiting ones, and whether there was room for it."""
+    """Return the queue with a fix added, and True, or the unchanged queue and False if it is full.
+
+    The fix must have been measured later than all waiting fixes.
+    """
     room = fixes.count < FIXES
     slot = _wrap_index(fixes.head + fixes.count, FIXES)
     after = replace(
@@ -175,7 +181,7 @@ def add_fix(fixes: WaitingFixes, t: Any, value: Any) -> tuple[WaitingFixes, Any]
 
 
 def next_fix(fixes: WaitingFixes) -> tuple[Any, Any, WaitingFixes]:
-    """Return the oldest waiting fix if due: integer time, value (w,), and the remaining queue."""
+    """Return the oldest waiting fix, as integer time and value (w,), and the queue without it."""
     t, value = _read_slot(fixes.t, fixes.head), _read_slot(fixes.value, fixes.head)
     count = (fixes.count - 1).astype(np.int32)
     return t, value, replace(fixes, head=_wrap_index(fixes.head + 1, FIXES), count=count)

@@ -1,8 +1,8 @@
-"""Inertial navigation in space, aided by satellites: strapdown on a quaternion, and a filter of its 15 errors.
+"""Inertial navigation in space, aided by satellites: strapdown integration of a quaternion, and a filter of 15 errors.
 
-    step    receive: samples validated -> add_sample, add_fix (fusion_horizon)
-            follow:  take_sample -> propagate (error_state) -> catch_up and correct, where a fix or its time has come
-            tell:    the filter's state, carried over the window to now
+    step    receive: validate samples -> add_sample, add_fix (fusion_horizon)
+            follow:  take_sample -> propagate (error_state) -> catch_up and correct, when a fix is due
+            report:  propagate the filter's state over the window to the present
 
 Source: docs page, Gnss and inertial.
 """
@@ -68,17 +68,17 @@ IMU_WIDTH = 6
 
 @record
 class GnssFix:
-    """Statistics of the receiver's updates, up to the newest one fused. Source: docs page, Gnss and inertial."""
+    """Statistics of the updates with satellite measurements. Source: docs page, Gnss and inertial."""
 
-    innovation: Any = quantity("1", "Innovations: measured minus predicted, one value after another; in m, then m/s.")
-    normalised: Any = quantity("1", "Innovations divided by their standard deviations.")
+    innovation: Any = quantity("1", "Innovations of the last measurement, measured minus predicted; m, then m/s.")
+    normalised: Any = quantity("1", "Innovations of the last measurement, divided by their standard deviations.")
     nis: Scalar = quantity(
-        "1", "Sum of the squared normalised innovations; chi-square with as many degrees of freedom as numbers."
+        "1", "NIS: sum of squared normalised innovations, chi-square with as many degrees of freedom as values."
     )
-    numbers: Scalar = quantity("1", "Number of values in the newest measurement.", kind="count")
-    used: Scalar = quantity("1", "Number of measurements used.", kind="count")
+    numbers: Scalar = quantity("1", "Number of values in the newest satellite measurement.", kind="count")
+    used: Scalar = quantity("1", "Number of satellite measurements used so far.", kind="count")
     rejected: Scalar = quantity(
-        "1", "Number of rejected measurements; of ranges, those with every range rejected.", kind="count"
+        "1", "Number of rejected measurements. With raw ranges: those with every range rejected.", kind="count"
     )
     rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last one used.", kind="count")
     given_in: Scalar = quantity(
@@ -86,28 +86,28 @@ class GnssFix:
         "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
         kind="count",
     )
-    late: Scalar = quantity("1", "Number of measurements that came too late or met a full queue.", kind="count")
+    late: Scalar = quantity("1", "Number of measurements not used: too late, or the queue was full.", kind="count")
 
 
 @record
 class SpatialNavigationState:
-    """Motion in space with its uncertainty, at present, at the vehicle's reference point. Source: docs page."""
+    """Present motion of the IMU in space, with its uncertainty. Source: docs page, Gnss and inertial."""
 
-    position: Any = quantity("m", "Position: north, east, down.", frame="W", shape=(3,))
-    velocity: Any = quantity("m/s", "Velocity: north, east, down.", frame="W", shape=(3,))
+    position: Any = quantity("m", "Position of the IMU: north, east, down.", frame="W", shape=(3,))
+    velocity: Any = quantity("m/s", "Velocity of the IMU: north, east, down.", frame="W", shape=(3,))
     attitude: Any = quantity("1", "Quaternion q_WB, scalar first.", frame="WB", shape=(4,))
     angles: Any = quantity("rad", "Attitude: roll, pitch, yaw.", frame="WB", kind="angle", shape=(3,))
-    angular_rate: Any = quantity("rad/s", "Angular velocity without the gyros' biases.", frame="B", shape=(3,))
+    angular_rate: Any = quantity("rad/s", "Angular velocity, corrected for the gyros' biases.", frame="B", shape=(3,))
     gyro_bias: Any = quantity("rad/s", "Estimated bias of the gyros.", frame="B", shape=(3,))
     force_bias: Any = quantity("m/s^2", "Estimated bias of the accelerometers.", frame="B", shape=(3,))
     sigma_position: Any = quantity("m", "Standard deviation of the position.", frame="W", shape=(3,))
     sigma_velocity: Any = quantity("m/s", "Standard deviation of the velocity.", frame="W", shape=(3,))
     sigma_attitude: Any = quantity(
-        "rad", "Standard deviation of the attitude: turn about each body axis.", frame="B", shape=(3,)
+        "rad", "Standard deviation of the attitude about each body axis.", frame="B", shape=(3,)
     )
     sigma_gyro_bias: Any = quantity("rad/s", "Standard deviation of the gyro biases.", frame="B", shape=(3,))
     sigma_force_bias: Any = quantity("m/s^2", "Standard deviation of the accelerometer biases.", frame="B", shape=(3,))
-    clock: Any = quantity("1", "Bias (m) and drift (m/s) of the receiver's clock; 0 without raw ranges.", shape=(2,))
+    clock: Any = quantity("1", "Bias (m) and drift (m/s) of the receiver's clock; 0 with fixes.", shape=(2,))
     gnss_fix: GnssFix = part("Statistics of the receiver's updates.")
     imu: SensorWatch = part("Checks of the IMU's samples.")
     gnss: SensorWatch = part("Checks of the receiver's samples.")
@@ -118,48 +118,48 @@ class SpatialNavigationState:
 
 @record
 class GnssInertialState:
-    """State of the filter. Source: this module."""
+    """State of the navigation aided by satellites. Source: this module."""
 
     nominal: Nominal = part("Estimate at the filter's time, which lags behind the present by `delay`.")
     t: Scalar = quantity("100 ns", "Time of the filter, up to which IMU samples have been used.", kind="time")
     since: Scalar = quantity("1", "Number of IMU samples since the covariance was last propagated.", kind="count")
     window: InertialWindow = part("IMU samples from the filter's time to the present.")
-    fixes: WaitingFixes = part("Waiting measurements, later than the filter's time.")
-    sigma: Any = quantity("1", "Standard deviation of each error state (15,), as last reported.")
-    gnss_fix: GnssFix = part("Statistics of the measurement updates.")
+    fixes: WaitingFixes = part("Satellite measurements later than the filter's time, which wait to be used.")
+    sigma: Any = quantity("1", "Standard deviations reported last, of each error state (15,).")
+    gnss_fix: GnssFix = part("Statistics of the updates with satellite measurements.")
     imu: SensorWatch = part("Checks of the IMU's samples.")
     gnss: SensorWatch = part("Checks of the receiver's samples.")
 
 
 @record
 class GnssInertial:
-    """Strapdown navigation, aided by fixes of position and velocity, or by raw ranges and their rates.
+    """Strapdown navigation, aided by fixes of position and velocity, or by raw ranges and range rates.
 
-    `aiding` "fixes" (loosely coupled, 15 numbers) or "ranges" (tightly coupled, 17: the clock's two), which goes on
-    with fewer than four satellites. Fixes are fused at the time at which they were made, up to `delay` old.
+    With `aiding` "fixes" the filter is loosely coupled and has 15 error states. With "ranges" it is tightly coupled and
+    has 17, two of them for the clock; it also works with fewer than four satellites. Measurements up to `delay` old are
+    fused at the time at which they were measured.
 
-    Heading is not observable in straight flight: it needs lateral acceleration, for example a turn. Until then its
-    sigma grows.
+    The heading is only observable under lateral acceleration, e.g. in a turn. Until then, its uncertainty grows.
 
-    Frames:  W north-east-down, flat and at rest: the turning of the earth is taken for a bias of the gyros.
-    Not modelled: errors correlated in time, except noise.constant; scale factors and misalignments.
+    Frames:  W north-east-down, flat and not rotating. The earth's rotation is estimated as a bias of the gyros.
+    Not modelled: errors correlated in time, except receiver.constant; scale factors and misalignments.
     Source:  docs page, Gnss and inertial.
     """
 
-    noise: SpatialNoise = part("Noise of the IMU and of the clock.", default=SpatialNoise())
-    receiver: GnssNoise = part("Noise of the fixes or ranges.", default=GnssNoise())
+    noise: SpatialNoise = part("Noise of the IMU and of the receiver's clock.", default=SpatialNoise())
+    receiver: GnssNoise = part("Noise of the receiver's fixes or ranges.", default=GnssNoise())
     start: SpatialStart = part("Initial estimate and its uncertainty.", default=SpatialStart())
-    lever_arm: Any = quantity("m", "Position of the antenna.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,))
+    lever_arm: Any = quantity("m", "Position of the GNSS antenna.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,))
     gravity: Any = quantity("m/s^2", "Gravity.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
     gate: Scalar = quantity(
-        "1", "NIS gate for fixes: 0.9999 quantile with 6 degrees of freedom.", default=27.856, above=0
+        "1", "NIS gate for fixes; default: 0.9999 quantile with 6 degrees of freedom.", default=27.856, above=0
     )
     gate_range: Scalar = quantity(
-        "1", "NIS gate for a single range or rate, with 1 degree of freedom.", default=15.137, above=0
+        "1", "NIS gate for a single range or range rate, with 1 degree of freedom.", default=15.137, above=0
     )
     patience: Scalar = quantity(
         "1",
-        "Consecutive rejected measurements after which the next one is accepted anyway; 0: never.",
+        "Number of consecutive rejected measurements after which the next one is accepted anyway; 0 for never.",
         default=10,
         kind="count",
     )
@@ -171,38 +171,38 @@ class GnssInertial:
     )
     frozen_imu: Scalar = quantity(
         "1",
-        "Consecutive equal IMU samples after which the IMU counts as frozen; 0: never.",
+        "Number of consecutive equal IMU samples after which the IMU counts as frozen; 0 for never.",
         default=25,
         kind="count",
         off={"imu-noise": 0},
     )
     gap: Scalar = quantity(
-        "100 ns", "Longest gap between IMU samples without additional uncertainty.", default=ms(40), kind="time"
+        "100 ns", "Longest IMU gap for which the filter adds no extra uncertainty.", default=ms(40), kind="time"
     )
     delay: Scalar = quantity(
         "100 ns", "Delay of the filter behind the present: maximum age of a usable fix.", default=ms(150), kind="time"
     )
     imu: str = option("Name of the inertial sensor.", default="imu")
-    gnss: str = option("Name of the receiver.", default="gnss")
+    gnss: str = option("Name of the satellite receiver.", default="gnss")
     aiding: str = option(
-        "Type of the receiver's measurements: fixes, or raw ranges.", default="fixes", choices=("fixes", "ranges")
+        "Type of the receiver's measurements: fixes or raw ranges.", default="fixes", choices=("fixes", "ranges")
     )
-    satellites: int = option("Number of satellites in a measurement of raw ranges.", default=8)
-    slots: int = option("Number of IMU samples kept. It must cover the delay, with a reserve.", default=176)
-    carried: int = option("Number of IMU samples after which the covariance is propagated.", default=20)
+    satellites: int = option("Number of satellites in one measurement of raw ranges.", default=8)
+    slots: int = option("Number of IMU samples stored. They must cover the delay, with a reserve.", default=176)
+    carried: int = option("Number of IMU samples per propagation of the covariance.", default=20)
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Return the names of the sensors that are read."""
+        """Return the names of the sensors that the navigation reads."""
         return self.imu, self.gnss
 
     @property
     def errors(self) -> int:
-        """Return the number of errors."""
+        """Return the number of error states, 15 or 17."""
         return ERRORS + 2 * (self.aiding == "ranges")
 
     def check(self) -> None:
-        """Raise InputError if the window is too small or a sensor name is used twice."""
+        """Raise InputError if a number of samples is too small or a sensor name is used twice."""
         if self.slots < 2:
             raise InputError("slots", f"must be at least 2, got {self.slots}", fix="set slots above delay / period")
         if self.carried < 1:
@@ -216,7 +216,7 @@ class GnssInertial:
             raise InputError("gnss", problem, fix="give each sensor a name of its own")
 
     def init(self, key: Key) -> GnssInertialState:
-        """Return the initial state, before any measurement."""
+        """Return the initial state of the navigation, before any measurement."""
         n = self.errors
         width, numbers = self._widths()
         none, some = np.int32(0), np.zeros(numbers)
@@ -233,7 +233,7 @@ class GnssInertial:
         )
 
     def step(self, t: Any, state: GnssInertialState, frame: Frame) -> tuple[GnssInertialState, Estimate]:
-        """Return the estimate at integer time t; its state is a SpatialNavigationState."""
+        """Return the new state and the estimate, a SpatialNavigationState, at integer time t."""
         state, fresh = _receive(self, t, state, frame)
         state = lax.while_loop(lambda s: is_due(s.window, self.delay), lambda s: _follow(self, s), state)
         state = lax.cond(fresh & (state.since == self.carried // 2), lambda: _tell_sigmas(self, state), lambda: state)
@@ -244,14 +244,14 @@ class GnssInertial:
         return state, Estimate(t=t, age=age, fresh=fresh, valid=valid, state=_navigation(self, state, silent))
 
     def _widths(self) -> tuple[int, int]:
-        """Return the length of a measurement, and how many of its numbers are measurements."""
+        """Return the number of values in a satellite measurement, and the number of those that are measured."""
         if self.aiding == "ranges":
             return RANGE_NUMBERS * self.satellites, 2 * self.satellites
         return FIX_NUMBERS, FIX_NUMBERS
 
 
 def _receive(form: GnssInertial, t: Any, state: GnssInertialState, frame: Frame) -> tuple[GnssInertialState, Any]:
-    """Return the state with new samples queued, and whether an IMU sample was usable."""
+    """Return the state with new samples queued, and a flag that is True if an IMU sample was usable."""
     sample, measured = frame.samples[form.imu], frame.samples[form.gnss]
     reading = sample.value
     imu_reading = *_three(reading.angular_rate), *_three(reading.specific_force)
@@ -290,7 +290,7 @@ def _three(v: Any) -> tuple[Any, Any, Any]:
 
 
 def _read_gnss(form: GnssInertial, value: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return a measurement as one vector, and those of its numbers that identify a repeated one."""
+    """Return a satellite measurement as one vector, and the values by which a repeated measurement is recognised."""
     if form.aiding == "fixes":
         whole = jnp.concatenate([value.position, value.velocity])
         return whole, tuple(whole[i] for i in range(FIX_NUMBERS))
@@ -301,7 +301,7 @@ def _read_gnss(form: GnssInertial, value: Any) -> tuple[Any, tuple[Any, ...]]:
 
 
 def _follow(form: GnssInertial, state: GnssInertialState) -> GnssInertialState:
-    """Return the filter one sample later, corrected by the measurements up to that time."""
+    """Return the state after the filter has used the next IMU sample and the measurements up to its time."""
     window, one = take_sample(state.window)
     gravity = jnp.asarray(form.gravity, float)
     x = propagate(state.nominal, one.imu_reading[:3], one.imu_reading[3:], one.dt, one.untrusted, gravity)
@@ -315,7 +315,7 @@ def _follow(form: GnssInertial, state: GnssInertialState) -> GnssInertialState:
 
 
 def _correct(form: GnssInertial, state: GnssInertialState, longest: Any) -> GnssInertialState:
-    """Fuse the oldest waiting measurement; one made more than `longest` (s) ago is late and is not used."""
+    """Fuse the oldest waiting measurement, unless it is older than the filter's time by more than `longest` (s)."""
     t, value, fixes = next_fix(state.fixes)
     x, fix = state.nominal, state.gnss_fix
     dt = to_seconds(t - state.t)
@@ -353,7 +353,7 @@ def _correct(form: GnssInertial, state: GnssInertialState, longest: Any) -> Gnss
 
 
 def _estimate_error(y: Any, H: Any, wanted: Any) -> Any:
-    """Return the variances (n,) of position and velocity to be added to P on giving in, from the innovations (m,)."""
+    """Return the variances (n,) by which P is inflated after too many rejections, from the innovations y (m,)."""
     squares = jnp.where(wanted & jnp.isfinite(y), y * y, 0.0)
     largest_place = jnp.max(squares * (jnp.abs(H[:, POSITION.start]) + jnp.abs(H[:, POSITION.start + 2]) > 0.1))
     largest_speed = jnp.max(squares * (jnp.abs(H[:, VELOCITY.start]) + jnp.abs(H[:, VELOCITY.start + 2]) > 0.1))
@@ -362,7 +362,7 @@ def _estimate_error(y: Any, H: Any, wanted: Any) -> Any:
 
 
 def _tell_sigmas(form: GnssInertial, state: GnssInertialState) -> GnssInertialState:
-    """Update the reported standard deviations: P propagated to the last sample, and over the window after it."""
+    """Return the state with new standard deviations to report, from P propagated to the present."""
     x = state.nominal
     begin = quaternion.multiply(x.attitude, quaternion.conjugate(x.span.turn))
     whole = compose(x.span, correct_window(state.window, x.gyro_bias, x.force_bias))
@@ -372,7 +372,7 @@ def _tell_sigmas(form: GnssInertial, state: GnssInertialState) -> GnssInertialSt
 
 
 def _navigation(form: GnssInertial, state: GnssInertialState, silent: Any) -> SpatialNavigationState:
-    """Return the reported state: the filter's, propagated over the window."""
+    """Return the navigation state to report: the filter's state, propagated over the window to the present."""
     x, window, sigma = state.nominal, state.window, state.sigma
     one = correct_window(window, x.gyro_bias, x.force_bias)
     now = move(kinematics_of(x), one, jnp.asarray(form.gravity, float))

@@ -1,12 +1,12 @@
-"""Predicted measurements of a satellite receiver at the filter's state, and their derivatives by its errors.
+"""Predicted measurements of a satellite receiver at the filter's state, and their derivatives by the error states.
 
-With a the antenna at its lever arm l, R the attitude, w the angular velocity:
+With a the position of the antenna, l its lever arm, R the attitude and w the angular velocity:
 
     a = p + R l,   a' = v + R (w × l)
     da = dp - R [l×] dtheta,    da' = dv - R [(w × l)×] dtheta + R [l×] db_gyro
 
-A measurement made a little before the instant of the state (dt < 0, less than a sample) is one of a + dt a', and of
-a' + dt times the acceleration.
+The time of a measurement may be slightly before the time of the state (dt < 0, by less than a sample). The measured
+position is then a + dt a', and the measured velocity is a' plus dt times the acceleration.
 
 Source: Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., sections 14.3.1
 (fixes, loosely coupled) and 14.3.2 (ranges, tightly coupled), with a local angular error.
@@ -29,24 +29,24 @@ from trimtab.estimators.inertial.error_state import (
 )
 
 FIX_NUMBERS = 6
-"""Number of values in a fix: position and velocity."""
+"""Number of values in a satellite fix: position and velocity."""
 RANGE_NUMBERS = 9
-"""Number of values for each satellite: pseudorange, rate, position, velocity, reception flag."""
+"""Number of values of raw ranges for each satellite: pseudorange, range rate, position, velocity, reception flag."""
 
 
 @record
 class GnssNoise:
-    """White noise of the receiver as the filter models it, and its constant error. Source: docs page, Gnss."""
+    """Noise of the satellite receiver as assumed by the filter. Source: docs page, Gnss."""
 
-    position: Scalar = quantity("m", "White noise of a position fix, north and east.", default=0.4, above=0)
-    position_down: Scalar = quantity("m", "White noise of a position fix, down.", default=0.7, above=0)
-    velocity: Scalar = quantity("m/s", "White noise of a velocity fix, north and east.", default=0.05, above=0)
-    velocity_down: Scalar = quantity("m/s", "White noise of a velocity fix, down.", default=0.08, above=0)
-    pseudorange: Scalar = quantity("m", "White noise of a pseudorange.", default=0.8, above=0)
-    range_rate: Scalar = quantity("m/s", "White noise of a range rate.", default=0.08, above=0)
+    position: Scalar = quantity("m", "Standard deviation of a position fix, north and east.", default=0.4, above=0)
+    position_down: Scalar = quantity("m", "Standard deviation of a position fix, down.", default=0.7, above=0)
+    velocity: Scalar = quantity("m/s", "Standard deviation of a velocity fix, north and east.", default=0.05, above=0)
+    velocity_down: Scalar = quantity("m/s", "Standard deviation of a velocity fix, down.", default=0.08, above=0)
+    pseudorange: Scalar = quantity("m", "Standard deviation of a pseudorange.", default=0.8, above=0)
+    range_rate: Scalar = quantity("m/s", "Standard deviation of a range rate.", default=0.08, above=0)
     constant: Scalar = quantity(
         "m",
-        "Constant error of each coordinate; unobservable, so it is added to the reported uncertainty of the position.",
+        "Constant error of each position coordinate. It is unobservable, so the reported uncertainty includes it.",
         default=0.0,
         low=0,
         off={"gnss-correlated-error": 0.0},
@@ -54,7 +54,11 @@ class GnssNoise:
 
 
 class ExpectedMeasurement(NamedTuple):
-    """Measurement. y: measured less predicted (m,).  H: its derivative (m, n).  R: variances (m,).  wanted: (m,)."""
+    """Prediction of a measurement.
+
+    y: measured minus predicted (m,).  H: derivatives of the prediction by the error states (m, n).  R: variances (m,).
+    wanted: True for values that can be used (m,).
+    """
 
     y: Any
     H: Any
@@ -63,7 +67,8 @@ class ExpectedMeasurement(NamedTuple):
 
 
 def antenna_rows(x: Nominal, dt: Any, arm: Any) -> tuple[Any, Any, Any, Any]:
-    """Return position and velocity (3,) of the antenna in W, dt (s) after the state, and their derivatives (3, n)."""
+    """Return position and velocity (3,) of the antenna in W, dt (s) after the state's time, and the derivatives of both
+    by the error states (3, n)."""
     R, n = quaternion.to_matrix(x.attitude), x.P.shape[0]
     swing = jnp.cross(x.rate, arm)
     none, eye = jnp.zeros((3, n)), jnp.eye(3)
@@ -77,7 +82,7 @@ def antenna_rows(x: Nominal, dt: Any, arm: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def expect_fix(x: Nominal, value: Any, dt: Any, arm: Any, noise: GnssNoise) -> ExpectedMeasurement:
-    """Return the prediction of a fix (6,): position and velocity of the antenna dt (s) from the state's time."""
+    """Return the prediction of a fix (6,): position and velocity of the antenna, dt (s) after the state's time."""
     place, velocity, by_place, by_velocity = antenna_rows(x, dt, arm)
     across, down = noise.position**2, noise.position_down**2
     along, sinking = noise.velocity**2, noise.velocity_down**2
@@ -88,9 +93,10 @@ def expect_fix(x: Nominal, value: Any, dt: Any, arm: Any, noise: GnssNoise) -> E
 
 
 def set_clock(x: Nominal, e: ExpectedMeasurement) -> tuple[Nominal, ExpectedMeasurement]:
-    """Return the state with the clock set by the mean of the first ranges and rates, and the resulting predictions.
+    """Return the state with the clock set from the mean of the first ranges and rates, and the resulting predictions.
 
-    A receiver's clock can have any offset: with a sigma as large as that, P would lose precision in the first update.
+    A receiver's clock can have any offset. If the filter estimated the offset from a correspondingly large initial
+    variance, P would lose precision in the first update.
     """
     y = jnp.where(e.wanted, e.y, 0.0).reshape(2, -1)
     shown = jnp.sum(y, axis=1) / jnp.maximum(jnp.sum(e.wanted) / 2, 1.0)
@@ -98,7 +104,10 @@ def set_clock(x: Nominal, e: ExpectedMeasurement) -> tuple[Nominal, ExpectedMeas
 
 
 def expect_ranges(x: Nominal, value: Any, dt: Any, arm: Any, noise: GnssNoise) -> ExpectedMeasurement:
-    """Return the prediction of raw ranges (9 n,): pseudoranges, rates, places (n, 3), velocities (n, 3), reception."""
+    """Return the prediction of raw ranges, dt (s) after the state's time.
+
+    value: pseudoranges, range rates, satellite positions (n, 3), velocities (n, 3) and reception flags, (9 n,).
+    """
     n = value.shape[0] // RANGE_NUMBERS
     ranges, rates, received = value[:n], value[n : 2 * n], value[8 * n :] > 0.5
     places, velocities = value[2 * n : 5 * n].reshape(n, 3), value[5 * n : 8 * n].reshape(n, 3)

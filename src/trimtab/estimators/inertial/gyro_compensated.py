@@ -1,4 +1,4 @@
-"""Aided inertial navigation behind the inverse of its gyro's identified dynamics.
+"""Aided inertial navigation with gyro samples that are corrected for the gyro's identified dynamics.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -19,10 +19,10 @@ from trimtab.estimators.inertial.sensor_watch import NEVER
 
 @record
 class CompensatorState:
-    """Two previous values of any shape; each component is filtered by itself. Source: [1] eq. 6.2."""
+    """State of the gyro compensator: two previous gyro samples of any shape. Source: [1] eq. 6.2."""
 
-    y1: Any = quantity("rad/s", "Previous value.")
-    y2: Any = quantity("rad/s", "Value before the previous one.")
+    y1: Any = quantity("rad/s", "Previous gyro sample.")
+    y2: Any = quantity("rad/s", "Gyro sample before the previous one.")
 
 
 @record
@@ -31,20 +31,22 @@ class GyroCompensator:
 
         u_k = (y_k + a1 y_{k-1} + a2 y_{k-2})/b0          [1, eq. 6.2 inverted]
 
-    It needs no look-ahead and is always stable. It raises the noise: 4.4 times in standard deviation, 7 times at half
-    the sampling rate; and above 15 Hz, where the identified model is too weak, it gives more than the true rate: 1.5
-    times at 20 Hz.
+    The compensator is causal and always stable. It increases the noise: by a factor of 4.4 in standard deviation, and
+    by a factor of 7 at half the sampling rate. Above 15 Hz the gain of the identified model is too low. The compensated
+    rate is therefore too large, e.g. by a factor of 1.5 at 20 Hz.
 
-    Valid:   samples each 6.5536 ms.    Source: [1] eq. 6.2 and table 6.5.
+    Valid:   for samples every 6.5536 ms.    Source: [1] eq. 6.2 and table 6.5.
     """
 
     b0: Scalar = quantity(
-        "1", "Coefficient of the newest rate, in the gyro's model.", default=0.3236, above=0, source="[1] eq. 6.2"
+        "1", "Coefficient of the newest true rate in the gyro model.", default=0.3236, above=0, source="[1] eq. 6.2"
     )
-    a1: Scalar = quantity("1", "Coefficient of the previous output.", default=-0.9805, source="[1] eq. 6.2")
-    a2: Scalar = quantity("1", "Coefficient of the output two samples ago.", default=0.2898, source="[1] eq. 6.2")
+    a1: Scalar = quantity("1", "Coefficient of the gyro's previous output.", default=-0.9805, source="[1] eq. 6.2")
+    a2: Scalar = quantity(
+        "1", "Coefficient of the gyro's output two samples ago.", default=0.2898, source="[1] eq. 6.2"
+    )
     normalised: bool = option(
-        "Scale b0 to 1 + a1 + a2, so that a constant rate stays unchanged.", default=True, choices=(True, False)
+        "True to use b0 = 1 + a1 + a2, so that a constant rate stays unchanged.", default=True, choices=(True, False)
     )
 
     def section(self) -> Section:
@@ -53,60 +55,61 @@ class GyroCompensator:
         return Section(b0=1 / b0, b1=self.a1 / b0, b2=self.a2 / b0)
 
     def start(self, y: Any) -> CompensatorState:
-        """Return the state after a constant measurement y for all time."""
+        """Return the compensator's state for a measured rate y that has been constant for all time."""
         return CompensatorState(y1=jnp.asarray(y), y2=jnp.asarray(y))
 
     def compensate(self, state: CompensatorState, y: Any) -> tuple[CompensatorState, Any]:
-        """Return the next state, and the compensated rate of the newest measurement y."""
+        """Return the next state, and the compensated rate for the newest measured rate y."""
         s = self.section()
         return CompensatorState(y1=y, y2=state.y1), s.b0 * y + s.b1 * state.y1 + s.b2 * state.y2
 
 
 @record
 class CompensatedState:
-    """Compensator's memory, its last sample, and the state of the navigation. Source: this module."""
+    """State of the gyro compensator and of the navigation that uses its output. Source: this module."""
 
-    compensator: CompensatorState = part("Previous measured rates.")
+    compensator: CompensatorState = part("State of the gyro compensator.")
     rate: Any = quantity("rad/s", "Last compensated angular velocity.", frame="B", shape=(3,))
-    last: Scalar = quantity("100 ns", "Time at which the last sample was measured.", kind="time")
+    last: Scalar = quantity("100 ns", "Time at which the last gyro sample was measured.", kind="time")
     navigation: Any = part("State of the navigation.")
 
 
 @record
 class CompensatedInertial:
-    """Any form of aided inertial navigation, with each gyro sample compensated first.
+    """Aided inertial navigation of any form, with each gyro sample compensated for the gyro's dynamics first.
 
-    The first sample, and one after a gap, restart the compensator as if its rate had been constant for all time.
-    Samples that are older, repeated or not finite pass unchanged: the navigation rejects them itself.
+    The first sample, and a sample after a gap, restart the compensator as if the rate had been constant for all time.
+    Samples that are older, repeated or not finite pass unchanged, because the navigation rejects them.
 
-    Valid:   samples at the compensator's own rate; with a slower unit, each beyond `gap`, nothing is compensated.
+    Valid:   for samples at the compensator's sampling rate. If the time between samples exceeds `gap`, nothing is
+             compensated.
     Source:  [1] sections 6.2.1.3 and 6.2.1.5, table 6.6.
     """
 
-    navigation: Any = part("Navigation that gets the compensated samples.", default=AidedInertialFeedforward())
-    compensator: GyroCompensator = part("Inverse of the gyro's dynamics.", default=GyroCompensator())
+    navigation: Any = part("Navigation that uses the compensated samples.", default=AidedInertialFeedforward())
+    compensator: GyroCompensator = part("Compensator: inverse of the gyro's dynamics.", default=GyroCompensator())
     gap: Scalar = quantity(
-        "100 ns", "Longest time between two samples without a restart of the compensator.", default=ms(10), kind="time"
+        "100 ns", "Longest time between samples that does not restart the compensator.", default=ms(10), kind="time"
     )
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Return the names of the sensors of the navigation."""
+        """Return the names of the sensors that the navigation reads."""
         return self.navigation.listens
 
     def check(self) -> None:
-        """Raise InputError if the navigation is invalid."""
+        """Raise InputError if the navigation's settings are invalid."""
         self.navigation.check()
 
     def init(self, key: Key) -> CompensatedState:
-        """Return the initial state, before any measurement."""
+        """Return the initial state of compensator and navigation, before any measurement."""
         o = jnp.zeros(3)
         return CompensatedState(
             compensator=self.compensator.start(o), rate=o, last=np.int64(NEVER), navigation=self.navigation.init(key)
         )
 
     def step(self, t: Any, state: CompensatedState, frame: Frame) -> tuple[CompensatedState, Estimate]:
-        """Return the navigation's estimate at integer time t."""
+        """Return the new state and the navigation's estimate at integer time t."""
         name = self.navigation.intake.imu
         sample = frame.samples[name]
         y = sample.value.angular_rate

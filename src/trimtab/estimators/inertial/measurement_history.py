@@ -1,12 +1,13 @@
-"""Measurements fused at the time they were taken, however late they arrive: past states are kept and replayed.
+"""Fusion of late measurements at the time at which they were measured: past filter states are stored and replayed.
 
-A ring holds the last events in the order in which they were measured: samples of the IMU, headings, positions, pings,
-each with the filter's state after it. A late measurement is inserted at its time, and all later states are computed
-again, so the result equals that of a filter that received everything in time. An aiding measurement newer than the
-newest IMU sample waits for the next one; between two samples the IMU's reading is interpolated linearly.
+A ring buffer contains the last events, sorted by the time of measurement: IMU samples, headings, positions and pings.
+Each event is stored with the filter's state after it. A late measurement is inserted at its time, and all later states
+are computed again. The result therefore equals that of a filter that received everything in time. An aiding measurement
+that is newer than the newest IMU sample waits for the next IMU sample. Between two IMU samples, the IMU's reading is
+interpolated linearly.
 
-Without a late measurement the loop runs once per event. Nothing is approximated, and the only limit is the ring's
-length.
+Without late measurements, each event is processed once. Nothing is approximated. The only limit is the length of the
+ring buffer.
 
 Source: docs page, Measurement history.
 """
@@ -27,33 +28,40 @@ EMPTY, IMU, HEADING, POSITION, RANGES = range(5)
 """Kinds of events in the history; EMPTY marks an unused slot."""
 KINDS = ("empty", "imu", "heading", "position", "ranges")
 AIDING_KINDS = {"positions": POSITION, "ranges": RANGES}
-"""Kind of the position sensor's events, by the form's AIDED_BY."""
+"""Kind of the position sensor's events, for each type of aiding (AIDED_BY of a filter form)."""
 IMU_NUMBERS = 3
-"""Number of values in an IMU event."""
+"""Number of values in an IMU event: yaw rate and two specific forces."""
 LONGEST = 0.1
-"""Longest time (s) over which a velocity is used between two events, or after the last."""
+"""Longest time (s) for which a velocity is integrated between two events, or after the last event."""
 POSITION_NUMBERS = 5
 """Number of values in a position event: north, east (m), and its covariance, north, mixed, east (m^2)."""
 
 
 @record
 class History:
-    """Ring of events; every leaf has a leading axis of slots, the oldest at `head`. Source: docs page."""
+    """Ring buffer of recent events and filter states. The first axis of every array is that of the slots.
 
-    head: Scalar = quantity("1", "Slot of the oldest event.", kind="count")
+    Source: docs page, Measurement history.
+    """
+
+    head: Scalar = quantity("1", "Slot of the oldest event in the ring buffer.", kind="count")
     t: Any = quantity(
-        "100 ns", "Time at which each event was measured; non-decreasing from the oldest on.", kind="time"
+        "100 ns", "Time at which each event was measured, not decreasing from the oldest on.", kind="time"
     )
-    kind: Any = quantity("1", "Kind of each event.", kind="mode", modes=KINDS)
-    value: Any = quantity("1", "Measured values, in the sensor's units.")
+    kind: Any = quantity("1", "Kind of each event: IMU sample, heading, position or ranges.", kind="mode", modes=KINDS)
+    value: Any = quantity("1", "Measured values of each event, in the sensor's units.")
     untrusted: Any = quantity(
-        "1", "Flags (slots, 2): 1 if the gyro, 1 if the accelerometers of a sample cannot be trusted."
+        "1", "Flags of gyro and accelerometers (slots, 2): 1 if the IMU sample cannot be trusted."
     )
-    nodes: Any = part("State of the filter after each event; its fields t, imu_reading and untrusted are used here.")
+    nodes: Any = part("State of the filter after each event, with fields t, imu_reading and untrusted.")
 
 
 class Event(NamedTuple):
-    """One measurement: integer time, kind, value (at most the history's width), and flags (2,): 1 if not trusted."""
+    """Measurement of one sensor at one instant.
+
+    t: integer time.  kind: kind of event.  value: at most as many numbers as the history stores.  untrusted: flags of
+    gyro and accelerometers (2,), 1 if not trusted.
+    """
 
     t: Any
     kind: int
@@ -62,7 +70,10 @@ class Event(NamedTuple):
 
 
 def empty_history(node: Any, slots: int, width: int = POSITION_NUMBERS) -> History:
-    """Return a ring without events; node: filter state before any, with t = NEVER; width: of the longest value."""
+    """Return a history without events.
+
+    node: filter state before the first event, with t = NEVER.  width: largest number of values in an event.
+    """
     return History(
         head=np.int32(0),
         t=np.full(slots, NEVER, np.int64),
@@ -74,16 +85,17 @@ def empty_history(node: Any, slots: int, width: int = POSITION_NUMBERS) -> Histo
 
 
 def newest_imu_index(h: History) -> Any:
-    """Return the index, from the oldest, of the newest IMU event; the last index where there is none."""
+    """Return the index, counted from the oldest event, of the newest IMU sample; the last index without a sample."""
     last = np.int32(h.t.shape[0] - 1)
     i = lax.while_loop(lambda i: (i >= 0) & (_read_slot(h.kind, _slot_index(h, i)) != IMU), lambda i: i - 1, last)
     return jnp.where(i < 0, last, i)
 
 
 def check_room(h: History, reached: Any, event: Event) -> tuple[Any, Any]:
-    """Return if an event fits into the ring, and if the ring already contains it; reached: see `newest_imu_index`.
+    """Return two flags: True if an event fits into the history, and True if the history already contains it.
 
-    An event older than the whole history has no state to start from. One slot is kept for the IMU.
+    An event does not fit if it is older than the whole history, because no state is stored to start from. One slot is
+    reserved for the IMU.  reached: index up to which the stored states are valid.
     """
     before = _last_index(h, event.t)
 
@@ -99,10 +111,10 @@ def check_room(h: History, reached: Any, event: Event) -> tuple[Any, Any]:
 
 
 def insert_event(h: History, reached: Any, event: Event) -> tuple[History, Any]:
-    """Return the ring with one more event and without the oldest, and the index up to which its states remain valid.
+    """Return the history with an event added and the oldest removed, and the index up to which its states stay valid.
 
-    Events of one instant keep their order of arrival, the IMU's first. Newer events move up one slot, so inserting the
-    newest event moves nothing.
+    Events of the same instant are sorted by arrival, with the IMU sample first. Newer events move up by one slot, so
+    that inserting the newest event moves nothing.
     """
     place = _last_index(h, event.t - 1 if event.kind == IMU else event.t)
     h = replace(h, head=_wrap_index(h.head + 1, h.t.shape[0]))
@@ -123,7 +135,10 @@ def insert_event(h: History, reached: Any, event: Event) -> tuple[History, Any]:
 
 
 def enter_event(h: History, reached: Any, event: Event) -> tuple[History, Any, Any, Any]:
-    """Insert an event if possible. Return the ring, how far its states hold, and if the event is late or repeated."""
+    """Insert an event if it fits and is not repeated.
+
+    Returns: history, index up to which its states are valid, True if the event was too late, True if it was repeated.
+    """
     room, known = check_room(h, reached, event)
     enters = room & ~known
     new, now = lax.cond(enters, lambda: insert_event(h, reached, event), lambda: (h, reached))
@@ -131,7 +146,10 @@ def enter_event(h: History, reached: Any, event: Event) -> tuple[History, Any, A
 
 
 def replay_events(form: InertialForm, h: History, reached: Any) -> tuple[History, Any]:
-    """Compute every state after the first `reached` up to the newest IMU sample. Return the ring and that state."""
+    """Compute all filter states after index `reached` up to the newest IMU sample.
+
+    Returns: the history and the newest state.
+    """
     last = newest_imu_index(h)
 
     def body(carry: Any) -> Any:
@@ -150,15 +168,16 @@ def newest_node(h: History) -> Any:
 
 
 def node_before(h: History, t: Any) -> Any:
-    """Return the filter's state after the last event measured at or before integer time t, else after the oldest."""
+    """Return the filter's state after the last event measured at or before integer time t, or after the oldest event if
+    all are later."""
     return _read_slot(h.nodes, _slot_index(h, jnp.maximum(jnp.minimum(_last_index(h, t), newest_imu_index(h)), 0)))
 
 
 def inertial_increment(form: InertialForm, h: History, start: Any, end: Any) -> tuple[Any, Any]:
     """Return the IMU's displacement (2,) (m, W) and turn (rad) between two integer times within the history.
 
-    Velocities and rates of the nodes are integrated, so that the jump of the estimated position at a fix does not count
-    as motion. Before the first node and after the last nothing is added.
+    Velocities and yaw rates of the stored states are integrated, so that a jump of the estimated position at a fix does
+    not count as motion. Nothing is added before the first state, or later than LONGEST after the last.
     """
     first, last = jnp.maximum(_last_index(h, start), 0), jnp.minimum(_last_index(h, end), newest_imu_index(h))
 
@@ -184,9 +203,12 @@ def inertial_increment(form: InertialForm, h: History, start: Any, end: Any) -> 
 
 
 def _process_event(form: Any, h: History, node: Any, i: Any, last: Any) -> Any:
-    """Return the state after event i, from the state after the previous event; last: the newest of the IMU."""
+    """Return the filter's state after event i, from the state after the previous event.
+
+    last: index of the newest IMU sample.
+    """
     t, kind, value = (_read_slot(x, _slot_index(h, i)) for x in (h.t, h.kind, h.value))
-    # the IMU sample at or after this event; with no turn beyond the last, the loop ends under vmap too
+    # index of the IMU sample at or after this event; the bound `last` ends the loop under vmap
     j = lax.while_loop(lambda j: (j < last) & (_read_slot(h.kind, _slot_index(h, j)) != IMU), lambda j: j + 1, i)
     ahead, imu_reading, untrusted = (_read_slot(x, _slot_index(h, j)) for x in (h.t, h.value, h.untrusted))
     imu_reading = imu_reading[:IMU_NUMBERS]
@@ -196,7 +218,7 @@ def _process_event(form: Any, h: History, node: Any, i: Any, last: Any) -> Any:
     is_imu = kind == IMU
     now = jnp.where(is_imu, imu_reading, node.imu_reading + share * (imu_reading - node.imu_reading))
     doubts = jnp.maximum(node.untrusted, untrusted)
-    # no time passes between events of one instant: most headings and fixes come with a sample
+    # no propagation between events of the same instant: most headings and fixes arrive with an IMU sample
     propagated = lax.cond(t > node.t, lambda: form.propagate(node, dt, now, doubts), lambda: node)
     new = replace(propagated, t=t, untrusted=jnp.where(is_imu, untrusted, node.untrusted))
     if form.intake.heading:
@@ -210,18 +232,18 @@ def _process_event(form: Any, h: History, node: Any, i: Any, last: Any) -> Any:
 
 
 def _last_index(h: History, t: Any) -> Any:
-    """Return the index, from the oldest, of the last event measured at or before t; -1 if every event is later."""
+    """Return the index, counted from the oldest event, of the last event measured at or before t; -1 if none."""
     i = np.int32(h.t.shape[0] - 1)
     return lax.while_loop(lambda i: (i >= 0) & (_read_slot(h.t, _slot_index(h, i)) > t), lambda i: i - 1, i)
 
 
 def _slot_index(h: History, i: Any) -> Any:
-    """Return the slot of event i, counted from the oldest."""
+    """Return the slot of event i in the ring buffer; i is counted from the oldest event."""
     return _wrap_index(h.head + i, h.t.shape[0])
 
 
 def _wrap_index(i: Any, n: int) -> Any:
-    """Return an index in [-n, 2 n) wrapped into [0, n)."""
+    """Return an index from [-n, 2 n) wrapped to [0, n)."""
     return jnp.where(i >= n, i - n, jnp.where(i < 0, i + n, i)).astype(np.int32)
 
 

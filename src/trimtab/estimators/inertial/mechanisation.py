@@ -1,7 +1,7 @@
-"""Inertial navigation in the plane: the mechanisation, where sensors sit, and what the filters start from.
+"""Inertial navigation in the plane: mechanisation, positions of the sensors, and initial values of the filters.
 
-Frames: W north-east-down, B at the vehicle's reference point, x forward, y starboard; the body's plane is level. The
-navigated point is the IMU's: no angular acceleration is needed to get there.
+Frames: W north-east-down; B at the vehicle's reference point, x forward, y starboard. The vehicle stays level. The
+navigated point is the IMU, so that no angular acceleration is needed.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3.
 """
@@ -18,11 +18,11 @@ from trimtab.core.time import to_seconds
 from trimtab.estimators.inertial.sensor_watch import NEVER
 
 DIMENSION = 8
-"""Number of values in every belief: heading, velocity (2), position (2), gyro bias, accelerometer biases (2)."""
+"""Number of values in a Belief: heading, velocity (2), position (2), gyro bias, accelerometer biases (2)."""
 
 
 class Belief(NamedTuple):
-    """Estimate of a filter at one instant, in the same order for every form.
+    """Estimate of a navigation filter at one instant. All filter forms use the same order of values.
 
     x: heading (rad, unwrapped), velocity north and east (m/s), position north and east (m) of the IMU, gyro bias
     (rad/s), accelerometer biases forward and starboard (m/s^2); shape (8,).
@@ -35,19 +35,21 @@ class Belief(NamedTuple):
 
 @record
 class InertialStart:
-    """Initial estimate before the first measurement; the first fix and the first heading then determine it.
+    """Initial estimate before the first measurement, and its uncertainty.
 
-    Source: [1] section 5.4.5 for biases and velocity; heading and position are unknown here, where [1] starts them at
-    the first measurement with its variance: the first update does the same.
+    Heading and position are unknown at first, and the first heading and position determine them. In [1], they are set
+    to the first measurement, with its variance. The first update has the same effect.
+
+    Source: [1] section 5.4.5 for biases and velocity.
     """
 
-    heading: Scalar = quantity("rad", "Heading.", default=0.0, kind="angle")
-    north: Scalar = quantity("m", "Position of the IMU, north.", default=0.0, frame="W")
-    east: Scalar = quantity("m", "Position of the IMU, east.", default=0.0, frame="W")
-    velocity_north: Scalar = quantity("m/s", "Velocity of the IMU, north.", default=0.0, frame="W")
-    velocity_east: Scalar = quantity("m/s", "Velocity of the IMU, east.", default=0.0, frame="W")
+    heading: Scalar = quantity("rad", "Initial heading.", default=0.0, kind="angle")
+    north: Scalar = quantity("m", "Initial position of the IMU, north.", default=0.0, frame="W")
+    east: Scalar = quantity("m", "Initial position of the IMU, east.", default=0.0, frame="W")
+    velocity_north: Scalar = quantity("m/s", "Initial velocity of the IMU, north.", default=0.0, frame="W")
+    velocity_east: Scalar = quantity("m/s", "Initial velocity of the IMU, east.", default=0.0, frame="W")
     sigma_heading: Scalar = quantity(
-        "rad", "Standard deviation of the initial heading; the default means unknown.", default=1.8, above=0
+        "rad", "Standard deviation of the initial heading. The default is for an unknown heading.", default=1.8, above=0
     )
     sigma_position: Scalar = quantity(
         "m", "Standard deviation of each initial position coordinate.", default=10.0, above=0
@@ -71,11 +73,11 @@ class InertialStart:
     )
 
     def velocity(self) -> Any:
-        """Return the initial position (2,), north and east."""
+        """Return the initial velocity (2,), north and east."""
         return stack_numbers(self.velocity_north, self.velocity_east)
 
     def position(self) -> Any:
-        """Return the initial velocity (2,), north and east."""
+        """Return the initial position (2,), north and east."""
         return stack_numbers(self.north, self.east)
 
     def heading_variances(self) -> Any:
@@ -101,7 +103,7 @@ class InertialStart:
 
 @record
 class LeverArms:
-    """Positions of the sensors in B. Source: docs page, Aided inertial navigation."""
+    """Positions of the IMU and the position sensor in B. Source: docs page, Aided inertial navigation."""
 
     imu: Any = quantity("m", "Position of the IMU.", default=np.zeros(2), frame="B", shape=(2,))
     aiding: Any = quantity(
@@ -109,7 +111,7 @@ class LeverArms:
     )
 
     def imu_to_aided_point(self) -> Any:
-        """Return the vector from the IMU to the aided point (2,), in B."""
+        """Return the vector (2,) in B from the IMU to the point that the position sensor measures."""
         return self.aiding - self.imu
 
 
@@ -118,17 +120,17 @@ def mechanise(dt: Any, f0: Any, f1: Any, v: Any, r: Any) -> tuple[Any, Any]:
 
         v + dt/2 (f1 + f0)        r + v dt + dt^2/6 (f1 + 2 f0)                                       [1, eq. 3.42]
 
-    f0, f1: specific force in W at both ends of the step (2,).  v, r: velocity and position at its start (2,).
+    f0, f1: specific force in W at the start and end of the step (2,).  v, r: velocity and position at the start (2,).
     """
     return v + dt / 2 * (f1 + f0), r + v * dt + dt * dt / 6 * (f1 + 2 * f0)
 
 
 def mechanise_corrected(dt: Any, before: Any, imu_reading: Any, x: Any) -> tuple[Any, Any, Any]:
-    """Return heading, velocity and position after dt (s), of an INS that subtracts its biases from the IMU readings.
+    """Return heading, velocity and position after dt (s) of an INS that subtracts estimated biases from IMU readings.
 
-    before, imu_reading: what the IMU read at the step's start (3,), and reads at its end.
-    x: heading, velocity (2,), position (2,), gyro bias, accelerometer biases (2,) at its start; these act with that
-    heading, as in Phi.
+    before, imu_reading: IMU readings at the start and end of the step (3,).
+    x: heading, velocity (2,), position (2,), gyro bias, accelerometer biases (2,) at the start of the step.
+    The accelerometer biases are turned to W with the heading at the start of the step, as in Phi.
     """
     phi, v, r, gyro_bias, force_bias = x
     B = planar(phi)
@@ -140,14 +142,14 @@ def mechanise_corrected(dt: Any, before: Any, imu_reading: Any, x: Any) -> tuple
 
 
 def rotate_lever(heading: Any, arm: Any) -> tuple[Any, Any]:
-    """Return a lever arm (2,) of B in W, and its derivative by the heading."""
+    """Return a lever arm (2,), given in B, in the frame W, and its derivative by the heading."""
     B = planar(heading)
     quarter = jnp.stack([-arm[1], arm[0]])
     return B @ arm, B @ quarter
 
 
 def stack_numbers(*numbers: Any) -> Any:
-    """Return numbers (n,), plain or traced, in double precision."""
+    """Return an array (n,), in double precision, of n plain or traced numbers."""
     return jnp.stack([jnp.asarray(number, np.float64) for number in numbers])
 
 
@@ -155,24 +157,25 @@ def stack_numbers(*numbers: Any) -> Any:
 class ImuHistory:
     """Last samples of an IMU, the newest at the end. Source: docs page, Particle filter."""
 
-    t: Any = quantity("100 ns", "Time of each sample; NEVER in an unused slot.", kind="time")
-    imu_reading: Any = quantity("1", "Yaw rate (rad/s), force per mass forward and starboard (m/s^2); (slots, 3).")
-    untrusted: Any = quantity("1", "Flags (slots, 2): 1 if the gyro, 1 if the accelerometers cannot be trusted.")
+    t: Any = quantity("100 ns", "Time of each IMU sample; NEVER in an unused slot.", kind="time")
+    imu_reading: Any = quantity("1", "Yaw rate (rad/s), specific force forward and starboard (m/s^2); (slots, 3).")
+    untrusted: Any = quantity("1", "Flags of gyro and accelerometers (slots, 2): 1 if the sensor cannot be trusted.")
 
 
 class PreintegratedMotion(NamedTuple):
-    """IMU readings between two instants, integrated once for filters that start from different states.
+    """Motion between two instants, integrated once from IMU readings for filters that start from different states.
 
     time: T (s).  turn: (rad).  velocity: dv (2,).  position: dr (2,).  D1, D2: (2, 2).  untrusted: (2,).
-    With the turn a since the first instant, everything in the body's axes of that instant:
+    With the turn a since the first instant, and vectors in the body's axes at the first instant:
 
         turn,  dv = int R(a) f dt,  dr = int dv dt,  D1 = int R(a) dt,  D2 = int D1 dt
 
-    so that from heading phi, velocity v, position r and biases (bg, ba), T later:
+    so that a state with heading phi, velocity v, position r and biases (bg, ba) becomes, after T:
 
         phi + turn - bg T,   v + B(phi) (dv - D1 ba),   r + v T + B(phi) (dr - D2 ba)
 
-    to first order in the biases; what bg T does to B within the step is left out (for 1 deg/s and 0.1 s, 0.002 of dv).
+    This is correct to first order in the biases. The effect of bg T on B within the step is left out (0.002 of dv for
+    1 deg/s and 0.1 s).
 
     Source: Lupton, Sukkarieh, "Visual-inertial-aided navigation for high-dynamic motion", IEEE Trans. Robotics 28
     (2012).
@@ -188,12 +191,12 @@ class PreintegratedMotion(NamedTuple):
 
 
 def empty_imu_history(slots: int) -> ImuHistory:
-    """Return the initial value, before the first sample."""
+    """Return a history without samples, for the given number of IMU samples."""
     return ImuHistory(np.full(slots, NEVER, np.int64), np.zeros((slots, 3)), np.zeros((slots, 2)))
 
 
 def append_sample(h: ImuHistory, t: Any, imu_reading: Any, untrusted: Any) -> ImuHistory:
-    """Return the history with one more sample and without the oldest."""
+    """Return the history with an IMU sample added and the oldest removed."""
     t, imu_reading, untrusted = (jnp.asarray(v) for v in (t, imu_reading, untrusted))
     return ImuHistory(
         jnp.concatenate([h.t[1:], t[None]]),
@@ -203,7 +206,7 @@ def append_sample(h: ImuHistory, t: Any, imu_reading: Any, untrusted: Any) -> Im
 
 
 def preintegrate(h: ImuHistory, begin: Any, end: Any) -> PreintegratedMotion:
-    """Return the motion between two instants, as far as samples reach; readings are interpolated linearly."""
+    """Return the motion between two instants, as far as IMU samples exist. Readings are interpolated linearly."""
     zero, two = jnp.zeros(()), jnp.zeros(2)
     start = PreintegratedMotion(zero, zero, two, two, jnp.zeros((2, 2)), jnp.zeros((2, 2)), two)
 

@@ -19,13 +19,13 @@ from trimtab.estimators.kalman import NO_GATE, CovarianceHealth, Update, covaria
 
 @record
 class HeadingFix:
-    """Statistics of the heading updates, up to the newest measurement. Source: docs page."""
+    """Statistics of the heading updates. Source: docs page, Aided inertial navigation."""
 
-    innovation: Any = quantity("rad", "Innovation: measured minus predicted.", kind="angle", shape=(1,))
-    normalised: Any = quantity("1", "Innovation divided by its standard deviation.", shape=(1,))
-    nis: Scalar = quantity("1", "NIS: squared normalised innovation; chi-square with one degree of freedom.")
-    used: Scalar = quantity("1", "Number of measurements used.", kind="count")
-    rejected: Scalar = quantity("1", "Number of measurements rejected by the gate.", kind="count")
+    innovation: Any = quantity("rad", "Innovation: measured minus predicted heading.", kind="angle", shape=(1,))
+    normalised: Any = quantity("1", "Heading innovation divided by its standard deviation.", shape=(1,))
+    nis: Scalar = quantity("1", "NIS of the heading: y^2/S; chi-square with one degree of freedom.")
+    used: Scalar = quantity("1", "Number of headings used so far.", kind="count")
+    rejected: Scalar = quantity("1", "Number of headings rejected by the gate so far.", kind="count")
     rejected_in_a_row: Scalar = quantity(
         "1", "Number of measurements rejected since the last accepted one.", kind="count"
     )
@@ -38,13 +38,15 @@ class HeadingFix:
 
 @record
 class PositionFix:
-    """Statistics of the position updates, up to the newest measurement. Source: docs page."""
+    """Statistics of the position updates. Source: docs page, Aided inertial navigation."""
 
-    innovation: Any = quantity("m", "Innovation: measured minus predicted, north and east.", frame="W", shape=(2,))
-    normalised: Any = quantity("1", "Innovations divided by their standard deviations.", shape=(2,))
-    nis: Scalar = quantity("1", "NIS: y' S^-1 y; chi-square with two degrees of freedom.")
-    used: Scalar = quantity("1", "Number of measurements used.", kind="count")
-    rejected: Scalar = quantity("1", "Number of measurements rejected by the gate.", kind="count")
+    innovation: Any = quantity(
+        "m", "Innovation: measured minus predicted position, north and east.", frame="W", shape=(2,)
+    )
+    normalised: Any = quantity("1", "Position innovations divided by their standard deviations.", shape=(2,))
+    nis: Scalar = quantity("1", "NIS of the position: y' S^-1 y; chi-square with two degrees of freedom.")
+    used: Scalar = quantity("1", "Number of positions used so far.", kind="count")
+    rejected: Scalar = quantity("1", "Number of positions rejected by the gate so far.", kind="count")
     rejected_in_a_row: Scalar = quantity(
         "1", "Number of measurements rejected since the last accepted one.", kind="count"
     )
@@ -57,20 +59,21 @@ class PositionFix:
 
 @record
 class NavigationState:
-    """State of the vehicle in the plane with its uncertainty; the fields that planar laws read come first.
+    """Estimated state of a vehicle in the plane, and its uncertainty. The first fields are those that planar laws read.
 
-    Velocity and position are those of the reference point, not of the IMU. Source: docs page.
+    Velocity and position are those of the vehicle's reference point, not of the IMU.
+    Source: docs page, Aided inertial navigation.
     """
 
     surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B")
     sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B")
     yaw_rate: Scalar = quantity("rad/s", "Rate of turn, clockwise from above.", frame="B")
-    heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle")
-    north: Scalar = quantity("m", "Position, north.", frame="W")
-    east: Scalar = quantity("m", "Position, east.", frame="W")
+    heading: Scalar = quantity("rad", "Heading: angle from north to the body's x axis, unwrapped.", kind="angle")
+    north: Scalar = quantity("m", "North position of the reference point.", frame="W")
+    east: Scalar = quantity("m", "East position of the reference point.", frame="W")
     sigma_surge_velocity: Scalar = quantity("m/s", "Standard deviation of the velocity along the body's x axis.")
     sigma_sway_velocity: Scalar = quantity("m/s", "Standard deviation of the velocity along the body's y axis.")
-    sigma_yaw_rate: Scalar = quantity("rad/s", "Standard deviation of the yaw rate, including the noise of the sample.")
+    sigma_yaw_rate: Scalar = quantity("rad/s", "Standard deviation of the yaw rate, including the gyro's noise.")
     sigma_heading: Scalar = quantity("rad", "Standard deviation of the heading.")
     sigma_north: Scalar = quantity("m", "Standard deviation of the north position.")
     sigma_east: Scalar = quantity("m", "Standard deviation of the east position.")
@@ -82,32 +85,35 @@ class NavigationState:
     sigma_starboard_bias: Scalar = quantity("m/s^2", "Standard deviation of the starboard accelerometer bias.")
     heading_fix: Any = part("Statistics of the heading updates.")
     position_fix: Any = part("Statistics of the position updates.")
-    covariance: CovarianceHealth = part("Health of the covariance.")
+    covariance: CovarianceHealth = part("Checks of the filter's covariance.")
     imu: SensorWatch = part("Checks of the IMU's samples.")
     heading_sensor: Any = part("Checks of the heading sensor's samples; None without a heading sensor.")
     position_sensor: Any = part("Checks of the position sensor's samples; None without a position sensor.")
     coasting: Scalar = quantity(
         "1",
-        "True if the IMU gives no data. The filter then assumes constant velocity, and the sigmas grow.",
+        "True if no IMU data arrive. The filter then assumes constant velocity, and the standard deviations grow.",
         kind="flag",
     )
-    clock_backwards: Scalar = quantity("1", "Number of times the autopilot's own time ran backwards.", kind="count")
+    clock_backwards: Scalar = quantity("1", "Number of times the autopilot's clock ran backwards.", kind="count")
 
 
 def no_heading_fix() -> HeadingFix:
-    """Return the initial value, before the first measurement."""
+    """Return the statistics of heading updates before the first measurement."""
     none = np.int32(0)
     return HeadingFix(np.zeros(1), np.zeros(1), np.float64(0), none, none, none, none)
 
 
 def no_position_fix() -> PositionFix:
-    """Return the initial value, before the first measurement."""
+    """Return the statistics of position updates before the first measurement."""
     none = np.int32(0)
     return PositionFix(np.zeros(2), np.zeros(2), np.float64(0), none, none, none, none)
 
 
 def first_of_node(position_fix: Any = None) -> dict[str, Any]:
-    """Return the initial fields of every form's node, before any measurement; position_fix: PositionFix by default."""
+    """Return the initial values of the fields that the nodes of all filter forms have in common.
+
+    position_fix: initial statistics of the position updates; default: a PositionFix.
+    """
     return {
         "t": np.int64(NEVER),
         "imu_reading": np.zeros(3),
@@ -120,7 +126,10 @@ def first_of_node(position_fix: Any = None) -> dict[str, Any]:
 def fuse_heading(
     form: InertialForm, node: Any, x: Any, P: Any, y: Any, H: Any, R: Any, *, consider: Any = None, sign: float = 1.0
 ) -> tuple[Update, HeadingFix]:
-    """Return a node's states x, P after one heading, gated by the form's intake; the rest as `fuse_measurement`."""
+    """Return the update of a node's x, P by a heading, gated by the form's intake, and the statistics after it.
+
+    Other arguments are those of `fuse_measurement`.
+    """
     gate, patience = form.intake.gate_heading, form.intake.patience_heading
     return fuse_measurement(node.heading_fix, x, P, y, H, R, gate=gate, patience=patience, consider=consider, sign=sign)
 
@@ -128,7 +137,10 @@ def fuse_heading(
 def fuse_position(
     form: InertialForm, node: Any, x: Any, P: Any, y: Any, H: Any, R: Any, *, consider: Any = None, sign: float = 1.0
 ) -> tuple[Update, PositionFix]:
-    """Return a node's states x, P after one position; the rest as `update_heading`."""
+    """Return the update of a node's x, P by a position, gated by the form's intake, and the statistics after it.
+
+    Other arguments are those of `fuse_measurement`.
+    """
     gate, patience = form.intake.gate_position, form.intake.patience_position
     return fuse_measurement(
         node.position_fix, x, P, y, H, R, gate=gate, patience=patience, consider=consider, sign=sign
@@ -148,11 +160,11 @@ def fuse_measurement(
     consider: Any = None,
     sign: float = 1.0,
 ) -> tuple[Update, Any]:
-    """Return the result of one update, and the HeadingFix or PositionFix after it.
+    """Return the result of one update, and its statistics, a HeadingFix or PositionFix.
 
-    After `patience` consecutive rejections the filter gives in to the next measurement that the gate would reject: the
-    covariance is inflated until the innovation is a typical one, and the gate is open. 0: never. The other arguments
-    are those of `kalman.update` and `count_measurement`.
+    After `patience` consecutive rejections, the next measurement is accepted even if it is outside the gate. The
+    covariance is first inflated until the innovation is a typical one. If patience is 0, this never happens. The other
+    arguments are those of `kalman.update` and `count_measurement`.
     """
     patience = jnp.asarray(patience)
     gives = (patience > 0) & (fix.rejected_in_a_row >= patience)
@@ -164,7 +176,10 @@ def fuse_measurement(
 
 
 def count_measurement(fix: Any, correction: Update, sign: float = 1.0) -> Any:
-    """Return a HeadingFix or PositionFix after one more measurement; sign: -1 if innovations are INS minus measured."""
+    """Return the statistics, a HeadingFix or PositionFix, after one more measurement.
+
+    sign: -1 if the update's innovation is predicted minus measured, else 1.
+    """
     S = correction.S
     sigma = jnp.sqrt(jnp.stack([S[j, j] for j in range(S.shape[0])]))
     refused = correction.finite & ~correction.accepted
@@ -181,9 +196,9 @@ def count_measurement(fix: Any, correction: Update, sign: float = 1.0) -> Any:
 
 
 def reference_kinematics(belief: Belief, rate: Any, gyro_variance: Any, arms: LeverArms) -> dict[str, Any]:
-    """Return the kinematic fields of NavigationState, from a belief about the IMU.
+    """Return the kinematic fields of NavigationState, from an estimate (Belief) of the IMU's motion.
 
-    rate: reading of the gyro (rad/s).  gyro_variance: of its noise.  arms: positions of the sensors.
+    rate: reading of the gyro (rad/s).  gyro_variance: variance of the gyro's noise.  arms: positions of the sensors.
     """
     x, P = belief
     B = planar(x[0])
@@ -192,7 +207,7 @@ def reference_kinematics(belief: Belief, rate: Any, gyro_variance: Any, arms: Le
     arm, slope = rotate_lever(x[0], arms.imu)
     surge, sway = v[0] + yaw_rate * arms.imu[1], v[1] - yaw_rate * arms.imu[0]
     lever = jnp.stack([-arms.imu[1], arms.imu[0]])
-    none, eye = jnp.zeros((3, 2)), jnp.eye(2)  # nothing here depends on force biases
+    none, eye = jnp.zeros((3, 2)), jnp.eye(2)  # these quantities don't depend on the accelerometer biases
     by_heading = jnp.concatenate([jnp.stack([v[1], -v[0]]), jnp.zeros(1), -slope])[:, None]
     by_velocity = jnp.concatenate([B.T, none])
     by_position = jnp.concatenate([none, eye])

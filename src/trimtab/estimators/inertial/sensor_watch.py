@@ -1,4 +1,4 @@
-"""Checks of a sensor's samples from the samples alone: frozen, repeated, or with a wrong time.
+"""Checks of a sensor's samples, without other sensors: frozen sensor, repeated sample, or wrong time.
 
 Source: docs page, Sensor watch.
 """
@@ -13,20 +13,22 @@ from trimtab.core.signals import Sample
 from trimtab.core.time import FOREVER
 
 NEVER = -FOREVER
-"""Time that stands for never: earlier than any instant."""
+"""Time that means never. It is earlier than any instant."""
 WIDTH = 3
-"""Smallest number of values stored for a sample. Shorter samples are padded with zeros."""
+"""Smallest number of values that are stored for a sensor's sample. Shorter samples are padded with zeros."""
 
 
 @record
 class SensorWatch:
-    """Record of one sensor's samples. Source: docs page, Sensor watch."""
+    """Checks of one sensor's samples: last sample, flags and counters. Source: docs page, Sensor watch."""
 
-    last: Scalar = quantity("100 ns", "Measurement time of the sensor's newest sample.", kind="time")
+    last: Scalar = quantity("100 ns", "Time at which the sensor's newest sample was measured.", kind="time")
     value: Any = quantity("1", "Last sample of the sensor, in the sensor's units, padded with zeros.")
-    repeats: Scalar = quantity("1", "Number of consecutive samples with exactly the same value.", kind="count")
+    repeats: Scalar = quantity(
+        "1", "Number of consecutive samples with exactly the same value as the sample before.", kind="count"
+    )
     frozen: Scalar = quantity(
-        "1", "True if the sensor is frozen: its samples repeat more often than noise allows.", kind="flag"
+        "1", "True if the sensor is frozen, i.e. its samples repeat more often than noise allows.", kind="flag"
     )
     saturated: Scalar = quantity(
         "1", "True if the last sample was saturated, i.e. at the end of the sensor's range.", kind="flag"
@@ -34,17 +36,21 @@ class SensorWatch:
     backwards: Scalar = quantity(
         "1", "True if the last sample was measured before a sample that had arrived earlier.", kind="flag"
     )
-    samples: Scalar = quantity("1", "Number of samples that arrived.", kind="count")
+    samples: Scalar = quantity("1", "Number of samples that have arrived.", kind="count")
     invalid: Scalar = quantity(
-        "1", "Number of samples that were not finite, or from the future: not used.", kind="count"
+        "1", "Number of samples not used because they were not finite, or from the future.", kind="count"
     )
     duplicates: Scalar = quantity("1", "Number of repeated samples, which are not used.", kind="count")
     disordered: Scalar = quantity("1", "Number of samples that arrived after a newer sample.", kind="count")
-    late: Scalar = quantity("1", "Number of samples older than the history: not used.", kind="count")
+    late: Scalar = quantity("1", "Number of samples not used because they were older than the history.", kind="count")
 
 
 class SampleValidation(NamedTuple):
-    """Result of a check: the updated watch; usable; value, finite and as wide as the watch; t, time of measurement."""
+    """Result of checking a sample.
+
+    watch: updated checks of the sensor.  usable: True if the sample may be used.  value: finite values, padded with
+    zeros.  t: time at which the sample was measured.
+    """
 
     watch: SensorWatch
     usable: Any
@@ -53,7 +59,7 @@ class SampleValidation(NamedTuple):
 
 
 def initial_watch(width: int = WIDTH) -> SensorWatch:
-    """Return the initial watch, before the first sample; width: number of values stored."""
+    """Return the checks of a sensor before its first sample. width: number of values stored for a sample."""
     none, no = np.int32(0), np.bool_(False)
     return SensorWatch(
         last=np.int64(NEVER),
@@ -73,15 +79,15 @@ def initial_watch(width: int = WIDTH) -> SensorWatch:
 def validate_sample(
     watch: SensorWatch, now: Any, sample: Sample, numbers: tuple[Any, ...], *, frozen_after: Any, ordered: bool
 ) -> SampleValidation:
-    """Check a sample as it stands in the frame.
+    """Check a sensor's sample of the current frame.
 
     Args:
-        watch: record of the sensor's samples.
-        now: integer time at the autopilot; a sample from later than that is invalid.
-        sample: with its time and whether it arrived at this instant.
-        numbers: its value, at most as many as the watch is wide.
-        frozen_after: consecutive equal samples after which the sensor counts as frozen; 0: never.
-        ordered: reject samples older than the newest, e.g. of an IMU; otherwise they are usable and counted.
+        watch: previous checks of the sensor.
+        now: present integer time at the autopilot; a sample measured later is invalid.
+        sample: the sample, with its time and a flag that it arrived at this instant.
+        numbers: values of the sample, at most as many as the watch stores.
+        frozen_after: number of consecutive equal samples after which the sensor counts as frozen; 0 for never.
+        ordered: True to reject samples older than the newest, e.g. for an IMU; False to count and accept them.
     """
     filled = [jnp.asarray(n, np.float64) for n in numbers] + [jnp.zeros(())] * (watch.value.shape[0] - len(numbers))
     value = jnp.stack(filled)
@@ -110,5 +116,5 @@ def validate_sample(
 
 
 def increment(count: Any, one: Any) -> Any:
-    """Return a counter, increased where `one` holds; it stays at its largest value instead of overflowing."""
+    """Return a counter, increased by 1 if `one` is True. It stays at its largest value instead of overflowing."""
     return jnp.where(one & (count < np.iinfo(np.int32).max), count + 1, count).astype(np.int32)

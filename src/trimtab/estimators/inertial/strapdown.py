@@ -1,8 +1,8 @@
-"""Strapdown navigation on the group: IMU readings over a time as one increment of attitude, velocity and position.
+"""Strapdown navigation by increments: IMU readings over a time become one increment of attitude, velocity and position.
 
-Increments are independent of their initial state: one is appended to another (`compose`), removed from the front
-(`remove_first`), and applied to any state (`move`). While angular velocity and force are constant in B, the result is
-exact over any time. Linear changes between two samples are covered by the coning and sculling terms.
+Increments are independent of the initial state. An increment can be appended to another (`compose`), removed from the
+front of another (`remove_first`), and applied to any state (`move`). If angular velocity and specific force are
+constant in B, the result is exact over any time. Coning and sculling terms cover linear changes between two samples.
 
     R+ = R dR,    v+ = v + g T + R dv,    p+ = p + v T + g T²/2 + R dp
 
@@ -20,21 +20,22 @@ from trimtab.core import quaternion
 from trimtab.core.record import Scalar, quantity, record
 
 ORDER = 4
-"""Terms of the series in the turn of one sample: exact to rounding below 0.1 rad, to 1e-8 at 1 rad."""
+"""Order of the series in the turn within one IMU sample. The error is below rounding up to 0.1 rad, and 1e-8 at 1 rad.
+"""
 
 
 @record
 class Increment:
-    """Motion over a time T, seen from B at its beginning, without gravity. Source: this module."""
+    """Motion increment over a time T, in the axes of B at the beginning, without gravity. Source: this module."""
 
-    turn: Any = quantity("1", "Quaternion dR, from B at the end to B at the beginning.", shape=(4,))
-    velocity: Any = quantity("m/s", "Integral dv of the specific force.", frame="B", shape=(3,))
-    position: Any = quantity("m", "Double integral dp of the specific force.", frame="B", shape=(3,))
-    time: Scalar = quantity("s", "Length T of the step.")
+    turn: Any = quantity("1", "Quaternion dR from B at the end to B at the beginning of the increment.", shape=(4,))
+    velocity: Any = quantity("m/s", "Integral dv of the specific force over the increment.", frame="B", shape=(3,))
+    position: Any = quantity("m", "Double integral dp of the specific force over the increment.", frame="B", shape=(3,))
+    time: Scalar = quantity("s", "Duration T of the increment.")
 
 
 class Kinematics(NamedTuple):
-    """Attitude q_WB (4,), velocity (3,) and position (3,) in W."""
+    """Kinematic state: attitude q_WB (4,), velocity (3,) and position (3,) in W."""
 
     attitude: Any
     velocity: Any
@@ -42,7 +43,7 @@ class Kinematics(NamedTuple):
 
 
 def no_increment() -> Increment:
-    """Return the increment over no time."""
+    """Return the increment of zero duration and no motion."""
     three = jnp.zeros(3)
     return Increment(jnp.asarray(quaternion.IDENTITY), three, three, jnp.zeros(()))
 
@@ -50,8 +51,9 @@ def no_increment() -> Increment:
 def average_samples(w0: Any, f0: Any, w1: Any, f1: Any, dt: Any) -> tuple[Any, Any]:
     """Return the constant angular velocity and force (3,) equivalent over dt (s) to linear change between two samples.
 
-    Coning dt/12 w0 × w1 and sculling dt/12 (w0 × f1 - w1 × f0): the second term of the series of Magnus, of a rate that
-    changes linearly. Source: Groves, 2nd ed., section 5.5.4; Savage, J. Guidance, Control, Dynamics 21 (1998) 19.
+    The coning term dt/12 w0 × w1 and the sculling term dt/12 (w0 × f1 - w1 × f0) are the second term of the Magnus
+    series for a rate that changes linearly.
+    Source: Groves, 2nd ed., section 5.5.4; Savage, J. Guidance, Control, Dynamics 21 (1998) 19.
     """
     w = (w0 + w1) / 2 + dt / 12 * jnp.cross(w0, w1)
     f = (f0 + f1) / 2 + dt / 12 * (jnp.cross(w0, f1) - jnp.cross(w1, f0))
@@ -61,8 +63,8 @@ def average_samples(w0: Any, f0: Any, w1: Any, f1: Any, dt: Any) -> tuple[Any, A
 def increment_of(w: Any, f: Any, dt: Any) -> Increment:
     """Return the increment of a constant angular velocity w (rad/s) and force f (m/s²), (3,) in B, over dt (s).
 
-    With a = w dt, the integrals of the rotation over the time are G1 = sum a×^k/(k+1)! and G2 = sum a×^k/(k+2)!; their
-    coefficients are series in |a|², without a trigonometric function.
+    With a = w dt, the integrals of the rotation are G1 = sum a×^k/(k+1)! and G2 = sum a×^k/(k+2)!. Their coefficients
+    are power series in |a|², so that no trigonometric function is needed.
     """
     a = w * dt
     a2 = a @ a
@@ -87,7 +89,7 @@ def _series(x2: Any, n: int) -> Any:
 
 
 def compose(first: Increment, then: Increment) -> Increment:
-    """Return the increment of two increments, one after the other."""
+    """Return the increment that combines two increments, one after the other."""
     R = quaternion.to_matrix(first.turn)
     return Increment(
         turn=quaternion.multiply(first.turn, then.turn),
@@ -98,7 +100,7 @@ def compose(first: Increment, then: Increment) -> Increment:
 
 
 def remove_first(both: Increment, first: Increment) -> Increment:
-    """Return the remainder of an increment that began with another: compose(first, remainder) is the whole."""
+    """Return the rest of an increment after its first part, so that compose(first, rest) is the whole increment."""
     R_T = quaternion.to_matrix(first.turn).T
     time = both.time - first.time
     return Increment(
@@ -110,13 +112,13 @@ def remove_first(both: Increment, first: Increment) -> Increment:
 
 
 def normalise_turn(one: Increment) -> Increment:
-    """Return the increment with its quaternion normalised, to first order: for lengths that differ by rounding."""
+    """Return the increment with its quaternion normalised to first order, to remove rounding errors."""
     q = one.turn
     return Increment(q * (1.5 - 0.5 * (q @ q)), one.velocity, one.position, one.time)
 
 
 def move(x: Kinematics, one: Increment, gravity: Any) -> Kinematics:
-    """Return the state after an increment, under gravity (3,) (m/s², W)."""
+    """Return the kinematic state after an increment, under the gravity vector (3,) in W (m/s²)."""
     R, T = quaternion.to_matrix(x.attitude), one.time
     q = quaternion.multiply(x.attitude, one.turn)
     return Kinematics(

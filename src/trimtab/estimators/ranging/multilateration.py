@@ -1,10 +1,11 @@
 """Position from ranges, on the floor or in space, and heading from the positions of two units.
 
-Every function takes all n beacons and a mask of the used ones, so that shapes never depend on the number of replies.
-Heights are those of the beacons above the unit. A position that cannot be found is NaN or has a large residual.
+Every function takes all n beacons and a mask of the beacons to use, so that shapes never depend on the number of
+replies. Heights are those of the beacons above the unit. A position that cannot be found is NaN or has a large
+residual.
 
-The units of one vehicle can't be located at the same time: one is polled, and a slot later the other. The vehicle's
-motion in between causes a heading error, unless inertial navigation measures it.
+The units of one vehicle can't be located at the same time: one unit is polled, and the other a time slot later. The
+vehicle's motion in between causes a heading error, unless inertial navigation measures the motion.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -24,10 +25,10 @@ ITERATIONS = 5
 
 
 def two_unit_heading(place_a: Any, place_b: Any, lever_a: Any, lever_b: Any) -> Any:
-    """Return the heading (rad, in [-pi, pi)) that turns the line from unit b to unit a in B into that line in W.
+    """Return the vehicle's heading (rad, in [-pi, pi)) from the positions of two units at the same time.
 
-    place_a, place_b: north, east of both units at the same time (m), shape (2,).
-    lever_a, lever_b: x, y of them in B (m), shape (2,); on the body's x axis in the source.
+    place_a, place_b: north and east of the units (m), shape (2,).
+    lever_a, lever_b: x and y of the units in B (m), shape (2,); on the body's x axis in [1].
     Source: [1] section 5.4.
     """
     W, B = place_a - place_b, lever_a - lever_b
@@ -35,12 +36,13 @@ def two_unit_heading(place_a: Any, place_b: Any, lever_a: Any, lever_b: Any) -> 
 
 
 def assisted_heading(place_a: Any, place_b: Any, displacement: Any, lever_a: Any, lever_b: Any) -> Any:
-    """Return the heading from unit a's position at t_a and unit b's at t_b, with the displacement of unit a in between.
+    """Return the heading from the positions of unit a at t_a and unit b at t_b, and the displacement of a in between.
 
         r_a' = r_a + [r_ins(t_b) - r_ins(t_a)]
 
     displacement: the bracket, north and east (m), shape (2,). Other arguments are as in `two_unit_heading`. The result
-    is exact if the inertial navigation gives the position of unit a. Otherwise the turn's motion of unit a is missing.
+    is exact if r_ins is the position of unit a. If r_ins is another point of the vehicle, the motion of unit a due to
+    turning is missing.
 
     Source: [1] section 5.4.
     """
@@ -49,11 +51,11 @@ def assisted_heading(place_a: Any, place_b: Any, displacement: Any, lever_a: Any
 
 @record
 class Solution:
-    """Position and the agreement of the ranges with it. Source: this module."""
+    """Position found from ranges, with the ranges' residual. Source: this module."""
 
-    place: Any = quantity("m", "Position: north, east (2,).", frame="W")
+    place: Any = quantity("m", "Position: north and east (2,).", frame="W")
     bias: Scalar = quantity("m", "Range error common to all beacons; 0 if it is not estimated.")
-    residual: Scalar = quantity("m", "Root mean square of the ranges' residuals.")
+    residual: Scalar = quantity("m", "Root mean square of the residuals of all used ranges.")
 
 
 def _mean_of_used(values: Any, used: Any) -> Any:
@@ -61,14 +63,14 @@ def _mean_of_used(values: Any, used: Any) -> Any:
 
 
 def residuals(plan: Any, height: Any, ranges: Any, used: Any, place: Any, bias: Any = 0.0) -> Any:
-    """Return range minus distance minus bias (n,), in m; 0 for beacons that are not used."""
+    """Return the residuals, range minus distance minus bias (n,) (m); 0 for beacons that are not used."""
     away = plan - place
     distance = jnp.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + height**2)
     return jnp.where(used, ranges - distance - bias, 0.0)
 
 
 def root_mean_square(values: Any, used: Any) -> Any:
-    """Return the root mean square of the used values (n,); 0 without used values."""
+    """Return the root mean square of the used values (n,), or 0 if no value is used."""
     return jnp.sqrt(_mean_of_used(values * values, used))
 
 
@@ -78,13 +80,13 @@ def solve_bancroft(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
         a_i = (x_i, y_i, rho_i),   alpha_i = <a_i, a_i>/2 + h^2/2,   <,> = diag(1, 1, -1)
         p = A^+ alpha,  q = A^+ 1;   <q,q> L^2 + 2 (<p,q> - 1) L + <p,p> = 0;   (x, y, b) = diag(1, 1, -1)(p + L q)
 
-    with the beacons' centre as origin. Of the two roots the one with the smaller residual counts; with three ranges
-    both have none, and the one with the smaller common error counts.
+    with the beacons' centre as origin. Of the two roots L, the root with the smaller residual is chosen. With three
+    ranges both residuals are zero, and the root with the smaller common error is chosen.
 
     Args:
         plan: north and east of the beacons (m), shape (n, 2).
-        height: of the beacons above the unit (m), shape (n,).
-        ranges: without cone error (m), shape (n,).
+        height: heights of the beacons above the unit (m), shape (n,).
+        ranges: ranges without cone error (m), shape (n,).
         used: True for each range to use, shape (n,).
 
     Source: S. Bancroft, "An algebraic solution of the GPS equations", IEEE Trans. AES-21, 1985; [1] section 5.5.3.
@@ -126,9 +128,9 @@ def solve_bancroft(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
 
 
 def solve_least_squares(plan: Any, height: Any, ranges: Any, used: Any, start: Any) -> Solution:
-    """Return the position with the least sum of squared residuals, no common range error, by Gauss-Newton from `start`.
+    """Return the position with the least sum of squared residuals, without a common range error, by Gauss-Newton.
 
-    Args: as `solve_bancroft`; start: north, east (m), shape (2,). Source: [1] section 5.5.3.
+    Args: as in `solve_bancroft`; start: north and east of the first guess (m), shape (2,). Source: [1] section 5.5.3.
     """
 
     def closer(_: Any, place: Any) -> Any:
@@ -147,13 +149,13 @@ def solve_least_squares(plan: Any, height: Any, ranges: Any, used: Any, start: A
 
 
 def solve_in_space(anchors: Any, ranges: Any, used: Any, start: Any) -> tuple[Any, Any]:
-    """Return the position (3,) (m) in space with the least sum of squared residuals, and their root mean square (m).
+    """Return the position (3,) (m) in space with the least sum of squared residuals, and the residuals' RMS (m).
 
     Args:
-        anchors: positions of the anchors (n, 3) (m), not all in one plane with the position.
+        anchors: positions of the anchors (n, 3) (m); they must not lie in one plane with the position.
         ranges: range to each anchor (n,) (m).
         used: True for each range to use (n,); at least three.
-        start: initial position of the search (3,) (m), on the right side of a plane that holds all anchors.
+        start: first guess (3,) (m). If all anchors lie in one plane, it must be on the correct side of the plane.
 
     Source: [1] section 5.5.3, in three dimensions.
     """
@@ -174,13 +176,14 @@ def solve_in_space(anchors: Any, ranges: Any, used: Any, start: Any) -> tuple[An
 def solve_leaving_one_out(
     solve: Callable[..., Solution], plan: Any, height: Any, ranges: Any, used: Any, suffices: Callable[[Solution], Any]
 ) -> Solution:
-    """Return solutions with all beacons, and with each beacon left out: fields have a leading axis (n + 1,).
+    """Return the solution with all beacons, and the n solutions with one beacon left out each.
 
-    Solutions with a beacon left out are only computed if the first solution is not good enough; otherwise 0.
+    The fields have a leading axis (n + 1,). If the solution with all beacons is good enough, the others are not
+    computed, and are 0.
 
     Args:
         solve: function of (plan, height, ranges, used) that returns a Solution.
-        plan, height, ranges, used: as `solve_bancroft`.
+        plan, height, ranges, used: as in `solve_bancroft`.
         suffices: returns True for a Solution that is good enough.
     """
     n = used.shape[0]
@@ -197,11 +200,12 @@ def solve_leaving_one_out(
 
 
 def intersect_circles(plan: Any, height: Any, ranges: Any, used: Any, near: Any) -> Solution:
-    """Return where the circles around the first two used beacons intersect, on the side of a previous position.
+    """Return the intersection of the circles around the first two used beacons, on the side of a previous position.
 
-    Circles that miss each other because of noise give the point between them; beacons above each other, NaN.
+    If the circles do not intersect because of noise, the result is the point between them. If one beacon is above the
+    other, the result is NaN.
 
-    Args: as `solve_bancroft`; near: north, east of the previous fix (m), shape (2,). Source: [1] section 5.5.3.
+    Args: as in `solve_bancroft`; near: north and east of the previous fix (m), shape (2,). Source: [1] section 5.5.3.
     """
     plan, order = jnp.asarray(plan), jnp.arange(used.shape[0])
     i = jnp.argmax(used)

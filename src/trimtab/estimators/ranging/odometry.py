@@ -1,4 +1,4 @@
-"""Extended filter of raw ranges and odometry, for a wheeled vehicle among beacons at known places.
+"""Extended Kalman filter of raw ranges and odometry, for a wheeled vehicle among beacons at known positions.
 
 Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001, section
 10.3 (extended filter); docs page, Odometry and ranges.
@@ -30,34 +30,34 @@ from trimtab.estimators.ranging.pose_search import (
 from trimtab.estimators.ranging.position import SQUARE
 
 HEADING, NORTH, EAST, TURN_BIAS, COURSE, SCALE, ERRORS = range(7)
-"""Indices of the states; from ERRORS on, one error of each beacon."""
+"""Indices of the states of the odometry filter. From ERRORS on, there is one range error for each beacon."""
 DOUBTED_MIN = 3
-"""A restart needs rejected newest ranges of at least this many beacons, because two circles intersect twice."""
+"""Smallest number of beacons with rejected newest ranges for a restart. Two circles would intersect twice."""
 OTHERS_MIN = 3
-"""A restart needs at least this many ranges of beacons other than the two with the most ranges."""
+"""Smallest number of ranges, to beacons other than the two with the most ranges, that is needed for a restart."""
 AGREEMENT = 2.0
-"""Ranges agree with each other if chi-square per degree of freedom is at most this."""
+"""Largest chi-square per degree of freedom at which ranges count as agreeing with each other."""
 RESTART_VARIANCE = 4.0
-"""Variances after a restart, relative to those of independent ranges; a beacon's ranges share its error."""
+"""Factor on the variances after a restart. It allows for the error that all ranges of a beacon have in common."""
 NEAREST = 0.01
-"""Smallest distance of a beacon (m); at the beacon itself a range has no direction."""
+"""Smallest distance to a beacon (m) that is used in computations, because a range has no direction at the beacon."""
 
 
 @record
 class OdometryNoise:
-    """Noise of the odometry; its errors grow with the distance driven, or with time.
+    """Noise of the odometry, whose errors grow with the distance driven, or with time.
 
-    Source: docs page; figures as of an indoor robot: reconstructed.
+    Source: docs page, Odometry and ranges; values reconstructed for an indoor robot.
     """
 
     slip: Scalar = quantity(
-        "m/sqrt(m)", "Random walk of the position, along and across the path, over the distance.", default=0.03, above=0
+        "m/sqrt(m)", "Random walk of the position over the distance, along and across the path.", default=0.03, above=0
     )
-    turn: Scalar = quantity("rad/sqrt(s)", "Random walk of the heading.", default=2e-3, above=0)
-    bias_walk: Scalar = quantity("rad/s/sqrt(s)", "Random walk of the bias of the rate of turn.", default=1e-5, low=0)
+    turn: Scalar = quantity("rad/sqrt(s)", "Random walk of the heading over time.", default=2e-3, above=0)
+    bias_walk: Scalar = quantity("rad/s/sqrt(s)", "Random walk of the yaw rate's bias.", default=1e-5, low=0)
     grip: Scalar = quantity(
         "m/s^2",
-        "Maximum acceleration of wheels with grip; a distance that needs more is fully distrusted.",
+        "Maximum acceleration of wheels that do not slip. A distance that requires more acceleration is not trusted.",
         default=9.81,
         above=0,
     )
@@ -65,21 +65,21 @@ class OdometryNoise:
 
 @record
 class RadioErrors:
-    """Errors of the ranges: measured = (1 + scale) distance + error of the beacon + noise.
+    """Errors of radio ranges: measured = (1 + scale) distance + error of the beacon + noise.
 
-    Source: docs page; figures as of ultra-wideband radios: reconstructed.
+    Source: docs page, Odometry and ranges; values reconstructed for ultra-wideband radios.
     """
 
-    noise: Scalar = quantity("m", "White noise of a range.", default=0.15, above=0)
+    noise: Scalar = quantity("m", "Standard deviation of a range's white noise.", default=0.15, above=0)
     scale: Scalar = quantity(
-        "1", "Scale error of all ranges; positive when they are too long.", default=0.0, above=-0.5
+        "1", "Expected scale error of all ranges, positive if they are too long.", default=0.0, above=-0.5
     )
-    sigma_scale: Scalar = quantity("1", "Standard deviation of the scale error.", default=0.01, low=0)
-    sigma_error: Scalar = quantity("m", "Standard deviation of a beacon's range error.", default=0.1, low=0)
-    gate: Scalar = quantity("1", "NIS gate for ranges.", default=15.137, above=0)
+    sigma_scale: Scalar = quantity("1", "Standard deviation of the ranges' scale error.", default=0.01, low=0)
+    sigma_error: Scalar = quantity("m", "Standard deviation of each beacon's constant range error.", default=0.1, low=0)
+    gate: Scalar = quantity("1", "NIS gate for single ranges.", default=15.137, above=0)
     patience: Scalar = quantity(
         "1",
-        "Number of newest ranges, 6 to 16, that must agree with each other to restart the filter; 0: no restarts.",
+        "Number of newest ranges, 6 to 16, that must agree with each other to restart the filter; 0 for no restarts.",
         default=12,
         kind="count",
     )
@@ -87,81 +87,81 @@ class RadioErrors:
 
 @record
 class PlanarStart:
-    """Initial pose of the vehicle and its uncertainty. Source: docs page."""
+    """Initial pose of the vehicle and its uncertainty. Source: docs page, Odometry and ranges."""
 
-    heading: Scalar = quantity("rad", "Angle from north to the body's x axis.", kind="angle", default=0.0)
-    north: Scalar = quantity("m", "Position, north.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Position, east.", frame="W", default=0.0)
+    heading: Scalar = quantity("rad", "Initial heading, from north to the body's x axis.", kind="angle", default=0.0)
+    north: Scalar = quantity("m", "Initial north position.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Initial east position.", frame="W", default=0.0)
     sigma_heading: Scalar = quantity("rad", "Standard deviation of the initial heading.", default=0.05, above=0)
     sigma_position: Scalar = quantity(
         "m", "Standard deviation of each initial position coordinate.", default=0.3, above=0
     )
     sigma_turn_bias: Scalar = quantity(
-        "rad/s", "Standard deviation of the initial bias of the rate of turn.", default=5e-3, low=0
+        "rad/s", "Standard deviation of the yaw rate's initial bias.", default=5e-3, low=0
     )
     sigma_course: Scalar = quantity(
-        "rad", "Standard deviation of the initial angle from the body's x axis to the course.", default=0.03, low=0
+        "rad", "Standard deviation of the initial angle from the body's x axis to the motion.", default=0.03, low=0
     )
 
 
 @record
 class RadioFix:
-    """Statistics of the newest range updates; arrays have one entry for each beacon. Source: docs page."""
+    """Statistics of the newest range updates, one entry per beacon. Source: docs page, Odometry and ranges."""
 
-    innovation: Any = quantity("m", "Innovations: measured minus predicted; 0 where no range arrived.")
-    normalised: Any = quantity("1", "Innovations divided by their standard deviations.")
-    nis: Any = quantity("1", "NIS of each range.")
-    accepted: Any = quantity("1", "True for each range that was used.", kind="flag")
-    refused_in_a_row: Any = quantity("1", "Rejected ranges of each beacon since its last accepted one.", kind="count")
+    innovation: Any = quantity("m", "Innovation of each range, measured minus predicted; 0 if no range arrived.")
+    normalised: Any = quantity("1", "Range innovations divided by their standard deviations.")
+    nis: Any = quantity("1", "NIS of each beacon's range.")
+    accepted: Any = quantity("1", "True for each beacon whose range was used.", kind="flag")
+    refused_in_a_row: Any = quantity("1", "Ranges of each beacon rejected since its last accepted range.", kind="count")
     used: Scalar = quantity("1", "Number of ranges used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
-    rejected_in_a_row: Scalar = quantity("1", "Rejected ranges since the last accepted range.", kind="count")
+    rejected_in_a_row: Scalar = quantity("1", "Number of ranges rejected since the last accepted range.", kind="count")
     given_in: Scalar = quantity(
         "1",
         "Number of restarts of the pose from ranges that agree with each other.",
         kind="count",
     )
-    late: Scalar = quantity("1", "Number of ranges not used: too far in time from the newest odometry.", kind="count")
+    late: Scalar = quantity("1", "Number of messages with ranges too far in time from the odometry.", kind="count")
 
 
 @record
 class RobotNavigation:
-    """Position and heading with their uncertainty, at the newest odometry. Source: docs page."""
+    """Position and heading with their uncertainty, at the newest odometry. Source: docs page, Odometry and ranges."""
 
-    heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle")
-    north: Scalar = quantity("m", "Position, north.", frame="W")
-    east: Scalar = quantity("m", "Position, east.", frame="W")
-    speed: Scalar = quantity("m/s", "Speed at the newest odometry.")
-    yaw_rate: Scalar = quantity("rad/s", "Rate of turn at the newest odometry, without its bias.")
-    turn_bias: Scalar = quantity("rad/s", "Bias of the odometry's rate of turn; positive when it turns too fast.")
-    course: Scalar = quantity("rad", "Angle from the body's x axis to the course.", kind="angle")
-    range_scale: Scalar = quantity("1", "Scale error common to all ranges; positive when they are too long.")
-    range_error: Any = quantity("m", "Error of each beacon's ranges (n,).")
+    heading: Scalar = quantity("rad", "Heading: angle from north to the body's x axis, unwrapped.", kind="angle")
+    north: Scalar = quantity("m", "Estimated north position.", frame="W")
+    east: Scalar = quantity("m", "Estimated east position.", frame="W")
+    speed: Scalar = quantity("m/s", "Speed at the newest odometry sample.")
+    yaw_rate: Scalar = quantity("rad/s", "Yaw rate at the newest odometry sample, corrected for its bias.")
+    turn_bias: Scalar = quantity("rad/s", "Bias of the odometry's yaw rate, positive if the rate is too large.")
+    course: Scalar = quantity("rad", "Estimated angle from the body's x axis to the direction of motion.", kind="angle")
+    range_scale: Scalar = quantity("1", "Scale error common to all ranges, positive if they are too long.")
+    range_error: Any = quantity("m", "Estimated constant error of each beacon's ranges (n,).")
     sigma_heading: Scalar = quantity("rad", "Standard deviation of the heading.")
     sigma_north: Scalar = quantity("m", "Standard deviation of the north position.")
     sigma_east: Scalar = quantity("m", "Standard deviation of the east position.")
-    covariance_north_east: Scalar = quantity("m^2", "Covariance of north and east.", frame="W")
+    covariance_north_east: Scalar = quantity("m^2", "Covariance of north and east position.", frame="W")
     position_fix: RadioFix = part("Statistics of the range updates.")
 
 
 @record
 class OdometryState:
-    """State of the filter. Source: docs page."""
+    """State of the filter of odometry and ranges. Source: docs page, Odometry and ranges."""
 
-    t: Scalar = quantity("100 ns", "Time of the newest odometry.", kind="time")
-    distance: Scalar = quantity("m", "Distance driven until the newest odometry.")
-    turn: Scalar = quantity("rad", "Angle turned until the newest odometry.", kind="angle")
-    speed: Scalar = quantity("m/s", "Speed at the newest odometry.")
-    rate: Scalar = quantity("rad/s", "Rate of turn at the newest odometry.")
-    moved: Scalar = quantity("1", "True once there has been a motion, so that speed and rate are known.", kind="flag")
-    x: Any = quantity("1", "Heading, north, east, turn bias, course, scale, beacons' errors (6 + n,).")
-    P: Any = quantity("1", "Covariance of estimate minus truth (6 + n, 6 + n).")
+    t: Scalar = quantity("100 ns", "Time of the newest odometry sample.", kind="time")
+    distance: Scalar = quantity("m", "Total distance in the newest odometry sample.")
+    turn: Scalar = quantity("rad", "Total angle in the newest odometry sample.", kind="angle")
+    speed: Scalar = quantity("m/s", "Speed at the newest odometry sample.")
+    rate: Scalar = quantity("rad/s", "Yaw rate at the newest odometry sample.")
+    moved: Scalar = quantity("1", "True once two odometry samples have given speed and yaw rate.", kind="flag")
+    x: Any = quantity("1", "Heading, north, east, yaw rate bias, course, scale, errors of the beacons (6 + n,).")
+    P: Any = quantity("1", "Covariance of the state's error (6 + n, 6 + n).")
     fix: RadioFix = part("Statistics of the range updates.")
-    recent: RecentRanges = part("Newest ranges.")
+    recent: RecentRanges = part("Newest ranges, stored for a restart.")
 
 
 class PredictedRange(NamedTuple):
-    """Predicted range (m), its derivative by the states (6 + n,), and the path from the odometry to it (2,) (m)."""
+    """Predicted range (m), its derivative by the states (6 + n,), and the motion since the odometry sample (2,) (m)."""
 
     range: Any
     H: Any
@@ -172,27 +172,27 @@ class PredictedRange(NamedTuple):
 class OdometryRanging:
     """Extended Kalman filter driven by odometry. It fuses each range when it arrives.
 
-    Odometry gives the total distance and angle since it was switched on, so a lost message loses nothing. A range
-    measured between two readings is compared with the position extrapolated with the last speed and rate.
+    Odometry samples are totals of distance and angle since power-on, so that a lost message loses no motion. For a
+    range measured between two samples, the position is extrapolated with the last speed and yaw rate.
 
     Frames:  beacons in W; level vehicle on a flat floor.
-    Valid:   from the first odometry on; the initial pose is given (`OdometryParticle` finds it by itself).
+    Valid:   from the first odometry sample on, with a given initial pose (`OdometryParticle` finds the pose itself).
     Not modelled: antennas away from the vehicle's reference point; a range's curvature (beacons are metres away).
-    Source:  docs page.
+    Source:  docs page, Odometry and ranges.
     """
 
     noise: OdometryNoise = part("Noise of the odometry.", default=OdometryNoise())
-    errors: RadioErrors = part("Errors of the ranges.", default=RadioErrors())
-    start: PlanarStart = part("Initial estimate and its uncertainty.", default=PlanarStart())
-    beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
+    errors: RadioErrors = part("Errors of the radio ranges.", default=RadioErrors())
+    start: PlanarStart = part("Initial pose and its uncertainty.", default=PlanarStart())
+    beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's antenna.", default=0.0, frame="W")
-    longest: Scalar = quantity("s", "Maximum time between a range and the newest odometry.", default=1.0, above=0)
+    longest: Scalar = quantity("s", "Maximum time between a range and the last odometry sample.", default=1.0, above=0)
     odometry: str = option("Name of the odometry sensor; its samples have `distance` and `turn`.", default="odometry")
     ranging: str = option("Name of the ranging sensor; its samples have `range` and `arrived`.", default="ranging")
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Return the names of the odometry and the ranging sensor."""
+        """Return the names of the odometry sensor and the ranging sensor."""
         return (self.odometry, self.ranging)
 
     def check(self) -> None:
@@ -206,18 +206,18 @@ class OdometryRanging:
             raise InputError("OdometryRanging.beacons", f"the shape must be (n, 3), got {shape}", fix=fix)
 
     def init(self, key: Key) -> OdometryState:
-        """Return the initial state, before any measurement."""
+        """Return the filter's initial state, before any measurement."""
         return first_state(self, initial_belief(self.start, self.errors, np.shape(self.beacons)[0]))
 
     def step(self, t: Any, state: OdometryState, frame: Frame) -> tuple[OdometryState, Estimate]:
-        """Return the estimate at integer time t; its state is a RobotNavigation."""
+        """Return the new state and the estimate, a RobotNavigation, at integer time t."""
         s, came = drive_on(self, state, t, frame)
         s, ranged = fuse_ranges(self, s, t, frame)
         return s, planar_estimate(t, s, s.x, s.P, came | ranged, s.t > NEVER)
 
 
 def drive_on(form: OdometryRanging, state: OdometryState, t: Any, frame: Frame) -> tuple[OdometryState, Any]:
-    """Return the state at the newest odometry, and whether it moved there now; later entries of x and P are kept."""
+    """Return the state at the time of the newest odometry sample, and True if this frame has brought a motion."""
     s, came, motion = read_odometry(state, frame.samples[form.odometry], t, form.noise.grip)
     x, P = predict_odometry(state.x, state.P, motion, form.noise)
     recent = move_ranges(s.recent, jnp.where(came, (x - s.x)[NORTH : EAST + 1], 0.0))
@@ -225,7 +225,7 @@ def drive_on(form: OdometryRanging, state: OdometryState, t: Any, frame: Frame) 
 
 
 def fuse_ranges(form: OdometryRanging, s: OdometryState, t: Any, frame: Frame) -> tuple[OdometryState, Any]:
-    """Return the state after the ranges of a frame, one after the other, and whether there were any."""
+    """Return the state after the ranges of a frame, fused one after another, and True if the frame has any range."""
     ranges, ahead, fix = read_ranges(s, frame.samples[form.ranging], t, form.longest)
 
     def each(carry: Any, row: Any) -> tuple[Any, Any]:
@@ -237,7 +237,7 @@ def fuse_ranges(form: OdometryRanging, s: OdometryState, t: Any, frame: Frame) -
 
 
 def initial_belief(start: PlanarStart, errors: RadioErrors, n: int) -> tuple[Any, Any]:
-    """Return state (6 + n,) and covariance before the first range."""
+    """Return the initial state x (6 + n,) and its covariance."""
     o, one = jnp.zeros(()), jnp.ones(n)
     x = jnp.stack([start.heading + o, start.north + o, start.east + o, o, o, errors.scale + o])
     sigmas = (start.sigma_heading, start.sigma_position, start.sigma_position, start.sigma_turn_bias)
@@ -247,7 +247,7 @@ def initial_belief(start: PlanarStart, errors: RadioErrors, n: int) -> tuple[Any
 
 
 def first_state(form: Any, belief: tuple[Any, Any]) -> OdometryState:
-    """Return the initial state of any filter on odometry and ranges with `beacons`, before the first sample."""
+    """Return the initial state of a filter of odometry and ranges. belief: x (6 + n,) and its covariance."""
     n, o = np.shape(form.beacons)[0], np.float64(0)
     zero, none, count = np.zeros(n), np.zeros(n, np.int32), np.int32(0)
     fix = RadioFix(zero, zero, zero, np.zeros(n, bool), none, count, count, count, count, count)
@@ -255,7 +255,7 @@ def first_state(form: Any, belief: tuple[Any, Any]) -> OdometryState:
 
 
 class OdometryMotion(NamedTuple):
-    """Motion between two odometry readings: distance (m), angle (rad), time (s), doubtful part of the distance (m)."""
+    """Motion between two odometry samples: distance (m), angle (rad), time (s), untrusted part of the distance (m)."""
 
     distance: Any
     turn: Any
@@ -264,7 +264,7 @@ class OdometryMotion(NamedTuple):
 
 
 def read_odometry(s: Any, sample: Any, t: Any, grip: Any) -> tuple[Any, Any, OdometryMotion]:
-    """Return the state with a new reading held in it, whether there is a motion to follow, and that motion."""
+    """Return the state with a new odometry sample, True if there is a motion since the last one, and the motion."""
     distance, turn = jnp.asarray(sample.value.distance, float), jnp.asarray(sample.value.turn, float)
     usable = sample.fresh & sample.valid & (sample.t > s.t) & (sample.t <= t)
     usable = usable & jnp.isfinite(distance) & jnp.isfinite(turn)
@@ -277,7 +277,7 @@ def read_odometry(s: Any, sample: Any, t: Any, grip: Any) -> tuple[Any, Any, Odo
 
 
 def predict_odometry(x: Any, P: Any, m: OdometryMotion, noise: OdometryNoise) -> tuple[Any, Any]:
-    """Return state (6 + n,) and covariance after a motion; half of its turn is made before the distance, half after."""
+    """Return state x (6 + n,) and covariance after a motion: half of the turn, the distance, the rest of the turn."""
     angle = m.turn - x[TURN_BIAS] * m.dt
     c = x[HEADING] + x[COURSE] + angle / 2
     along = m.distance * jnp.stack([jnp.cos(c), jnp.sin(c)])
@@ -293,7 +293,7 @@ def predict_odometry(x: Any, P: Any, m: OdometryMotion, noise: OdometryNoise) ->
 
 
 def read_ranges(s: OdometryState, sample: Any, t: Any, longest: Any) -> tuple[Any, Any, RadioFix]:
-    """Return the usable ranges (n,), else 0; their time after the newest odometry (s); the statistics, reset."""
+    """Return the ranges (n,), 0 if not usable, their time after the odometry sample (s), and the reset statistics."""
     value, n = sample.value, s.fix.nis.shape[0]
     z = jnp.where(jnp.asarray(value.arrived, bool), jnp.asarray(value.range, float), 0.0)
     z = jnp.where(jnp.isfinite(z) & (z > 0) & sample.fresh & sample.valid & (s.t > NEVER), z, 0.0)
@@ -306,7 +306,7 @@ def read_ranges(s: OdometryState, sample: Any, t: Any, longest: Any) -> tuple[An
 
 
 def predict_range(x: Any, i: Any, beacons: Any, down: Any, s: OdometryState, ahead: Any) -> PredictedRange:
-    """Return the range to beacon i, `ahead` seconds from the newest odometry with its speed and rate."""
+    """Return the predicted range to beacon i, `ahead` seconds after the odometry sample, at constant speed and rate."""
     c = x[HEADING] + x[COURSE] + (s.rate - x[TURN_BIAS]) * ahead / 2
     along = s.speed * ahead * jnp.stack([jnp.cos(c), jnp.sin(c)])
     beacon = jnp.asarray(beacons)[i]
@@ -320,7 +320,7 @@ def predict_range(x: Any, i: Any, beacons: Any, down: Any, s: OdometryState, ahe
 
 
 def fuse_range(form: Any, s: OdometryState, i: Any, z: Any, ahead: Any) -> OdometryState:
-    """Return the state after a range z (m) to beacon i."""
+    """Return the state after an update with a measured range z (m) to beacon i."""
     e, fix = form.errors, s.fix
     at = predict_range(s.x, i, form.beacons, form.down, s, ahead)
     y, H, R = (z - at.range)[None], at.H[None], jnp.reshape(e.noise**2, (1, 1))
@@ -351,7 +351,7 @@ def fuse_range(form: Any, s: OdometryState, i: Any, z: Any, ahead: Any) -> Odome
 
 
 def restart_pose(form: Any, s: OdometryState, number: Any) -> OdometryState:
-    """Return the state, restarted from the newest ranges if these agree with each other."""
+    """Return the state. If the newest ranges agree with each other, its pose is restarted from them."""
     e, n, fix = form.errors, s.fix.nis.shape[0], s.fix
     sigma = jnp.sqrt(e.noise**2 + e.sigma_error**2)
     fit = fit_pose(s.recent, number, form.beacons, form.down, (e.scale, e.sigma_scale), sigma)
@@ -378,7 +378,7 @@ def restart_pose(form: Any, s: OdometryState, number: Any) -> OdometryState:
 
 
 def planar_estimate(t: Any, s: Any, x: Any, P: Any, fresh: Any, valid: Any) -> Estimate:
-    """Return the estimate of a filter on odometry and ranges: x (6 + n,), P at the time of the newest odometry of s."""
+    """Return the estimate of a filter of odometry and ranges, from x (6 + n,) and P at the newest odometry sample."""
     sigma = jnp.sqrt(jnp.maximum(jnp.stack([P[k, k] for k in (HEADING, NORTH, EAST)]), 0.0))
     state = RobotNavigation(
         heading=x[HEADING],

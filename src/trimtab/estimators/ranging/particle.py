@@ -1,4 +1,4 @@
-"""Particle filter on raw ultrasonic ranges and an IMU: no initial guess, two-beacon ambiguity, wrong ranges.
+"""Particle filter of raw ultrasonic ranges and an IMU, for unknown initial pose, ambiguous ranges and wrong ranges.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -46,41 +46,45 @@ from trimtab.estimators.ranging.range_errors import RangeErrorModel
 from trimtab.estimators.ranging.range_model import unit_geometry
 
 COMB = 3
-"""Stream of the random draws."""
+"""Stream of the random numbers for resampling."""
 
 
 @record
 class ParticleFix:
-    """Statistics of the particles, at the newest ping. Source: docs page, Particle filter."""
+    """Statistics of the particles at the newest ping. Source: docs page, Particle filter."""
 
-    effective: Scalar = quantity("1", "Effective sample size, from 1 to N.")
-    believed: Any = quantity(
-        "1", "Weight of the particles that accept each beacon's range (n,), as a share of the total."
-    )
+    effective: Scalar = quantity("1", "Effective number of particles, from 1 to N.")
+    believed: Any = quantity("1", "Total weight, 0 to 1, of the particles that accept each beacon's range (n,).")
     used: Scalar = quantity("1", "Number of pings used so far.", kind="count")
     unit: Scalar = quantity("1", "Index of the unit that pinged.", kind="count")
-    redrawn: Scalar = quantity("1", "Number of resamplings.", kind="count")
-    doubted: Scalar = quantity("1", "Number of consecutive pings that most particles rejected.", kind="count")
-    tracking: Scalar = quantity("1", "True once the particles have been drawn.", kind="flag")
-    starts: Scalar = quantity("1", "Number of times the particles were drawn from scratch.", kind="count")
-    scale: Scalar = quantity("1", "Scale error common to all ranges; positive when they are too long.")
+    redrawn: Scalar = quantity("1", "Number of times the particles were resampled.", kind="count")
+    doubted: Scalar = quantity(
+        "1", "Number of consecutive pings with ranges that most particles rejected.", kind="count"
+    )
+    tracking: Scalar = quantity("1", "True while the filter has particles; False before a start.", kind="flag")
+    starts: Scalar = quantity(
+        "1", "Number of times the particles were drawn from scratch, i.e. of starts.", kind="count"
+    )
+    scale: Scalar = quantity("1", "Scale error common to all ranges, positive if they are too long.")
 
 
 @record
 class ParticleState:
-    """State of the filter. Source: docs page."""
+    """State of the particle filter. Source: docs page, Particle filter."""
 
-    key: Key = part("Key of the random draws.")
-    cloud: Cloud = part("Particles at the time of the last ping used.")
-    at: Scalar = quantity("100 ns", "Time of the last ping used.", kind="time")
-    history: ImuHistory = part("IMU samples since the last ping used, and some before.")
+    key: Key = part("Key of the random number generator.")
+    cloud: Cloud = part("Particles and their weights.")
+    at: Scalar = quantity("100 ns", "Time of the particles: that of the last ping used, or later.", kind="time")
+    history: ImuHistory = part("Newest IMU samples, since before the last ping used.")
     fix: ParticleFix = part("Statistics of the particles.")
     imu: SensorWatch = part("Checks of the IMU's samples.")
     position: SensorWatch = part("Checks of the ranging sensor's samples.")
-    heading: Any = part("Always None: there is no heading sensor.", default=None)
-    clock: Scalar = quantity("100 ns", "Latest time of the autopilot so far.", kind="time", default=NEVER)
+    heading: Any = part("Checks of a heading sensor; always None, because the filter reads none.", default=None)
+    clock: Scalar = quantity(
+        "100 ns", "Largest time of the autopilot's clock that has been received.", kind="time", default=NEVER
+    )
     clock_backwards: Scalar = quantity(
-        "1", "Number of times the autopilot's time ran backwards.", kind="count", default=0
+        "1", "Number of times the autopilot's clock ran backwards.", kind="count", default=0
     )
 
 
@@ -88,57 +92,62 @@ class ParticleState:
 class Particle:
     """Particle filter whose particles are Gaussians, each updated to second order.
 
-    The particles are drawn at the first ping with two ranges: each takes a pair of beacons, one of the two places where
-    their circles intersect, and a random heading. The filter runs at the pings; between two pings the IMU is integrated
-    once for all particles.
-    A ping is used at its own time, and the estimate is predicted from there to the newest IMU sample; a ping older
-    than the last one used is not used.
+    The particles are drawn at the first ping with two or more ranges. Each particle starts with a random pair of
+    beacons, at one of the two intersections of their circles, with a random heading. The filter is updated at pings.
+    Between two pings, the IMU is integrated once for all particles. A ping is used at the time at which it was sent.
+    The estimate is predicted from there to the newest IMU sample. A ping older than the last ping used is not used.
 
     Frames:  beacons in W, units in B; level vehicle on a flat floor.
-    Not modelled: a heading sensor; moved beacons (they count as wrong ranges).
-    Source:  [1] chapter 7 names it as future work; docs page.
+    Not modelled: a heading sensor; moved beacons (their ranges count as wrong).
+    Source:  [1] chapter 7 names such a filter as future work; docs page, Particle filter.
     """
 
     intake: Intake = part(
-        "Sensors that are read, and checks of their samples; `position` names the ranging sensor.",
+        "Sensors that are read, and checks of their samples. The field `position` names the ranging sensor.",
         default=Intake(heading="", position="ranging", slots=64),
     )
     noise: InertialNoise = part("Noise of the IMU.", default=InertialNoise())
-    errors: RangeErrorModel = part("Errors of the ranges; beacons' errors are considered.", default=RangeErrorModel())
+    errors: RangeErrorModel = part("Errors of the ranges. Those of beacons are considered.", default=RangeErrorModel())
     start: InertialStart = part("Initial velocity and standard deviations.", default=InertialStart())
     arms: LeverArms = part("Position of the IMU on the vehicle.", default=LeverArms())
-    beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
-    units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=PAIR, frame="B")
+    beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
+    units: Any = quantity("m", "Positions of the vehicle's units (m, 3).", default=PAIR, frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
     wrong: Scalar = quantity("1", "Probability that a range is an outlier.", default=0.05, above=0, high=0.9)
     width: Scalar = quantity("m", "Width of the uniform distribution of outliers.", default=6.0, above=0)
     share: Scalar = quantity(
         "1",
-        "Share of each particle's heading variance that resampling turns into spread.",
+        "Fraction of each particle's heading variance that resampling turns into spread between particles.",
         default=0.5,
         low=0,
         high=0.99,
     )
     start_sigma: Scalar = quantity(
-        "m", "Standard deviation of the two ranges from which the particles are drawn.", default=0.03, above=0
+        "m", "Standard deviation of the two ranges from which a particle is drawn.", default=0.03, above=0
     )
-    sure: Scalar = quantity("m", "Position sigma below which the estimate is valid.", default=0.3, above=0)
-    sure_heading: Scalar = quantity("rad", "Heading sigma below which the estimate is valid.", default=0.5, above=0)
+    sure: Scalar = quantity(
+        "m", "Largest standard deviation of the position of a valid estimate.", default=0.3, above=0
+    )
+    sure_heading: Scalar = quantity(
+        "rad", "Largest standard deviation of the heading of a valid estimate.", default=0.5, above=0
+    )
     patience: Scalar = quantity(
         "1",
-        "Number of consecutive pings, rejected by most particles, after which the particles are drawn again.",
+        "Number of consecutive pings rejected by most particles, after which the particles are drawn from scratch.",
         default=8,
         kind="count",
     )
     N: int = option("Number of particles.", default=300)
     cone: bool = option(
-        "True to model the cone error: ranges are too long off the beacon's axis.", default=True, choices=(True, False)
+        "True to model the cone error, which makes ranges off a beacon's axis too long.",
+        default=True,
+        choices=(True, False),
     )
 
     listens = property(listened_sensors)
 
     def check(self) -> None:
-        """Raise InputError if the sensors, beacons, units or the number of particles are invalid."""
+        """Raise InputError if the sensors, the beacons, the units or the number of particles are invalid."""
         self.intake.check()
         if self.intake.heading or not self.intake.position:
             raise InputError(
@@ -151,7 +160,7 @@ class Particle:
         check_positions("Particle", self)
 
     def init(self, key: Key) -> ParticleState:
-        """Return the initial state, before any measurement."""
+        """Return the filter's initial state, before any measurement."""
         n, o, none = np.shape(self.beacons)[0], np.float64(0), np.int32(0)
         k = 9 + n
         cloud = Cloud(np.zeros((self.N, k)), np.zeros((self.N, k, k)), np.full(self.N, 1.0 / self.N))
@@ -168,12 +177,15 @@ class Particle:
         )
 
     def step(self, t: Any, state: ParticleState, frame: Frame) -> tuple[ParticleState, Estimate]:
-        """Return the estimate at integer time t; its state is a NavigationState whose position_fix is a ParticleFix."""
+        """Return the new state and the estimate, a NavigationState with a ParticleFix, at integer time t."""
         return _step_filter(self, t, state, frame)
 
 
 def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: PreintegratedMotion) -> ParticleState:
-    """Return the state after a ping at time t with ranges and unit (n + 1,); m: the motion since the previous ping."""
+    """Return the state after a ping at time t.
+
+    value: ranges and index of the unit (n + 1,).  m: motion since the previous ping.
+    """
     n = np.shape(form.beacons)[0]
     unit = jnp.clip(value[n], 0, np.shape(form.units)[0] - 1).astype(np.int32)
     ranges, replies = jnp.maximum(value[:n], 0.0), value[:n] > 0
@@ -192,7 +204,7 @@ def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: Preint
     few = effective_sample_size(updated_cloud.weight) < form.N / 2
     comb, _ = uniform2(s.key, number, COMB)
     cloud = lax.cond(few, lambda: resample(updated_cloud, comb, z, form.share), lambda: updated_cloud)
-    # an acceptance of one half, to rounding, is not yet a reason to doubt
+    # the tolerance 0.01 avoids that rounding errors decide if exactly half is accepted
     mostly = jnp.sum(jnp.where(replies, believed, 0.0)) > jnp.sum(replies) / 2 - 0.01
     doubt = jnp.where(mostly, 0, s.fix.doubted + 1)
     lost = (form.patience > 0) & (doubt >= form.patience)
@@ -212,7 +224,7 @@ def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: Preint
 
 
 def _advance_without_ping(form: Particle, s: ParticleState) -> ParticleState:
-    """Propagate the particles to the middle of the IMU history if no ping has come since."""
+    """Propagate the particles to the middle of the IMU history, if the last ping is older than that."""
     h = s.history
     to = h.t[h.t.shape[0] // 2]
     due = s.fix.tracking & (to > s.at)
@@ -244,7 +256,10 @@ def _step_filter(form: Particle, t: Any, state: ParticleState, frame: Frame) -> 
 
 
 def _cloud_estimate(form: Particle, t: Any, s: ParticleState, fresh: Any) -> Estimate:
-    """Return the cloud's mean and covariance, predicted to the newest IMU sample; while the IMU is silent, to now."""
+    """Return the estimate from the particles' mean and covariance, predicted to the newest IMU sample.
+
+    If no IMU data arrive, the estimate is predicted to the present.
+    """
     newest = s.history.t[-1]
     begun = newest > NEVER
     age = jnp.where(begun, to_seconds(t - newest), 0.0)
@@ -254,7 +269,9 @@ def _cloud_estimate(form: Particle, t: Any, s: ParticleState, fresh: Any) -> Est
     mean, P = predict_particle(mean, P, m, motion_covariance(form.noise, mean[0], m))
     dt = jnp.where(silent, age, 0.0)
     two, none = jnp.zeros(2), jnp.zeros((2, 2))
-    still = PreintegratedMotion(dt, dt * mean[5], two, two, none, none, jnp.ones(2))  # the bias takes its own turn away
+    still = PreintegratedMotion(
+        dt, dt * mean[5], two, two, none, none, jnp.ones(2)
+    )  # a turn that the bias cancels, i.e. no turn
     mean, P = predict_particle(mean, P, still, motion_covariance(form.noise, mean[0], still))
     belief = Belief(mean[:DIMENSION], P[:DIMENSION, :DIMENSION])
     rate = jnp.where(silent, mean[5], s.history.imu_reading[-1, 0])

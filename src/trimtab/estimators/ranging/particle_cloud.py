@@ -1,7 +1,8 @@
 """Particles that each carry a Gaussian: initialisation, prediction, weighting and resampling.
 
-A cloud of N Gaussians is a particle filter whose particles have a little width, so that few suffice. Resampling can
-turn any share of that width in heading into spread between particles; the cloud's distribution stays as it is.
+A cloud of N Gaussians is a particle filter whose particles have a certain width, so that few particles suffice.
+Resampling can turn a fraction of each particle's width in heading into spread between particles. The distribution of
+the cloud stays the same.
 
 Source: Kotecha, Djuric, "Gaussian sum particle filtering", IEEE Trans. Signal Processing 51 (2003); Arulampalam,
 Maskell, Gordon, Clapp, "A tutorial on particle filters", IEEE Trans. Signal Processing 50 (2002), algorithm 2
@@ -34,20 +35,26 @@ from trimtab.estimators.ranging.range_model import (
 )
 
 START = 1
-"""First stream of the random draws."""
+"""First stream of the random numbers for the initialisation."""
 
 
 @record
 class Cloud:
-    """N particles in the state of a tightly coupled filter, (9 + n,). Source: docs page, Particle filter."""
+    """Cloud of N particles, each a Gaussian with the state (9 + n,) of a tightly coupled filter.
 
-    x: Any = quantity("1", "State in the order of Belief.x, then the scale and each beacon's error; (N, 9 + n).")
-    P: Any = quantity("1", "Covariances (N, 9 + n, 9 + n).")
-    weight: Any = quantity("1", "Weights (N,), of sum 1.")
+    Source: docs page, Particle filter.
+    """
+
+    x: Any = quantity("1", "States of the particles (N, 9 + n): Belief.x, scale error, error of each beacon.")
+    P: Any = quantity("1", "Covariances of the particles (N, 9 + n, 9 + n).")
+    weight: Any = quantity("1", "Weights of the particles (N,), which sum to 1.")
 
 
 def initialise_cloud(form: Any, key: Key, number: Any, ranges: Any, unit: Any) -> Cloud:
-    """Return particles from the first ranges (n,), of which two or more are above 0; number: of this start."""
+    """Return particles drawn from the ranges (n,) of one ping, of which at least two must be above 0.
+
+    number: number of previous starts.
+    """
     N, n = form.N, np.shape(form.beacons)[0]
     g = unit_geometry(form, unit)
     index = number * N + jnp.arange(N)
@@ -81,7 +88,7 @@ def initialise_cloud(form: Any, key: Key, number: Any, ranges: Any, unit: Any) -
 
 
 def predict_particle(x: Any, P: Any, m: PreintegratedMotion, Q: Any) -> tuple[Any, Any]:
-    """Return a state (9 + n,) and its covariance after a motion; Q: noise added to Belief.x (8, 8)."""
+    """Return a particle's state (9 + n,) and covariance after a motion. Q: process noise of Belief.x (8, 8)."""
     T, B = m.time, planar(x[0])
     dv, dr = B @ (m.velocity - m.D1 @ x[6:8]), B @ (m.position - m.D2 @ x[6:8])
     new = jnp.concatenate([(x[0] + m.turn - x[5] * T)[None], x[1:3] + dv, x[3:5] + x[1:3] * T + dr, x[5:]])
@@ -103,13 +110,13 @@ def predict_particle(x: Any, P: Any, m: PreintegratedMotion, Q: Any) -> tuple[An
 
 
 def motion_covariance(noise: InertialNoise, heading: Any, m: PreintegratedMotion) -> Any:
-    """Return Q (8, 8) of Belief.x over a motion."""
+    """Return the process noise Q (8, 8) of Belief.x over a motion."""
     Q = coupled_process_noise(noise.growth(m.time, m.untrusted), heading, noise.integration_time(m.time))
     return Q * SIGNS[:, None] * SIGNS[None, :]
 
 
 def predict_cloud(cloud: Cloud, m: PreintegratedMotion, noise: InertialNoise) -> Cloud:
-    """Return all particles after a motion."""
+    """Return the cloud with all particles propagated over a motion."""
 
     def one(particle: Any) -> Any:
         x, P = particle
@@ -122,14 +129,15 @@ def predict_cloud(cloud: Cloud, m: PreintegratedMotion, noise: InertialNoise) ->
 def update_cloud(
     cloud: Cloud, ranges: Any, g: Geometry, errors: RangeErrorModel, wrong: Any, width: Any, learns: Any
 ) -> tuple[Cloud, Any]:
-    """Return every particle updated and weighed with the ranges of a ping (n,), 0 where none came.
+    """Return the cloud with all particles updated and weighted by the ranges of a ping.
 
-    The second result is the share of the weight that accepts each range (n,).
+    The second result is the total weight of the particles that accept each range (n,). Ranges (n,) that did not arrive
+    are 0. The likelihood of a range is
 
         p(z) = (1 - wrong) N(innovation; 0, S) + wrong / width
 
-    A range outside a particle's gate costs it weight and corrects nothing. One particle after the other, so that
-    compiled code needs scratch memory for one only.
+    A range outside a particle's gate reduces the particle's weight, but does not correct its state. The particles are
+    processed one after another, so that compiled code needs scratch memory for one particle only.
     """
 
     def one(particle: Any) -> Any:
@@ -160,12 +168,12 @@ def update_cloud(
 
 
 def effective_sample_size(weight: Any) -> Any:
-    """Return the effective sample size, from 1 to N."""
+    """Return the effective number of particles, from 1 to N."""
     return 1.0 / jnp.sum(weight * weight)
 
 
 def systematic_indices(weight: Any, u: Any) -> Any:
-    """Return the index of the particle that each of N new ones copies (N,), int32; u in (0, 1) shifts the comb."""
+    """Return the indices (N,) of the particles to copy in systematic resampling. u: random number in (0, 1)."""
     n = weight.shape[0]
     ends = jnp.cumsum(weight)
     _, index = lax.scan(lambda c, k: (c, jnp.sum(ends < (k + u) / n)), 0, jnp.arange(n, dtype=np.float64))
@@ -173,13 +181,14 @@ def systematic_indices(weight: Any, u: Any) -> Any:
 
 
 def resample(cloud: Cloud, u: Any, z: Any, share: Any) -> Cloud:
-    """Resample systematically to equal weights; a share of each particle's heading variance becomes spread.
+    """Resample systematically to equal weights, and turn a fraction of each heading variance into spread.
 
         d = sqrt(share P00) z,   x + P[:, 0] d / P00,   P - share P[:, 0] P[0, :] / P00
 
-    which leaves mean and covariance of the cloud as they are.
+    This does not change the expected mean and covariance of the cloud.
 
-    u: uniform.  z: standard normals (N,).  share: 0, copies stay copies, to 1, heading is drawn wholly.
+    u: uniform random number.  z: standard normal random numbers (N,).  share: fraction of the heading variance, from 0
+    (copies stay equal) to 1 (the heading of each copy is drawn).
     """
     n = cloud.weight.shape[0]
     index = systematic_indices(cloud.weight, u)
@@ -192,7 +201,7 @@ def resample(cloud: Cloud, u: Any, z: Any, share: Any) -> Cloud:
 
 
 def cloud_moments(cloud: Cloud) -> tuple[Any, Any]:
-    """Return mean (9 + n,) and covariance of the mixture; heading as the direction of the mean unit vector."""
+    """Return mean (9 + n,) and covariance of the cloud. The mean heading is the direction of the mean unit vector."""
     w, x = cloud.weight, cloud.x
     heading = jnp.arctan2(w @ jnp.sin(x[:, 0]), w @ jnp.cos(x[:, 0]))
     mean = jnp.concatenate([heading[None], w @ x[:, 1:]])

@@ -1,8 +1,8 @@
-"""Pose of a vehicle from its newest ranges and the odometry between them, and the agreement of these ranges.
+"""Pose of a vehicle from its newest ranges and the odometry between them, and a test that these ranges agree.
 
-A range measured some metres ago is a range to a beacon moved by the same metres. So ranges of several instants, to one
-beacon after the other, give one position. The heading of the odometry and the scale of the ranges are found together
-with the position. Gauss-Newton starts from several headings.
+If the vehicle has moved since a range was measured, the range is equivalent to a present range to a beacon moved by the
+same displacement. Ranges measured at different times therefore determine one position. The heading of the odometry and
+the scale error of the ranges are found together with the position. Gauss-Newton starts from several headings.
 
 Source: docs page, Odometry and ranges; S. Bancroft, IEEE Trans. AES-21, 1985, for the first position.
 """
@@ -19,35 +19,35 @@ from trimtab.core.rotation import planar
 from trimtab.estimators.ranging.multilateration import solve_bancroft
 
 KEPT = 16
-"""Number of ranges kept, and maximum number of ranges that must agree."""
+"""Number of newest ranges that are stored, and maximum number of ranges that must agree for a restart."""
 FEWEST = 6
-"""Minimum number of ranges that must agree. Three ranges determine the pose."""
+"""Minimum number of ranges that must agree for a restart. Three ranges would determine the pose without a check."""
 POSE = 3
-"""Number of unknowns of the pose: heading, north, east. The scale has a known standard deviation and does not count."""
+"""Number of unknowns of the pose: heading, north, east. The scale error does not count, because its standard deviation
+is known."""
 HEADINGS = 8
-"""Number of headings from which the search starts."""
+"""Number of headings from which the search of a pose starts."""
 ITERATIONS = 10
 SIGMA_TURN = 1.0
-"""Standard deviation of the correction of the heading (rad). It matters if the ranges do not determine the heading."""
+"""Prior standard deviation of the heading correction (rad). It only matters if ranges do not determine the heading."""
 
 
 @record
 class RecentRanges:
-    """Newest ranges, the last one first. Source: docs page."""
+    """Newest ranges, the last one first. Source: docs page, Odometry and ranges."""
 
     beacon: Any = quantity("1", "Index of the beacon of each range (k,).", kind="count")
-    range: Any = quantity("m", "Ranges (k,); 0 in an unused entry.")
-    since: Any = quantity(
-        "m", "Displacement from each range's time to the newest odometry, north and east (k, 2).", frame="W"
-    )
+    range: Any = quantity("m", "Measured ranges (k,); 0 in an unused entry.")
+    since: Any = quantity("m", "Displacement since each range was measured, north and east (k, 2).", frame="W")
     refused: Any = quantity("1", "True for each range that the filter rejected (k,).", kind="flag")
 
 
 class PoseFit(NamedTuple):
-    """Pose that fits ranges best.
+    """Pose that fits a number of ranges best.
 
-    q: correction of the heading (rad), north, east (m), scale error (4,).  P: its covariance (4, 4).  chi_square: sum
-    of squared residuals over their variance; infinite if there are too few ranges.  freedom: its degrees of freedom.
+    q: correction of the heading (rad), north, east (m), scale error (4,).  P: covariance of q (4, 4).  chi_square: sum
+    of squared residuals over their variance; infinite if there are too few ranges.  freedom: degrees of freedom of
+    chi_square.
     """
 
     q: Any
@@ -57,12 +57,15 @@ class PoseFit(NamedTuple):
 
 
 def no_recent_ranges() -> RecentRanges:
-    """Return the initial value."""
+    """Return an empty list of newest ranges."""
     return RecentRanges(np.zeros(KEPT, np.int32), np.zeros(KEPT), np.zeros((KEPT, 2)), np.zeros(KEPT, bool))
 
 
 def remember_range(recent: RecentRanges, i: Any, z: Any, since: Any, refused: Any) -> RecentRanges:
-    """Return the ranges with a new one z (m) to beacon i, since (2,) (m) ago, without the oldest."""
+    """Return the newest ranges with a range z (m) to beacon i added and the oldest removed.
+
+    since: displacement since the range was measured (2,) (m).
+    """
 
     def push(new: Any, old: Any) -> Any:
         return jnp.concatenate([jnp.asarray(new, old.dtype)[None], old[:-1]])
@@ -73,7 +76,7 @@ def remember_range(recent: RecentRanges, i: Any, z: Any, since: Any, refused: An
 
 
 def move_ranges(recent: RecentRanges, along: Any) -> RecentRanges:
-    """Return the ranges after a motion along (2,) (m)."""
+    """Return the newest ranges after the vehicle has moved by `along` (2,) (m)."""
     return replace(recent, since=recent.since + along)
 
 
@@ -81,10 +84,10 @@ def fit_pose(recent: RecentRanges, number: Any, beacons: Any, down: Any, scale: 
     """Return the pose that fits the newest ranges best.
 
     Args:
-        recent: the ranges.
-        number: number of ranges that are read.
-        beacons: surveyed positions (n, 3) (m).
-        down: of the vehicle (m).
+        recent: the newest ranges.
+        number: number of newest ranges to use.
+        beacons: surveyed positions of the beacons (n, 3) (m).
+        down: down coordinate of the vehicle (m).
         scale: expected scale error of the ranges, and its standard deviation.
         sigma: standard deviation of a range (m).
     """

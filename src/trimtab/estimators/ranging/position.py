@@ -1,4 +1,4 @@
-"""Position, and with two units heading, from the ranges of an ultrasonic network, one ping at a time.
+"""Position, and heading if there are two units, from the ranges of an ultrasonic network, one ping at a time.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -28,70 +28,78 @@ from trimtab.estimators.ranging.range_model import compensate_range
 NONE, TWO, ALL, ONE_REJECTED, INCONSISTENT = range(5)
 MODES = ("no fix", "two ranges", "all ranges", "one rejected", "inconsistent")
 SQUARE = np.array([[1.5, 1.5, -2.7048], [1.5, -1.5, -2.7048], [-1.5, -1.5, -2.7048], [-1.5, 1.5, -2.7048]])
-"""Default positions of the beacons in W (m): four below a ceiling."""
+"""Default positions of the beacons in W (m): a square of four below a ceiling."""
 PAIR = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
-"""Default positions of the units in B (m): two on the x axis, fore and aft."""
+"""Default positions of a vehicle's two units in B (m): on the x axis, fore and aft."""
 
 
 def check_positions(name: str, form: Any) -> None:
-    """Raise InputError if the beacons or units of the named filter are not lists of positions."""
+    """Raise InputError if the beacons or units of a filter do not have the shape (n, 3). name: name of the filter."""
     for field, positions in (("beacons", form.beacons), ("units", form.units)):
         shape = np.shape(positions)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
-            raise InputError(f"{name}.{field}", f"has shape {shape}", fix="give one row of three numbers for each")
+            raise InputError(
+                f"{name}.{field}",
+                f"must have shape (n, 3), got {shape}",
+                fix="give one row of three coordinates for each position",
+            )
 
 
 @record
 class RangingFix:
-    """Position fix with its quality. Source: [1] section 5.5.3."""
+    """Position fix from the ranges of a ping, with its quality. Source: [1] section 5.5.3."""
 
     north: Scalar = quantity(
-        "m", "Position north of the vehicle's reference point; of the unit while the heading is unknown."
+        "m", "North position of the vehicle's reference point, or of the unit while the heading is unknown."
     )
     east: Scalar = quantity(
-        "m", "Position east of the vehicle's reference point; of the unit while the heading is unknown."
+        "m", "East position of the vehicle's reference point, or of the unit while the heading is unknown."
     )
-    heading: Scalar = quantity("rad", "Heading from two units, in [-pi, pi).", kind="angle")
+    heading: Scalar = quantity("rad", "Heading from the positions of two units, in [-pi, pi).", kind="angle")
     heading_valid: Scalar = quantity("1", "True if both units have a recent fix.", kind="flag")
     unit: Scalar = quantity("1", "Index of the unit located last.", kind="count")
     unit_north: Scalar = quantity("m", "North position of the unit located last.")
     unit_east: Scalar = quantity("m", "East position of the unit located last.")
-    residual: Scalar = quantity("m", "Root mean square of the used ranges' residuals at the last ping.")
-    bias: Scalar = quantity("m", "Range error common to all beacons, if it is estimated.")
-    dilution: Scalar = quantity("1", "Dilution: error of the fix divided by error of a range; 1000 at most.")
+    residual: Scalar = quantity("m", "Root mean square of the residuals of the ranges used at the last ping.")
+    bias: Scalar = quantity("m", "Range error common to all beacons; 0 if it is not estimated.")
+    dilution: Scalar = quantity(
+        "1", "Dilution of precision: error of the fix divided by error of a range; at most 1000."
+    )
     used: Scalar = quantity("1", "Number of ranges used at the last ping.", kind="count")
     rejected: Scalar = quantity(
         "1", "Index of the beacon whose range was left out at the last ping; -1 if no range was.", kind="count"
     )
-    mode: Scalar = quantity("1", "Result of the last ping.", kind="mode", modes=MODES)
+    mode: Scalar = quantity("1", "Result of locating the unit at the last ping.", kind="mode", modes=MODES)
     frozen: Scalar = quantity(
-        "1", "True if a unit's ranges repeat exactly. The unit counts as frozen and gives no fix.", kind="flag"
+        "1", "True if the unit is frozen: its ranges repeat exactly, and it gets no fix.", kind="flag"
     )
     out_of_time: Scalar = quantity(
         "1",
-        "Number of pings not used because their time is in the future, or not after the previous ping.",
+        "Number of pings not used because their time is in the future, or not later than the previous ping.",
         kind="count",
     )
     invalid: Scalar = quantity(
-        "1", "Number of pings with a range that is not a number. Such a range is not used.", kind="count"
+        "1", "Number of pings with a range that is not finite. Such a range is not used.", kind="count"
     )
 
 
 @record
 class RangingPositionState:
-    """Newest fix, and the last position of each unit. Source: this module."""
+    """State of the positioning from ranges: newest fix, and last position of each unit. Source: this module."""
 
-    fix: RangingFix = part("Newest fix.")
-    places: Any = quantity("m", "Last fix of each unit (m, 2).", frame="W")
-    gains: Any = quantity("1", "Effect of an error of each range on the last fix (m, n, 2).", frame="W")
+    fix: RangingFix = part("Newest position fix.")
+    places: Any = quantity("m", "Last position fix of each unit (m, 2), north and east.", frame="W")
+    gains: Any = quantity("1", "Effect of an error of each range on each unit's last fix (m, n, 2).", frame="W")
     times: Any = quantity(
         "100 ns", "Time at which each unit was last located (m,); NEVER for a unit without a fix.", kind="time"
     )
-    measured: Scalar = quantity("100 ns", "Time at which the newest accepted ping was sent.", kind="time")
-    seen: Scalar = quantity("100 ns", "Time at which the newest ping of all was sent.", kind="time")
+    measured: Scalar = quantity("100 ns", "Time at which the newest ping with a fix was sent.", kind="time")
+    seen: Scalar = quantity("100 ns", "Time at which the newest ping, with or without a fix, was sent.", kind="time")
     ranges: Any = quantity("m", "Last ranges of each unit (m, n).")
-    repeats: Any = quantity("1", "Number of consecutive repetitions of each unit's ranges (m,).", kind="count")
-    any: Scalar = quantity("1", "True once there has been a fix.", kind="flag")
+    repeats: Any = quantity(
+        "1", "Number of times in a row that each unit's ranges were repeated exactly (m,).", kind="count"
+    )
+    any: Scalar = quantity("1", "True once any unit has had a fix.", kind="flag")
 
 
 class _UnitLocation(NamedTuple):
@@ -105,68 +113,71 @@ class _UnitLocation(NamedTuple):
 
 @record
 class RangingPosition:
-    """Locates a unit from each ping. Ranges are corrected for the angle in the sound cone, and one outlier is rejected.
+    """Estimator that locates a unit from each ping. It corrects the cone error of ranges, and rejects one outlier.
 
-    Three ranges or more: Bancroft's closed form, and from there least squares. If the residual is above its limit and
-    enough ranges remain, one range is left out, such that the residual is below its limit and the fix within the cones
-    of the received beacons. If several ranges qualify, residual and distance from the previous fix decide; if none
-    qualifies, there is no fix. Two ranges: of the two intersections, the one nearer the previous fix is taken.
+    From three or more ranges, the position is found by Bancroft's closed form, followed by least squares. If the
+    residual is above its limit and there are enough ranges, one range is left out. Without this range, the residual
+    must be below the limit, and the fix must lie within the cones of the other received beacons. If several ranges
+    qualify, the residual and the distance from the previous fix decide. If none qualifies, there is no fix. From two
+    ranges, the intersection nearer to the previous fix is taken.
 
     Frames:  beacons in W, units in B; level vehicle on a flat floor.
-    Not modelled: motion between the pings of two units, see docs page; time correlation of fixes: that is for a filter.
+    Not modelled: motion between the pings of two units, see docs page; correlation of fixes in time.
     Source:  [1] sections 5.4, 5.5.3 and 5.5.4; leaving out ranges is added, see docs page.
     """
 
-    beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
-    units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=np.zeros((1, 3)), frame="B")
+    beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
+    units: Any = quantity("m", "Positions of the vehicle's units (m, 3).", default=np.zeros((1, 3)), frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
     residual_limit: Scalar = quantity(
-        "m", "Largest accepted root mean square of the residuals of the ranges.", default=0.02, above=0
+        "m", "Largest accepted root mean square of the ranges' residuals.", default=0.02, above=0
     )
     cone_limit: Scalar = quantity(
-        "rad", "Largest accepted angle off a beacon's axis.", default=0.9, kind="angle", above=0, high=1.5
+        "rad", "Largest accepted angle of the unit off a beacon's axis.", default=0.9, kind="angle", above=0, high=1.5
     )
     usual_jump: Scalar = quantity("m", "Typical distance between consecutive fixes.", default=0.2, above=0)
     dilution_limit: Scalar = quantity("1", "Largest accepted dilution of precision.", default=10.0, above=0)
     frozen_after: Scalar = quantity(
         "1",
-        "Consecutive pings of a unit with exactly equal ranges after which the unit counts as frozen; 0: never.",
+        "Number of consecutive pings of a unit with exactly equal ranges after which it counts as frozen; 0 for never.",
         default=3,
         kind="count",
         off={"range-noise": 0},
     )
-    pair_time: int = period("Longest time between the fixes of two units for a heading.", default=ms(200))
+    pair_time: int = period(
+        "Longest time between the fixes of two units from which a heading is computed.", default=ms(200)
+    )
     cone: bool = option(
-        "True to compensate the cone error: ranges are too long off the beacon's axis.",
+        "True to compensate the cone error, which makes ranges off a beacon's axis too long.",
         default=True,
         choices=(True, False),
         off={"cone-error": False},
     )
     solver: str = option(
-        '"least squares", without common range error, or "closed form", with it.',
+        'Solver: "least squares", without a common range error, or "closed form", with a common range error.',
         default="least squares",
         choices=("least squares", "closed form"),
     )
     sensor: str = option("Name of the ranging sensor.", default="ranging")
 
     def check(self) -> None:
-        """Raise InputError if beacons or units have no positions, or two units are above each other."""
+        """Raise InputError if the positions of beacons or units are invalid, or one unit is above the other."""
         check_positions("RangingPosition", self)
         plan = np.asarray(self.units)[:2, :2]
         if len(plan) == 2 and np.allclose(plan[0], plan[1]):
             raise InputError(
                 "RangingPosition.units",
-                "the first two units must not be above each other",
-                fix="move one of the two units",
+                "one of the first two units must not be above the other",
+                fix="give the two units different x or y",
             )
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Return the name of the sensor."""
+        """Return the name of the ranging sensor."""
         return (self.sensor,)
 
     def init(self, key: Key) -> RangingPositionState:
-        """Return the initial state, without a fix."""
+        """Return the initial state of the positioning, without a fix."""
         m, o, never = np.shape(self.units)[0], np.float64(0), np.int64(-FOREVER)
         no, none = np.bool_(False), np.int32(0)
         fix = RangingFix(o, o, o, no, none, o, o, o, o, o, none, np.int32(-1), np.int32(NONE), no, none, none)
@@ -183,10 +194,10 @@ class RangingPosition:
         )
 
     def locate(self, ranges: Any, arrived: Any, unit: Any, near: Any, known: Any) -> _UnitLocation:
-        """Return a unit's position (2,) from measured ranges (n,), with its quality.
+        """Return a unit's position (2,) and its quality, from measured ranges.
 
-        ranges: as measured (m), shape (n,).  arrived: True for each range that arrived, shape (n,).  unit: index of the
-        unit. near: position of the previous fix (m), shape (2,).  known: True if there was a previous fix.
+        ranges: measured ranges (m), shape (n,).  arrived: True for each range that arrived, shape (n,).  unit: index of
+        the unit.  near: position of the previous fix (m), shape (2,).  known: True if there was a previous fix.
         """
         beacons = jnp.asarray(self.beacons)
         plan, height = beacons[:, :2], self.down + jnp.asarray(self.units)[unit, 2] - beacons[:, 2]
@@ -208,7 +219,10 @@ class RangingPosition:
         return _UnitLocation(best.place, best.bias, best.residual, used, rejected, mode)
 
     def _solve(self, plan: Any, height: Any, ranges: Any, used: Any, near: Any, known: Any) -> Solution:
-        """Return the solution of all ranges. Collinear beacons leave two places; the one nearer the last fix counts."""
+        """Return the position from all used ranges.
+
+        If the beacons lie on a line, two positions fit; the one nearer to the last fix is returned.
+        """
         first = solve_bancroft(plan, height, ranges, used)
         if self.solver == "closed form":
             return first
@@ -223,7 +237,7 @@ class RangingPosition:
     def _reject_outlier(
         self, plan: Any, height: Any, ranges: Any, usable: Any, near: Any, known: Any
     ) -> tuple[Solution, Any]:
-        """Return the solution of all ranges, or without the one outlier, and its index, -1 without one."""
+        """Return the solution and the index of the range left out as an outlier, -1 if all ranges are used."""
         fewest = 5 if self.solver == "closed form" else 4
         if np.shape(self.beacons)[0] < fewest:
             return self._solve(plan, height, ranges, usable, near, known), jnp.asarray(-1)
@@ -253,7 +267,8 @@ class RangingPosition:
         """Return the effect of each range's error on the fix, north and east: H (H'H)^-1 (n, 2), and the dilution.
 
         H (n, 2): horizontal directions from the beacons to the unit. Dilution: error of the fix over error of a range,
-        the root of the sum of squares of the gain; 1000 at most, and where beacons lie on one line with the unit.
+        i.e. the square root of the gain's sum of squares. It is at most 1000, also if all beacons lie on a line with
+        the unit.
         """
         beacons = jnp.asarray(self.beacons)
         height = self.down + jnp.asarray(self.units)[unit, 2] - beacons[:, 2]
@@ -270,7 +285,7 @@ class RangingPosition:
         return gain, dilution
 
     def _update(self, s: RangingPositionState, t: Any, value: Any) -> RangingPositionState:
-        """Return the state after a ping of integer time t."""
+        """Return the state after a ping that was sent at integer time t."""
         unit = jnp.clip(value.unit, 0, np.shape(self.units)[0] - 1)
         own = jnp.arange(s.times.shape[0]) == unit
         ranges, repeats = self._count_repeats(s, own, value)
@@ -296,14 +311,17 @@ class RangingPosition:
         return RangingPositionState(fix, places, gains, times, measured, t, ranges, repeats, s.any | good)
 
     def _count_repeats(self, s: RangingPositionState, own: Any, value: Any) -> tuple[Any, Any]:
-        """Return last ranges (m, n) and repeats (m,) after a ping of the own (m,) unit; silence is no repetition."""
+        """Return the last ranges (m, n) and the repeat counts (m,) of all units after a ping.
+
+        own: True for the unit that pinged (m,). A ping without any range does not count as a repetition.
+        """
         now = jnp.where(value.arrived & jnp.isfinite(value.range), value.range, 0.0)
         same = jnp.all(now == s.ranges, axis=1) & jnp.any(now > 0)
         repeats = jnp.where(own, jnp.where(same, s.repeats + 1, 0), s.repeats).astype(np.int32)
         return jnp.where(own[:, None], now, s.ranges), jnp.minimum(repeats, np.int32(2**30))
 
     def _vehicle_fix(self, fix: RangingFix, place: Any, unit: Any, places: Any, times: Any) -> RangingFix:
-        """Return the vehicle's fix from that of a unit, and the heading if two units have one."""
+        """Return the vehicle's fix from the position of a unit, with a heading if both units have a recent fix."""
         heading, paired, at = fix.heading, fix.heading_valid, place
         if np.shape(self.units)[0] >= 2:
             levers = jnp.asarray(self.units)[:, :2]
@@ -325,7 +343,7 @@ class RangingPosition:
         )
 
     def step(self, t: Any, state: RangingPositionState, frame: Frame) -> tuple[RangingPositionState, Estimate]:
-        """Return the newest fix at integer time t; a ping already seen, or from before it, changes nothing."""
+        """Return the new state and the newest fix at integer time t. A repeated or older ping is not used."""
         sample = frame.samples[self.sensor]
         arrived = sample.fresh & sample.valid
         new = arrived & (sample.t > state.seen) & (sample.t <= t)

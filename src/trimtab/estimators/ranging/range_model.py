@@ -1,5 +1,5 @@
-"""A single ultrasonic range as a function of place: value, slope and curvature, cone error included; how it is undone,
-and how the ranges of a ping correct a state of vehicle, scale and beacons' errors, one after the other.
+"""Model of an ultrasonic range as a function of position, with cone error: value, slope and curvature. Also the
+compensation of the cone error, and the update of a filter with the ranges of a ping, one after another.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section
 5.5.4; [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001, sections
@@ -22,25 +22,25 @@ from trimtab.estimators.ranging.range_errors import RangeErrorModel
 ITERATIONS = 8
 TOLERANCE = 1e-6
 TOP = LINEAR / (1 - 2 * QUADRATIC)
-"""Angle (rad), about 0.003, at which e(beta) cos(beta) is greatest; its slope vanishes there."""
+"""Angle off a beacon's axis (rad), about 0.003, at which e(beta) cos(beta) has its maximum, and thus zero slope."""
 START, FARTHEST = 2.2 * TOP, 1.4
-"""Initial angles (rad) of Newton's method. Below 2 TOP there is no root for a range above the height."""
+"""Smallest and largest initial angle (rad) of Newton's method. A range above the height has no root below 2 TOP."""
 POSE = np.array([0, 3, 4])
-"""Indices of heading and position among the states: a range depends on these."""
+"""Indices of heading and position, the states on which a predicted range depends nonlinearly."""
 
 
 def compensate_range(measured: Any, height: Any) -> tuple[Any, Any, Any]:
-    """Return the true range, the angle off the axis, and the number of iterations.
+    """Return the true range r, the angle beta off the beacon's axis, and the number of iterations.
 
         e(beta) cos(beta) = h / rho,   r = e(beta) rho
 
-    solved by Newton's method from acos(h/rho), to 1e-6. The left side rises from 1 at 0 to its greatest value at 0.003
-    rad and only then falls, so that the iteration starts beyond. A range not above the height, which only noise makes,
-    has no solution and is returned as it is, at angle 0.
+    The equation is solved by Newton's method from acos(h/rho), to 1e-6. Its left side rises from 1 at beta = 0 to a
+    maximum at 0.003 rad, and falls beyond. Therefore the iteration starts beyond the maximum. If noise makes a range
+    smaller than the height, there is no solution; the measured range and an angle of 0 are returned.
 
     Args:
-        measured: range rho (m), any shape.
-        height: of the beacon above the unit (m), same shape.
+        measured: measured range rho (m), any shape.
+        height: height of the beacon above the unit (m), same shape.
 
     Source: [1] section 5.5.4; the guards are added, see docs Errata.
     """
@@ -63,7 +63,7 @@ def compensate_range(measured: Any, height: Any) -> tuple[Any, Any, Any]:
 
 
 class RangePrediction(NamedTuple):
-    """Return a range as measured (m), its derivative by north and east (2,), and second derivative (2, 2) in 1/m."""
+    """Predicted range (m), its derivative by north and east (2,), and its second derivative (2, 2) in 1/m."""
 
     range: Any
     slope: Any
@@ -71,15 +71,15 @@ class RangePrediction(NamedTuple):
 
 
 def predict_range(beacon: Any, place: Any, down: Any, *, cone: bool) -> RangePrediction:
-    """Return the range that a unit measures to a beacon, without noise.
+    """Return the range to a beacon that a unit measures, including the cone error but no noise.
 
         d / e(beta),  tan beta = |p - q| / h,  e = 1 without cone error
 
-    The measured range is modelled rather than the measurement compensated: noise belongs to what was measured, and a
-    range that noise made shorter than the height has a model but no compensation. The curvature is that of d.
+    The cone error is modelled, not compensated, for two reasons. The noise is that of the measured range, and a range
+    that noise has made shorter than the height can't be compensated. The curvature is that of the distance d.
 
-    beacon: north, east, down in W (3,).  place, down: of the unit, north and east (2,), and down, in W.
-    cone: True if ranges are too long off the axis.
+    beacon: north, east, down in W (3,).  place: north and east of the unit (2,).  down: down coordinate of the unit.
+    cone: True if the cone error makes ranges off the axis too long.
     """
     away, height = place - beacon[:2], down - beacon[2]
     square = away @ away
@@ -99,7 +99,11 @@ def predict_range(beacon: Any, place: Any, down: Any, *, cone: bool) -> RangePre
 
 
 class Geometry(NamedTuple):
-    """Beacons (n, 3) in W; lever of the unit from the navigated point, in B (2,); its down coordinate; cone error."""
+    """Geometry of the ranges of one unit.
+
+    beacons: positions in W (n, 3).  lever: vector in B from the navigated point to the unit (2,).  down: down
+    coordinate of the unit.  cone: True to model the cone error.
+    """
 
     beacons: Any
     lever: Any
@@ -108,14 +112,14 @@ class Geometry(NamedTuple):
 
 
 def unit_geometry(form: Any, unit: Any) -> Geometry:
-    """Return the geometry of the ranges of a unit; form: a filter with beacons, units, down, arms and cone."""
+    """Return the geometry of the ranges of a unit. form: a filter with beacons, units, down, arms and cone."""
     lever = jnp.asarray(form.units, np.float64)[unit]
     beacons = jnp.asarray(form.beacons, np.float64)
     return Geometry(beacons, lever[:2] - form.arms.imu, form.down + lever[2], form.cone)
 
 
 class LinearisedRange(NamedTuple):
-    """Predicted range at a state: value, derivative (k,), and the curvature's part of mean and variance."""
+    """Predicted range at a state: value, derivative (k,), and contributions of the curvature to mean and variance."""
 
     range: Any
     H: Any
@@ -124,7 +128,10 @@ class LinearisedRange(NamedTuple):
 
 
 class RangeUpdate(NamedTuple):
-    """Result of a ping: state and covariance after it; innovation, variance and NIS of each range; ranges used (n,)."""
+    """Result of an update with the ranges of a ping.
+
+    x, P: state and covariance.  innovation, variance, nis: of each range (n,).  accepted: True for ranges used (n,).
+    """
 
     x: Any
     P: Any
@@ -135,10 +142,10 @@ class RangeUpdate(NamedTuple):
 
 
 def linearise_range(x: Any, P: Any, i: Any, g: Geometry) -> LinearisedRange:
-    """Return the predicted range to beacon i at a state (9 + n,): Belief.x, scale, errors of the beacons.
+    """Return the predicted range to beacon i at a state (9 + n,): Belief.x, scale error, errors of the beacons.
 
-    With Hessian A in (heading, north, east) and the covariance S of these, a Gaussian state adds tr(A S)/2 to the mean
-    and tr(A S A S)/2 to the variance ([4] section 10.3.3).
+    With the range's Hessian A by (heading, north, east) and the covariance S of these states, the uncertainty of a
+    Gaussian state adds tr(A S)/2 to the mean and tr(A S A S)/2 to the variance ([4] section 10.3.3).
     """
     n = g.beacons.shape[0]
     arm, slope = rotate_lever(x[0], g.lever)
@@ -158,7 +165,10 @@ def linearise_range(x: Any, P: Any, i: Any, g: Geometry) -> LinearisedRange:
 def update_with_ranges(
     x: Any, P: Any, ranges: Any, usable: Any, g: Geometry, errors: RangeErrorModel, learns: Any
 ) -> RangeUpdate:
-    """Fuse a ping's usable ranges (n,), each linearised at the current state; learns (9 + n,): 0 where considered."""
+    """Fuse the usable ranges (n,) of a ping, one after another, each linearised at the current state.
+
+    learns: mask of the states (9 + n,), 0 for states that are considered, not corrected.
+    """
 
     def one(carry: Any, row: Any) -> Any:
         x, P = carry
@@ -178,7 +188,10 @@ def update_with_ranges(
 
 
 def place_information(place: Any, used: Any, g: Geometry, sigma: Any) -> Any:
-    """Return the information (2, 2) about a unit's position (2,) in the ranges used (n,), each of this sigma."""
+    """Return the information matrix (2, 2) of a unit's position (2,) from the used ranges (n,).
+
+    sigma: standard deviation of each range.
+    """
     slopes = jax.vmap(lambda b: predict_range(b, place, g.down, cone=g.cone).slope)(g.beacons)
     slopes = jnp.where(used[:, None], slopes, 0.0)
     return slopes.T @ slopes / sigma**2

@@ -1,12 +1,13 @@
 """Position, velocity and heading from a few located pings and the IMU readings between them, in closed form.
 
-With the motion since the first ping integrated in the body's axes of that moment (turn a, velocity dv, displacement
-dr), the place of a unit with lever l, seen from the IMU, is linear in what is unknown:
+The motion since the first ping is integrated in the body's axes at the first ping (turn a, velocity dv, displacement
+dr). The position of a unit with the lever arm l from the IMU is then linear in the unknowns:
 
     place = p0 + v0 t + [w, J w] (c, s),    w = dr + R(a) l,   J w = (-w2, w1),   c = cos phi0, s = sin phi0
 
-so pings add up as normal equations of (p0, v0, c, s), and no first guess is needed. Four pings of two units are
-enough; one unit with a lever or a force that changes will do; a heading sensor adds c and s themselves.
+Each ping is therefore added to the normal equations of (p0, v0, c, s), and no first guess is needed. Four pings of two
+units are enough. A single unit is enough if it has a lever arm or the specific force changes. A heading sensor measures
+c and s directly.
 
 Source: this module; integration in the body's axes: Lupton, Sukkarieh, IEEE Trans. Robotics 28 (2012).
 """
@@ -26,23 +27,28 @@ UNKNOWNS = 6
 
 @record
 class RangingStart:
-    """Normal equations so far, and the motion since the first located ping. Source: this module."""
+    """Normal equations of the initial state, and the motion since the first located ping. Source: this module."""
 
     N: Any = quantity("1", "Information matrix of the unknowns (p0, v0, c, s).", shape=(UNKNOWNS, UNKNOWNS))
     g: Any = quantity("1", "Right-hand side of the normal equations.", shape=(UNKNOWNS,))
-    square: Scalar = quantity("1", "Weighted sum of squares of the measurements, relative to `centre`.")
-    centre: Any = quantity("m", "First located position, the origin of the unknown positions.", frame="W", shape=(2,))
+    square: Scalar = quantity("1", "Weighted sum of squares of the measurements, relative to the first position.")
+    centre: Any = quantity(
+        "m", "First located position, the origin of all positions in the equations.", frame="W", shape=(2,)
+    )
     pings: Scalar = quantity("1", "Number of located pings used.", kind="count")
     elapsed: Scalar = quantity("s", "Time since the first located ping.")
     turn: Scalar = quantity("rad", "Angle turned since the first located ping.", kind="angle")
-    velocity: Any = quantity("m/s", "Integral of the specific force, in the first body axes.", shape=(2,))
-    position: Any = quantity("m", "Double integral of the specific force, in the first body axes.", shape=(2,))
+    velocity: Any = quantity("m/s", "Integral of the specific force, in the body axes at the first ping.", shape=(2,))
+    position: Any = quantity(
+        "m", "Double integral of the specific force, in the body axes at the first ping.", shape=(2,)
+    )
 
 
 class StartSolution(NamedTuple):
-    """Heading, velocity and position now (5,), their covariance (5, 5), whether they can be trusted.
+    """Initial state found from pings.
 
-    inconsistent: True if there are enough pings that don't agree with each other.
+    x: heading, velocity and position at present (5,).  P: covariance (5, 5).  usable: True if x can be trusted.
+    inconsistent: True if there are enough pings, or enough time has passed, but the pings don't agree with each other.
     """
 
     x: Any
@@ -52,13 +58,16 @@ class StartSolution(NamedTuple):
 
 
 def empty_start() -> RangingStart:
-    """Return the initial equations, before the first ping."""
+    """Return normal equations without a ping."""
     o, two = np.float64(0), np.zeros(2)
     return RangingStart(np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS), o, two, np.int32(0), o, o, two, two)
 
 
 def propagate_start(start: RangingStart, dt: Any, before: Any, imu_reading: Any, bias: Any) -> RangingStart:
-    """Propagate by dt (s). before, felt: IMU readings at both ends (3,); bias: of these (3,)."""
+    """Propagate the motion since the first ping by dt (s).
+
+    before, imu_reading: IMU readings at the start and end of the step (3,).  bias: biases of the IMU (3,).
+    """
     turn = start.turn + dt * ((before[0] + imu_reading[0]) / 2 - bias[0])
     f0, f1 = planar(start.turn) @ (before[1:] - bias[1:]), planar(turn) @ (imu_reading[1:] - bias[1:])
     velocity, position = mechanise(dt, f0, f1, start.velocity, start.position)
@@ -67,7 +76,10 @@ def propagate_start(start: RangingStart, dt: Any, before: Any, imu_reading: Any,
 
 
 def add_unit_position(start: RangingStart, place: Any, lever: Any, W: Any) -> RangingStart:
-    """Add a unit's position (2,) of information W (2, 2); lever: from the IMU to the unit, in B (2,)."""
+    """Add a unit's position (2,) to the normal equations.
+
+    lever: vector in B from the IMU to the unit (2,).  W: information matrix of the position (2, 2).
+    """
     centre = jnp.where(start.pings > 0, start.centre, place)
     w = start.position + rotate_lever(start.turn, lever)[0]
     eye = jnp.eye(2)
@@ -78,7 +90,7 @@ def add_unit_position(start: RangingStart, place: Any, lever: Any, W: Any) -> Ra
 
 
 def add_heading(start: RangingStart, heading: Any, variance: Any) -> RangingStart:
-    """Add a heading (rad) of a sensor; no effect before the first ping."""
+    """Add a sensor's heading (rad) to the normal equations. It has no effect before the first ping."""
     a = heading - start.turn
     A = jnp.concatenate([jnp.zeros((2, 4)), jnp.eye(2)], axis=1)
     informed = _add_equations(start, A, jnp.stack([jnp.cos(a), jnp.sin(a)]), jnp.eye(2) / variance)
@@ -86,14 +98,15 @@ def add_heading(start: RangingStart, heading: Any, variance: Any) -> RangingStar
 
 
 def solve_start(start: RangingStart, sigmas: Any, *, enough: Any, longest: Any, heading_limit: Any) -> StartSolution:
-    """Return the solution of the equations so far.
+    """Return the solution of the normal equations.
 
     Args:
-        start: the equations.
-        sigmas: of the biases of gyro and accelerometers (2,); their effect over the elapsed time is added.
-        enough: least number of pings; twice as many pings without a solution count as inconsistent.
-        longest: time (s) after which the IMU's errors have made the first ping useless.
-        heading_limit: largest accepted sigma of the heading (rad).
+        start: the normal equations.
+        sigmas: standard deviations of the biases of gyro and accelerometers (2,). The effect of the biases over the
+            elapsed time is added to the covariance.
+        enough: smallest number of pings; twice as many pings without a usable solution count as inconsistent.
+        longest: longest time (s) since the first ping; after it, pings without a usable solution count as inconsistent.
+        heading_limit: largest accepted standard deviation of the heading (rad).
     """
     count = start.pings
     both = solve_spd(start.N, jnp.concatenate([jnp.eye(UNKNOWNS), start.g[:, None]], axis=1))

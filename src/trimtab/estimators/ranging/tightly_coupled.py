@@ -1,4 +1,4 @@
-"""Inertial filter of raw ultrasonic ranges, each ping fused at the time at which it was sent.
+"""Inertial navigation aided by raw ultrasonic ranges. Each ping is fused at the time at which it was sent.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -42,56 +42,56 @@ from trimtab.estimators.ranging.start import (
 
 @record
 class TightNode:
-    """State, its covariance and the pending start at one instant. Source: docs page."""
+    """Filter state at one instant, with data for a pending start. Source: docs page, Tightly coupled ranging."""
 
-    t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the filter state.", kind="time")
     imu_reading: Any = quantity(
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
-    untrusted: Any = quantity("1", "Flags (2,): 1 if the gyro, 1 if the accelerometers cannot be trusted.", shape=(2,))
-    x: Any = quantity("1", "State in the order of Belief.x, then the scale and each beacon's error; (9 + n,).")
-    P: Any = quantity("1", "Covariance of estimate minus truth (9 + n, 9 + n).")
-    force: Any = quantity("m/s^2", "Specific force without bias, low-passed for the Jacobian.", frame="B", shape=(2,))
-    steady: Any = quantity("m/s^2", "Specific force, low-passed to detect rest.", frame="B", shape=(2,))
-    start: RangingStart = part("Pings collected until the filter can start.")
+    untrusted: Any = quantity("1", "Flags of gyro and accelerometers: 1 if the sensor cannot be trusted.", shape=(2,))
+    x: Any = quantity("1", "State (9 + n,): Belief.x, scale error, error of each beacon.")
+    P: Any = quantity("1", "Covariance of the state's error (9 + n, 9 + n).")
+    force: Any = quantity("m/s^2", "Low-passed specific force without bias, for the Jacobian.", frame="B", shape=(2,))
+    steady: Any = quantity("m/s^2", "Low-passed specific force without bias, to detect rest.", frame="B", shape=(2,))
+    start: RangingStart = part("Data collected from pings until the filter can start.")
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: RangeFix = part("Statistics of the range updates.")
 
 
 @record
 class TightlyCoupled:
-    """Extended filter that fuses every single range: two beacons still help, and a wrong range affects only itself.
+    """Extended Kalman filter that fuses each range separately. Two beacons are useful, and outliers are rejected.
 
-    State: heading, velocity, position, gyro and accelerometer biases, a scale of all ranges, an error of each beacon.
-    With two units, or a lever and motion, ranges alone show the heading.
+    State: heading, velocity, position, gyro and accelerometer biases, scale error of all ranges, error of each beacon.
+    With two units, or with a lever arm and motion, ranges alone make the heading observable.
 
-    Starts:  by itself from the first four pings of three ranges or more, in closed form (`RangingStart`): no first
-             guess. `start` then gives biases only; with begins="given" it gives all.
+    Starts:  in closed form (`RangingStart`) from the first four pings with three or more ranges, without a first guess.
+             Only the biases are then taken from `start`. With begins="given", all states are taken from `start`.
     Frames:  beacons in W, units in B; level vehicle on a flat floor.
-    Not modelled: survey errors that change with the place; the vehicle's motion during the sound's flight.
-    Source:  [1] chapter 7 names it as future work; docs page.
+    Not modelled: survey errors that change with the position; motion of the vehicle while the sound travels.
+    Source:  [1] chapter 7 names such a filter as future work; docs page, Tightly coupled ranging.
     """
 
     intake: Intake = part(
-        "Sensors that are read, and checks of their samples; `position` names the ranging sensor.",
+        "Sensors that are read, and checks of their samples. The field `position` names the ranging sensor.",
         default=Intake(heading="", position="ranging", slots=48),
     )
     noise: InertialNoise = part("Noise of the IMU and of the heading sensor.", default=InertialNoise())
-    errors: RangeErrorModel = part("Errors of the ranges.", default=RangeErrorModel())
+    errors: RangeErrorModel = part("Errors of the ultrasonic ranges.", default=RangeErrorModel())
     start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
     arms: LeverArms = part("Position of the IMU on the vehicle.", default=LeverArms())
-    beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
-    units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=PAIR, frame="B")
+    beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
+    units: Any = quantity("m", "Positions of the vehicle's units (m, 3).", default=PAIR, frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
     smoothing: Scalar = quantity(
-        "s", "Time constant of the low-pass on the force in the Jacobian.", default=0.05, low=0
+        "s", "Time constant of the low-pass filter of the force in the Jacobian.", default=0.05, low=0
     )
     rest_smoothing: Scalar = quantity(
-        "s", "Time constant of the low-pass on the force that detects rest.", default=0.5, low=0
+        "s", "Time constant of the low-pass filter of the force for detecting rest.", default=0.5, low=0
     )
     rest_sigmas: Scalar = quantity(
         "1",
-        "A force below this many of its sigmas counts as zero, as in the coupled form; used with one unit only.",
+        "Number of standard deviations below which a force counts as zero. Only used with a single unit.",
         default=3.0,
         low=0,
     )
@@ -99,37 +99,41 @@ class TightlyCoupled:
         "m", "Standard deviation of a range during the start, including its constant errors.", default=0.03, above=0
     )
     start_heading: Scalar = quantity(
-        "rad", "Largest heading sigma with which the filter starts.", default=0.25, above=0
+        "rad", "Largest standard deviation of the heading at which the filter starts.", default=0.25, above=0
     )
-    start_time: Scalar = quantity("s", "Longest time over which pings are collected for a start.", default=3.0, above=0)
+    start_time: Scalar = quantity("s", "Longest time for which pings are collected for a start.", default=3.0, above=0)
     cone: bool = option(
-        "True to model the cone error: ranges are too long off the beacon's axis.", default=True, choices=(True, False)
+        "True to model the cone error, which makes ranges off a beacon's axis too long.",
+        default=True,
+        choices=(True, False),
     )
-    begins: str = option('From "ranges", or as `start` says ("given").', default="ranges", choices=("ranges", "given"))
+    begins: str = option(
+        'Initial state: found from "ranges", or "given" by `start`.', default="ranges", choices=("ranges", "given")
+    )
 
     AIDED_BY: ClassVar[str] = "ranges"
     listens = property(listened_sensors)
 
     def check(self) -> None:
-        """Raise InputError if the intake is invalid, or beacons or units are not lists of positions."""
+        """Raise InputError if the settings of sensors, or the positions of beacons or units, are invalid."""
         self.intake.check()
         if not self.intake.position:
             raise InputError(
-                "TightlyCoupled.intake.position", "intake.position must name the ranging sensor", fix="name it"
+                "TightlyCoupled.intake.position", "must name the ranging sensor", fix="give the ranging sensor's name"
             )
         check_positions("TightlyCoupled", self)
 
     def init(self, key: Key) -> InertialState:
-        """Return the initial state, before any measurement."""
+        """Return the initial navigation state, before any measurement."""
         return initial_inertial_state(self, key, np.shape(self.beacons)[0] + 1)
 
     def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-        """Return the estimate at integer time t; its state is a NavigationState whose position_fix is a RangeFix."""
+        """Return the new state and the estimate, a NavigationState with a RangeFix, at integer time t."""
         state, estimate = navigate(self, t, state, frame)
         return state, replace(estimate, valid=estimate.valid & estimate.state.position_fix.tracking)
 
     def first(self) -> TightNode:
-        """Return the initial state, before the first sample."""
+        """Return the filter's initial state, before the first sample."""
         s, n = self.start, np.shape(self.beacons)[0]
         variances = jnp.concatenate([s.variances(), self.errors.variances(n)])
         running = self.begins == "given"
@@ -144,7 +148,7 @@ class TightlyCoupled:
         )
 
     def propagate(self, node: TightNode, dt: Any, imu_reading: Any, untrusted: Any) -> TightNode:
-        """Propagate by dt (s); the IMU reads `imu_reading` (3,) at the end."""
+        """Propagate the state by dt (s). imu_reading: IMU sample at the end of the step (3,)."""
         m = propagate_coupled(self, node, dt, imu_reading, untrusted)
         signs = SIGNS[:, None] * SIGNS[None, :]
         F, Q = m.F * signs, m.Q * signs
@@ -159,7 +163,10 @@ class TightlyCoupled:
         return replace(node, imu_reading=imu_reading, x=m.x, P=P, force=m.force, steady=m.steady, start=start)
 
     def correct_heading(self, node: TightNode, z: Any, variance: Any) -> TightNode:
-        """Correct with a heading z (rad, modulo 2 pi) and its variance (0: that of noise); or add it to the start."""
+        """Correct the state with a measured heading z (rad, modulo 2 pi). If its variance is 0, use noise.heading.
+
+        Before the filter has started, the heading is added to the data for the start instead.
+        """
         H = (jnp.arange(node.x.shape[0]) == 0).astype(np.float64)[None]
         R = self.noise.heading_noise(variance)
         y = wrap(z - node.x[0])[None]
@@ -174,7 +181,10 @@ class TightlyCoupled:
         return tree_where(node.position_fix.tracking, fused, waiting)
 
     def correct_ranges(self, node: TightNode, value: Any) -> TightNode:
-        """Correct with the ranges of a ping and its unit (n + 1,); 0 where none arrived, -1 where it was no number."""
+        """Correct the state with the ranges of a ping, or add them to the data for the start.
+
+        value: ranges (n,) and index of the unit. A range is 0 if it did not arrive, and -1 if it is not a number.
+        """
         n = np.shape(self.beacons)[0]
         unit = jnp.clip(value[n], 0, np.shape(self.units)[0] - 1).astype(np.int32)
         unsure = jnp.sqrt(node.P[3, 3] + node.P[4, 4]) > self.errors.wide
@@ -194,12 +204,12 @@ class TightlyCoupled:
         )
 
     def belief(self, node: TightNode) -> Belief:
-        """Return the belief at the IMU's point."""
+        """Return the estimate (Belief) of the IMU's motion."""
         return Belief(node.x[:DIMENSION], node.P[:DIMENSION, :DIMENSION])
 
 
 def correction_mask(form: TightlyCoupled, node: TightNode) -> Any:
-    """Return a mask of the states (9 + n,): 1.0 where a range corrects them, 0.0 where they are only considered."""
+    """Return a mask of the states (9 + n,): 1.0 for states that ranges correct, 0.0 for states that are considered."""
     n = np.shape(form.beacons)[0]
     vehicle = jnp.ones(DIMENSION)
     if np.shape(form.units)[0] == 1:
@@ -210,7 +220,8 @@ def correction_mask(form: TightlyCoupled, node: TightNode) -> Any:
 
 
 def find_agreeing_ranges(form: TightlyCoupled, node: TightNode, ranges: Any, unit: Any) -> tuple[Any, Any, Any]:
-    """Return which ranges (n,) agree with each other, the unit's position (2,), and whether three or more agree."""
+    """Return flags of the ranges that agree with each other (n,), the unit's position (2,), and True if at least three
+    agree."""
     finder = RangingPosition(
         beacons=form.beacons,
         units=form.units,
@@ -229,7 +240,7 @@ def find_agreeing_ranges(form: TightlyCoupled, node: TightNode, ranges: Any, uni
 
 
 def update_running(form: TightlyCoupled, node: TightNode, ranges: Any, unit: Any, agree: Any) -> TightNode:
-    """Return the node after a ping of a running filter."""
+    """Return the filter state after the ranges of a ping, for a filter that has started."""
     replies = ranges > 0
     correction = update_with_ranges(
         node.x, node.P, ranges, replies & agree, unit_geometry(form, unit), form.errors, correction_mask(form, node)
@@ -251,7 +262,7 @@ def update_running(form: TightlyCoupled, node: TightNode, ranges: Any, unit: Any
 
 
 def update_starting(form: TightlyCoupled, node: TightNode, unit: Any, agree: Any, place: Any, good: Any) -> TightNode:
-    """Return the node after a ping of a filter that waits for a start."""
+    """Return the filter state after the ranges of a ping, for a filter that has not started."""
     g = unit_geometry(form, unit)
     with_it = add_unit_position(node.start, place, g.lever, place_information(place, agree, g, form.start_sigma))
     start = tree_where(good, with_it, node.start)
@@ -274,7 +285,7 @@ def update_starting(form: TightlyCoupled, node: TightNode, unit: Any, agree: Any
 
 
 def _inflate_beacon_errors(P: Any, moved: Any, forgiven: Any, errors: Any) -> Any:
-    """Return P with larger errors of moved beacons (n,), and initial, uncorrelated errors of those trusted again."""
+    """Return P with increased variances of moved beacons (n,), and initial variances of beacons trusted again (n,)."""
     none = jnp.zeros(DIMENSION + 1)
     wider = jnp.concatenate([none, jnp.where(moved, errors.moved**2, 0.0)])
     cut = jnp.concatenate([none, jnp.where(forgiven, 1.0, 0.0)]) > 0
@@ -290,7 +301,7 @@ def _replace_pose_covariance(own: Any, P: Any) -> Any:
 
 
 def _record_range_errors(node: TightNode) -> TightNode:
-    """Return the node with the estimated scale and beacon errors in its fix."""
+    """Return the filter state with the estimated scale and beacon errors copied into its statistics."""
     n = node.x.shape[0] - DIMENSION
     sigma = jnp.sqrt(jnp.maximum(jnp.stack([node.P[DIMENSION + i, DIMENSION + i] for i in range(n)]), 0.0))
     x = node.x[DIMENSION:]

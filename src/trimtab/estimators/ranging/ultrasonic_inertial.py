@@ -1,4 +1,4 @@
-"""Inertial navigation aided by an ultrasonic network: each ping is located, and the fix is passed to a form of the INS.
+"""Inertial navigation aided by an ultrasonic network: each ping gives a position fix, which is passed to the INS.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -24,36 +24,38 @@ from trimtab.estimators.ranging.multilateration import two_unit_heading
 from trimtab.estimators.ranging.position import PAIR, RangingPosition, RangingPositionState
 
 KNOWN = 0.3
-"""Heading sigma (rad) below which the heading is used to move fixes to the reference point."""
+"""Standard deviation of the heading (rad) below which it is used to move fixes from a unit to the reference point."""
 
 
 @record
 class HeadingMeasurement:
-    """Heading with its variance. Source: [1] section 5.4."""
+    """Measured heading with its variance. Source: [1] section 5.4."""
 
-    heading: Scalar = quantity("rad", "Angle from north to the body's x axis.", kind="angle")
-    variance: Scalar = quantity("rad^2", "Variance of the heading; 0 means the filter's noise.heading.")
+    heading: Scalar = quantity("rad", "Measured heading, from north to the body's x axis.", kind="angle")
+    variance: Scalar = quantity("rad^2", "Variance of the heading; 0 to use the filter's noise.heading.")
 
 
 @record
 class PositionMeasurement:
-    """Position of the vehicle's reference point with its covariance. Source: [1] section 5.5."""
+    """Measured position of the vehicle's reference point, with its covariance. Source: [1] section 5.5."""
 
-    north: Scalar = quantity("m", "Position, north.", frame="W")
-    east: Scalar = quantity("m", "Position, east.", frame="W")
-    variance: Any = quantity("m^2", "Covariance (2, 2) of north and east.", frame="W")
+    north: Scalar = quantity("m", "Measured north position.", frame="W")
+    east: Scalar = quantity("m", "Measured east position.", frame="W")
+    variance: Any = quantity("m^2", "Covariance of north and east position (2, 2).", frame="W")
 
 
 @record
 class UltrasonicInertialState:
-    """States of both stages. Source: docs page."""
+    """States of the positioning and of the INS. Source: docs page, Ultrasonic inertial navigation."""
 
     positioning: RangingPositionState = part("State of the positioning from ranges.")
     inertial: InertialState = part("State of the INS.")
 
 
 class _Pose(NamedTuple):
-    """Heading (rad), reference point (2,), rate of turn (rad/s), variance of the heading, and whether it is known."""
+    """Pose estimated by the INS: heading (rad), position of the reference point (2,), yaw rate (rad/s), variance of the
+    heading, and True if the heading is known.
+    """
 
     heading: Any
     place: Any
@@ -64,27 +66,29 @@ class _Pose(NamedTuple):
 
 @record
 class UltrasonicInertial:
-    """Ranges to positions (RangingPosition), positions and headings to an INS: loosely coupled.
+    """Loosely coupled navigation: RangingPosition computes positions from ranges, and an INS fuses positions and
+    headings.
 
-        position   r = place of the unit - B(phi) lever,  phi the INS's heading when the unit pinged
-        heading    from the places of two units, the older one moved by what the INS says it has moved since, or from a
-                   magnetometer
+        position   r = position of the unit - B(phi) lever,  phi the INS's heading when the unit pinged
+        heading    from the positions of two units, the older of which is moved by the displacement since then according
+                   to the INS, or from a magnetometer
 
-    With g (n, 2), how much of an error of each of n ranges gets into a place, and e across the line of the units,
+    With g (n, 2), the effect of an error of each of n ranges on a unit's position, and e the unit vector perpendicular
+    to the line of the units,
 
         position   R = s^2 g'g,                                          s   range_noise
         heading    R = (s^2 sum (g_1 e)^2 + (g_2 e)^2                    s_b survey_error
                         + s_b^2 sum ((g_1 - g_2) e)^2) / base^2
 
-    because noise is drawn for each range, and a displaced beacon moves both units' places alike, as far as both receive
-    it. Until the INS knows its heading, the possible motion of a unit between the two pings counts as error of the
-    heading, and the heading's variance as error of B(phi) lever. A single unit is at `inertial.arms.aiding`: its place
-    goes to the form unchanged, which applies the lever arm itself.
+    because the noise of each range is independent, while a displaced beacon displaces the positions of both units that
+    receive it in the same way. Until the heading of the INS is known, the possible motion of a unit between two pings
+    is added to the error of the heading, and the heading's variance to the error of B(phi) lever. A single unit is at
+    `inertial.arms.aiding`. Its position is passed to the INS unchanged, because the INS applies the lever arm itself.
 
-    `state.position_sensor` also reports on the pings: frozen ranges, non-finite ranges, pings out of time.
+    `state.position_sensor` also includes checks of the pings: frozen ranges, non-finite ranges, pings out of time.
 
     Frames:  beacons in W, levers in B.
-    Valid:   one or two units; two give a heading. Not modelled: that heading and position of one ping share its ranges.
+    Valid:   for one or two units; two give a heading. Not modelled: correlation of heading and position of a ping.
     Source:  [1] sections 5.4 and 5.5.
     """
 
@@ -92,29 +96,32 @@ class UltrasonicInertial:
         "Positioning, which computes fixes from ranges.", default=RangingPosition(units=PAIR)
     )
     inertial: Any = part("Inertial navigation that fuses the fixes.", default=AidedInertialFeedback())
-    range_noise: Scalar = quantity("m", "Standard deviation of a range.", default=0.0045, above=0)
+    range_noise: Scalar = quantity("m", "Standard deviation of a range's noise.", default=0.0045, above=0)
     survey_error: Scalar = quantity(
         "m",
-        "Standard deviation of a beacon's position; affects headings whose units received different beacons.",
+        "Standard deviation of a beacon's position. It affects a heading if the two units received different beacons.",
         default=0.005,
         low=0,
     )
     unknown_speed: Scalar = quantity(
         "m/s", "Speed assumed for the vehicle before its motion is known.", default=1.0, above=0
     )
-    field: Any = quantity("T", "Earth's field for the magnetometer.", frame="W", default=COLLEGE_PARK, shape=(3,))
+    field: Any = quantity(
+        "T", "Earth's magnetic field, for the magnetometer.", frame="W", default=COLLEGE_PARK, shape=(3,)
+    )
     magnetometer: str = option(
-        "Name of the magnetometer; empty to compute the heading from two units, if there are two.", default=""
+        "Name of the magnetometer. If it is empty, the heading is computed from two units.", default=""
     )
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Return the names of the IMU, the ranging, and the magnetometer if there is one."""
+        """Return the names of the IMU, the ranging sensor, and the magnetometer if it has a name."""
         extra = (self.magnetometer,) if self.magnetometer else ()
         return (self.inertial.intake.imu, self.positioning.sensor, *extra)
 
     def check(self) -> None:
-        """Raise InputError if the INS reads headings that are missing, or there are more than two units."""
+        """Raise InputError if the INS reads headings but none are measured, if it reads no positions, or if its lever
+        arm is wrong."""
         self.positioning.check()
         self.inertial.check()
         units = np.shape(self.positioning.units)[0]
@@ -125,17 +132,19 @@ class UltrasonicInertial:
         lever = np.asarray(self.positioning.units)[0, :2] if units == 1 else np.zeros(2)
         if not np.allclose(self.inertial.arms.aiding, lever):
             problem = f"inertial.arms.aiding is {np.asarray(self.inertial.arms.aiding)}; for {units} units set {lever}"
-            fix = "set it to x, y of the unit; with two units leave it at zero, as lever arms are taken off here"
+            fix = "set it to x, y of the unit; for two units set it to zero, because lever arms are subtracted before"
             raise InputError("UltrasonicInertial", problem, fix=fix)
         if not self.inertial.intake.position:
-            raise InputError("UltrasonicInertial", "the INS must read positions", fix="set inertial.intake.position")
+            raise InputError(
+                "UltrasonicInertial", "the INS must read positions", fix="give inertial.intake.position a name"
+            )
 
     def init(self, key: Key) -> UltrasonicInertialState:
-        """Return the initial state, before any measurement."""
+        """Return the initial states of positioning and INS, before any measurement."""
         return UltrasonicInertialState(self.positioning.init(key), self.inertial.init(key))
 
     def step(self, t: Any, state: UltrasonicInertialState, frame: Frame) -> tuple[UltrasonicInertialState, Estimate]:
-        """Return the estimate at integer time t; its state is a NavigationState."""
+        """Return the new state and the estimate, a NavigationState, at integer time t."""
         ranging, fix = self.positioning.step(t, state.positioning, frame)
         position, heading = lax.cond(
             fix.fresh, lambda: self._locate_vehicle(ranging, fix, state.inertial), _empty_measurements
@@ -162,7 +171,7 @@ class UltrasonicInertial:
         return UltrasonicInertialState(ranging, inertial), replace(estimate, state=navigation)
 
     def _pose(self, inertial: InertialState, t: Any) -> _Pose:
-        """Return the INS's estimate at integer time t: from the event before, with constant velocity."""
+        """Return the INS's estimate at integer time t, extrapolated at constant velocity from the last event before."""
         node = node_before(inertial.history, t)
         belief = self.inertial.belief(node)
         x, rate = belief.x, node.imu_reading[0] - belief.x[5]
@@ -175,14 +184,14 @@ class UltrasonicInertial:
     def _locate_vehicle(
         self, s: RangingPositionState, fix: Estimate, inertial: InertialState
     ) -> tuple[PositionMeasurement, HeadingMeasurement]:
-        """Return the vehicle's position from that of the unit that pinged, and its heading from two units."""
+        """Return the vehicle's position from the position of the unit that pinged, and its heading from two units."""
         levers = jnp.asarray(self.positioning.units)[:, :2]
         new = fix.state.unit
         now, lever = self._pose(inertial, s.measured), levers[new]
         gain = s.gains[new]
         variance = self.range_noise**2 * _products(gain, gain)
         unit = jnp.stack([fix.state.unit_north, fix.state.unit_east])
-        if levers.shape[0] < 2:  # the form itself applies the lever arm, and may learn from it
+        if levers.shape[0] < 2:  # the INS applies the lever arm itself, and may correct its heading by it
             return PositionMeasurement(unit[0], unit[1], variance), HeadingMeasurement(jnp.zeros(()), jnp.zeros(()))
         place = unit - jnp.where(now.known, planar(now.heading) @ lever, 0.0)
         slope = planar(now.heading) @ jnp.stack([-lever[1], lever[0]])
@@ -208,13 +217,13 @@ class UltrasonicInertial:
         return position, HeadingMeasurement(heading, (noise + survey + wandered) / jnp.sum(base * base))
 
     def _compass_sample(self, sample: Sample) -> Sample:
-        """Return the magnetometer's sample as a heading."""
+        """Return the magnetometer's sample converted to a heading."""
         heading = magnetic_heading(sample.value.field, jnp.asarray(self.field))
         return replace(sample, value=HeadingMeasurement(heading, jnp.zeros(())))
 
 
 def _products(a: Any, b: Any) -> Any:
-    """Return a'b (2, 2) of a, b (n, 2)."""
+    """Return the product a'b (2, 2) of two matrices a, b (n, 2)."""
     return jnp.stack([jnp.stack([jnp.sum(a[:, i] * b[:, j]) for j in range(2)]) for i in range(2)])
 
 
