@@ -3,7 +3,7 @@
 A frame refused for its time stamp is answered by one TIMESYNC, to its sender alone and at most five times a second. So
 a peer whose clock is behind catches up. A peer of the vehicle's own system may ask for the time with another key or
 without a key, as `fly` does. It gets the same answer, so that it can report the problem. Peers that are not trusted get
-no other message, and ground stations without the key get none.
+no other message, and ground stations without the key get no message at all.
 Source: docs page, Signing.
 """
 

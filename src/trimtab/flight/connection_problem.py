@@ -1,4 +1,4 @@
-"""Reasons why an autopilot's end does not fly: wrong key, clock, scenario or owner. Each says what to type.
+"""Problems that prevent a flight: wrong key, clock, scenario or owner. Each message says what to type.
 
 Source: docs page, Fly.
 """
@@ -11,11 +11,11 @@ from trimtab.flight.mavlink.stamps import MOST_LEAD, PER_SECOND
 from trimtab.flight.station.identity import SettingDifference
 
 VEHICLE_CLOCK, COMPUTER_CLOCK, STORED_CLOCK = "vehicle", "computer", "stored"
-"""Clock by which an end signs: the other end's clock, this computer's clock, or the stored time stamp continued."""
+"""Choices of the clock for signing: the vehicle's clock, this computer's clock, or the stored time stamp continued."""
 
 
 MOST_SHOWN = 8
-"""Maximum number of differences that are listed."""
+"""Maximum number of differing settings that a message lists."""
 
 
 class ConnectionProblem(NamedTuple):

@@ -1,7 +1,7 @@
-"""Control loop of a flight: packets until the next absolute deadline, one compiled step, the command, a row of the log.
+"""Control loop of a flight. Each period receives packets, runs one compiled step, sends a command and logs a row.
 
-The loop never waits for a disk, a console or a network. Requests to the supervisor in flight are written into the
-sensor sample that it reads, so a replay repeats them.
+The periods end at absolute deadlines. The loop never waits for a disk, a console or a network. Requests to the
+supervisor in flight are written into a sensor sample that the supervisor reads, so a replay repeats them.
 Source: docs pages, Fly and Supervisor.
 """
 
@@ -23,7 +23,7 @@ from trimtab.flight.station.streams import pack_text
 MOST_PACKETS = 64
 """Maximum number of packets taken in one period, so that a flood cannot stop the loop."""
 SERVO_FRAME = ms(20)
-"""Shortest time between two commands: a servo accepts no faster commands."""
+"""Shortest time between two sent commands: servos do not accept commands faster."""
 
 
 class ControlLoop:
@@ -73,12 +73,12 @@ class ControlLoop:
             t = k * period
             woke = self._receive_until(k)
             now = deadlines.start // NS + t
-            ahead = deadlines.start // NS + parts.remote.clock.offset(now)  # from the loop's time to the vehicle's
+            ahead = deadlines.start // NS + parts.remote.clock.offset(now)  # vehicle's time minus the loop's time
             self._set_inputs(t)
             began = clock.monotonic_ns()
             parts.autopilot_end.step.step()
             stepped = clock.monotonic_ns()
-            if k % every == 0 and deadlines.remaining(k + every) > 0:  # else there are newer ones soon
+            if k % every == 0 and deadlines.remaining(k + every) > 0:  # else a newer command follows soon
                 self._sender.send(t, ahead)
                 self._pilot.note_command()
             self._update_line(t, now)
@@ -92,7 +92,7 @@ class ControlLoop:
         return t
 
     def end_reason(self) -> str:
-        """Return why the flight must end before its time, or an empty string."""
+        """Return why the flight must end early, or an empty string."""
         remote = self._parts.remote
         if self.arming_time is not None and remote.arming.is_taken:
             return f"the vehicle was taken over by session {remote.arming.owner:06x}"
@@ -124,7 +124,7 @@ class ControlLoop:
         self._parts.supervised.set_inputs(t)
 
     def _update_line(self, t: int, now: int) -> None:
-        """Arm when there is a valid estimate, report news, and send what is due."""
+        """Prepare arming, report news of the flight, and send the packets that are due."""
         remote, link = self._parts.remote, self._parts.link
         if remote.arming.has_authority:
             self.arming_time = t if self.arming_time is None else self.arming_time
@@ -136,7 +136,7 @@ class ControlLoop:
         elif self._pilot.wants_arming or self._pilot.shows_checks:
             self._prepare_arming(now)
         self._news.report(now, self.arming_time is not None)
-        now = self._parts.clock.monotonic_ns() // NS  # not the deadline, which may be long past: its answer is timed
+        now = self._parts.clock.monotonic_ns() // NS  # the round trip counts from now, not from the deadline
         remote.due(now)
         for packet in self._parts.parameters.due(now):
             link.send(packet)
@@ -162,7 +162,7 @@ class ControlLoop:
         self._pilot.show(t, own, self.deadlines)
 
     def _next_period(self, k: int) -> int:
-        """Return the next period. Periods are skipped if the loop is far behind."""
+        """Return the number of the next period. Periods are skipped if the loop is far behind."""
         passed, behind = self.deadlines.count_passed(k + 1)
         if passed:
             self.skipped += passed
