@@ -1,7 +1,7 @@
 """The computer that a live program runs on: its clock, disk, links, processes and signals.
 
-Live code is handed a Machine instead of calling the system itself. So the same code runs in virtual time, on the
-machines of `live.virtual_machine`.
+Live code uses a Machine and does not call the system itself. So the same code runs in virtual time, on the machines of
+`flight.virtual_machine`.
 Source: docs page, Testing.
 """
 
@@ -36,7 +36,7 @@ def catch_interrupts(clock: Clock = SYSTEM_CLOCK) -> Iterator[Callable[[], bool]
     """Turn Ctrl-C, SIGTERM and SIGHUP into a flag, so that the craft is disarmed and logs are closed.
 
     A second signal after `SAME_KEYPRESS_S` ends the program at once. SIGHUP comes when a terminal or an ssh session is
-    lost. It stays ignored where it was ignored before, as under nohup.
+    lost. SIGHUP stays ignored if it was ignored before, as under nohup.
     """
     asked: list[int] = []
 
@@ -77,7 +77,7 @@ def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
 
 
 def list_stamp_problems(endpoint: Endpoint) -> list[str]:
-    """Return the problem of time stamps that could not be stored beside the key, if there is one."""
+    """Return a message if time stamps could not be stored beside the key, else an empty list."""
     failed = 0 if endpoint.stamps is None else endpoint.stamps.unsaved
     fix = "free space on the disk of the key, else old packets may be accepted after a restart"
     return [f"the time stamps beside the key could not be stored (failed attempts: {failed}): {fix}"] if failed else []
