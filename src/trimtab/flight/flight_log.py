@@ -191,7 +191,7 @@ def close_flight_log(
     if log is None:
         return None
     if lost_lines:
-        log.write_event(f"{lost_lines} lines for the user were lost: the terminal or the reader did not take them")
+        log.write_event(f"{lost_lines} lines for the user were lost: the terminal or the reader did not accept them")
     return log.close(final)
 
 

@@ -119,7 +119,7 @@ def follow_lockstep(
             for packet in autopilot_end.command_packets(endpoint) if t == done else ():
                 link.send(packet)
         if now() > deadline:
-            raise NoAnswerError(f"the vehicle has sent no instant after {done * 1e-7:g} s")
+            raise NoAnswerError(f"the vehicle has sent no data after the instant {done * 1e-7:g} s")
 
 
 MakeEndpoint = Callable[[Dialect], Endpoint]

@@ -29,7 +29,7 @@ from trimtab.loop.vehicle_limits import VehicleLimits
 
 CHECK_PERIOD = ms(100)
 LONGEST_SILENCE, LONGEST_PERIODS = ms(250), 5
-"""A sensor fails its check if it is silent for longer than this time plus this number of its periods.
+"""A sensor fails its check after this time plus this number of the sensor's periods without a sample.
 
 Some sensors give fewer samples than their period suggests, such as a network of beacons. For them the median of the
 last intervals replaces the period.

@@ -81,7 +81,7 @@ class SensedMotion:
         for name, bound in self.bounds.items():
             value, sensor, quantity = self.value(name), self.sensor(name), QUANTITIES[name]
             if sensor in silences:
-                return Breach(quantity.kind, f"{name} not known, {sensor} silent for {silences[sensor]:.3g} s")
+                return Breach(quantity.kind, f"{name} not known, no data from {sensor} for {silences[sensor]:.3g} s")
             since = self._outside_since.setdefault(name, t) if not value <= bound else self._outside_since.pop(name, t)
             if not value <= bound and t - since >= self._limits.patience:
                 return Breach(quantity.kind, f"{name} {value:.3g} {quantity.unit}, at most {bound:.3g}, by {sensor}")

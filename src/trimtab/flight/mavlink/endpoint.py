@@ -376,7 +376,7 @@ def _open_stamps(key: SigningKey, name: str, clock: Callable[[], float] | None, 
 def _check_arguments(system: int, component: int, link: int, key: SigningKey | None, unsigned: bool) -> None:
     for what, value, low in (("system", system, 1), ("component", component, 1), ("link", link, 0)):
         if not low <= value <= 255:
-            raise InputError("wire", f"{what} {value} is not from {low} to 255", fix=f"give {what}={max(low, 1)}")
+            raise InputError("wire", f"{what} must be from {low} to 255, got {value}", fix=f"give {what}={max(low, 1)}")
     if key is None and not unsigned:
         problem = "no key: anyone could command the vehicle"
         raise InputError(

@@ -93,7 +93,7 @@ def load_key(path: Path) -> SigningKey:
             raise InputError(where, "is too long")
         return passphrase_key(text.decode("ascii").strip(), path)
     except (UnicodeDecodeError, InputError):
-        problem = f"holds no key: one line of {SHORTEST_PASSPHRASE} or more printable ASCII characters expected"
+        problem = f"contains no key: one line of {SHORTEST_PASSPHRASE} or more printable ASCII characters expected"
         raise InputError(
             where, problem, fix="copy the key file again from the other end, or make a new key for both ends"
         ) from None

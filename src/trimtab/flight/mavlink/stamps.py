@@ -235,5 +235,5 @@ def _read_store(file: int, store: Path) -> int:
         if 0 <= stamp <= LARGEST:
             return stamp
     os.close(file)
-    problem = f"holds {text[:32]!r} instead of a time stamp"
+    problem = f"contains {text[:32]!r} instead of a time stamp"
     raise InputError(f"time stamps '{store}'", problem, fix=f"rm '{store}'  on a machine whose clock is right")

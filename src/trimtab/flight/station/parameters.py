@@ -193,9 +193,9 @@ def _refusal(declared: Quantity, value: float, bounds: tuple[float, float]) -> s
         return f"must be at most {declared.high:g}"
     low, high = bounds
     if value < low:
-        return f"must be at least {low:g} in flight; a restart with --set takes smaller ones"
+        return f"must be at least {low:g} in flight; a restart with --set accepts smaller values"
     if value > high:
-        return f"must be at most {high:g} in flight; a restart with --set takes larger ones"
+        return f"must be at most {high:g} in flight; a restart with --set accepts larger values"
     return ""
 
 
