@@ -74,7 +74,7 @@ class LiveAutopilot:
         """Wait for the vehicle and for its clock. Raise InputError if no vehicle answers within `patience` seconds.
 
         Once a frame has been accepted, the patience is three times as long: the link may lose most heartbeats.
-        follows_clock: sign by the vehicle's clock if the two clocks differ by too much.
+        follows_clock: True to sign packets by the vehicle's clock if the two clocks differ by too much.
         tell: receives the messages for the user. It must not wait.
         """
         clock, remote = self._machine.clock, self.remote
@@ -115,8 +115,8 @@ class LiveAutopilot:
         Args:
             duration: duration of the flight (100 ns); None: the duration of the scenario.
             log: path of the flight's log.  log_limit: its maximum size on the disk (bytes); None: no limit.
-            wanted_real_time: ask the system for real-time scheduling and locked memory.
-            overrun: "count" continues after an overrun; "halt" ends an armed flight at the first one.
+            wanted_real_time: True asks the system for real-time scheduling and locked memory.
+            overrun: "count" continues after an overrun; "halt" ends an armed flight at the first overrun.
             console: connection to a console, with its rows set; its pilot decides when to arm. None: no console.
             stop: called every period; True ends the flight.
             tell: receives the messages for the user. It must not wait.

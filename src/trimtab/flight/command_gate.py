@@ -1,4 +1,4 @@
-"""Filter that refuses commands of a wrong sender or clock, and reports refusals to both ends and to the log.
+"""Filter that refuses commands with a wrong sender or clock, and reports refusals to both ends and to the log.
 
 Source: docs page, Vehicle.
 """
@@ -32,7 +32,7 @@ AUTHORITY_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     ),
     "firmware.leading": ("i8", Quantity("1", "Commands refused so far for a time too far ahead.", kind="count")),
 }
-"""Signals of the vehicle's log. `CommandGate.counts` gives their values."""
+"""Signals of the vehicle's log on its owner and on refused commands. `CommandGate.counts` gives their values."""
 
 
 class CommandGate:
@@ -47,7 +47,7 @@ class CommandGate:
         self.leading_commands = 0
 
     def admits(self, message: Message, now: int) -> bool:
-        """Return True if a COMMAND must be obeyed."""
+        """Return True if the vehicle must obey a COMMAND."""
         sender = command_sender(message)
         if not self._authority.accepts_command(sender):
             self._report(now, "without authority", sender, f"owner is {self._authority.owner}")

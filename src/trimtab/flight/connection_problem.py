@@ -32,7 +32,7 @@ def key_problem(frames: int, typed: str) -> ConnectionProblem:
 
 
 def signing_problem(is_signed: bool, typed: str) -> ConnectionProblem:
-    """Return the problem that only one end signs. is_signed: whether this end signs."""
+    """Return the problem that only one end signs. is_signed: True if this end signs."""
     if is_signed:
         problem = "wrong key: the vehicle does not sign, and this end accepts signed frames only"
         return ConnectionProblem(problem, f"{typed} --unsigned   or start the vehicle without --unsigned")
@@ -64,7 +64,7 @@ def scenario_problem(differences: Sequence[SettingDifference], typed: str) -> Co
 
 
 def _without_settings(typed: str, paths: Sequence[str]) -> str:
-    """Return the command without its settings of these paths, since a path may be set only once."""
+    """Return a command without its --set options for these paths, since a path may be set only once."""
     for path in map(re.escape, paths):
         typed = re.sub(rf" --set[ =](?:'{path}=[^']*'|{path}=\S+)", "", typed)
     return typed

@@ -71,7 +71,7 @@ class ConsoleLine:
         self._send(self._packet)
 
     def send(self, kind: str, **content: Any) -> None:
-        """Send a message to the console. kind: its type."""
+        """Send a message to the console. kind: type of the message."""
         self._send(TEXT + json.dumps({"type": kind, **content}, allow_nan=False).encode())
 
     def receive(self) -> list[Mapping[str, Any]]:

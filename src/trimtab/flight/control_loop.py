@@ -21,7 +21,7 @@ from trimtab.flight.silence import SilenceWatch
 from trimtab.flight.station.streams import pack_text
 
 MOST_PACKETS = 64
-"""Maximum number of packets taken in one period, so that a flood cannot stop the loop."""
+"""Maximum number of packets handled in one period, so that a flood of packets cannot stop the loop."""
 SERVO_FRAME = ms(20)
 """Shortest time between two sent commands: servos do not accept commands faster."""
 
@@ -42,10 +42,10 @@ class ControlLoop:
 
         Args:
             parts: parts of the autopilot's end.
-            pilot: pilot at a console, who then decides when to arm.
+            pilot: pilot at a console, who decides when to arm; `NoPilot` without a console.
             log: log of the flight.
-            takes_over: take the vehicle over from another autopilot that flies it.
-            halts: end an armed flight at the first overrun.
+            takes_over: True takes the vehicle over from another autopilot that flies it.
+            halts: True ends an armed flight at the first overrun.
         """
         self._parts, self._pilot, self._log = parts, pilot, log
         self._takes_over, self._halts, self._overrun = takes_over, halts, ""
@@ -99,7 +99,7 @@ class ControlLoop:
         return remote.comparison.misfit or self._parts.preflight.refusal or self._overrun or self._pilot.end_reason
 
     def list_problems(self) -> list[str]:
-        """Return the problems of the vehicle at the end of the flight, for scripts."""
+        """Return the problems of the vehicle at the end of the flight, for the JSON report."""
         now, was_armed = self._parts.clock.monotonic_ns() // NS, self.arming_time is not None
         return self._parts.remote.arming.list_problems(was_armed, self.silence.is_silent, now, self._pilot.has_stopped)
 
@@ -170,7 +170,7 @@ class ControlLoop:
         return k + 1 + passed
 
     def _own_signals(self, now: int, late: int, step: int) -> tuple[float, ...]:
-        """Return the values of FLIGHT_SIGNALS."""
+        """Return the current values of FLIGHT_SIGNALS."""
         parts, deadlines, samples = self._parts, self.deadlines, self._parts.autopilot_end.counts
         return (
             late * 1e-9,

@@ -1,4 +1,4 @@
-"""Duties of a vehicle's firmware besides flying: accept or refuse commands, and act safely without them.
+"""Duties of a vehicle's firmware besides flying: accept or refuse commands, and act safely when commands are missing.
 
 The firmware also forwards the requests of ground stations to the autopilot (hold, resume, end), every 100 ms until
 they are acknowledged, and reports the autopilot's mode. The autopilot sends heartbeats as an onboard computer. Their
@@ -216,7 +216,7 @@ class FlightRequests:
 
     @property
     def holds(self) -> bool:
-        """True if the autopilot last reported that it holds."""
+        """True if the autopilot last reported the mode hold."""
         return self._mode == HOLDS
 
     @property

@@ -49,7 +49,7 @@ def frame_signals(prefix: str) -> dict[str, tuple[str, Quantity]]:
 
 
 def count_frames(counts: FrameCounts) -> tuple[int, int, int, int]:
-    """Return the values of `frame_signals`."""
+    """Return the current values of the signals of `frame_signals`."""
     return counts.refusals, counts.lost, counts.checksum, counts.garbage
 
 
@@ -107,7 +107,7 @@ class FlightRecorder(Protocol):
         ...
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
-        """End the log. Return None if the writer's process had died or had stopped writing."""
+        """End the log. Return None if the writer's process has died or has stopped writing."""
         ...
 
 
@@ -280,7 +280,7 @@ def open_flight_log(
     limit: int | None = None,
     disk: Disk = SYSTEM_DISK,
 ) -> FlightRecorder | None:
-    """Open the log of one side of a flight; return None without a path.
+    """Open the log of the vehicle or the autopilot. Return None without a path.
 
     Args:
         path: file of the log.

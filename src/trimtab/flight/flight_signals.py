@@ -44,6 +44,6 @@ class LiveFlightSummary(NamedTuple):
     """Number of control periods that were skipped."""
     log: LogFileSummary | None
     cause: str
-    """Reason for an early end; empty if there was none."""
+    """Reason for an early end of the flight; empty for a normal end."""
     problems: tuple[str, ...]
     """Problems listed in the JSON report: an early end, a failsafe, a vehicle not armed at the end, a lost log."""

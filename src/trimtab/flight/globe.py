@@ -58,7 +58,7 @@ class Globe:
     def __init__(self, endpoint: Endpoint, motion: Callable[[], VehicleMotion], origin: Place | None = None) -> None:
         """Compile the block that computes a place from a position.
 
-        motion: returns the current motion. origin: place of W's origin, or None.
+        motion: returns the current motion. origin: place of the origin of W on the globe; None: not known.
         """
         self._endpoint, self._motion = endpoint, motion
         self._block = compile_block(place_block())
@@ -78,7 +78,7 @@ class Globe:
         return Place(*(float(self._block.result(name)) for name in Place._fields))
 
     def mark_home(self) -> None:
-        """Set home to the current place."""
+        """Set home to the current position of the vehicle."""
         self.home = self._motion()
 
     def position_fields(self, now: int) -> Mapping[str, Any] | None:

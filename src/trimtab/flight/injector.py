@@ -37,7 +37,7 @@ def add_idle_faults(scenario: Scenario) -> Scenario:
 
 
 class FaultPlan(NamedTuple):
-    """Parameters to set for a fault. values: parameter names and their values, in order."""
+    """Parameters to set for a fault. values: parameter name -> value, in the order of sending."""
 
     fault: Fault
     values: dict[str, float]
@@ -50,7 +50,7 @@ def fault_parameter_names(scenario: Scenario) -> dict[str, str]:
 
 
 def plan_fault(scenario: Scenario, text: str, names: Mapping[str, str] | None = None) -> FaultPlan:
-    """Return the parameters to set for a fault given as text. Raise InputError if it cannot be set in flight.
+    """Return the parameters to set for a fault given as text. Raise InputError if the fault cannot be set in flight.
 
     Args:
         scenario: scenario that the vehicle flies.

@@ -1,6 +1,6 @@
-"""Telemetry that a virtual vehicle sends to ground stations. The autopilot neither asks for it nor receives it.
+"""Telemetry that a virtual vehicle sends to ground stations, not to the autopilot.
 
-Position and velocity are the true ones: a ground station is there to show what the vehicle really does.
+Position and velocity are the true values, so that a ground station shows what the vehicle really does.
 Source: docs page, Telemetry.
 """
 
@@ -50,7 +50,7 @@ class Instruments:
             duties: duties of the firmware; their failsafe gives names and ranges of the outputs.
             guard: checks before arming.
             endpoint: endpoint of the vehicle.
-            origin: place of W on the globe.
+            origin: place of the origin of W on the globe; None: not known.
             clock: clock whose wall-clock time is sent as SYSTEM_TIME.
         """
         self._body, self._endpoint, self._clock = body, endpoint, clock

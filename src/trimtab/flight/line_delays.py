@@ -53,7 +53,7 @@ LEAST_SD = 1e-5
 
 
 class LinkTestPlan(NamedTuple):
-    """Plan of a measurement: load each way in kb/s (all bytes, ten bits each), requests, and requests per second."""
+    """Plan of a measurement: load in each direction (kb/s, ten bits a byte), number of requests, requests per s."""
 
     up: float
     down: float
@@ -90,7 +90,7 @@ class Delays(NamedTuple):
 
 
 class LoadPace:
-    """Pacer of load messages, so that all bytes sent make up a given rate (byte/s)."""
+    """Pacer of load messages, with which the rate of all sent bytes reaches a given value (byte/s)."""
 
     def __init__(self, size: int) -> None:
         self._size, self._due, self.rate = size, 0.0, 0.0
@@ -126,7 +126,7 @@ def echo_requests(
         link: link to the measuring end.
         stop: called ten times a second; True ends the work.
         clock: clock of this end.
-        boot: digest that identifies the clock; None: this machine's.
+        boot: digest that identifies the clock; None: the digest of this machine.
     """
     parser, pace, boot = ClockMessageParser(UP), LoadPace(len(LOAD_DOWN)), boot_digest() if boot is None else boot
     session, heard, echoed, until = -1, 0, 0, 0.0
@@ -163,8 +163,8 @@ def measure_delays(
     """Send requests under load and collect the replies. Return None if the far end does not answer.
 
     Args:
-        link: link to an end that echoes.
-        exchange: codec of the messages.
+        link: link to a far end that runs `echo_requests`.
+        exchange: encoder and decoder of the messages.
         plan: load and number of requests.
         clock: clock of this end.
     """
@@ -193,7 +193,7 @@ class _DelayMeasurement:
         return self._clock.monotonic_ns() / NS_PER_SECOND
 
     def await_far_end(self) -> bool:
-        """Send hellos until the far end answers. Return whether it did."""
+        """Send hello messages until the far end answers. Return False if no answer arrives in time."""
         end = self._seconds() + self._plan.first_patience
         while self._exchange.shared is None and self._seconds() < end:
             self._link.send(self._hello)

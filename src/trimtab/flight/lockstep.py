@@ -1,6 +1,6 @@
 """Both ends of a link in lockstep: virtual time stands still until the other end has answered.
 
-The vehicle's end sends the changed samples and closes the instant. The autopilot's end answers with the command of that
+The vehicle's end sends the changed samples and ends the instant. The autopilot's end answers with the command of that
 instant. So the numbers are those of `simulate`, whatever the link does. The autopilot's step runs once all samples of
 an instant have arrived. Lost packets are sent again. A repeated instant is answered with the same command.
 
@@ -42,7 +42,7 @@ class NoAnswerError(Exception):
 def lead_lockstep(
     vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, clock: Clock = SYSTEM_CLOCK
 ) -> Iterator[int]:
-    """Run the vehicle's end for the scenario's duration. Yield each instant after its command arrived, and the last.
+    """Run the vehicle's end for the scenario's duration. Yield each instant once its command has arrived.
 
     Raises NoAnswerError if the other end does not answer.
     """
@@ -88,9 +88,9 @@ def follow_lockstep(
     period: int,
     clock: Clock = SYSTEM_CLOCK,
 ) -> Iterator[int]:
-    """Run the autopilot's end for a duration. Yield each instant after its step, before it is answered.
+    """Run the autopilot's end for a duration. Yield each instant after its step and before its answer.
 
-    Raises NoAnswerError if the vehicle falls silent.
+    Raises NoAnswerError if the vehicle sends no more data.
     """
     instant = endpoint.dialect.groups[INSTANT][0]
     arming = {"command": CommandCode.ARM, "param1": 1.0, "param3": endpoint.session, "target_system": endpoint.system}
@@ -137,7 +137,7 @@ class LockstepVehicle:
         self.body = VirtualVehicle(scenario, dialect, world)
 
     def run(self, link: Link, log: Path | None = None, log_period: int = ms(1)) -> LogFileSummary | None:
-        """Run for the scenario's duration. Raise NoAnswerError if no autopilot follows."""
+        """Run for the scenario's duration. Raise NoAnswerError if no autopilot answers."""
         body = self.body
         flight_log = open_flight_log(
             log, body.log_sources(), {}, self.scenario, side="vehicle", seed=self.seed, log_period=log_period
@@ -166,7 +166,7 @@ class LockstepAutopilot:
         self.autopilot_end = AutopilotEnd(scenario, dialect, compile_autopilot(scenario, seed=seed))
 
     def run(self, link: Link, log: Path | None = None) -> LogFileSummary | None:
-        """Answer instants for the scenario's duration. Raise NoAnswerError if no vehicle leads."""
+        """Answer instants for the scenario's duration. Raise NoAnswerError if no vehicle sends instants."""
         period = self.scenario.autopilot.period
         sources = self.autopilot_end.log_sources()
         flight_log = open_flight_log(

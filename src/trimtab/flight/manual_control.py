@@ -20,7 +20,7 @@ SWITCH = 4
 """Index of the mode switch, the pilot's fifth channel: above 1.5 ms the sticks are obeyed."""
 RADIO_TIMEOUT = ms(500)
 WIDEST_RANGE = 1e30
-"""Range of a number of a command at and above which it counts as unlimited, so that sticks cannot set it."""
+"""Range of a command's number at and above which the number counts as unlimited. Sticks cannot set such a number."""
 LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
 
 
@@ -31,7 +31,7 @@ class ManualControl:
         """Start before the first data of a pilot.
 
         Args:
-            failsafe: failsafe whose limits are the ends of the sticks.
+            failsafe: failsafe; its limits of a command are the values at the ends of the sticks' travel.
             inputs: inputs of the failsafe's step.
             slots: name of an input -> its slot.
         """

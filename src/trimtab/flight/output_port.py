@@ -2,7 +2,7 @@
 
     struct, little-endian     number of the write (u64, odd during a write), time of the write, time stamp of life,
                               delay of the lift fan (ns each, i64), number of values n (u16), state (u8), lift (u8)
-    n float64, n float64      the values that act, the safe values
+    n float64, n float64      the applied values, the safe values
 
 The process of the outputs renews the stamp of life every 20 ms, whether or not a value changes. A driver must read the
 port at least that often, and compare the stamp with the monotonic clock. A stamp older than 100 ms means that the
@@ -72,7 +72,7 @@ class OutputPort:
         Args:
             path: file to make in shared memory. An older file of this name is replaced.
             safe: the safe values.
-            lift_delay: time (ns) for which the lift fan keeps turning after the safe row starts.
+            lift_delay: time (ns) for which the lift fan keeps turning after the safe row takes effect.
         """
         self.path, self._lift_delay, self._count = path, lift_delay, 0
         self._numbers = struct.Struct(f"<{len(safe)}d")
@@ -93,7 +93,7 @@ class OutputPort:
         struct.pack_into("<Q", self._memory, 0, self._count)
 
     def renew(self, now: int) -> None:
-        """Renew the stamp of life."""
+        """Renew the stamp of life, which shows that this process works."""
         struct.pack_into("<q", self._memory, LIFE_OFFSET, now)
 
     def close(self) -> None:
@@ -131,9 +131,9 @@ class OutputReader:
         return self._newest
 
     def row_to_apply(self, now: int) -> OutputRow:
-        """Return the row that a driver applies now (ns, monotonic clock): the safe one while the writer is silent.
+        """Return the row that a driver applies now (ns, monotonic clock): the safe row while the writer shows no life.
 
-        The lift fan keeps turning for its delay after the writer fell silent, if it turned before.
+        If the lift fan was turning, it keeps turning for its delay after the last sign of life.
         """
         row = self.read()[1]
         _, _, life, lift_delay, *_ = PORT_HEAD.unpack_from(self._memory, 0)

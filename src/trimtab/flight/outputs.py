@@ -49,7 +49,7 @@ class RowSocket(Protocol):
         ...
 
     def close(self) -> None:
-        """Close this end."""
+        """Close this end of the connection."""
         ...
 
 
@@ -73,7 +73,7 @@ class OutputsOrders(NamedTuple):
     """Folder of the port and of the log of the outputs; None: neither is written."""
     real_time: bool
     vehicle: int
-    """Process number of the vehicle."""
+    """Process number of the vehicle's process."""
 
 
 StartOutputs = Callable[[OutputsOrders], OutputsProcess]
@@ -132,9 +132,9 @@ class Outputs:
 
     Args:
         safe: the row that makes the craft safe.
-        timeout: silence (ns) after which the safe row is applied.
+        timeout: time without rows (ns) after which the safe row is applied.
         lift_delay: time (ns) for which the lift fan keeps turning after the safe row takes effect.
-        latch: silence (ns) after which the safe row stays in force until the vehicle is disarmed.
+        latch: time without rows (ns) after which the safe row stays in force until the vehicle is disarmed.
         folder: folder for the port and the log of the outputs; None: neither is written.
         wanted_real_time: ask the system for real-time scheduling.
         clock: clock of the vehicle's process.

@@ -58,7 +58,7 @@ class FrameLoss:
         """Share of lost frames in the last window (%); NaN if too few frames have arrived."""
 
     def follow(self, now: int) -> None:
-        """Start a new window when the current one has enough frames or its time is over."""
+        """Start a new window when the current window has enough frames or its time is over."""
         accepted, lost = self._counts.accepted, self._counts.lost
         if self._first is None:
             self._first = accepted
@@ -240,7 +240,7 @@ class ArmingGuard:
 
 
 def _list_sensors(body: VirtualVehicle) -> dict[str, _SensorWatch]:
-    """Return the vehicle's sensors, without a pilot's script and without an ideal twin's."""
+    """Return a watch for each sensor, except scripts of a pilot and sensors with FEELS = "state"."""
     sensors = {}
     for name, sensor in body.scenario.world.sensors.items():
         while isinstance(sensor, FaultyPart):

@@ -59,10 +59,10 @@ class Preflight:
         self.obstacle = ""
         """Failing check that the flight waits for; empty if no check fails, and during the first second."""
         self.refusal = ""
-        """Reason for giving up the flight; empty while there is none."""
+        """Reason for giving up the flight; empty while the flight is not given up."""
 
     def update(self, now: int, silence: int) -> bool:
-        """Return whether the vehicle may be asked to arm now. silence: time since data from the vehicle."""
+        """Return True if the vehicle may be asked to arm now. silence: time since data from the vehicle."""
         if self._began is None:
             self._began = now
         self._loss.follow(now)

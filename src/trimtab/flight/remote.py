@@ -63,7 +63,7 @@ class RemoteVehicle:
 
     @property
     def is_ready(self) -> bool:
-        """True if a vehicle answers, its clock is known, and its scenario fits."""
+        """True if a vehicle answers, its clock is known, and its scenario matches this end's."""
         return self.heartbeat_time is not None and self.clock.is_known and self.comparison.is_complete
 
     def find_problem(self, scenario: str) -> ConnectionProblem:

@@ -29,7 +29,7 @@ class RemoteArming:
 
         Args:
             endpoint: this end of the link.
-            comparison: comparison of the scenarios, which must fit while the vehicle is asked to arm.
+            comparison: comparison of the scenarios, which must match while the vehicle is asked to arm.
             confirms: True if the user confirms that the vehicle may be armed again after a failsafe.
             tell: receives the messages for the user and for the log.
         """
@@ -121,9 +121,9 @@ class RemoteArming:
                 self._request = None
 
     def list_problems(self, was_armed: bool, is_silent: bool, now: int, is_stopped: bool = False) -> list[str]:
-        """Return the problems of the vehicle at the end of its flight, before it is disarmed, for scripts.
+        """Return the problems of the vehicle at the end of its flight, before it is disarmed, for the JSON report.
 
-        is_stopped: a pilot has disarmed the vehicle.
+        is_stopped: True if a pilot has disarmed the vehicle.
         """
         ends_with_it = self._end_time is not None and now - self._end_time <= COMMON_END
         is_disarmed = not (self.armed or ends_with_it or self.is_taken)
@@ -139,7 +139,7 @@ class RemoteArming:
 def pack_command(
     endpoint: Endpoint, system: int, command: CommandCode, first: float, others: Mapping[str, float] | None = None
 ) -> bytes:
-    """Return the packet of a command.
+    """Return the packet of a MAVLink command.
 
     system: system that receives the command. first, others: parameters of the command.
     """

@@ -47,12 +47,12 @@ class SampleQueue:
     def __init__(
         self, sensor: str, reads: Mapping[str, Any], counts: SampleCounts, period: int, any_order: bool
     ) -> None:
-        """Start empty.
+        """Start without waiting samples.
 
         Args:
             sensor: name of the sensor.
             reads: path -> slot of each input of the step.
-            counts: counters that are increased.
+            counts: counters of samples, which this queue increases.
             period: period of the steps (100 ns).
             any_order: True if late samples, which newer ones have overtaken, are fused too.
         """

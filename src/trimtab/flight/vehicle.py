@@ -138,7 +138,7 @@ class LiveVehicle:
             watchdog: time without rows (100 ns) after which the outputs' process makes them safe; None: no process.
             confirmed: safety settings beyond their limits that the user has confirmed, see `safety_settings`.
             outputs_folder: folder for the port and the log of the outputs' process.
-            wanted_real_time: ask the system for real-time scheduling and locked memory.
+            wanted_real_time: True asks the system for real-time scheduling and locked memory.
             stop: called at every instant; True ends the run.
             tell: receives the messages for the user. It must not wait.
             lost_lines: function that returns how many of these messages were lost.
@@ -212,7 +212,7 @@ class LiveVehicle:
                 break
 
     def _end_reason(self, t: int, duration: int | None, stop: Callable[[], bool]) -> str:
-        """Return why the run must end now; empty: it continues."""
+        """Return why the run must end now, or "" if the run continues."""
         if stop():
             return "ended by request"
         if self._outputs is not None and self._outputs.problem:

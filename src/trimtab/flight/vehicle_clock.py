@@ -31,7 +31,7 @@ class VehicleClock:
         self._endpoint, self._tell, self._remarks = endpoint, tell, remarks
         self.sync = TimeSync()
         self.untimely: UntimelyMessage | None = None
-        """Answer of the vehicle to a current question, rejected for its time stamp; None: the two clocks agree."""
+        """Answer of the vehicle to a current question, rejected for its time stamp; None: no such answer."""
         self._answers = self._jumps = self._next = 0
 
     @property

@@ -40,7 +40,7 @@ class VirtualDisk:
         self.is_writer_dead = False
         """True once the process that writes logs has died while the program flies on."""
         self.is_dead = False
-        """True once the writing process has been killed: no more rows are written."""
+        """True once the program that writes rows has been killed: no more rows are written."""
         self.hangs = False
         """True while writes do not return, as on a stalled card. Rows then wait in the ring buffer of each log."""
         self.logs: list[MemoryLog] = []

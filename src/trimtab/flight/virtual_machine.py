@@ -49,12 +49,12 @@ class VirtualMachine:
 
     @property
     def program(self) -> VirtualProgram:
-        """The program that was started last."""
+        """Program that was started last."""
         return self.programs[-1]
 
     @property
     def disk(self) -> VirtualDisk:
-        """The disk as the program that was started last sees it."""
+        """Disk of the program that was started last."""
         return self.disks[-1]
 
     def start(self, run: Callable[[Machine], Any], words: Sequence[str] = ()) -> VirtualProgram:
@@ -167,7 +167,7 @@ def _schedule(is_wanted: bool = True) -> Iterator[RealTimeGrant]:
 
 @contextlib.contextmanager
 def _keep_stamps(program: VirtualProgram, endpoint: Endpoint) -> Iterator[None]:
-    """Close the endpoint at the end. If its program was killed, nothing more is stored."""
+    """Close the endpoint at the end. If its program was killed, no time stamp is stored."""
     try:
         yield
     finally:

@@ -116,7 +116,7 @@ class VirtualTime:
 
         Args:
             seed: seed of all random numbers of the run.
-            hand_over: called at each hand-over, e.g. to sleep for a random time in a test.
+            hand_over: function called at each hand-over of the baton, e.g. to sleep for a random time in a test.
         """
         self.seed, self.now, self._hand_over = seed, 0, hand_over
         self.programs: list[VirtualProgram] = []
@@ -155,7 +155,7 @@ class VirtualTime:
 
         Args:
             name: name of the program.
-            run: its function, called with its clock in a thread of its own.
+            run: function of the program, called with the program's clock in a new thread.
             clock: clock of an earlier program on the same machine; None: the program gets a new machine's clock.
         """
         own = self._draw_clock(name) if clock is None else VirtualClock(self, clock._boot, clock.unix_offset)

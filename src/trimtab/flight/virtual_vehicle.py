@@ -76,7 +76,7 @@ class VirtualVehicle:
         return [LogSource(self.row, self.world.text.outputs, lambda p: p)]
 
     def final_truth(self) -> dict[str, Any]:
-        """Return the current state, as the final values of a log."""
+        """Return path -> current value of the true state, as the final values of a log."""
         return {p: np.array(self.world.outputs[at]) for p, at in self.world.writes.items() if p.startswith("truth.")}
 
     def changed_sensors(self) -> list[str]:

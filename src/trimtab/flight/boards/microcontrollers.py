@@ -39,7 +39,7 @@ class BoardTarget(NamedTuple):
     machine: str
     """QEMU's name of the board."""
     processor: tuple[str, ...]
-    """The compiler's flags for processor and FPU."""
+    """Compiler flags for processor and FPU."""
     real: str
     """Precision of the processor's FPU and of the exported code: single or double."""
     flash: tuple[int, int] = (0x0000_0000, 0x40_0000)
@@ -234,13 +234,13 @@ def _run_gcc(arguments: list[str | Path], board: BoardTarget, build: Path, folde
 
 
 def _read_sizes(files: list[str], build: Path) -> list[tuple[int, int, int]]:
-    """Return for each file: code and constants, static data, static zeros; in bytes."""
+    """Return the sizes (bytes) of each file: code and constants, static data, static zeros."""
     done = subprocess.run([PREFIX + "size", *files], cwd=build, capture_output=True, text=True, check=True)
     return [(int(a), int(b), int(c)) for a, b, c, *_ in (line.split() for line in done.stdout.splitlines()[1:])]
 
 
 def _run_emulator(board: BoardTarget, build: Path, limit_s: float) -> str:
-    """Run the emulator and return the firmware's output. It has no network, monitor, display or disk."""
+    """Run the emulator, without network, monitor, display or disk. Return the output of the firmware."""
     command = [EMULATOR, "-M", board.machine, "-kernel", "image.elf", "-nodefaults", "-no-reboot", "-display", "none"]
     command += ["-monitor", "none", "-serial", "none", "-chardev", "file,id=said,path=said.txt"]
     command += ["-semihosting-config", "enable=on,target=native,chardev=said"]

@@ -23,7 +23,7 @@ SHORTEST_FRAME, LONGEST_FRAME = ms(3), ms(20)
 def frame_of(scenario: Scenario) -> int:
     """Return the time between pulses (100 ns), in whole milliseconds: the shortest frame that all servos accept.
 
-    If no servo declares a frame, it is the period of the actuators.
+    If no servo declares a frame, the result is the period of the actuators.
     """
     actuators = scenario.world.actuators
     rows = actuators.stages.values() if isinstance(actuators, ActuatorBank) else ()

@@ -144,7 +144,7 @@ class Endpoint:
 
         Args:
             name: name of a message of the dialect.
-            values: fields by name, with missing fields zero; or all values in the order of the payload; or the payload.
+            values: fields by name, without missing ones; or all values in the order of the payload; or the payload.
 
         Numbers outside the range of their type are limited to it, and counted. An unknown message or field raises
         InputError.

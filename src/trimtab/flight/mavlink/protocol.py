@@ -71,14 +71,14 @@ VehicleEvent = ArmRequest | ModeRequest | FlightRequest | ParameterChange | Rece
 
 
 class ModeFlag(IntFlag):
-    """MAV_MODE_FLAG."""
+    """Flags of a vehicle's mode: MAVLink's MAV_MODE_FLAG."""
 
     CUSTOM = 1
     ARMED = 128
 
 
 class State(IntEnum):
-    """MAV_STATE."""
+    """States of a vehicle: MAVLink's MAV_STATE."""
 
     BOOT = 1
     STANDBY = 3
@@ -89,7 +89,7 @@ class State(IntEnum):
 
 
 class CommandCode(IntEnum):
-    """MAV_CMD."""
+    """Numbers of commands: MAVLink's MAV_CMD."""
 
     LAND = 21
     SET_MODE = 176
@@ -109,7 +109,7 @@ class CommandCode(IntEnum):
 
 
 class CommandResult(IntEnum):
-    """MAV_RESULT."""
+    """Results of a command: MAVLink's MAV_RESULT."""
 
     ACCEPTED = 0
     NOT_NOW = 1
@@ -119,7 +119,7 @@ class CommandResult(IntEnum):
 
 
 class Severity(IntEnum):
-    """MAV_SEVERITY."""
+    """Severities of a text: MAVLink's MAV_SEVERITY."""
 
     EMERGENCY = 0
     CRITICAL = 2
@@ -130,7 +130,7 @@ class Severity(IntEnum):
 
 
 class Capability(IntFlag):
-    """MAV_PROTOCOL_CAPABILITY."""
+    """Capabilities of a vehicle: MAVLink's MAV_PROTOCOL_CAPABILITY."""
 
     COMMAND_INT = 8
     FILES = 32

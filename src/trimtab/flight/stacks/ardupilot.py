@@ -24,7 +24,7 @@ LISTEN_S = 0.1
 SILENCE_S = 2.0
 """Time without a frame (s) after which another sender is accepted: ArduPilot uses a new port after a restart."""
 LATE_FRAMES, FIRST_COUNTS = 16, 2
-"""A frame count that falls by at most this number is a late packet. A larger fall, or a fall to these first counts, is
+"""If the frame count falls by at most LATE_FRAMES, the packet is late. A larger fall, or a fall below FIRST_COUNTS, is
 a restart.
 """
 
@@ -54,7 +54,7 @@ class FrameTally:
 
 
 class ArduPilotPhysics:
-    """Vehicle that answers ArduPilot's frames. `serve` runs it."""
+    """Vehicle that answers ArduPilot's frames. The method `serve` runs it."""
 
     def __init__(
         self, scenario: Scenario, vehicle: PulsedVehicle, link: UdpLink, *, seed: int = 0, clock: Clock = SYSTEM_CLOCK
@@ -63,7 +63,7 @@ class ArduPilotPhysics:
 
         Args:
             scenario: scenario of the vehicle, for its log.
-            vehicle: the vehicle.
+            vehicle: vehicle that ArduPilot flies.
             link: link that ArduPilot sends to.
             seed: seed of the vehicle, for its log.
             clock: clock of this process.
@@ -85,7 +85,7 @@ class ArduPilotPhysics:
         tell: Callable[[str], None] = lambda _: None,
         lost_lines: Callable[[], int] = lambda: 0,
     ) -> PhysicsSummary:
-        """Answer until `duration` (100 ns) after the release, or until stop() returns True.
+        """Answer ArduPilot's frames until `duration` (100 ns) after the release, or until stop() returns True.
 
         Args:
             duration: time after the release (100 ns); None: no end.

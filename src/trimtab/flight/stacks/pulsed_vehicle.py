@@ -72,7 +72,7 @@ class PulsedVehicle:
         self.reset()
 
     def reset(self) -> None:
-        """Reset to the scenario's first state, held in place."""
+        """Reset the vehicle to the scenario's first state, held in place."""
         self._world.reset()
         self.body = VirtualVehicle(self._scenario, self._dialect, self._world)
         self._instants: Iterator[int] = self.body.instants()

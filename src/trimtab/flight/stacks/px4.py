@@ -85,7 +85,7 @@ class AnswerTally:
 
 
 class Px4Simulator:
-    """Vehicle that PX4 flies. `serve` runs it."""
+    """Vehicle that PX4 flies. The method `serve` runs it."""
 
     def __init__(
         self,
@@ -100,7 +100,7 @@ class Px4Simulator:
 
         Args:
             scenario: scenario of the vehicle, for its log.
-            vehicle: the vehicle.
+            vehicle: vehicle that PX4 flies.
             link: link that PX4 connects to.
             seed: seed of the noise.
             clock: clock of this process.

@@ -15,7 +15,7 @@ from trimtab.flight.mavlink.endpoint import Endpoint
 
 
 class MissionResult(IntEnum):
-    """MAV_MISSION_RESULT."""
+    """Results of a request about missions: MAVLink's MAV_MISSION_RESULT."""
 
     ACCEPTED = 0
     UNSUPPORTED = 3

@@ -16,7 +16,7 @@ from trimtab.flight.station.parameters import Parameter, Parameters
 
 GENERAL, PARAMETERS = "general.json.xz", "parameters.json.xz"
 PARAMETER_TYPE = 1
-"""COMP_METADATA_TYPE_PARAMETER."""
+"""Type of metadata for parameters: MAVLink's COMP_METADATA_TYPE_PARAMETER."""
 LONGEST_SHORT = 100
 GROUP_DEPTH = 2
 

@@ -90,7 +90,7 @@ class Service(Protocol):
         ...
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return the packets that are due now."""
+        """Return the packets of the service that must be sent now."""
         ...
 
 
@@ -107,7 +107,7 @@ class Station:
         modes: number of a mode -> its name for the user.
         vehicle: MAVLink's type of the vehicle.
         streams: telemetry, sent while another system (a ground station) is listening.
-        authority: owner of the vehicle; None: no owner yet.
+        authority: record of the vehicle's owner; None: a new record without an owner.
         services: services for further messages.
         store: stores changed parameters for the next start, or None to clear them; returns the reason for a failure, or
             "".

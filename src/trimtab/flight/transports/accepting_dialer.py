@@ -78,7 +78,7 @@ class AcceptingDialer:
         return [fd for fd, count in heard.items() if count]
 
     def wait_event(self) -> tuple[int, int]:
-        """Return the event that the listening socket becomes readable."""
+        """Return the event after which to dial again: the listening socket is readable."""
         return self._listener.fileno(), select.POLLIN
 
     def close(self) -> None:

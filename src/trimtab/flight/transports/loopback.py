@@ -50,7 +50,8 @@ def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:
 def socket_folder() -> Path:
     """Return the folder of the sockets, in XDG_RUNTIME_DIR or the temporary folder.
 
-    Raise InputError if other users may enter the folder."""
+    Raise InputError if other users may enter the folder.
+    """
     user = os.getuid()
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     folder = Path(runtime) / "trimtab" if runtime else Path(tempfile.gettempdir()) / f"trimtab-{user}"

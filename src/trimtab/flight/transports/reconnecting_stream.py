@@ -225,7 +225,7 @@ class StreamLink:
 
 
 class LinkCounters:
-    """Counters of one link since it was opened."""
+    """Counters of packets and bytes of one link since it was opened."""
 
     def __init__(self) -> None:
         self.bytes_in = self.bytes_out = self.packets_in = self.packets_out = self.dropped = 0
@@ -288,7 +288,7 @@ class ConnectingDialer:
         return connected.detach()
 
     def wait_event(self) -> tuple[int, int]:
-        """Return the event that the connecting socket becomes writable."""
+        """Return the event after which to dial again: the connecting socket is writable."""
         return (-1, 0) if self._under_way is None else (self._under_way.fileno(), select.POLLOUT)
 
     def exchange(self, fd: int) -> int:

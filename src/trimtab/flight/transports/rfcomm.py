@@ -53,7 +53,7 @@ def _parse_place(address: Address) -> tuple[str, int]:
 
 
 def _bluetooth_socket_factory(address: Address) -> Callable[[], socket.socket]:
-    """Return a function that makes the system's Bluetooth sockets. Raise InputError if it has none."""
+    """Return a function that makes the system's Bluetooth sockets. Raise InputError without Bluetooth."""
     names: Any = socket
     if not hasattr(names, "AF_BLUETOOTH"):
         fix = "use a Python built with Bluetooth headers (the distribution's), or bind a port: rfcomm bind 0 ADDRESS 1"
