@@ -151,7 +151,7 @@ class AutopilotParameters:
         return changes
 
     def due(self, now: int) -> list[bytes]:
-        """Return the packets that are due now."""
+        """Return the packets that must be sent now."""
         packets = [*self._packets, *self._texts.pack_texts(), *self._service.due(now)]
         self._packets.clear()
         return packets

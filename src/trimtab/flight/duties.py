@@ -227,7 +227,7 @@ class FlightRequests:
         return self._heartbeat_time is not None and now - self._heartbeat_time <= AUTOPILOT_TIMEOUT
 
     def due(self, now: int) -> list[bytes]:
-        """Return the packets that are due now."""
+        """Return the packet of a pending request if it must be sent now."""
         pending = self._pending
         if pending is None or now < pending.next:
             return []

@@ -20,7 +20,7 @@ SWITCH = 4
 """Index of the mode switch, the pilot's fifth channel: above 1.5 ms the sticks are obeyed."""
 RADIO_TIMEOUT = ms(500)
 WIDEST_RANGE = 1e30
-"""Range of a command's number at and above which the number counts as unlimited. Sticks cannot set such a number."""
+"""Range of a command's number, from which on the number counts as unlimited. Sticks cannot set such a command."""
 LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
 
 
@@ -45,7 +45,7 @@ class ManualControl:
 
     @property
     def wants_control(self) -> bool:
-        """True while the mode or the switch says that the pilot's sticks are obeyed."""
+        """True while the mode or the switch selects the pilot's sticks."""
         return self._is_mode or self._is_switched
 
     def radio_silence(self, now: int) -> int | None:

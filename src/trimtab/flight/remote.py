@@ -132,7 +132,7 @@ class RemoteVehicle:
             self.comparison.handle_refusal()
 
     def due(self, now: int) -> None:
-        """Send the packets that are due now."""
+        """Send the packets that must be sent now: heartbeats, questions and requests."""
         self._send(self.requests.due(now))
         self._send(self.clock.due(now))
         self._send(self.arming.due(now, self.system))

@@ -56,7 +56,7 @@ class ScenarioComparison:
         return self._is_dialect_known and (self._identity is None or self.is_told) and not self.misfit
 
     def accepts(self, path: str) -> bool:
-        """Return whether the two ends may differ in a setting."""
+        """Return True if the user accepts that the two ends differ in a setting."""
         return path != "messages" and any(path == own or path.startswith(f"{own}.") for own in self._accepts)
 
     def differences(self) -> list[SettingDifference]:
@@ -84,7 +84,7 @@ class ScenarioComparison:
         return 0 if self._identity is None else self._identity.number
 
     def asks_version(self, now: int) -> bool:
-        """Return whether to ask the vehicle for its version now."""
+        """Return True if the vehicle must be asked for its version now."""
         if self._is_dialect_known or now < self._next:
             return False
         self._next, self._asks = now + ASK_PERIOD, self._asks + 1

@@ -27,7 +27,7 @@ class SilenceWatch:
         return now - self._heard_time
 
     def is_heard(self, now: int) -> bool:
-        """Return whether a frame arrived since the last `update`, or shortly before it."""
+        """Return True if a frame arrived since the last `update`, or shortly before it."""
         return self._counts.accepted != self._accepted or self.length(now) < SHORT_SILENCE
 
     def update(self, now: int) -> str:

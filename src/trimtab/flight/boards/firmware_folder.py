@@ -231,7 +231,7 @@ def drive_texts(scenario: Scenario, command: Command, board: str) -> tuple[str, 
 
 
 def driven_fan(scenario: Scenario) -> RegulatedFan:
-    """Return the scenario's regulator, motor and battery; default: those of the firmware, with a full battery."""
+    """Return the scenario's regulator, motor and battery; default: those of the firmware, with a constant voltage."""
     return getattr(scenario.world.actuators, "fan", None) or without(RegulatedFan(), "battery-sag")
 
 
