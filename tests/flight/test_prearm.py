@@ -161,7 +161,7 @@ def test_beyond_its_envelope_for_long_enough_it_says_so(craft):
     assert craft.guard.problem.startswith("envelope rate: ")
     craft.set_fault("off")
     craft.run(seconds("0.5"))
-    assert "rate not known, navigation silent for " in craft.guard.find_breach(craft.body.t).text
+    assert "rate not known, no data from navigation for " in craft.guard.find_breach(craft.body.t).text
 
 
 def test_a_limit_that_no_sensor_can_tell_is_refused(craft):

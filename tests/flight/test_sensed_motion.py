@@ -62,7 +62,7 @@ def test_a_limit_is_breached_for_its_patience_and_forgotten_inside(body):
     body.set("gps", north=6.0)
     assert motion.find_breach(ms(120), {}) is None  # it begins anew
     assert motion.find_breach(ms(130), {"imu": 2.0}) is None  # which tells nothing of the distance
-    assert motion.find_breach(ms(130), {"gps": 0.5}) == ("fence", "distance not known, gps silent for 0.5 s")
+    assert motion.find_breach(ms(130), {"gps": 0.5}) == ("fence", "distance not known, no data from gps for 0.5 s")
 
 
 def test_rest_is_a_mean_over_its_time(body):

@@ -203,7 +203,7 @@ def test_what_is_measured_of_its_steps_is_undone(tmp_path):
 @pytest.mark.real_time
 def test_by_a_clock_a_step_must_take_less_than_half_of_its_time(tmp_path, line):
     file = build_reference("VanDerPol", 3, tmp_path)
-    with pytest.raises(InputError, match=r"a step of the FMU takes .* ms here, too long for one every 0.01 ms"):
+    with pytest.raises(InputError, match=r"a step of the FMU takes .* ms here, too long for a step every 0.01 ms"):
         live_vehicle(file, tmp_path, line, **{"world.max_step": "10 us"})
 
 

@@ -1,1 +1,1 @@
-"""Pilot console: a page in a browser, and its server."""
+"""Pilot console: a page in a browser, and the server of the page."""

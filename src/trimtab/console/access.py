@@ -1,4 +1,4 @@
-"""Access control: a token in the URL is exchanged for a cookie; other hosts and origins are refused.
+"""Access control of a console: a token in the URL is exchanged for a cookie. Other hosts and origins are refused.
 
 A page of another site may make a browser send requests to this server, but it can neither read the cookie nor forge the
 origin of a socket. A foreign name that resolves to this machine (DNS rebinding) is not a host of this server.
@@ -16,7 +16,7 @@ from typing import Any
 PILOT, OBSERVER = "pilot", "observer"
 TOKEN_BYTES = 24
 MOST_WRONG_TOKENS, WRONG_PERIOD = 10, 60.0
-"""Maximum number of wrong tokens within a period (s); beyond it, every token is refused until the period is over."""
+"""Maximum number of wrong tokens within a period (s). After that number, all tokens are refused for the period."""
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "[::1]")
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
@@ -29,7 +29,7 @@ HEADERS = {
 
 
 class Access:
-    """Tokens of a console for pilots and observers, and the cookies for which they are exchanged."""
+    """Tokens of a console for pilots and observers, and cookies for which the tokens are exchanged."""
 
     def __init__(self, host: str, port: int, is_encrypted: bool, note: Callable[[str], None]) -> None:
         """note: function that is called with a message for each refused attempt."""
@@ -44,11 +44,11 @@ class Access:
         self._first_host = f"{names[0]}:{port}"
 
     def url(self, role: str) -> str:
-        """Return the URL to open for a role."""
+        """Return the URL, with a token, that a pilot or an observer opens."""
         return f"{self._scheme}://{self._first_host}/?token={self._tokens[role]}"
 
     def is_own_host(self, host: str) -> bool:
-        """Return True if the host of a request is this server."""
+        """Return True if a request names this server as its host."""
         return host.lower() in self._hosts
 
     def is_own_origin(self, origin: str) -> bool:
@@ -69,7 +69,7 @@ class Access:
         return None
 
     def role(self, headers: Mapping[str, str]) -> str | None:
-        """Return the role of a request by its cookie; None without a valid cookie."""
+        """Return the role (pilot or observer) to which a request's cookie belongs; None without a valid cookie."""
         cookies: SimpleCookie = SimpleCookie()
         try:
             cookies.load(headers.get("cookie", ""))

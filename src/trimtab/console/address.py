@@ -1,4 +1,4 @@
-"""Address of a console: on this machine only, or with TLS."""
+"""Network address of a console: reachable from this machine only, or encrypted with TLS."""
 
 import contextlib
 import ipaddress
@@ -15,7 +15,7 @@ NEEDS = ("starlette", "uvicorn", "websockets")
 class ConsoleAddress(NamedTuple):
     """Address on which a console listens.
 
-    certificate, private_key: files for TLS; without them only this machine is served.  opens: True to open a browser.
+    certificate, private_key: files for TLS; without them, only this machine is served.  opens: True opens a browser.
     """
 
     host: str = "127.0.0.1"
@@ -25,7 +25,7 @@ class ConsoleAddress(NamedTuple):
     opens: bool = False
 
     def check(self) -> None:
-        """Raise InputError for an unencrypted address beyond this machine, or a missing library."""
+        """Raise InputError if other machines could reach the address without encryption, or a library is missing."""
         missing = [name for name in NEEDS if find_spec(name) is None]
         if missing:
             problem = f"{missing[0]} is not installed"
@@ -59,7 +59,7 @@ class ConsoleAddress(NamedTuple):
 
 
 def open_listener(address: ConsoleAddress) -> socket.socket:
-    """Open the socket to which pages connect."""
+    """Open the socket to which pages connect, and return it."""
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

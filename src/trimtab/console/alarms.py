@@ -24,7 +24,7 @@ OVERRUN_WINDOW, MOST_OVERRUNS = 2.0, 20
 
 
 class Alarm(NamedTuple):
-    """Alarm or warning. id: identifies the alarm, independent of its current numbers."""
+    """Alarm or warning. id: name of the alarm, which stays the same while the numbers in its text change."""
 
     id: str
     level: str
@@ -35,7 +35,7 @@ class Flight:
     """State of a flight as known to a console: the newest value of each signal, by path."""
 
     def __init__(self, hello: Mapping[str, Any]) -> None:
-        """hello: first message to the pages."""
+        """hello: first message to the pages, which lists the signals of a row."""
         self._slots = {s["path"]: k for k, s in enumerate(hello["signals"])}
         self._ages: Sequence[Mapping[str, Any]] = hello["ages"]
         self._monitored = [path.split(".")[1] for path in self._slots if re.fullmatch(r"monitor\.\w+\.verdict", path)]
@@ -43,7 +43,7 @@ class Flight:
         self._row: Any = ()
         self.t, self.clock = math.nan, -math.inf
         self.piloted_since: float | None = None
-        """Server's clock (s) when the pilot took the stick; kept if the pilot leaves without giving the stick back."""
+        """Server's clock (s) when the pilot took the stick. Kept if the pilot leaves without releasing the stick."""
         self._was_armed = False
         self._overruns: list[tuple[float, float]] = []
         self._counts: list[tuple[float, float, float]] = []
@@ -56,7 +56,7 @@ class Flight:
         self._overruns = [*kept, (clock, self.read("loop.overruns"))]
 
     def read(self, path: str) -> float:
-        """Return a signal; NaN if it is unknown or there is no row yet."""
+        """Return the newest value of a signal; NaN if the signal is unknown or no row has arrived."""
         k = self._slots.get(path)
         return math.nan if k is None or not len(self._row) else float(self._row[k])
 
@@ -65,7 +65,7 @@ class Flight:
         return None if math.isnan(value) else int(value)
 
     def list_alarms(self, now: float) -> list[Alarm]:
-        """Return the alarms at the server's clock `now` (s)."""
+        """Return the active alarms. now: current time of the server's clock (s)."""
         if self.clock == -math.inf:
             return []
         if now - self.clock > MUTE:
@@ -114,7 +114,7 @@ class Flight:
         return [Alarm("overrun", WARNING, text)]
 
     def explain_requests(self) -> dict[str, dict[str, Any]]:
-        """Return for each request whether it is allowed, and the reason if it is not."""
+        """Return for each request of a pilot if it is allowed, and otherwise the reason."""
         mode, check = self._read_mode("supervisor.mode"), self._read_mode("supervisor.check")
         armed = bool(self.read("vehicle.armed") == 1)
         if mode is None:
@@ -123,7 +123,7 @@ class Flight:
         else:
             why = explain_requests(mode, check or 0)
             if not armed and mode not in (FAULT, ENDED):
-                why["arm"] = ""  # the vehicle decides, by its own checks
+                why["arm"] = ""  # the vehicle decides by its own checks
         return {request: {"allowed": not text, "why": text} for request, text in why.items()}
 
     def describe_link(self, timing: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,6 @@
-"""Page of a campaign: each run is a point, and any run can be repeated and shown beside the nominal run.
+"""Server side of a campaign's page: each run is a point. A run can be repeated and shown beside the nominal run.
 
-A store is untrusted data: the scenario that it names is run only if it is in the catalogue.
+A store is untrusted data. The scenario that a store names is run only if the catalogue contains it.
 Source: docs page, Protocol of the console.
 """
 
@@ -26,11 +26,11 @@ from trimtab.scenarios.catalogue import load_scenario, scenario_names
 OUTCOMES = ("success", "lost")
 VERDICTS = ("failed", "succeeded")
 MOST_FLIGHTS = 200
-"""Maximum number of repeated runs; beyond it, the server must be restarted."""
+"""Maximum number of repeated runs. After that number, the user must restart the server."""
 
 
 class CampaignFeed:
-    """Data of a campaign's store for the pages."""
+    """Source of a campaign's data for the pages, read from the campaign's store."""
 
     def __init__(self, folder: Path) -> None:
         """folder: folder of the store. Raises InputError if the store's scenario is not in the catalogue."""
@@ -38,7 +38,7 @@ class CampaignFeed:
         plan = attributes["plan"]
         if plan["scenario"] not in scenario_names():
             problem = (
-                f"belongs to {plan['scenario']!r}, which is not in the catalogue; a file named by a store is never run"
+                f"belongs to {plan['scenario']!r}, which is not in the catalogue; files named by a store are never run"
             )
             raise InputError(
                 f"store {str(folder)!r}", problem, fix="trimtab campaign FILE.py:FUNCTION --store … --rerun RUN"
@@ -54,7 +54,7 @@ class CampaignFeed:
         self.feed = RecordingFeed(hello | empty | {"row_period": 0.02, "view": {"kind": "plain"}}, ())
 
     def routes(self) -> list[BaseRoute]:
-        """Return the routes for the rows and for repeating a run."""
+        """Return the HTTP routes that serve the rows of the campaign, repeat a run, and serve the repeated runs."""
         return [
             Route("/campaign/rows", self._give_rows),
             Route("/campaign/fly", self._fly, methods=["POST"]),

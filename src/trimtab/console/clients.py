@@ -1,7 +1,7 @@
-"""Connected pages. A slow page skips rows and gets the newest. Messages from pages are checked and rate-limited.
+"""Connected pages of a console. A slow page gets only the newest row. Messages from pages are checked and limited.
 
-A page that receives nothing for LONGEST_SEND is closed, and so is one that sends invalid, too large or too frequent
-messages. Only messages of known types with values of known kinds reach the flight.
+The server closes a page that receives nothing for LONGEST_SEND, and a page that sends invalid, too large or too
+frequent messages. Only messages of known types, with values of the right kind, reach the flight.
 """
 
 import asyncio
@@ -22,7 +22,7 @@ LARGEST_MESSAGE = 4096
 MOST_MESSAGES = 200
 """Maximum number of messages per second from a page."""
 MOST_TEXTS = 500
-"""Maximum number of messages queued for a page."""
+"""Maximum number of messages queued for a page. The oldest messages in excess are dropped."""
 LONGEST_SEND = 5.0
 LAST_READ = 0.1
 VIOLATION = 1008
@@ -58,13 +58,13 @@ MESSAGES: Mapping[str, Mapping[str, Check]] = {
     "set": {"path": _is_name, "slot": _is_count, "value": _is_number, **ANSWERED},
     "save": ANSWERED,
 }
-"""Type of a message -> the further fields of the message, each with the function that checks its value."""
+"""Type of a message -> its other fields, each with a function that checks the value."""
 OBSERVED = ("ping", "acknowledge")
-"""Types that an observer may send."""
+"""Types of messages that an observer may send."""
 
 
 def parse_message(text: str, role: str) -> dict[str, Any]:
-    """Parse a page's message; raise ValueError, with the reason, if it is invalid."""
+    """Parse a message of a page. Raise ValueError, with the reason, if the message is invalid."""
     message = json.loads(text)
     if not isinstance(message, dict):
         raise ValueError("not a JSON object")
@@ -73,18 +73,18 @@ def parse_message(text: str, role: str) -> dict[str, Any]:
     if fields is None:
         raise ValueError(f"unknown type {str(kind)[:40]!r}")
     if role != PILOT and kind not in OBSERVED:
-        raise ValueError(f"{kind!r} from an observer")
+        raise ValueError(f"an observer must not send {kind!r}")
     for name, is_good in fields.items():
         if not is_good(message.get(name)):
-            raise ValueError(f"{kind!r} with a wrong {name!r}")
+            raise ValueError(f"{kind!r} has an invalid {name!r}")
     return {"type": kind, **{name: message[name] for name in fields}}
 
 
 class Client:
-    """Socket of one page."""
+    """Connection of one page to the server."""
 
     def __init__(self, number: int, role: str, socket: WebSocket) -> None:
-        """number: identifies the page in events."""
+        """number: number of the page, shown in events."""
         self.number, self.role, self._socket = number, role, socket
         self._texts: deque[str] = deque(maxlen=MOST_TEXTS)
         self._row: bytes | None = None
@@ -92,20 +92,20 @@ class Client:
         self._second, self._count = 0.0, 0
 
     def send(self, message: Mapping[str, Any]) -> None:
-        """Queue a message for the page; beyond the limit, the oldest are dropped."""
+        """Queue a message for the page. If the queue is full, its oldest message is dropped."""
         self._texts.append(json.dumps(message, allow_nan=False))
         self._wake.set()
 
     def send_row(self, row: bytes) -> None:
-        """Send a row, unless a newer one comes before the page is ready."""
+        """Send a row when the page is ready, unless a newer row replaces it before."""
         self._row = row
         self._wake.set()
 
     async def serve(self, handle: Callable[["Client", dict[str, Any]], None]) -> str:
-        """Serve the page until it is closed; return why it was closed, or "" if the page left."""
+        """Serve the page until its connection is closed. Return the reason, or "" if the page left by itself."""
         tasks = [asyncio.create_task(self._read(handle)), asyncio.create_task(self._feed())]
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        await asyncio.wait(tasks, timeout=LAST_READ)  # the reading task knows why a socket broke
+        await asyncio.wait(tasks, timeout=LAST_READ)  # the reading task returns the reason for a broken socket
         for task in tasks:
             task.cancel()
         ended = await asyncio.gather(*tasks, return_exceptions=True)

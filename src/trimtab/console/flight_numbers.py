@@ -1,7 +1,7 @@
-"""Derived signals of a vehicle in space for its pages: roll, pitch, yaw, altitude and speeds.
+"""Derived signals of a vehicle in space, for the pages: roll, pitch, yaw, altitude and speeds.
 
-A recording derives them from the truth, see `logs.spatial.with_flight`. A live flight derives them from its estimate,
-here in the console's process, so that the flight itself has no more work.
+For a recording, they are derived from the truth, see `logs.spatial.with_flight`. For a live flight, they are derived
+from the estimate, here in the console's process, so that the flight itself has no extra work.
 Source: docs page, Protocol of the console.
 """
 
@@ -21,7 +21,7 @@ TURN = 2 * np.pi
 
 
 class FlightNumbers:
-    """Derived signals appended to the rows of a flight; none if its estimate has no attitude in the world frame."""
+    """Derived signals appended to the rows of a flight. Without an estimated attitude, no signals are appended."""
 
     def __init__(self, signals: Sequence[Mapping[str, Any]]) -> None:
         """signals: signals of a row, in order, as the first message to a page (hello) describes them."""
@@ -42,10 +42,10 @@ class FlightNumbers:
         self._before: dict[str, float] = {}
         names = self._work_out(np.zeros(len(own)))
         self.declared = {FLIGHT + name: DECLARED[name] for name in names}
-        """Path -> declaration of the signals appended to a row."""
+        """Path -> declaration, for each signal that is appended to a row."""
 
     def extend(self, row: bytes) -> bytes:
-        """Append the derived signals to a row of the flight."""
+        """Return a row of the flight with the derived signals appended."""
         if not self.declared:
             return row
         numbers = self._work_out(np.frombuffer(row, "<f4", offset=HEAD.size))

@@ -1,4 +1,4 @@
-"""First message to a page (hello): signals of a row, view of the craft, possible requests and parameters.
+"""First message to a page (hello): signals of a row, drawing of the craft, possible requests, and parameters.
 
 Source: docs page, Protocol of the console.
 """
@@ -26,14 +26,14 @@ from trimtab.loop.supervisor_modes import CAUSES, MODES, REQUESTS
 
 TRUTH = "truth."
 STALE_AGE = 0.4
-"""Maximum age of a sample (s) without a supervisor; equals the supervisor's default."""
+"""Maximum age of a sample (s) in a flight without a supervisor. It equals the supervisor's default."""
 SPEEDS = ("ground_speed", "climb", "air_speed")
 LENGTH = 0.6
-"""Default length of a craft (m)."""
+"""Default length (m) of a craft in a view."""
 
 
 def describe_flight(autopilot: LiveAutopilot, line: ConsoleLine) -> dict[str, Any]:
-    """Return the description of a live flight for the page, and choose the signals that are sent."""
+    """Choose the signals that are sent to the page, and return the description of a live flight."""
     scenario, step = autopilot.scenario, autopilot.autopilot_end.step
     rows = FlightRows(autopilot.autopilot_end.log_sources(), FLIGHT_SIGNALS)
     signals = [describe_signal(s.path, s.declared) for s in line.set_rows(rows)]
@@ -62,7 +62,7 @@ def shorten_hash(choices: Any) -> str:
 
 
 def describe_signal(path: str, declared: Quantity | None) -> dict[str, Any]:
-    """Return the description of a signal of a row."""
+    """Return the description of a signal: path, unit, meaning, kind, modes and frame."""
     if declared is None:
         return {"path": path, "unit": "", "meaning": "", "kind": "real", "modes": None, "frame": ""}
     named = {"path": path, "unit": declared.unit, "meaning": declared.doc, "kind": declared.kind}
@@ -70,7 +70,7 @@ def describe_signal(path: str, declared: Quantity | None) -> dict[str, Any]:
 
 
 def describe_view(paths: Sequence[str], scenario: Scenario | None) -> dict[str, Any]:
-    """Return the view of the craft: in space, from above, from the side, or none. scenario: None if unknown."""
+    """Return a description of how the page draws the craft: in space, from above, from the side, or not at all."""
     known = set(paths)
 
     def pick(prefix: str, names: Mapping[str, str]) -> dict[str, str] | None:
@@ -110,7 +110,7 @@ def describe_view(paths: Sequence[str], scenario: Scenario | None) -> dict[str, 
 
 
 def _describe_plan(pose: Mapping[str, str | None], scenario: Scenario | None) -> dict[str, Any]:
-    """Return the content of a view from above, for a craft with these paths."""
+    """Return the description of a view from above. pose: name -> path of the signal."""
     return {
         "pose": dict(pose),
         "velocity": None,
@@ -123,7 +123,7 @@ def _describe_plan(pose: Mapping[str, str | None], scenario: Scenario | None) ->
 
 
 def _list_beacons(scenario: Scenario) -> list[list[float]]:
-    """Return north and east of each beacon of a sensor."""
+    """Return north and east (m) of each beacon that a sensor uses."""
     found = [v for path, v, _ in leaves(scenario.world, "") if path.endswith("beacons.map")]
     return [] if not found else np.asarray(found[0], float)[:, :2].tolist()
 
@@ -136,7 +136,7 @@ def _describe_fence(scenario: Scenario) -> dict[str, list[float]] | None:
 
 
 def list_set_points(scenario: Scenario, paths: Sequence[str]) -> dict[str, float | str]:
-    """Return the set-point of each true or estimated signal: a target's value, or the path of a signal of the law."""
+    """Return path of a true or estimated signal -> set-point: a target's value, or the path of a signal of the law."""
     found: dict[str, float | str] = {}
     for target in scenario.targets:
         name = target.path.removeprefix(TRUTH)
@@ -167,7 +167,7 @@ def _describe_pilot(
 
 
 def _list_ages(scenario: Scenario, paths: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the ages of data that the page shows, each with its limit."""
+    """Return the signals that give the age of data, each with label and limit, as the page shows them."""
     supervisor = scenario.autopilot.supervisor
     stale = STALE_AGE if supervisor is None else float(supervisor.stale_age)
     ages = [("estimate.age", "estimate", stale), ("link.silence", "link", to_seconds(SILENCE))]

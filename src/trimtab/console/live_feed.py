@@ -1,4 +1,4 @@
-"""Link between a flight and its pages: rows and events to all pages, requests of pilots to the flight."""
+"""Connection between a flight and its pages: rows and events go to all pages, pilots' requests go to the flight."""
 
 import asyncio
 import json
@@ -21,11 +21,11 @@ STATUS_PERIOD = 0.2
 EVENTS_KEPT = 200
 """Maximum number of past events that are sent to a new page."""
 MUTABLE = ("request", "stop", "set", "save")
-"""Types of requests that are forwarded to the flight unchanged."""
+"""Types of pages' messages that are forwarded to the flight unchanged."""
 
 
 class LiveFeed:
-    """Console's side of the connection to a flight."""
+    """Console's end of the connection to a live flight."""
 
     def __init__(self, end: socket.socket, hello: dict[str, Any], ended: Callable[[], None]) -> None:
         """end: one end of a socket pair; the flight has the other end.
@@ -47,14 +47,14 @@ class LiveFeed:
         self._values = {(p["path"], p["slot"]): p for p in hello["parameters"]}
 
     def join(self, client: Client) -> None:
-        """Add a client, and send it the description and the events so far."""
+        """Add a page, and send the page the description of the flight and the events so far."""
         client.send({"type": "hello", "role": client.role, **self.hello})
         for event in self._events:
             client.send(event)
         self.clients.append(client)
 
     def leave(self, client: Client, why: str) -> None:
-        """Remove a page. If it holds the stick, nothing is sent: the dead-man switch acts on the silence."""
+        """Remove a page. If the page had the stick, nothing is sent: the dead-man switch acts on the missing data."""
         self.clients.remove(client)
         if self._pilot == client.number:
             self._pilot = None
@@ -67,7 +67,7 @@ class LiveFeed:
         return self._count
 
     def note(self, text: str) -> None:
-        """Send a line to the flight's log. The flight returns the line as an event."""
+        """Send a line of text to the flight's log. The flight returns the line as an event."""
         self._tell({"type": "note", "text": text})
 
     def handle(self, client: Client, message: dict[str, Any]) -> None:
@@ -118,7 +118,7 @@ class LiveFeed:
             )
 
     async def run(self) -> None:
-        """Forward the data of the flight until it ends."""
+        """Forward the data of the flight to the pages until the flight ends."""
         loop = asyncio.get_running_loop()
         loop.add_reader(self._end.fileno(), self._read)
         while True:
@@ -130,7 +130,7 @@ class LiveFeed:
                 self._publish_status()
 
     def _read(self) -> None:
-        """Read all waiting packets; of several rows only the newest is used."""
+        """Read all waiting packets of the flight. If there are several rows, only the newest is used."""
         row: bytes | None = None
         while True:
             try:
@@ -183,7 +183,7 @@ class LiveFeed:
             client.send(message)
 
     def _update_alarms(self) -> None:
-        """Update the alarms; report each start and end as an event and in the flight's log."""
+        """Update the alarms. Report the start and end of each alarm as an event and in the flight's log."""
         now = {a.id: a for a in self._flight.list_alarms(time.monotonic())}
         for id in [id for id in self._alarms if id not in now]:
             self.note(f"console: cleared: {self._alarms.pop(id)['text']}")
@@ -199,7 +199,7 @@ class LiveFeed:
         flight, timing = self._flight, self._timing
         battery, is_armed = flight.read("battery.voltage"), flight.read("vehicle.armed") == 1
         if is_armed:
-            self._checks = []  # they are from before arming
+            self._checks = []  # the checks are those before arming
         common = {
             "type": "status",
             "checks": self._checks,
@@ -221,5 +221,5 @@ class LiveFeed:
 
 
 def row_size(signals: int) -> int:
-    """Return the size of a row in bytes, as sent to a page."""
+    """Return the size (bytes) of a row with this number of signals, as sent to a page."""
     return HEAD.size + struct.calcsize("<f") * signals

@@ -1,4 +1,4 @@
-"""Start and end the process that serves a console."""
+"""Start and end of the process that serves a console."""
 
 import contextlib
 import json
@@ -52,7 +52,7 @@ def start_server(
     orders: Mapping[str, Any],
     pass_fds: tuple[int, ...] = (),
 ) -> tuple["subprocess.Popen[bytes]", Mapping[str, str]]:
-    """Start a server's process; return its first output."""
+    """Start the process of a server, and return the first line that the process prints."""
     about = {"host": address.host, "listener": listener.fileno(), **address.files, **orders}
     process = subprocess.Popen(
         [sys.executable, "-m", module],
@@ -74,7 +74,7 @@ def start_server(
 
 
 def end_server(process: "subprocess.Popen[bytes]") -> None:
-    """End a server; kill it if it does not end by itself."""
+    """End the process of a server. Kill the process if it does not end by itself."""
     assert process.stdin is not None
     with contextlib.suppress(OSError):
         process.stdin.close()

@@ -1,6 +1,6 @@
-"""Recorded flights: logs in the form that pages need, and their server.
+"""Recorded flights: conversion of logs to the form that pages need, and source of that data for the server.
 
-A log is data, not trusted code: its scenario is used only if it is in the catalogue.
+A log is untrusted data. The scenario that a log names is used only if the catalogue contains it.
 Source: docs page, Protocol of the console.
 """
 
@@ -30,7 +30,7 @@ from trimtab.scenarios.recorded import rebuild_scenario
 class Recording(NamedTuple):
     """Recorded flight.
 
-    rows: bytes of all rows; a row is a float64 time and a float32 for each signal. about: description.
+    rows: bytes of all rows; a row is a float64 time and a float32 for each signal. about: description for the pages.
     """
 
     about: Mapping[str, Any]
@@ -39,13 +39,13 @@ class Recording(NamedTuple):
 
 
 def record_flight(log: Log, title: str, file: str = "", scenario: Scenario | None = None) -> Recording:
-    """Convert a log for the pages, with at most the row rate of a live flight.
+    """Convert a log to a recording for the pages, with at most the row rate of a live flight.
 
     Args:
         log: log of a run or a flight.
-        title: title on the page.
+        title: title that the page shows.
         file: path of the log.
-        scenario: for beacons, fence and set-points; None if unknown.
+        scenario: scenario from which beacons, fence and set-points are taken; None: unknown.
     """
     if not len(log):
         raise InputError(title, "has no rows", fix="give a log of a flight")
@@ -76,7 +76,7 @@ def record_flight(log: Log, title: str, file: str = "", scenario: Scenario | Non
 
 
 def _list_columns(log: Log) -> tuple[list[dict[str, Any]], list[Any]]:
-    """Return signals as in `live.console_line`, and their values."""
+    """Return descriptions and values of the shown signals, chosen as in `flight.console_line`."""
     names, columns = [], []
     for path in log.paths:
         declared, values = log.declarations.get(path), np.asarray(log[path])
@@ -95,7 +95,7 @@ def _list_columns(log: Log) -> tuple[list[dict[str, Any]], list[Any]]:
 
 
 def load_recording(file: Path) -> Recording:
-    """Load a log's file; beacons and fence are shown if the catalogue has its scenario."""
+    """Load a log from a file. Beacons and fence are shown if the catalogue contains the log's scenario."""
     log = read_mcap(file)
     try:
         scenario = rebuild_scenario(log)
@@ -105,7 +105,7 @@ def load_recording(file: Path) -> Recording:
 
 
 class RecordingFeed:
-    """Data for pages without a live flight: a hello, and recorded flights by number."""
+    """Source of data for pages without a live flight: a first message (hello), and recorded flights by number."""
 
     def __init__(self, hello: Mapping[str, Any], flights: Sequence[Recording]) -> None:
         """hello: first message to a page, without the list of flights."""
@@ -114,7 +114,7 @@ class RecordingFeed:
         self._count = 0
 
     def join(self, client: Client) -> None:
-        """Add a page."""
+        """Add a page, and send it the first message (hello)."""
         self.clients.append(client)
         client.send({"type": "hello", "role": client.role, **self._hello, "flights": [f.about for f in self.flights]})
 
@@ -149,12 +149,12 @@ class RecordingFeed:
 
 
 def describe_recordings(flights: Sequence[Recording]) -> dict[str, Any]:
-    """Return the hello of one or two recordings."""
+    """Return the first message (hello) for one or two recordings."""
     first = flights[0].about
     return {"kind": "recording", "title": " and ".join(f.about["title"] for f in flights), **_blank(first)}
 
 
 def _blank(about: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the parts of the first message that draw the craft; the entries for control of a live flight are empty."""
+    """Return the entries of the first message for drawing the craft, with empty entries for control of a flight."""
     drawn = {name: about[name] for name in ("signals", "row_period", "view", "set_points")}
     return drawn | {"parameters": [], "supervisor": None, "pilot": None, "ages": []}

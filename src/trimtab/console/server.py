@@ -1,7 +1,7 @@
-"""Process that serves a console; `console.process` starts it, with its orders on standard input.
+"""Process that serves a console. `console.process` starts it, and sends its settings to standard input.
 
-It ends with the flight, or when standard input closes because the flying process has ended. It never blocks the
-flight.
+The process ends with the flight, or when standard input closes because the flying process has ended. It never blocks
+the flight.
 """
 
 import asyncio
@@ -37,14 +37,14 @@ TYPES = {
 }
 MOST_CLIENTS = 32
 LAST_WORDS = 0.5
-"""Time for the last messages to the pages (s)."""
+"""Time (s) before the end for sending the last messages to the pages."""
 
 
 class Guard:
-    """Access check: refuses requests without a cookie, or to another host name than the server's."""
+    """Access check. It refuses requests without a cookie, and requests to a host name that is not this server's."""
 
     def __init__(self, app: ASGIApp, access: Access, note: Callable[[str], None]) -> None:
-        """note: called with a line for each refused attempt."""
+        """note: function that is called with a message for each refused request."""
         self._app, self._access, self._note = app, access, note
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -81,13 +81,13 @@ class Guard:
 
 
 def make_app(access: Access, feed: Any, note: Callable[[str], None], more: list[BaseRoute]) -> ASGIApp:
-    """Return the application.
+    """Return the web application of a console.
 
     Args:
         access: access control.
         feed: source of the pages' data, with join, leave, handle and next_number like `LiveFeed`.
-        note: called with a line for each refused attempt.
-        more: additional routes.
+        note: function that is called with a message for each refused request.
+        more: additional HTTP routes.
     """
 
     async def show_page(request: Request) -> Response:
@@ -126,7 +126,7 @@ def make_app(access: Access, feed: Any, note: Callable[[str], None], more: list[
 
 
 def _file(path: str) -> Response:
-    """Return a file of the page; files outside its folder are refused."""
+    """Return a file of the page. Files outside the page's folder are refused."""
     file = (PAGE / path).resolve()
     if PAGE not in file.parents or not file.is_file() or file.suffix not in TYPES:
         return PlainTextResponse("no such page\n", 404, HEADERS)
@@ -140,9 +140,9 @@ async def serve(
     run: Callable[[], Awaitable[Any]],
     over: asyncio.Event,
 ) -> None:
-    """Serve until `over` is set.
+    """Serve a web application until `over` is set.
 
-    files: certificate and private_key of TLS, or None.  run: task that runs beside the server.
+    files: paths of certificate and private_key for TLS, or None.  run: makes a task that runs beside the server.
     """
     config = uvicorn.Config(
         app,
@@ -168,7 +168,7 @@ async def serve(
 
 
 async def serve_here(address: ConsoleAddress, feed: Any, routes: list[BaseRoute], tell: Callable[[str], None]) -> None:
-    """Serve without a live flight, until interrupted. tell: function that is called with the addresses."""
+    """Serve pages without a live flight, until interrupted. tell: function that is called with the pages' URL."""
     over = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, over.set)
@@ -182,7 +182,7 @@ async def serve_here(address: ConsoleAddress, feed: Any, routes: list[BaseRoute]
 
 
 def watch_parent(over: asyncio.Event) -> None:
-    """Set `over` when standard input closes, because the flying process has ended."""
+    """Set `over` when standard input closes, which means that the flying process has ended."""
 
     def look() -> None:
         if not os.read(sys.stdin.fileno(), 4096):
@@ -193,7 +193,7 @@ def watch_parent(over: asyncio.Event) -> None:
 
 
 def main() -> None:
-    """Serve one flight."""
+    """Serve the console of one flight, with settings from standard input."""
     orders = json.loads(sys.stdin.readline())
     listener = socket.socket(fileno=orders["listener"])
     port = listener.getsockname()[1]

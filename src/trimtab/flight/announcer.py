@@ -1,4 +1,4 @@
-"""Announcer of a vehicle: lines for ground stations, for the user and for the vehicle's log.
+"""Announcer of a vehicle: it sends lines of text to ground stations, to the user and to the vehicle's log.
 
 Source: docs page, Vehicle.
 """
@@ -9,21 +9,21 @@ from trimtab.flight.station.standard_services import Station
 
 
 class Announcer:
-    """Sender of lines to ground stations, the user and the log."""
+    """Sender of lines of text to ground stations, the user and the log."""
 
     def __init__(self, station: Station, reporter: Reporter) -> None:
-        """station: sends lines to ground stations.  reporter: sends lines to the user and to the log."""
+        """station: sends lines of text to ground stations.  reporter: sends them to the user and to the log."""
         self._station, self._reporter = station, reporter
 
     def announce(self, severity: Severity, text: str) -> None:
-        """Report a line to ground stations, the log and the user."""
+        """Send a line of text to ground stations, the log and the user."""
         self._station.queue_text(severity, text)
         self._reporter.report(text)
 
     def notice(self, text: str) -> None:
-        """Announce an event."""
+        """Announce an event as a line of severity NOTICE."""
         self.announce(Severity.NOTICE, text)
 
     def warn(self, text: str) -> None:
-        """Announce a warning."""
+        """Announce a warning as a line of severity WARNING."""
         self.announce(Severity.WARNING, text)

@@ -29,13 +29,13 @@ COUNT, HALT = "count", "halt"
 OVERRUN_POLICIES = (COUNT, HALT)
 """Policies for an overrun, that is, for a period whose work ends after the next deadline."""
 PATIENCE_FACTOR = 3
-"""Factor by which the wait for the vehicle's clock is longer while frames do arrive."""
+"""Factor that lengthens the wait for a vehicle once a frame has been accepted."""
 DISARM_TIMEOUT = seconds("0.5")
 """Time to wait for the answer to a disarm request."""
 
 
 class LiveAutopilot:
-    """The autopilot's end of a link. `fly` runs it."""
+    """Autopilot's end of a link. The method `fly` runs a flight."""
 
     def __init__(
         self,
@@ -52,9 +52,9 @@ class LiveAutopilot:
 
         Args:
             scenario: scenario of the autopilot.  link: link to the vehicle.
-            endpoint: makes the autopilot's end for a dialect.
+            endpoint: function that makes the autopilot's end of the link for a dialect.
             seed: seed of the random numbers.  step: the compiled autopilot; None: compile it here.
-            options: what the user asked for.
+            options: options that the user has chosen; None: the defaults.
             machine: the computer that the autopilot runs on.
         """
         self.seed, self._options, self._machine = seed, options or AutopilotOptions(), machine
@@ -73,8 +73,8 @@ class LiveAutopilot:
     ) -> None:
         """Wait for the vehicle and for its clock. Raise InputError if no vehicle answers within `patience` seconds.
 
-        If frames do arrive, the link may be one that loses most heartbeats: the patience is then three times as long.
-        follows_clock: sign by the vehicle's clock if the two clocks differ by too much.
+        Once a frame has been accepted, the patience is three times as long: the link may lose most heartbeats.
+        follows_clock: True to sign packets by the vehicle's clock if the two clocks differ by too much.
         tell: receives the messages for the user. It must not wait.
         """
         clock, remote = self._machine.clock, self.remote
@@ -92,7 +92,7 @@ class LiveAutopilot:
             self._receive()
 
     def _receive(self) -> None:
-        """Handle a packet, or wait a little for one."""
+        """Handle the next packet. Wait for it at most 20 ms."""
         data = self.link.receive(0.02)
         if data is not None:
             self.parts.handle_data(data)
@@ -110,21 +110,21 @@ class LiveAutopilot:
         tell: Callable[[str], None] = lambda _: None,
         lost_lines: Callable[[], int] = lambda: 0,
     ) -> LiveFlightSummary:
-        """Arm as soon as there is an estimate, fly for `duration` (100 ns) from arming, then disarm.
+        """Arm as soon as all checks pass, fly for `duration` (100 ns) from arming, then disarm.
 
         Args:
-            duration: duration of the flight; None: the scenario's.
+            duration: duration of the flight (100 ns); None: the duration of the scenario.
             log: path of the flight's log.  log_limit: its maximum size on the disk (bytes); None: no limit.
-            wanted_real_time: ask the system for real-time scheduling and locked memory.
-            overrun: "count" continues after an overrun; "halt" ends an armed flight at the first one.
-            console: console of the pilot, who then decides when to arm; its rows have been set.
+            wanted_real_time: True asks the system for real-time scheduling and locked memory.
+            overrun: "count" continues after an overrun; "halt" ends an armed flight at the first overrun.
+            console: connection to a console, with its rows set; its pilot decides when to arm. None: no console.
             stop: called every period; True ends the flight.
             tell: receives the messages for the user. It must not wait.
-            lost_lines: number of these messages that were lost.
+            lost_lines: function that returns how many of these messages were lost.
         """
         if overrun not in OVERRUN_POLICIES:
             raise InputError(
-                "overrun", f"{overrun!r}is not a policy", choices=OVERRUN_POLICIES, fix=f'overrun="{HALT}"'
+                "overrun", f"{overrun!r} is not a policy", choices=OVERRUN_POLICIES, fix=f'overrun="{HALT}"'
             )
         length = self.scenario.duration if duration is None else duration
         flight_log, reporter = self._open_log(log, log_limit), self.parts.reporter
@@ -136,7 +136,7 @@ class LiveAutopilot:
                 flight_log.write_event(remark)
         try:
             with self._machine.real_time(wanted_real_time) as grant:
-                discard_packets(self.link)  # packets that came until now, and while memory was locked
+                discard_packets(self.link)  # packets that arrived before now, or while memory was being locked
                 self.endpoint.begin_anew()
                 self.autopilot_end.drop_samples()
                 takes_over, halts = self._options.takes_over, overrun == HALT
@@ -180,7 +180,7 @@ class LiveAutopilot:
         return Piloting(console, stick, *given)
 
     def _disarm(self) -> None:
-        """Ask to disarm for up to half a second. Soon after that the vehicle's failsafe disarms anyway."""
+        """Ask the vehicle to disarm, for at most 0.5 s. Without an answer, its failsafe disarms it soon after."""
         clock = self._machine.clock
         self.remote.arming.disarm()
         deadline = clock.monotonic_ns() + DISARM_TIMEOUT * NS

@@ -1,4 +1,4 @@
-"""The autopilot's end of a link: samples in, one compiled step at a time, commands out.
+"""Autopilot's end of a link: it takes samples, runs one compiled step per period, and packs commands.
 
 Source: docs page, Fly.
 """
@@ -23,11 +23,11 @@ from trimtab.run.blocks import carried_structures
 
 ESTIMATE = "estimate.state."
 ESTIMATED_POSE = {"north": 0, "east": 1, "heading": 5}
-"""Name in an estimated state -> index in a pose."""
+"""Name of a number of the estimated state -> its index in a pose."""
 
 
 class EstimatedPose:
-    """Position and attitude in the outputs of an autopilot's step."""
+    """Estimated position and attitude, read from the outputs of an autopilot's step."""
 
     def __init__(self, step: CompiledBlock) -> None:
         """step: the compiled autopilot."""
@@ -36,7 +36,7 @@ class EstimatedPose:
         self._slots: list[Any] = [step.writes[path] for path in paths if path in step.writes]
 
     def fill(self, pose: Any) -> None:
-        """Write the estimated position, if there is one, into a pose as in `logs.frames`."""
+        """Write the estimated position and attitude, if any, into `pose`, an array as in `logs.frames`."""
         if self._spatial_slots is not None:
             place, attitude = self._spatial_slots
             pose[:3] = self._step.outputs[place]
@@ -59,9 +59,9 @@ class EstimatedPose:
 class AutopilotEnd:
     """Autopilot between an endpoint and its compiled step, independent of transports.
 
-    A sample waits for the next step. Several samples of one sensor get one step each, in the order of arrival. A sample
-    that arrives after a later one is dropped, since most estimators take the last one for the newest. An estimator that
-    fuses each sample at its own time declares ANY_ORDER = True.
+    A sample waits for the next step. Each step takes at most one sample of a sensor, in the order of arrival. A sample
+    that arrives after a newer sample of its sensor is dropped, because most estimators assume that samples arrive in
+    order. An estimator that fuses each sample at its own time declares ANY_ORDER = True, and gets late samples too.
     """
 
     def __init__(
@@ -71,9 +71,9 @@ class AutopilotEnd:
 
         Args:
             scenario: scenario of the autopilot.
-            dialect: as `scenario_dialect` gives it.
+            dialect: result of `scenario_dialect`.
             step: the compiled autopilot of this scenario.
-            clock: clock of the samples; None: the clock of the steps, and a sample of any time is accepted.
+            clock: clock of the samples; None: samples use the clock of the steps, and any time stamp is accepted.
         """
         self.step, self._clock = step, clock
         self.sensors: dict[str, MessageGroup] = sample_groups(dialect, lambda p: step.reads[p])
@@ -88,7 +88,7 @@ class AutopilotEnd:
         self.pose = EstimatedPose(step)
 
     def handle_message(self, message: Message) -> bool:
-        """Keep a message for the next step. Return whether it is part of a sample."""
+        """Store a message for the next step if it is part of a sample. Return True if so."""
         sensor = self._sensor_of.get(message.name)
         if sensor is None:
             return False
@@ -101,7 +101,7 @@ class AutopilotEnd:
 
     @property
     def backward_sensors(self) -> list[str]:
-        """Sensors whose time stamps decrease now."""
+        """Names of the sensors whose time stamps currently decrease."""
         return [sensor for sensor, queue in self._queues.items() if queue.runs_backwards]
 
     @property
@@ -110,7 +110,7 @@ class AutopilotEnd:
         return sum(map(len, self._queues.values()))
 
     def drop_samples(self) -> None:
-        """Drop the waiting samples: they are from before the flight."""
+        """Drop the samples that arrived before the flight and still wait for a step."""
         for queue in self._queues.values():
             queue.clear()
 
@@ -120,7 +120,7 @@ class AutopilotEnd:
         self.step.step()
 
     def set_inputs(self, t: int) -> None:
-        """Set the inputs of a period's step. `fly_period` also makes the step."""
+        """Set the inputs of the step at integer time t, without running the step."""
         self.step.inputs[self._time_slot] = t
         to_local = None if self._clock is None else self._clock.to_local
         for queue in self._queues.values():
@@ -136,12 +136,12 @@ class AutopilotEnd:
         return bool(self.step.outputs[self.step.writes["command.valid"]])
 
     def command_packets(self, endpoint: Endpoint, shift: int = 0) -> list[bytes]:
-        """Return the packets of the last command. `shift` is added to its time."""
+        """Return the packets of the last command. `shift` is added to the command's time."""
         return self._command.pack(endpoint, self.step.outputs, shift)
 
 
 def scenario_dialect(scenario: Scenario) -> Dialect:
-    """Return the dialect in which the two sides of a scenario communicate."""
+    """Return the dialect in which the two ends of a scenario's link communicate."""
     frame, command = carried_structures(scenario)
     return derive_dialect(frame, command)
 

@@ -1,9 +1,9 @@
 """Parameters of the autopilot for ground stations, on both ends of the link.
 
-A ground station reaches the vehicle only. So the vehicle forwards messages for the autopilot's component, and the
-autopilot's answers to the stations. The autopilot answers for its parameters, and changes them between two steps. Each
-change is an event in its log, so that a replay repeats it. Parameters are stored, on request, at the end of the flight:
-no disk delays a flight.
+A ground station reaches the vehicle only. So the vehicle forwards messages to the autopilot's component, and forwards
+the autopilot's answers to the stations. The autopilot answers requests for its parameters, and changes parameters
+between two steps. Each change is an event in the autopilot's log, so that a replay repeats the change. On request,
+parameters are stored at the end of the flight, so that no disk delays a flight.
 Source: docs page, Ground stations.
 """
 
@@ -31,15 +31,15 @@ ANSWERS = ("HEARTBEAT", "PARAM_VALUE", "STATUSTEXT", "COMMAND_ACK")
 
 
 class AutopilotRelay:
-    """The vehicle's side: it forwards requests for parameters, and answers."""
+    """Relay on the vehicle: it forwards parameter requests to the autopilot, and the answers to stations."""
 
     def __init__(self, endpoint: Endpoint, broadcast: Broadcast) -> None:
-        """Start without an autopilot."""
+        """Start before a heartbeat of an autopilot was received."""
         self._endpoint, self._broadcast = endpoint, broadcast
         self._component = 0
 
     def pass_on(self, message: Message) -> None:
-        """Forward a message if it is for the autopilot, or one of its answers."""
+        """Forward a message that is addressed to the autopilot, or that is an answer of the autopilot."""
         if message.system == self._endpoint.system:
             self._pass_answer(message)
         elif self._component and message.name in REQUESTS and self._is_for_autopilot(message):
@@ -64,13 +64,13 @@ class AutopilotRelay:
 
 
 def _describe_bounds(declared: Quantity) -> dict[str, Any]:
-    """Return unit, description and bounds of a number for the console."""
+    """Return unit, description and bounds of a parameter for the console."""
     bounds = {"low": declared.low, "high": declared.high, "above": declared.above, "modes": declared.modes or None}
     return {"unit": declared.unit, "meaning": declared.doc, **bounds}
 
 
 class AutopilotParameters:
-    """The autopilot's side. Times `now` are this end's, in 100 ns."""
+    """Parameters at the autopilot's end: answers to requests, and changes. Times `now` are this end's, in 100 ns."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock, endpoint: Endpoint, store: ParameterStore) -> None:
         """step: the compiled autopilot of this scenario.  store: file in which changed parameters are stored."""
@@ -84,7 +84,7 @@ class AutopilotParameters:
         self._texts, self._storage = TextQueue(endpoint), 0
 
     def handle_message(self, message: Message) -> bool:
-        """Handle a request about parameters. Return True if the message was for this end."""
+        """Handle a request about parameters. Return True if the message is a request addressed to this end."""
         own = self._endpoint.system, self._endpoint.component
         if message.name not in REQUESTS or (message.get("target_system"), message.get("target_component")) != own:
             return False
@@ -105,7 +105,7 @@ class AutopilotParameters:
         return True
 
     def describe(self) -> list[dict[str, Any]]:
-        """Return all parameters, for users who change them."""
+        """Return a description of each parameter, for the console: path, value, default, unit and bounds."""
         held = self._parameters
         return [
             {"path": f"{p.path}", "slot": p.slot, "value": value, "default": default, **_describe_bounds(p.declaration)}
@@ -113,7 +113,7 @@ class AutopilotParameters:
         ]
 
     def value(self, path: str, slot: int) -> float | None:
-        """Return the value that holds from the next step on; None if there is no such parameter."""
+        """Return a parameter's value from the next step on; None if the parameter does not exist."""
         index = self._parameters.index_of(path, slot)
         return None if index is None else self._parameters.values[index]
 
@@ -128,7 +128,7 @@ class AutopilotParameters:
         return f"{path} {refusal}" if refusal else ""
 
     def ask_storage(self) -> str:
-        """Ask to store the parameters at the end of the flight. Return the reason for a refusal, or an empty string."""
+        """Request to store the parameters at the end of the flight. Return the reason for a refusal, or ""."""
         self._storage = WRITE_STORAGE if self._store.is_there else 0
         return "" if self._storage else NO_STORE
 
@@ -143,7 +143,7 @@ class AutopilotParameters:
         return True
 
     def apply_changes(self, t: int) -> list[AutopilotChange]:
-        """Write the pending changes into the next step, at integer time t. Return them."""
+        """Apply the pending changes to the step at integer time t. Return these changes."""
         changes = [change._replace(t=t) for change in self._waiting]
         self._waiting.clear()
         for change in changes:
@@ -151,13 +151,13 @@ class AutopilotParameters:
         return changes
 
     def due(self, now: int) -> list[bytes]:
-        """Return the packets that are due now."""
+        """Return the packets that must be sent now."""
         packets = [*self._packets, *self._texts.pack_texts(), *self._service.due(now)]
         self._packets.clear()
         return packets
 
     def store(self) -> str:
-        """Store or reset the parameters after a flight, if requested. Return a message for the user, or nothing."""
+        """Store or reset the parameters after a flight, if requested. Return a message for the user, or ""."""
         if not self._storage:
             return ""
         is_reset, self._storage = self._storage == RESET_STORAGE, 0

@@ -1,4 +1,4 @@
-"""Parts of the autopilot's end of a link, and how a packet reaches them.
+"""Parts of the autopilot's end of a link, and the distribution of received packets to these parts.
 
 Source: docs page, Fly.
 """
@@ -32,11 +32,11 @@ from trimtab.run.blocks import compile_autopilot
 class AutopilotOptions(NamedTuple):
     """Options of the autopilot's end.
 
-    typed: the command that the user typed; messages suggest changes to it.
+    typed: the command that the user typed; error messages suggest a changed command.
     takes_over: True takes the vehicle over from another autopilot that flies it; False refuses such a vehicle.
     confirms: True confirms that the vehicle may be armed again after a failsafe.
     accepts: paths of settings that may differ between vehicle and autopilot; a path includes all settings below it.
-    store: where parameters are stored when a ground station asks for it; None: they are not stored.
+    store: file for parameters that a ground station asks to store; None: parameters are not stored.
     """
 
     typed: str | None = None
@@ -50,7 +50,7 @@ class AutopilotParts(NamedTuple):
     """Parts of the autopilot's end. Each part holds references to the parts that it uses."""
 
     scenario: Scenario
-    """The scenario, with the sensors of a pilot's requests and stick."""
+    """The flown scenario, with added sensors that carry the pilot's requests and stick."""
     link: Link
     endpoint: Endpoint
     reporter: Reporter
@@ -63,7 +63,7 @@ class AutopilotParts(NamedTuple):
     preflight: Preflight
 
     def handle_data(self, data: bytes) -> None:
-        """Handle a packet of the link."""
+        """Pass the messages of a received packet to the parts that handle them."""
         now = self.clock.monotonic_ns() // NS
         for message in self.endpoint.feed(data):
             is_sample = self.remote.is_of_vehicle(message) and self.autopilot_end.handle_message(message)

@@ -1,7 +1,7 @@
 """Receivers of a vehicle's packets: samples for its autopilot alone, everything else for all peers.
 
 A ground station treats unknown messages as noise, and a gap in the sequence numbers as loss. So on a link that
-distinguishes its peers it gets no samples, and its packets are numbered separately from the autopilot's.
+distinguishes its peers, a ground station gets no samples, and its packets are numbered separately from the autopilot's.
 Source: docs page, Vehicle; https://mavlink.io/en/guide/packet_loss.html.
 """
 
@@ -13,13 +13,13 @@ from trimtab.flight.mavlink.definitions import Message
 from trimtab.flight.mavlink.endpoint import Endpoint
 
 AUTOPILOT_TIMEOUT = seconds(10)
-"""Time without an autopilot after which samples are no longer sent."""
+"""Time without a message from an autopilot after which samples are no longer sent."""
 AUTOPILOT_MESSAGES = ("HEARTBEAT", "TIMESYNC")
-"""Messages of the vehicle's own system that identify an autopilot, besides commands."""
+"""Messages that, like commands, identify a sender of the vehicle's own system as an autopilot."""
 
 
 class Broadcast:
-    """Vehicle's end of a link. Times `now` are the vehicle's, in 100 ns."""
+    """Distributor of a vehicle's packets to the peers of its link. Times `now` are the vehicle's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, link: Link, commands: Sequence[str]) -> None:
         """commands: names of the messages that carry a command."""
@@ -28,7 +28,7 @@ class Broadcast:
         self._autopilot_time = -2 * AUTOPILOT_TIMEOUT
 
     def accept_sender(self, messages: Sequence[Message], now: int) -> None:
-        """Store the sender of the last messages, unless no message was accepted."""
+        """Accept the sender of `messages` as a peer of the link. Do nothing if `messages` is empty."""
         if not messages:
             return
         own = self._endpoint.system
@@ -38,7 +38,7 @@ class Broadcast:
         self._link.accept_sender(is_private=is_autopilot)
 
     def has_autopilot(self, now: int) -> bool:
-        """Return whether there is an autopilot to send samples to."""
+        """Return True if an autopilot was received recently, so that samples are sent to it."""
         return now - self._autopilot_time <= AUTOPILOT_TIMEOUT
 
     def send_private(self, packets: Iterable[bytes]) -> None:
@@ -52,7 +52,7 @@ class Broadcast:
             self._link.send(self._endpoint.forward(message), Audience.PUBLIC)
 
     def send(self, packet: bytes) -> bool:
-        """Send to all peers. Return whether any peer got the packet."""
+        """Send a packet to all peers. Return True if it was sent to at least one peer."""
         is_taken = False
         if self._link.has_audience(Audience.PRIVATE):
             is_taken = self._link.send(packet, Audience.PRIVATE)

@@ -3,7 +3,7 @@
 A frame refused for its time stamp is answered by one TIMESYNC, to its sender alone and at most five times a second. So
 a peer whose clock is behind catches up. A peer of the vehicle's own system may ask for the time with another key or
 without a key, as `fly` does. It gets the same answer, so that it can report the problem. Peers that are not trusted get
-no other message, and ground stations without the key get none.
+no other message, and ground stations without the key get no message at all.
 Source: docs page, Signing.
 """
 
@@ -22,13 +22,13 @@ class RefusalAnswers:
     """Answers to frames that an endpoint refused. Times `now` are the vehicle's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, link: Link, tell: Callable[[str], None]) -> None:
-        """tell: receives the messages for the user."""
+        """tell: function that receives the messages for the user."""
         self._endpoint, self._link, self._tell = endpoint, link, tell
         self._answer_time = self._strangers = 0
         self._report_times: dict[tuple[str, int, int], int] = {}
 
     def handle_refusals(self, now: int) -> None:
-        """Handle the frames refused since the last call. Call it after each `feed`."""
+        """Handle the frames refused since the last call. Call this after each `feed` of the endpoint."""
         endpoint, counts = self._endpoint, self._endpoint.counts
         for untimely in endpoint.untimely:
             message = untimely.message
@@ -60,5 +60,5 @@ class RefusalAnswers:
 
 
 def describe_lead(lead: float) -> str:
-    """Return "ahead of" or "behind" for the lead of a clock (s)."""
+    """Return "ahead of" if the lead of a clock (s) is positive, otherwise "behind"."""
     return "ahead of" if lead > 0 else "behind"

@@ -5,7 +5,7 @@
     up    A5 06 10 boot(8) session(4) rate(4)     down  A5 06 10 boot(8) session(4) heard(4)
     load  A5 03 servo command(4)       load  A5 01 IMU record(23)
 
-The far end appends its timer to a request, and echoes it. Bytes that are no message are skipped.
+The far end appends its timer reading to a request, and sends the request back. Bytes outside messages are skipped.
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5,
 for the experiment; header, ids and units are reconstructed.
 """
@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 HEADER, IMU, SERVO, CLOCK_TIME, STATUS, CLOCK_PAIR = 0xA5, 0x01, 0x03, 0x04, 0x06, 0x07
 TICKS = 1000
-"""Number of 100 ns in one unit of CLOCK_TIME, 0.1 ms; the thesis had 1 ms."""
+"""Unit of the times in CLOCK_TIME messages, in 100 ns: 0.1 ms. The thesis used 1 ms."""
 LONGEST_UPLINK = 0xFFFF
-"""Longest uplink delay that two bytes can hold: 6.5535 s or more does not fit."""
+"""Largest number of two bytes, in units of 0.1 ms. It stands for every uplink delay of 6.5535 s or more."""
 UP: Mapping[int, int] = {CLOCK_TIME: 4, CLOCK_PAIR: 8, STATUS: 17, SERVO: 4}
 DOWN: Mapping[int, int] = {CLOCK_TIME: 6, CLOCK_PAIR: 16, STATUS: 17, IMU: 23}
 """Number of bytes that follow the id, for each direction."""
@@ -30,24 +30,24 @@ LOAD_UP, LOAD_DOWN = bytes((HEADER, SERVO, *bytes(4))), bytes((HEADER, IMU, *byt
 
 
 class ClockMessage(NamedTuple):
-    """Message: an id, and the bytes that follow it."""
+    """Message of the CLOCK_TIME experiment: an id, and the bytes after the id."""
 
     id: int
     data: bytes
 
 
 class ClockMessageParser:
-    """Parser of messages in a stream. It finds the next message after garbage.
+    """Parser of messages in a stream of bytes. After invalid bytes, it finds the next message.
 
     Args:
-        sizes: UP at the far end, DOWN at the measuring one.
+        sizes: number of bytes after each id: UP at the far end, DOWN at the measuring end.
     """
 
     def __init__(self, sizes: Mapping[int, int]) -> None:
         self._sizes, self._rest = sizes, b""
 
     def feed(self, data: bytes) -> list[ClockMessage]:
-        """Return the messages that are complete now."""
+        """Add received bytes. Return the messages that are now complete."""
         data, messages, at = self._rest + data, [], 0
         while at + 2 <= len(data):
             size = self._sizes.get(data[at + 1]) if data[at] == HEADER else None
@@ -63,7 +63,10 @@ class ClockMessageParser:
 
 
 class Hello(NamedTuple):
-    """Hello: digest of the machine's boot, session, and the load asked for (byte/s) or the requests received."""
+    """Hello message: digest of the machine's boot, session, and a number.
+
+    number: requested load (byte/s) from the measuring end; number of received requests from the far end.
+    """
 
     boot: bytes
     session: int
@@ -90,22 +93,22 @@ def boot_digest() -> bytes:
 
 
 class Reply(NamedTuple):
-    """Answered request: its key, and the far end's clock at arrival minus the sender's at departure (100 ns)."""
+    """Reply: key of the request, and far clock at its arrival minus sender's clock at its departure (100 ns)."""
 
     key: int
     uplink: int
 
 
 class ClockTimeExchange:
-    """Codec of the measuring end."""
+    """Encoder of requests and decoder of replies, at the measuring end of the CLOCK_TIME experiment."""
 
     def __init__(self, session: int, boot: bytes | None = None) -> None:
         self._boot, self._session = boot_digest() if boot is None else boot, session
         self._parser = ClockMessageParser(DOWN)
         self.shared: bool | None = None
-        """True if both ends have one clock; None until the far end has answered."""
+        """True if both ends share one clock; None until the far end has answered."""
         self.heard = 0
-        """Number of requests that arrived at the far end, as last reported."""
+        """Number of requests that arrived at the far end, as last reported by that end."""
 
     def request(self, t: int) -> tuple[int, bytes]:
         """Return key and bytes of a request that departs at t (100 ns)."""

@@ -1,4 +1,4 @@
-"""Filter of commands by sender and clock, with its reports to both ends and to the log.
+"""Filter that refuses commands with a wrong sender or clock, and reports refusals to both ends and to the log.
 
 Source: docs page, Vehicle.
 """
@@ -14,24 +14,25 @@ from trimtab.flight.mavlink.dialect import TIME
 from trimtab.flight.station.standard_services import Station
 
 MOST_COMMAND_LEAD = ms(200)
-"""Largest lead of a command over the vehicle's clock. A command with a larger lead comes from another clock: the
-failsafe would accept no other command until that time.
+"""Largest accepted lead of a command over the vehicle's clock. A command with a larger lead comes from a wrong clock.
+If it were accepted, the failsafe would refuse all other commands until that time.
 
-The limit is below the failsafe's time-out, so that one bad command costs a few good ones and not the flight.
+The limit is below the failsafe's time-out. So one wrong command makes the vehicle miss a few good commands, but
+does not trigger the failsafe.
 """
 TELL_PERIOD, REPORT_PERIOD = seconds(1), seconds(10)
 AUTHORITY_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     "firmware.owner": (
         "i8",
-        Quantity("1", "Session of the owner; 0: no owner, or an owner without a session.", kind="count"),
+        Quantity("1", "Session of the vehicle's owner; 0: no owner, or an owner without a session.", kind="count"),
     ),
     "firmware.foreign": (
         "i8",
         Quantity("1", "Commands refused so far from senders without authority.", kind="count"),
     ),
-    "firmware.leading": ("i8", Quantity("1", "Commands refused so far because their clock is ahead.", kind="count")),
+    "firmware.leading": ("i8", Quantity("1", "Commands refused so far for a time too far ahead.", kind="count")),
 }
-"""Signals of the vehicle's log. `CommandGate.counts` gives their values."""
+"""Signals of the vehicle's log on its owner and on refused commands. `CommandGate.counts` gives their values."""
 
 
 class CommandGate:
@@ -46,7 +47,7 @@ class CommandGate:
         self.leading_commands = 0
 
     def admits(self, message: Message, now: int) -> bool:
-        """Return True if a COMMAND must be obeyed."""
+        """Return True if the vehicle must obey a COMMAND."""
         sender = command_sender(message)
         if not self._authority.accepts_command(sender):
             self._report(now, "without authority", sender, f"owner is {self._authority.owner}")
@@ -62,7 +63,7 @@ class CommandGate:
         return True
 
     def follow(self, is_commanded: bool) -> None:
-        """Update and announce the owner at each instant. Without a valid command nobody owns the vehicle."""
+        """Update the owner at each instant, and announce a new owner. A vehicle that is not commanded has no owner."""
         if not is_commanded:
             self._authority.end_flight()
         owner = self._authority.owner
@@ -74,7 +75,7 @@ class CommandGate:
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """Values of AUTHORITY_SIGNALS."""
+        """Current values of AUTHORITY_SIGNALS."""
         owner = self._authority.owner
         return 0 if owner is None else owner.session, self._authority.refused_commands, self.leading_commands
 

@@ -1,4 +1,4 @@
-"""Sender of an autopilot's commands, with the vehicle's time.
+"""Sender of an autopilot's commands, stamped with the vehicle's time.
 
 Source: docs page, Fly.
 """
@@ -12,18 +12,18 @@ from trimtab.flight.mavlink.time_sync import TimeSync
 class CommandSender:
     """Sender of the commands of one flight.
 
-    Their times increase, because a vehicle rejects a command that is older than its last one.
+    The time stamps of the commands increase, because a vehicle rejects a command that is older than the last command.
     """
 
     def __init__(self, end: AutopilotEnd, endpoint: Endpoint, link: Link, sync: TimeSync) -> None:
-        """Start without a command. sync: offset of the vehicle's clock."""
+        """Start without a command. sync: estimate of the vehicle's clock."""
         self._end, self._endpoint, self._link, self._sync = end, endpoint, link, sync
         self._last_time = self._jumps = 0
 
     def send(self, t: int, ahead: int) -> None:
         """Send the current command. t: time of the loop.  ahead: the vehicle's time minus the loop's time.
 
-        Times increase even if the vehicle's clock turns out earlier, unless it is another clock.
+        The sent times increase even if the estimate of the vehicle's clock decreases, unless the clock was replaced.
         """
         if t + ahead <= self._last_time and self._sync.jumps == self._jumps:
             ahead = self._last_time + 1 - t

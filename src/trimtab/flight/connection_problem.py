@@ -1,4 +1,4 @@
-"""Reasons why an autopilot's end does not fly: wrong key, clock, scenario or owner. Each says what to type.
+"""Problems that prevent a flight: wrong key, clock, scenario or owner. Each message says what to type.
 
 Source: docs page, Fly.
 """
@@ -11,11 +11,11 @@ from trimtab.flight.mavlink.stamps import MOST_LEAD, PER_SECOND
 from trimtab.flight.station.identity import SettingDifference
 
 VEHICLE_CLOCK, COMPUTER_CLOCK, STORED_CLOCK = "vehicle", "computer", "stored"
-"""Clock by which an end signs: the other end's clock, this computer's clock, or the stored time stamp continued."""
+"""Choices of the clock for signing: the vehicle's clock, this computer's clock, or the stored time stamp continued."""
 
 
 MOST_SHOWN = 8
-"""Maximum number of differences that are listed."""
+"""Maximum number of differing settings that a message lists."""
 
 
 class ConnectionProblem(NamedTuple):
@@ -32,7 +32,7 @@ def key_problem(frames: int, typed: str) -> ConnectionProblem:
 
 
 def signing_problem(is_signed: bool, typed: str) -> ConnectionProblem:
-    """Return the problem that only one end signs. is_signed: whether this end signs."""
+    """Return the problem that only one end signs. is_signed: True if this end signs."""
     if is_signed:
         problem = "wrong key: the vehicle does not sign, and this end accepts signed frames only"
         return ConnectionProblem(problem, f"{typed} --unsigned   or start the vehicle without --unsigned")
@@ -64,7 +64,7 @@ def scenario_problem(differences: Sequence[SettingDifference], typed: str) -> Co
 
 
 def _without_settings(typed: str, paths: Sequence[str]) -> str:
-    """Return the command without its settings of these paths, since a path may be set only once."""
+    """Return a command without its --set options for these paths, since a path may be set only once."""
     for path in map(re.escape, paths):
         typed = re.sub(rf" --set[ =](?:'{path}=[^']*'|{path}=\S+)", "", typed)
     return typed

@@ -1,6 +1,6 @@
-"""The flight's end of a pilot console: rows out and requests in, over a socket to a separate process.
+"""Flight's connection to a pilot console: it sends rows and receives requests, over a socket to another process.
 
-Nothing here waits: rows that the console has no room for are dropped, and its messages are read a few at a time.
+No call waits. Rows are dropped while the socket's buffer is full, and messages are read a few at a time.
 Source: docs page, Protocol of the console.
 """
 
@@ -22,7 +22,7 @@ MOST_PACKETS = 16
 
 
 class ShownSignal(NamedTuple):
-    """Number that is shown on the page. slot: its index in a row of the flight."""
+    """Number that the console's page shows. slot: index of the number in a row of the flight."""
 
     path: str
     declared: Quantity | None
@@ -30,7 +30,7 @@ class ShownSignal(NamedTuple):
 
 
 def list_shown(rows: FlightRows) -> list[ShownSignal]:
-    """Return the numbers of a flight's rows to show: scalars and short vectors, but no integer times."""
+    """Return the numbers of a flight's rows that the page shows: scalars and short vectors, but no integer times."""
     shown, at = [], 0
     for path, shape, _, declared in rows.signals:
         size = int(np.prod(shape))
@@ -50,10 +50,10 @@ class ConsoleLine:
         self._end, self._clock = end, clock
         self._rows: FlightRows | None = None
         self.dropped = 0
-        """Number of packets for which the console had no room."""
+        """Number of packets that could not be sent, e.g. because the socket's buffer was full."""
 
     def set_rows(self, rows: FlightRows) -> list[ShownSignal]:
-        """Set the contents of a row. Return the numbers that are shown."""
+        """Define the contents of a row. Return the numbers of a row that the page shows."""
         shown = list_shown(rows)
         self._rows, self._slots = rows, np.array([s.slot for s in shown], np.intp)
         self._numbers = np.zeros(rows.width)
@@ -62,7 +62,7 @@ class ConsoleLine:
         return shown
 
     def send_row(self, t: float, own: Sequence[float]) -> None:
-        """Send the row of time t (s). own: numbers of the row that no compiled step holds."""
+        """Send the row of time t (s). own: numbers of the row that do not come from a compiled step."""
         assert self._rows is not None
         self._rows.fill(self._numbers, own)
         HEAD.pack_into(self._packet, len(ROW), t, self._clock.monotonic_ns() / NS_PER_SECOND)
@@ -71,11 +71,11 @@ class ConsoleLine:
         self._send(self._packet)
 
     def send(self, kind: str, **content: Any) -> None:
-        """Send a message."""
+        """Send a message to the console. kind: type of the message."""
         self._send(TEXT + json.dumps({"type": kind, **content}, allow_nan=False).encode())
 
     def receive(self) -> list[Mapping[str, Any]]:
-        """Return the received messages, a few at most."""
+        """Return received messages of the console, at most MOST_PACKETS."""
         found: list[Mapping[str, Any]] = []
         with contextlib.suppress(OSError):
             for _ in range(MOST_PACKETS):
@@ -87,7 +87,7 @@ class ConsoleLine:
         return found
 
     def close(self) -> None:
-        """Close the socket. The console sees the end of the flight."""
+        """Close the socket. The console then knows that the flight is over."""
         self._end.close()
 
     def _send(self, packet: bytes | bytearray) -> None:

@@ -1,6 +1,6 @@
-"""Packets between a flight and its console: one letter, and the content.
+"""Packets between a flight and its console: a letter for the kind of packet, then the content.
 
-ROW and a row as the page gets it (HEAD, then a float32 for each signal), or TEXT and a JSON object.
+A packet is ROW and a row as sent to the page (HEAD, then a float32 for each signal), or TEXT and a JSON object.
 Source: docs page, Protocol of the console.
 """
 
@@ -11,7 +11,7 @@ from trimtab.core.time import ms, seconds
 ROW, TEXT = b"r", b"j"
 ROW_PERIOD = ms(20)
 HEAD = struct.Struct("<dd")
-"""Head of a row: time and clock (s)."""
+"""Head of a row: time of the flight and monotonic time of the sender (s)."""
 LARGEST_PACKET = 65536
 LONGEST_VECTOR = 12
 """Maximum number of elements of a signal that is shown. Longer signals, such as a covariance, are left out."""

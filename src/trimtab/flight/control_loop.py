@@ -1,7 +1,7 @@
-"""Control loop of a flight: packets until the next absolute deadline, one compiled step, the command, a row of the log.
+"""Control loop of a flight. Each period receives packets, runs one compiled step, sends a command and logs a row.
 
-The loop never waits for a disk, a console or a network. Requests to the supervisor in flight are written into the
-sensor sample that it reads, so a replay repeats them.
+The periods end at absolute deadlines. The loop never waits for a disk, a console or a network. Requests to the
+supervisor in flight are written into a sensor sample that the supervisor reads, so a replay repeats them.
 Source: docs pages, Fly and Supervisor.
 """
 
@@ -21,9 +21,9 @@ from trimtab.flight.silence import SilenceWatch
 from trimtab.flight.station.streams import pack_text
 
 MOST_PACKETS = 64
-"""Maximum number of packets taken in one period, so that a flood cannot stop the loop."""
+"""Maximum number of packets handled in one period, so that a flood of packets cannot stop the loop."""
 SERVO_FRAME = ms(20)
-"""Shortest time between two commands: a servo accepts no faster commands."""
+"""Shortest time between two sent commands: servos do not accept commands faster."""
 
 
 class ControlLoop:
@@ -42,10 +42,10 @@ class ControlLoop:
 
         Args:
             parts: parts of the autopilot's end.
-            pilot: pilot at a console, who then decides when to arm.
+            pilot: pilot at a console, who decides when to arm; `NoPilot` without a console.
             log: log of the flight.
-            takes_over: take the vehicle over from another autopilot that flies it.
-            halts: end an armed flight at the first overrun.
+            takes_over: True takes the vehicle over from another autopilot that flies it.
+            halts: True ends an armed flight at the first overrun.
         """
         self._parts, self._pilot, self._log = parts, pilot, log
         self._takes_over, self._halts, self._overrun = takes_over, halts, ""
@@ -73,12 +73,12 @@ class ControlLoop:
             t = k * period
             woke = self._receive_until(k)
             now = deadlines.start // NS + t
-            ahead = deadlines.start // NS + parts.remote.clock.offset(now)  # from the loop's time to the vehicle's
+            ahead = deadlines.start // NS + parts.remote.clock.offset(now)  # vehicle's time minus the loop's time
             self._set_inputs(t)
             began = clock.monotonic_ns()
             parts.autopilot_end.step.step()
             stepped = clock.monotonic_ns()
-            if k % every == 0 and deadlines.remaining(k + every) > 0:  # else there are newer ones soon
+            if k % every == 0 and deadlines.remaining(k + every) > 0:  # else a newer command follows soon
                 self._sender.send(t, ahead)
                 self._pilot.note_command()
             self._update_line(t, now)
@@ -92,14 +92,14 @@ class ControlLoop:
         return t
 
     def end_reason(self) -> str:
-        """Return why the flight must end before its time, or an empty string."""
+        """Return why the flight must end early, or an empty string."""
         remote = self._parts.remote
         if self.arming_time is not None and remote.arming.is_taken:
             return f"the vehicle was taken over by session {remote.arming.owner:06x}"
         return remote.comparison.misfit or self._parts.preflight.refusal or self._overrun or self._pilot.end_reason
 
     def list_problems(self) -> list[str]:
-        """Return the problems of the vehicle at the end of the flight, for scripts."""
+        """Return the problems of the vehicle at the end of the flight, for the JSON report."""
         now, was_armed = self._parts.clock.monotonic_ns() // NS, self.arming_time is not None
         return self._parts.remote.arming.list_problems(was_armed, self.silence.is_silent, now, self._pilot.has_stopped)
 
@@ -124,7 +124,7 @@ class ControlLoop:
         self._parts.supervised.set_inputs(t)
 
     def _update_line(self, t: int, now: int) -> None:
-        """Arm when there is a valid estimate, report news, and send what is due."""
+        """Prepare arming, report news of the flight, and send the packets that are due."""
         remote, link = self._parts.remote, self._parts.link
         if remote.arming.has_authority:
             self.arming_time = t if self.arming_time is None else self.arming_time
@@ -136,7 +136,7 @@ class ControlLoop:
         elif self._pilot.wants_arming or self._pilot.shows_checks:
             self._prepare_arming(now)
         self._news.report(now, self.arming_time is not None)
-        now = self._parts.clock.monotonic_ns() // NS  # not the deadline, which may be long past: its answer is timed
+        now = self._parts.clock.monotonic_ns() // NS  # the round trip counts from now, not from the deadline
         remote.due(now)
         for packet in self._parts.parameters.due(now):
             link.send(packet)
@@ -162,7 +162,7 @@ class ControlLoop:
         self._pilot.show(t, own, self.deadlines)
 
     def _next_period(self, k: int) -> int:
-        """Return the next period. Periods are skipped if the loop is far behind."""
+        """Return the number of the next period. Periods are skipped if the loop is far behind."""
         passed, behind = self.deadlines.count_passed(k + 1)
         if passed:
             self.skipped += passed
@@ -170,7 +170,7 @@ class ControlLoop:
         return k + 1 + passed
 
     def _own_signals(self, now: int, late: int, step: int) -> tuple[float, ...]:
-        """Return the values of FLIGHT_SIGNALS."""
+        """Return the current values of FLIGHT_SIGNALS."""
         parts, deadlines, samples = self._parts, self.deadlines, self._parts.autopilot_end.counts
         return (
             late * 1e-9,

@@ -1,8 +1,8 @@
-"""Duties of a vehicle's firmware besides flying: accept or refuse commands, and act safely without them.
+"""Duties of a vehicle's firmware besides flying: accept or refuse commands, and act safely when commands are missing.
 
-It also forwards the requests of ground stations to the autopilot (hold, resume, end), every 100 ms until they are
-acknowledged, and reports the autopilot's mode. The autopilot's heartbeat, as an onboard computer, has the mode of its
-supervisor as custom mode. An autopilot without a supervisor has no such mode, and takes no requests.
+The firmware also forwards the requests of ground stations to the autopilot (hold, resume, end), every 100 ms until
+they are acknowledged, and reports the autopilot's mode. The autopilot sends heartbeats as an onboard computer. Their
+custom mode is the mode of its supervisor. An autopilot without a supervisor has no such mode, and takes no requests.
 Source: docs pages, Vehicle and Station.
 """
 
@@ -41,7 +41,7 @@ COMPUTER_MODE, HOLD_MODE = 15, 4
 STATION_MODES = {COMPUTER_MODE: "computer", MANUAL_MODE: "manual", HOLD_MODE: "hold"}
 """Modes for ground stations. computer: obey the autopilot; manual: obey the pilot's sticks; hold: the autopilot holds.
 
-The numbers are those of ArduPilot's GUIDED, MANUAL and HOLD of rovers and boats, by which ground stations name them.
+The numbers are those of GUIDED, MANUAL and HOLD of ArduPilot's rovers and boats. Ground stations show these names.
 """
 RESEND_PERIOD, REQUEST_TIMEOUT, AUTOPILOT_TIMEOUT = ms(100), seconds(2), seconds(5)
 """Time until a request is repeated; time until a request is given up; time without heartbeats until the autopilot
@@ -58,7 +58,7 @@ class CommandSource(NamedTuple):
 
 
 class CommandPath:
-    """Path of a command into the failsafe's step, through the uplink if there is one."""
+    """Path of a command into the failsafe's step, through the block of the uplink if there is one."""
 
     def __init__(self, step: CompiledBlock, uplink: CompiledBlock | None) -> None:
         """uplink: block that commands pass before the failsafe's step, e.g. one with a fault."""
@@ -72,11 +72,11 @@ class CommandPath:
             self._inputs = slot_indices(own, paths, len(step.inputs))
 
     def slot(self, path: str) -> Any:
-        """Return the slot of a number of the newest command in the inputs of the first block that takes it."""
+        """Return the slot at which the first block of the path reads a number of the newest command."""
         return self._slots[path]
 
     def set_inputs(self, t: int, command: GroupSample | None) -> None:
-        """Set the inputs of the failsafe's step that hold the newest command."""
+        """Write the newest command into the inputs of the failsafe's step, through the uplink if there is one."""
         inputs, at = self._first.inputs, self._slots
         if command is not None:
             command.write(inputs)
@@ -97,7 +97,7 @@ class Duties:
         """Start disarmed.
 
         Args:
-            failsafe: the failsafe.
+            failsafe: failsafe of the vehicle.
             command: a command with the structure that the autopilot sends.
             world: world whose inputs get the failsafe's output.
             uplink: block that commands pass before the failsafe, e.g. one with a fault.
@@ -113,18 +113,18 @@ class Duties:
         self._arm = self._disarm = False
         self.mode = CommandSource(MODES[0], CAUSES[0])
         self.breach = BREACHES[0]
-        """Kind of the limit that is violated, for the next step."""
+        """Kind of the violated limit, as an input of the next step."""
         self.is_ending = False
         """True while the vehicle disarms because its own run ends."""
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
-        """Keep a request for the next step."""
+        """Store a request for the next step of the failsafe."""
         if isinstance(event, ArmRequest):
             self._arm, self._disarm = event.arm, not event.arm
         self.pilot.handle_event(event, now)
 
     def act(self, t: int, command: GroupSample | None) -> bool:
-        """Decide at integer time t, with the newest command if it is new. Return whether the mode has changed."""
+        """Run the failsafe's step at integer time t. command: a new one, or None. Return True if the mode changes."""
         self.commands.set_inputs(t, command)
         inputs, at = self.step.inputs, self._inputs
         inputs[at["t"]] = t
@@ -166,7 +166,7 @@ class _PendingRequest(NamedTuple):
 
 
 class FlightRequests:
-    """Requests to the autopilot, on the vehicle's side. Times `now` are the vehicle's, in 100 ns."""
+    """Requests of ground stations that the vehicle forwards to the autopilot. Times are the vehicle's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, tell: Callable[[str], None]) -> None:
         """tell: receives the messages for the user."""
@@ -177,7 +177,7 @@ class FlightRequests:
         self._texts = TextAssembly()
 
     def handle_message(self, message: Message, now: int) -> None:
-        """Handle a message of the autopilot: heartbeats and acknowledgements."""
+        """Handle a heartbeat, text or acknowledgement of the autopilot. Other messages have no effect."""
         if message.system != self._endpoint.system:
             return
         if message.name == "HEARTBEAT":
@@ -206,7 +206,7 @@ class FlightRequests:
             self._tell(f"autopilot: {pending.request} refused")
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
-        """Start to forward a request. A newer request replaces an older one."""
+        """Start to forward a request to the autopilot. A newer request replaces an older one."""
         if isinstance(event, FlightRequest):
             self._pending = _PendingRequest(event.request, now, now, 0)
         elif isinstance(event, ModeRequest) and event.mode == HOLD_MODE:
@@ -216,7 +216,7 @@ class FlightRequests:
 
     @property
     def holds(self) -> bool:
-        """True if the autopilot last reported that it holds."""
+        """True if the autopilot last reported the mode hold."""
         return self._mode == HOLDS
 
     @property
@@ -227,7 +227,7 @@ class FlightRequests:
         return self._heartbeat_time is not None and now - self._heartbeat_time <= AUTOPILOT_TIMEOUT
 
     def due(self, now: int) -> list[bytes]:
-        """Return the packets that are due now."""
+        """Return the packet of a pending request if it must be sent now."""
         pending = self._pending
         if pending is None or now < pending.next:
             return []
@@ -242,7 +242,7 @@ class FlightRequests:
         return [self._endpoint.pack("COMMAND_LONG", fields | to)]
 
     def status(self, status: Status, now: int) -> Status:
-        """Return the vehicle's status with the autopilot's part added."""
+        """Return the vehicle's status, completed with the mode and the problem of the autopilot."""
         there = self._is_autopilot_present(now)
         mode = HOLD_MODE if there and self.holds and status.mode == COMPUTER_MODE else status.mode
         why = "" if there else NO_AUTOPILOT_PROBLEM

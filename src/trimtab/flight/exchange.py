@@ -1,4 +1,4 @@
-"""Exchange over a link: numbers of a compiled step as messages and back, and a question repeated until its answer.
+"""Exchange over a link: numbers of a compiled step sent as messages, and questions repeated until they are answered.
 
 Source: docs page, Exchange.
 """
@@ -16,10 +16,10 @@ from trimtab.flight.mavlink.dialect import COMMAND, TIME, Dialect
 from trimtab.flight.mavlink.endpoint import Endpoint
 
 MOST_INCOMPLETE = 8
-"""Maximum number of incomplete samples that are kept: on some links packets overtake one another."""
+"""Maximum number of incomplete samples kept for their missing messages: on some links packets overtake each other."""
 T = TypeVar("T")
 Where = Callable[[str], int | slice]
-"""Path of a leaf -> its slot in a vector."""
+"""Path of a leaf (a number or an array) of a record -> index or slice of the leaf in a vector."""
 
 
 class _MessageLayout(NamedTuple):
@@ -30,7 +30,7 @@ class _MessageLayout(NamedTuple):
 
 
 class MessageGroup:
-    """Messages that carry one sample, or the command, between a vector of numbers and a link."""
+    """Messages that carry one sample, or the command, with their conversion from and to a vector of numbers."""
 
     def __init__(self, dialect: Dialect, group: str, where: Where) -> None:
         """group: name in the dialect, e.g. "samples.imu" or "command"."""
@@ -49,7 +49,7 @@ class MessageGroup:
             self._layouts[name] = _MessageLayout(slots, whole, time, has_session)
 
     def pack(self, endpoint: Endpoint, vector: Any, shift: int = 0) -> list[bytes]:
-        """Return the packets of the numbers in a vector. `shift` is added to their time."""
+        """Return packets with the numbers of a vector. `shift` is added to the time that they carry."""
         packets = []
         for name, layout in self._layouts.items():
             numbers = vector[layout.slots].tolist()
@@ -59,7 +59,7 @@ class MessageGroup:
         return packets
 
     def assemble(self, message: Message) -> "GroupSample | None":
-        """Return the sample if this message is its last part; None while parts of the same time are missing."""
+        """Return the sample if this message completes it; None while messages of the same time are missing."""
         layout = self._layouts[message.name]
         time = message.values[layout.time]
         if len(self.names) == 1:
@@ -77,7 +77,7 @@ class MessageGroup:
 
 
 class GroupSample(NamedTuple):
-    """Complete sample or command from the link. t: its time, by the sender's clock."""
+    """Complete sample or command from the link. t: time of the sample, by the sender's clock."""
 
     t: int
     slots: Sequence[int]
@@ -85,13 +85,13 @@ class GroupSample(NamedTuple):
     time: int
 
     def write(self, vector: Any, shift: int = 0) -> None:
-        """Write the sample into a vector. `shift` is added to its time."""
+        """Write the sample into a vector. `shift` is added to the time of the sample."""
         vector[self.slots] = self.values
         vector[self.slots[self.time]] = self.t + shift
 
 
 def slot_indices(where: Mapping[str, Any], paths: Iterable[str], size: int) -> Any:
-    """Return the indices of these leaves in a vector of this size, in order."""
+    """Return the indices of the leaves at `paths`, in this order, in a vector of length `size`."""
     every = np.arange(size)
     return np.concatenate([np.zeros(0, np.intp), *(np.atleast_1d(every[where[p]]) for p in paths)])
 
@@ -127,7 +127,7 @@ def request_answer(
 ) -> T | None:
     """Send packets repeatedly until a message answers them; return None after `patience` seconds.
 
-    packets: makes the packets of each attempt. answer: returns the content of an answer; None for any other message.
+    packets: makes the packets of an attempt.  answer: returns the content of an answer, and None for other messages.
     """
     deadline = clock.monotonic_ns() + patience * NS_PER_SECOND
     while clock.monotonic_ns() < deadline:

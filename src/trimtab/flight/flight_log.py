@@ -1,4 +1,4 @@
-"""Log of a flight: rows gathered from the vectors of compiled steps, handed to the writer's process.
+"""Log of a flight: rows are filled from the vectors of compiled steps, and passed to a separate writer process.
 
 Source: docs page, Fly.
 """
@@ -24,14 +24,14 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.program import describe_scenario
 
 FRAMES = {"vehicle": "vehicle", "autopilot": "estimate"}
-"""Side -> name of the vehicle's frame in its log."""
+"""Side of the link -> name of the coordinate frame that moves with the vehicle, in the log of that side."""
 ROWS = 16384
-"""Number of rows in the ring: it bridges the time for which the disk delays the writer."""
+"""Number of rows in the ring buffer, which bridges the time for which a disk delays the writer."""
 WRITER_DIED = f"the log's writer died, or wrote nothing for {END_S:g} s; the rows written before are kept"
 
 
 class LogSource(NamedTuple):
-    """Vector whose numbers go into each row. name: path of a member -> path in the log, or None to leave it out."""
+    """Vector whose numbers go into each row. name: maps a member's path to its path in the log; None: not logged."""
 
     vector: Any
     members: Sequence[Member]
@@ -39,23 +39,23 @@ class LogSource(NamedTuple):
 
 
 def frame_signals(prefix: str) -> dict[str, tuple[str, Quantity]]:
-    """Return the signals of a link's frames, below a path. `count_frames` gives their values."""
+    """Return the log signals that count a link's frames; paths start with `prefix`. `count_frames` gives the values."""
     return {
         f"{prefix}.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
-        f"{prefix}.lost": ("i8", Quantity("1", "Frames lost so far, by their numbers.", kind="count")),
+        f"{prefix}.lost": ("i8", Quantity("1", "Frames lost so far, by gaps in their numbers.", kind="count")),
         f"{prefix}.damaged": ("i8", Quantity("1", "Frames with a wrong checksum so far.", kind="count")),
         f"{prefix}.garbage": ("i8", Quantity("1", "Bytes outside frames so far.", kind="count")),
     }
 
 
 def count_frames(counts: FrameCounts) -> tuple[int, int, int, int]:
-    """Return the values of `frame_signals`."""
+    """Return the current values of the signals of `frame_signals`."""
     return counts.refusals, counts.lost, counts.checksum, counts.garbage
 
 
 class FlightRows:
-    """Contents of a row of a flight: numbers from vectors of compiled steps, then numbers that the caller gives for the
-    row.
+    """Layout of a log row of a flight: numbers from vectors of compiled steps, then numbers that the caller passes with
+    the row.
     """
 
     def __init__(self, sources: Sequence[LogSource], own: Mapping[str, tuple[str, Quantity]]) -> None:
@@ -63,7 +63,7 @@ class FlightRows:
 
         Args:
             sources: vectors whose numbers go into each row.
-            own: path -> (type, declaration) of the numbers that come with each row.
+            own: path -> (type, declaration) of the numbers that the caller passes with each row.
         """
         self.signals: list[Signal] = []
         self._picks: list[tuple[Any, Any, slice]] = []
@@ -83,31 +83,31 @@ class FlightRows:
 
 
 class FlightRecorder(Protocol):
-    """Log of a live end. Only the method `await_room` waits."""
+    """Interface of the log of one end of a live flight. Only the method `await_room` waits."""
 
     pose: Any
-    """Pose of the vehicle, as in `logs.frames`. Each row holds the pose that was set last."""
+    """Pose of the vehicle, as in `logs.frames`. Each row contains the pose that was set last."""
     unread_rows: int
     """Number of rows that the writer's process had not read when it died."""
 
     def start_clock(self, start: int, clock: Clock) -> None:
-        """Set time zero to a time of the monotonic clock (ns). Call it before the first row."""
+        """Set the log's time zero to `start`, a time of the monotonic clock (ns). Call this before the first row."""
         ...
 
     def write_row(self, t: int, own: Sequence[float] = ()) -> None:
-        """Write a row: the vectors as they are now, and the numbers that come with each row."""
+        """Write the row of time t: the current numbers of the vectors, then the numbers in `own`."""
         ...
 
     def await_room(self) -> None:
-        """Wait until a row fits: for flights in lockstep, which may outrun the disk."""
+        """Wait until the log has room for a row. Call this in lockstep, where a flight may be faster than the disk."""
         ...
 
     def write_event(self, text: str) -> None:
-        """Write a line of text between rows."""
+        """Write a line of text into the log, between two rows."""
         ...
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
-        """End the log. Return None if the writer's process had died or had stopped writing."""
+        """End the log. Return None if the writer's process has died or has stopped writing."""
         ...
 
 
@@ -126,14 +126,14 @@ class FlightLog:
 
         Args:
             path: path of a new file.
-            rows: contents of a row.
+            rows: layout of a row.
             metadata: metadata of the log.
-            frame: name of the vehicle's frame, whose poses are set, where time runs by a clock; empty: in virtual time.
-            limit: limit of its size on the disk; None: no limit.
+            frame: name of the frame whose pose each row contains; empty: no pose, as in flights in virtual time.
+            limit: maximum size of the log on the disk; None: no limit.
         """
         self._rows, stop = rows, 1 + rows.width
         self.pose: Any = no_pose() if frame else np.zeros(0)
-        """Pose as in `logs.frames`. Change its elements in place; each row holds the last values."""
+        """Pose as in `logs.frames`. Change its elements in place. Each row contains the current elements."""
         self._row = np.zeros(stop + len(self.pose))
         self._numbers, self._poses = self._row[1:stop], self._row[stop:]
         self._ring = Ring.create(columns=len(self._row), rows=ROWS)
@@ -146,27 +146,27 @@ class FlightLog:
             raise
 
     def write_row(self, t: int, own: Sequence[float] = ()) -> None:
-        """Write a row: the current numbers of the vectors."""
+        """Write the row of time t: the current numbers of the vectors, then the numbers in `own`."""
         self._row[0] = t
         self._rows.fill(self._numbers, own)
         self._poses[:] = self.pose
         self._ring.write_row(self._row)
 
     def await_room(self) -> None:
-        """Wait until a row fits, or the writer has died: for flights in virtual time, which may outrun the disk."""
+        """Wait until the log has room for a row, or its writer has died. Virtual time may be faster than the disk."""
         while self._ring.waiting_rows >= self._ring.rows and self._stream.is_alive:
             SYSTEM_CLOCK.wait(None, 1e-3)
 
     def start_clock(self, start: int, clock: Clock = SYSTEM_CLOCK) -> None:
-        """Set time zero to a time of the monotonic clock (ns). Call it before the first row."""
+        """Set the log's time zero to `start`, a time of the monotonic clock (ns). Call this before the first row."""
         self._stream.set_epoch(round(clock.unix() * NS_PER_SECOND) - clock.monotonic_ns() + start)
 
     def write_event(self, text: str) -> None:
-        """Write a line of text between rows."""
+        """Write a line of text into the log, between two rows."""
         self._ring.write_text(text)
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
-        """End the log. Return None if the writer had died or does not go on writing; `unread_rows` is then set."""
+        """End the log. Return None and set `unread_rows` if the writer has died or has stopped writing."""
         try:
             return self._stream.close(final)
         finally:
@@ -186,17 +186,17 @@ def close_flight_log(
     Args:
         log: the log; None: no log.
         lost_lines: number of lines for the user that were lost.
-        final: last values, for the log.
+        final: final values that are stored in the log.
     """
     if log is None:
         return None
     if lost_lines:
-        log.write_event(f"{lost_lines} lines for the user were lost: the terminal or the reader did not take them")
+        log.write_event(f"{lost_lines} lines for the user were lost: the terminal or the reader did not accept them")
     return log.close(final)
 
 
 def list_log_problems(log: FlightRecorder | None, summary: LogFileSummary | None) -> list[str]:
-    """Return the problems of a log that has ended. log: None for no log.  summary: None if its writer had died."""
+    """Return the problems of a closed log. log: None for no log.  summary: None if the log's writer has died."""
     if log is None:
         return []
     if summary is None:
@@ -219,7 +219,7 @@ class Disk(Protocol):
     def open_log(
         self, path: Path, rows: FlightRows, metadata: Mapping[str, Any], frame: str, limit: LogLimit | None
     ) -> FlightRecorder:
-        """Open a log. Arguments as of `FlightLog`."""
+        """Open a log. The arguments are those of `FlightLog`."""
         ...
 
 
@@ -252,7 +252,7 @@ class SystemDisk:
     def open_log(
         self, path: Path, rows: FlightRows, metadata: Mapping[str, Any], frame: str, limit: LogLimit | None
     ) -> FlightLog:
-        """Open a log. Arguments as of `FlightLog`."""
+        """Open a log. The arguments are those of `FlightLog`."""
         self.free_bytes(path.parent)
         return FlightLog(path, rows, metadata, frame, limit)
 
@@ -280,19 +280,19 @@ def open_flight_log(
     limit: int | None = None,
     disk: Disk = SYSTEM_DISK,
 ) -> FlightRecorder | None:
-    """Open the log of one side of a flight; return None without a path.
+    """Open the log of the vehicle or the autopilot. Return None without a path.
 
     Args:
         path: file of the log.
         sources: vectors whose numbers go into each row.
-        own: path -> (type, declaration) of the numbers that come with each row.
+        own: path -> (type, declaration) of the numbers that the caller passes with each row.
         scenario: the scenario that is flown.
         side: "autopilot" or "vehicle".
         seed: seed of the random numbers.
         log_period: time between rows (100 ns).
-        is_live: whether the flight runs by a clock, so that `start_clock` will be called.
-        limit: maximum size (bytes). A vehicle's log then drops its oldest files.
-        disk: disk of the log.
+        is_live: True if the flight runs by a clock, so that `start_clock` will be called.
+        limit: maximum size of the log (bytes). At the limit, a vehicle's log drops its oldest files.
+        disk: disk on which the log is written.
     """
     if path is None:
         return None

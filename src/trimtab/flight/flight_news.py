@@ -9,15 +9,15 @@ from trimtab.flight.supervised import explain_change
 
 
 class FlightNews:
-    """Changes since the last period, reported once each."""
+    """Reporter of changes during a flight. Each change is reported once."""
 
     def __init__(self, parts: AutopilotParts, silence: SilenceWatch) -> None:
-        """Start without news. silence: watch for silence of the vehicle."""
+        """Start before the first report. silence: detects that no data of the vehicle arrives."""
         self._parts, self._silence = parts, silence
         self._backward_sensors: list[str] = []
 
     def report(self, now: int, was_armed: bool) -> None:
-        """Report what has changed, and pass requests of ground stations on to the supervisor."""
+        """Report changes since the last call, and pass requests of ground stations on to the supervisor."""
         parts = self._parts
         sensors = parts.autopilot_end.backward_sensors
         for sensor in sensors if sensors != self._backward_sensors else ():

@@ -17,7 +17,7 @@ FLIGHT_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     "loop.overruns": ("i8", Quantity("1", "Periods so far whose work ended after the next deadline.", kind="count")),
     "loop.skipped": ("i8", Quantity("1", "Periods skipped so far.", kind="count")),
     "link.samples": ("i8", Quantity("1", "Samples received so far.", kind="count")),
-    "link.overtaken": ("i8", Quantity("1", "Samples so far that arrived after a later one.", kind="count")),
+    "link.overtaken": ("i8", Quantity("1", "Samples so far that arrived after a newer sample.", kind="count")),
     "link.backwards": ("i8", Quantity("1", "Samples so far of sensors with decreasing time stamps.", kind="count")),
     "link.implausible": (
         "i8",
@@ -26,15 +26,15 @@ FLIGHT_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     "link.silence": ("f8", Quantity("s", "Time since the last data from the vehicle.")),
     "link.offset": ("f8", Quantity("s", "The vehicle's clock minus this end's clock.")),
     **frame_signals("link"),
-    "link.connected": ("?", Quantity("1", "The transport has a connection.", kind="flag")),
+    "link.connected": ("?", Quantity("1", "The transport of the link is connected.", kind="flag")),
     "vehicle.owned": ("?", Quantity("1", "The vehicle accepts this end as its owner.", kind="flag")),
     "vehicle.armed": ("?", Quantity("1", "The vehicle reports that it is armed.", kind="flag")),
 }
-"""Signals of a flight's log besides the frame and the outputs."""
+"""Signals of an autopilot's log, in addition to the inputs and outputs of its step."""
 
 
 class LiveFlightSummary(NamedTuple):
-    """Result of a flight. arming_time: when the vehicle first reported that it is armed (100 ns), None if never."""
+    """Result of a flight. arming_time: time of the first report that the vehicle is armed (100 ns); None: never."""
 
     t: int
     arming_time: int | None
@@ -44,6 +44,6 @@ class LiveFlightSummary(NamedTuple):
     """Number of control periods that were skipped."""
     log: LogFileSummary | None
     cause: str
-    """Reason for an early end; empty if there was none."""
+    """Reason for an early end of the flight; empty for a normal end."""
     problems: tuple[str, ...]
-    """Problems for scripts: an early end, a failsafe, a vehicle that was not armed at the end, a lost log."""
+    """Problems listed in the JSON report: an early end, a failsafe, a vehicle not armed at the end, a lost log."""

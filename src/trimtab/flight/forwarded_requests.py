@@ -1,4 +1,4 @@
-"""Requests of ground stations to the supervisor, which the vehicle forwards, and the supervisor's mode for stations.
+"""Requests of ground stations to the supervisor, forwarded by the vehicle, and the supervisor's mode for stations.
 
 Source: docs page, Fly; MAVLink's services heartbeat and command.
 """
@@ -19,20 +19,20 @@ MOST_REQUESTS = 8
 
 
 class ForwardedRequests:
-    """Requests at the autopilot's end, and its heartbeats. Times `now` are this end's, in 100 ns."""
+    """Receiver of forwarded requests, and sender of the autopilot's heartbeats. Times are this end's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint) -> None:
-        """endpoint: this end of the link."""
+        """endpoint: autopilot's end of the link."""
         self._endpoint = endpoint
         self.pending: deque[str] = deque(maxlen=MOST_REQUESTS)
-        """Requests that the supervisor has not been given yet."""
+        """Requests that have not been passed to the supervisor yet."""
         self.mode: int | None = None
         """Mode of this end's supervisor, sent in heartbeats; None: no supervisor that takes requests."""
         self._last_mode: int | None = None
         self._next = 0
 
     def due(self, now: int) -> list[bytes]:
-        """Return the heartbeat that is due now: at once when the mode changes."""
+        """Return the heartbeat if it is due now. After a change of mode it is due at once."""
         if now < self._next and self.mode == self._last_mode:
             return []
         self._next, self._last_mode = now + HEARTBEAT_PERIOD, self.mode
@@ -40,7 +40,7 @@ class ForwardedRequests:
         return [self._endpoint.pack("HEARTBEAT", HEARTBEAT | mode)]
 
     def answer(self, message: Message) -> list[bytes]:
-        """Keep the request of a COMMAND_LONG and return the answer. Commands to other components are ignored."""
+        """Store the request of a COMMAND_LONG, and return the answer. Commands to other components are ignored."""
         own = self._endpoint.system, self._endpoint.component
         if (message.get("target_system"), message.get("target_component")) != own:
             return []

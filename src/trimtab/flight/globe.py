@@ -1,8 +1,8 @@
 """Position of a vehicle on the globe: its world frame, placed at a given origin.
 
-A laboratory's floor has no latitude, so no position is sent until there is an origin: `trimtab vehicle --origin`, or a
-ground station's SET_GPS_GLOBAL_ORIGIN while it is disarmed. The position is for maps: no sensor and no law uses it.
-Heights are taken as given, above the sea. Placing W as if above the ellipsoid makes distances wrong by 2e-5 at most.
+No position is sent until an origin is known, by `trimtab vehicle --origin`, or by SET_GPS_GLOBAL_ORIGIN from a ground
+station while the vehicle is disarmed. The position is for maps: no sensor and no law uses it. Heights are above the
+sea, but W is placed as if they were above the ellipsoid. The relative error of distances is then at most 2e-5.
 Source: https://mavlink.io/en/messages/common.html, GLOBAL_POSITION_INT, HOME_POSITION, GPS_GLOBAL_ORIGIN.
 """
 
@@ -45,20 +45,20 @@ def parse_origin(text: str) -> Place:
 
 
 def is_on_globe(place: Place) -> bool:
-    """Return whether the place exists, and a flight could begin there."""
+    """Return True if latitude, longitude and height are finite and within their limits."""
     limits = Place(math.pi / 2, math.pi, HIGHEST)
     return all(math.isfinite(v) and abs(v) <= limit for v, limit in zip(place, limits, strict=True))
 
 
 class Globe:
-    """Places of one vehicle, and a station's service that sets the origin."""
+    """Converter of a vehicle's position to a place on the globe, and the service that sets the origin."""
 
     names: Collection[str] = (SET_ORIGIN,)
 
     def __init__(self, endpoint: Endpoint, motion: Callable[[], VehicleMotion], origin: Place | None = None) -> None:
-        """Compile the block that computes the place.
+        """Compile the block that computes a place from a position.
 
-        motion: returns the current motion. origin: place of W's origin, or None.
+        motion: returns the current motion. origin: place of the origin of W on the globe; None: not known.
         """
         self._endpoint, self._motion = endpoint, motion
         self._block = compile_block(place_block())
@@ -78,7 +78,7 @@ class Globe:
         return Place(*(float(self._block.result(name)) for name in Place._fields))
 
     def mark_home(self) -> None:
-        """Set home to the current place."""
+        """Set home to the current position of the vehicle."""
         self.home = self._motion()
 
     def position_fields(self, now: int) -> Mapping[str, Any] | None:
@@ -98,9 +98,9 @@ class Globe:
         return None if self.origin is None else telemetry.global_origin(now, self.origin)
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
-        """Handle a request for another origin, if disarmed.
+        """Handle a request to change the origin. It is refused while the vehicle is armed.
 
-        Return the current origin, and the reason if it was not changed.
+        Return the current origin, and the reason for a refusal.
         """
         latitude, longitude = (math.radians(message.get(n) * DEGREES) for n in ("latitude", "longitude"))
         place = Place(latitude, longitude, message.get("altitude") * 1e-3)
@@ -116,7 +116,7 @@ class Globe:
         return []
 
     def _home(self, motion: VehicleMotion) -> VehicleMotion:
-        """Return home. Before the first arming it is the place where the vehicle is held."""
+        """Return the motion at home. Before the first arming, home is the current place."""
         return motion if self.home is None else self.home
 
     def _set_origin(self, origin: Place) -> None:

@@ -23,11 +23,11 @@ from trimtab.run.blocks import replace_links
 
 T = TypeVar("T")
 PATIENCE, RESEND_PERIOD = 10.0, 0.3
-"""Time to wait for an answer (s), and time until a question is sent again (s)."""
+"""Longest time to wait for an answer (s), and time after which a question is repeated (s)."""
 FAULT_NUMBERS = ("start", "duration", "severity", "bias", "word")
-"""Numbers of a fault that are sent, in order.
+"""Names of a fault's numbers, in the order in which they are sent.
 
-`word`, the kind of the fault, comes last, since it makes the fault act.
+`word`, the kind of the fault, is sent last, because it activates the fault.
 """
 
 
@@ -37,20 +37,20 @@ def add_idle_faults(scenario: Scenario) -> Scenario:
 
 
 class FaultPlan(NamedTuple):
-    """Parameters to set for a fault. values: parameter names and their values, in order."""
+    """Parameters to set for a fault. values: parameter name -> value, in the order of sending."""
 
     fault: Fault
     values: dict[str, float]
 
 
 def fault_parameter_names(scenario: Scenario) -> dict[str, str]:
-    """Return path -> parameter name for the numbers of the vehicle of a scenario."""
+    """Return path -> parameter name for all numbers of a scenario's vehicle."""
     table = Parameters(add_idle_faults(scenario).world, "world").table()
     return {path: name for name, (path, _) in table.items()}
 
 
 def plan_fault(scenario: Scenario, text: str, names: Mapping[str, str] | None = None) -> FaultPlan:
-    """Return the parameters to set for a fault given as text. Raise InputError if it cannot be set in flight.
+    """Return the parameters to set for a fault given as text. Raise InputError if the fault cannot be set in flight.
 
     Args:
         scenario: scenario that the vehicle flies.
@@ -71,13 +71,13 @@ def plan_fault(scenario: Scenario, text: str, names: Mapping[str, str] | None = 
 
 
 class Injector:
-    """Questions to a vehicle, with their answers."""
+    """Injector of faults: it sets parameters of a vehicle over a link, and waits for each answer."""
 
     def __init__(self, link: Link, endpoint: Endpoint, clock: Clock = SYSTEM_CLOCK) -> None:
         self.link, self.endpoint, self._clock = link, endpoint, clock
 
     def inject(self, plan: FaultPlan) -> int:
-        """Set all numbers of a fault. Its start counts from now. Return its start by the vehicle's clock (100 ns)."""
+        """Set all numbers of a fault; its start counts from now. Return the start by the vehicle's clock (100 ns)."""
         start = self.read_vehicle_time() + int(plan.fault.start)
         for k, (name, value) in enumerate(plan.values.items()):
             self.set(name, value if k else float(start))
@@ -112,7 +112,7 @@ class Injector:
         )
 
     def set(self, name: str, value: float) -> None:
-        """Set a parameter. Repeat until the vehicle confirms its value."""
+        """Set a parameter. Repeat the request until the vehicle confirms the value."""
         to = {"target_system": 1, "target_component": 1}
         fields = {"param_id": name, "param_value": value, "param_type": REAL_32} | to
 

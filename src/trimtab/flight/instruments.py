@@ -1,6 +1,6 @@
-"""Telemetry that a virtual vehicle sends to ground stations. The autopilot neither asks for it nor receives it.
+"""Telemetry that a virtual vehicle sends to ground stations, not to the autopilot.
 
-Position and velocity are the true ones: a ground station is there to show what the vehicle really does.
+Position and velocity are the true values, so that a ground station shows what the vehicle really does.
 Source: docs page, Telemetry.
 """
 
@@ -32,7 +32,7 @@ FORCE, RATE, FIELD = "specific_force", "angular_rate", "field"
 
 
 class Instruments:
-    """Reader of a vehicle for its telemetry."""
+    """Reader of a virtual vehicle's state for telemetry."""
 
     def __init__(
         self,
@@ -46,11 +46,11 @@ class Instruments:
         """Compile the blocks that telemetry needs.
 
         Args:
-            body: vehicle with the motion.
-            duties: duties, whose failsafe names the outputs.
+            body: vehicle whose motion is sent.
+            duties: duties of the firmware; their failsafe gives names and ranges of the outputs.
             guard: checks before arming.
             endpoint: endpoint of the vehicle.
-            origin: place of W on the globe.
+            origin: place of the origin of W on the globe; None: not known.
             clock: clock whose wall-clock time is sent as SYSTEM_TIME.
         """
         self._body, self._endpoint, self._clock = body, endpoint, clock
@@ -66,7 +66,7 @@ class Instruments:
         self._pulses, self._pulse_time = tuple[float, ...](), -2 * RADIO_TIMEOUT
 
     def telemetry_streams(self) -> Streams:
-        """Return all telemetry, at rates for a slow link."""
+        """Return all telemetry streams, with rates for a slow link."""
         streams: dict[str, TelemetryStream] = {
             "ATTITUDE": TelemetryStream(lambda now: telemetry.attitude(now, self.vehicle_motion()), QUICK),
             "LOCAL_POSITION_NED": TelemetryStream(
@@ -97,7 +97,7 @@ class Instruments:
             self._pulses, self._pulse_time = event.pulses, now
 
     def vehicle_motion(self) -> VehicleMotion:
-        """Return the motion now."""
+        """Return the current motion of the vehicle."""
         motion, world = self._motion, self._body.world
         motion.inputs[motion.reads["t"]] = self._body.t
         for into, out in self._pairs:
@@ -145,7 +145,7 @@ class Instruments:
 
 
 class SensorSlots(NamedTuple):
-    """Slots of a sensor's newest sample in a world's outputs. at: quantity -> its slot in the outputs."""
+    """Slots of a sensor's newest sample in a world's outputs. at: quantity -> slot of the quantity."""
 
     name: str
     at: Mapping[str, Any]
@@ -166,7 +166,7 @@ def find_sensor(writes: Mapping[str, Any], quantity: str) -> SensorSlots | None:
 
 
 def pair_slots(reads: Mapping[str, Any], writes: Mapping[str, Any]) -> list[tuple[Any, Any]]:
-    """Return pairs of slots, in motion block and world, for each number of the state and of the actuation."""
+    """Return pairs of slots (motion block, world), one for each input of the motion block: true state and actuation."""
     acting = "input.truth", "input.u"
     pairs = [(p.removeprefix("input."), at) for p, at in reads.items() if p.startswith(acting)]
     return [(at, writes[p if p.startswith("truth") else f"actuators.{p}"]) for p, at in pairs]

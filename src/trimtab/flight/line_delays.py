@@ -1,11 +1,12 @@
 """One-way delays of a link, measured as in the thesis [1].
 
-A request carries the sender's time; the far end appends its timer and echoes it. With one clock on both ends
+A request carries the sender's time t0. The far end appends its timer reading and sends the request back, and the
+answer arrives at the time now. With one clock on both ends
 
     uplink = timer - t0,    downlink = now - t0 - uplink
 
-and with two, the offset between them is taken from the quickest round trips, as if up and down took the same time.
-The results are the table's figures, recordings to replay, and a channel model with the same moments.
+With two clocks, their offset is estimated from the quickest round trips, assuming equal delays up and down. The results
+are the statistics of the thesis's table, recordings to replay, and a channel model with the same moments.
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5.
 """
 
@@ -36,23 +37,23 @@ from trimtab.links.latency import BELOW_MIN_MS, SEND_PERIODS, Latencies, gamma_t
 from trimtab.links.latency_trace import Trace
 
 MOST_LOAD = 125_000
-"""Largest load that is sent (bytes per second), whatever is asked for."""
+"""Largest load that is sent (bytes per second), even if a larger load is requested."""
 LOAD_TIMEOUT = 3.0
-"""Time for which load is sent after the last request for it (s)."""
+"""Time (s) for which the far end sends load after the last request for load."""
 BURST = 4
 """Maximum number of load messages sent at once, after a delay of this machine."""
 HELLO_PERIOD = 0.5
-"""Time between two hellos to the far end (s)."""
+"""Time between two hello messages to the far end (s)."""
 BITS_PER_BYTE = 10
 """Bits per byte on a serial line, with start and stop bit. The rates in the thesis count them."""
 QUICKEST_SHARE = 0.05
-"""Share of the round trips from which the offset of two clocks is taken."""
+"""Fraction of the round trips, the quickest ones, from which the offset of two clocks is estimated."""
 LEAST_SD = 1e-5
 """Standard deviation (s) in the model of a link whose measured delays do not vary."""
 
 
 class LinkTestPlan(NamedTuple):
-    """Plan of a measurement: load each way in kb/s (all bytes, ten bits each), requests, and requests per second."""
+    """Plan of a measurement: load in each direction (kb/s, ten bits a byte), number of requests, requests per s."""
 
     up: float
     down: float
@@ -76,20 +77,20 @@ class Delays(NamedTuple):
     up: np.ndarray[Any, Any]
     down: np.ndarray[Any, Any]
     lost_up: int
-    """Number of requests that did not arrive. Further requests without a reply were lost on the way down."""
+    """Number of requests that did not reach the far end. The replies to other unanswered requests were lost."""
     has_one_clock: bool
-    """True if one clock measured both ways; otherwise only the sum of up and down is certain."""
+    """True if both ends share one clock. Otherwise only the sum of both delays is certain."""
     data_rates: tuple[float, float]
-    """Rates sent and received (kb/s)."""
+    """Data rates sent and received (kb/s)."""
 
     @property
     def has_reply(self) -> np.ndarray[Any, Any]:
-        """Return True for each request with a reply."""
+        """Return an array with True for each request that has a reply."""
         return np.isfinite(self.up)
 
 
 class LoadPace:
-    """Pacer of load messages, so that all bytes sent make up a given rate (byte/s)."""
+    """Pacer of load messages, with which the rate of all sent bytes reaches a given value (byte/s)."""
 
     def __init__(self, size: int) -> None:
         self._size, self._due, self.rate = size, 0.0, 0.0
@@ -99,7 +100,7 @@ class LoadPace:
         return max(self._due - t, 0.0) if self.rate > 0 else 3600.0
 
     def due(self, t: float) -> bool:
-        """Return whether a message is due at t (s). It then counts as sent."""
+        """Return True if a message is due at t (s). The message then counts as sent."""
         if self.rate <= 0 or t < self._due:
             return False
         self.count_bytes(self._size, t)
@@ -119,14 +120,13 @@ def echo_requests(
     clock: Clock = SYSTEM_CLOCK,
     boot: bytes | None = None,
 ) -> int:
-    """Answer requests until stop() returns True; it is called ten times a second. Returns the number of requests
-    echoed.
+    """Send received requests back until stop() returns True. Return the number of these requests.
 
     Args:
         link: link to the measuring end.
-        stop: returns True to end.
+        stop: called ten times a second; True ends the work.
         clock: clock of this end.
-        boot: digest that identifies the clock; None: this machine's.
+        boot: digest that identifies the clock; None: the digest of this machine.
     """
     parser, pace, boot = ClockMessageParser(UP), LoadPace(len(LOAD_DOWN)), boot_digest() if boot is None else boot
     session, heard, echoed, until = -1, 0, 0, 0.0
@@ -163,8 +163,8 @@ def measure_delays(
     """Send requests under load and collect the replies. Return None if the far end does not answer.
 
     Args:
-        link: link to an end that echoes.
-        exchange: codec of the messages.
+        link: link to a far end that runs `echo_requests`.
+        exchange: encoder and decoder of the messages.
         plan: load and number of requests.
         clock: clock of this end.
     """
@@ -181,7 +181,7 @@ def measure_delays(
 
 
 class _DelayMeasurement:
-    """One measurement: the departure time of each request and, by its key, content and arrival time of the reply."""
+    """One measurement: departure times of the requests, and content and arrival time of each reply, by request."""
 
     def __init__(self, link: Link, exchange: ClockTimeExchange, plan: LinkTestPlan, clock: Clock) -> None:
         self._link, self._exchange, self._plan, self._clock = link, exchange, plan, clock
@@ -193,7 +193,7 @@ class _DelayMeasurement:
         return self._clock.monotonic_ns() / NS_PER_SECOND
 
     def await_far_end(self) -> bool:
-        """Send hellos until the far end answers. Return whether it did."""
+        """Send hello messages until the far end answers. Return False if no answer arrives in time."""
         end = self._seconds() + self._plan.first_patience
         while self._exchange.shared is None and self._seconds() < end:
             self._link.send(self._hello)
@@ -201,9 +201,7 @@ class _DelayMeasurement:
         return self._exchange.shared is not None
 
     def ask(self) -> None:
-        """Send requests at irregular times, so that they do not coincide with a periodic task, and send the load
-        between them.
-        """
+        """Send requests at irregular times, and load between them. So requests do not coincide with a periodic task."""
         draw, pace = random.Random(self._plan.seed), LoadPace(len(LOAD_UP))
         pace.rate = self._plan.up * 1e3 / BITS_PER_BYTE
         at = hello_at = self._seconds()
@@ -234,7 +232,7 @@ class _DelayMeasurement:
                 self._gather_replies(left)
 
     def _gather_replies(self, wait: float) -> None:
-        """Take the replies that arrive within `wait` seconds. Of two replies to one request the first counts."""
+        """Store the replies that arrive within `wait` seconds. If a request has two replies, the first counts."""
         data = self._link.receive(max(wait, 0.0))
         arrived = self._clock.monotonic_ns() // NS
         for key, uplink in self._exchange.read_replies(data) if data else ():
@@ -242,7 +240,7 @@ class _DelayMeasurement:
                 self._back.setdefault(key, (uplink, arrived))
 
     def delays(self, data_rates: tuple[float, float]) -> Delays:
-        """Return the results."""
+        """Return the measured delays. data_rates: measured data rates sent and received (kb/s)."""
         left = np.array(list(self._sent.values()), np.int64)
         came = np.array([key in self._back for key in self._sent], bool)
         answered = [(self._back[key], t0) for key, t0 in self._sent.items() if key in self._back]
@@ -263,10 +261,10 @@ def clock_offset(up: np.ndarray[Any, Any], trip: np.ndarray[Any, Any]) -> float:
 
 
 def link_traces(delays: Delays) -> dict[str, Trace]:
-    """Return recordings of both ways, for LatencyTrace.
+    """Return a recording of the delays up, and a recording of the delays down, for LatencyTrace.
 
-    For a request without a reply it is unknown which way lost it. The number that the far end missed counts as lost on
-    the way up, spread evenly over these requests.
+    If a request has no reply, either the request or the reply was lost. The number of requests that the far end missed
+    is known. So that number of unanswered requests, evenly spread, counts as lost on the way up.
     """
     missing = np.flatnonzero(~delays.has_reply)
     lost_up = np.zeros(len(delays.send_times), bool)
@@ -278,7 +276,7 @@ def link_traces(delays: Delays) -> dict[str, Trace]:
     left = (delays.send_times + np.where(delays.has_reply, up, mean))[arrived_up]
     order = np.argsort(left, kind="stable")
     fell = ~delays.has_reply[arrived_up][order]
-    # a request that was answered late or never did arrive: its uplink is unknown, use the mean
+    # a request that arrived, but whose reply did not: its uplink delay is unknown, use the mean
     upward = Trace(delays.send_times, np.where(lost_up, 0.0, np.where(delays.has_reply, up, mean)), lost_up)
     return {"up": upward, "down": Trace(left[order], np.where(fell, 0.0, down[arrived_up][order]), fell)}
 
@@ -297,7 +295,7 @@ def latency_rows(delays: Delays) -> dict[str, Latencies]:
 
 
 class DelayModel(NamedTuple):
-    """Shifted gamma distribution of latencies (s) with the measured moments, and the share lost."""
+    """Model of a link: shifted gamma distribution of latencies (s), with measured moments, and fraction lost."""
 
     mean: float
     sd: float
@@ -314,7 +312,7 @@ class DelayModel(NamedTuple):
 
 
 def fit_delay_model(trace: Trace) -> DelayModel:
-    """Fit a model of one way. The distribution starts 2 ms below the smallest latency, as in the thesis."""
+    """Fit a model of one direction. The distribution starts 2 ms below the smallest latency, as in the thesis."""
     row = summarise_latencies(trace.latency_s[~trace.lost])
     shift = max(row.min_ms - BELOW_MIN_MS, 0.0) / 1e3
     mean = max(row.mean_ms / 1e3, shift + LEAST_SD)

@@ -1,8 +1,8 @@
 """Both ends of a link in lockstep: virtual time stands still until the other end has answered.
 
-The vehicle's end sends the changed samples and closes the instant. The autopilot's end answers with the command of that
-instant. So the numbers are those of `simulate`, whatever the link does. An instant is flown once all its samples have
-arrived, lost packets are sent again, and a repeated instant is answered with the same command.
+The vehicle's end sends the changed samples and ends the instant. The autopilot's end answers with the command of that
+instant. So the numbers are those of `simulate`, whatever the link does. The autopilot's step runs once all samples of
+an instant have arrived. Lost packets are sent again. A repeated instant is answered with the same command.
 
 Source: docs page, Lockstep.
 """
@@ -30,7 +30,7 @@ from trimtab.run.cosimulation import prepare_world
 RESEND_PERIOD = 0.2
 """Time after which an unanswered packet is sent again (s)."""
 PATIENCE = 10.0
-"""Silence after which the other end is given up (s)."""
+"""Time without an answer after which the other end counts as lost (s)."""
 START_PATIENCE = 120.0
 """Longest time that the start of the other end may take (s), including its compilation."""
 
@@ -42,7 +42,7 @@ class NoAnswerError(Exception):
 def lead_lockstep(
     vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, clock: Clock = SYSTEM_CLOCK
 ) -> Iterator[int]:
-    """Run the vehicle's end for the scenario's duration. Yield each instant after its command has arrived, and the end.
+    """Run the vehicle's end for the scenario's duration. Yield each instant once its command has arrived.
 
     Raises NoAnswerError if the other end does not answer.
     """
@@ -88,9 +88,9 @@ def follow_lockstep(
     period: int,
     clock: Clock = SYSTEM_CLOCK,
 ) -> Iterator[int]:
-    """Run the autopilot's end for a duration. Yield each instant after its step, before it is answered.
+    """Run the autopilot's end for a duration. Yield each instant after its step and before its answer.
 
-    Raises NoAnswerError if the vehicle falls silent.
+    Raises NoAnswerError if the vehicle sends no more data.
     """
     instant = endpoint.dialect.groups[INSTANT][0]
     arming = {"command": CommandCode.ARM, "param1": 1.0, "param3": endpoint.session, "target_system": endpoint.system}
@@ -101,9 +101,9 @@ def follow_lockstep(
 
     deadline, heartbeat_time = now() + START_PATIENCE, 0.0
     while done + period < duration:
-        if now() > heartbeat_time:  # on some links the vehicle only knows ends that have sent something
+        if now() > heartbeat_time:  # on some links the vehicle sends only to ends that have sent something
             link.send(endpoint.pack("HEARTBEAT", HEARTBEAT))
-            if done < 0:  # firmware does nothing before it is armed; a virtual vehicle ignores the request
+            if done < 0:  # firmware waits until it is armed; a virtual vehicle ignores the request
                 link.send(endpoint.pack("COMMAND_LONG", arming))
             heartbeat_time = now() + RESEND_PERIOD
         for message in receive_messages(link, endpoint, RESEND_PERIOD):
@@ -119,7 +119,7 @@ def follow_lockstep(
             for packet in autopilot_end.command_packets(endpoint) if t == done else ():
                 link.send(packet)
         if now() > deadline:
-            raise NoAnswerError(f"the vehicle has sent no instant after {done * 1e-7:g} s")
+            raise NoAnswerError(f"the vehicle has sent no data after the instant {done * 1e-7:g} s")
 
 
 MakeEndpoint = Callable[[Dialect], Endpoint]
@@ -129,7 +129,7 @@ class LockstepVehicle:
     """Vehicle's end in lockstep. It sends each instant and waits for the command."""
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
-        """Compile the world. endpoint: makes the vehicle's end for a dialect."""
+        """Compile the world. endpoint: makes the vehicle's end of the link for a dialect."""
         world, frame, command = prepare_world(scenario, seed=seed)
         dialect = derive_dialect(frame, command)
         self.scenario, self.seed = scenario, seed
@@ -137,7 +137,7 @@ class LockstepVehicle:
         self.body = VirtualVehicle(scenario, dialect, world)
 
     def run(self, link: Link, log: Path | None = None, log_period: int = ms(1)) -> LogFileSummary | None:
-        """Run for the scenario's duration. Raise NoAnswerError if no autopilot follows."""
+        """Run for the scenario's duration. Raise NoAnswerError if no autopilot answers."""
         body = self.body
         flight_log = open_flight_log(
             log, body.log_sources(), {}, self.scenario, side="vehicle", seed=self.seed, log_period=log_period
@@ -158,7 +158,7 @@ class LockstepAutopilot:
     """Autopilot's end in lockstep. It answers each instant with a command."""
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
-        """Compile the autopilot. endpoint: makes its end for a dialect."""
+        """Compile the autopilot. endpoint: makes the autopilot's end of the link for a dialect."""
         scenario.check()
         dialect = scenario_dialect(scenario)
         self.scenario, self.seed = scenario, seed
@@ -166,7 +166,7 @@ class LockstepAutopilot:
         self.autopilot_end = AutopilotEnd(scenario, dialect, compile_autopilot(scenario, seed=seed))
 
     def run(self, link: Link, log: Path | None = None) -> LogFileSummary | None:
-        """Answer instants for the scenario's duration. Raise NoAnswerError if no vehicle leads."""
+        """Answer instants for the scenario's duration. Raise NoAnswerError if no vehicle sends instants."""
         period = self.scenario.autopilot.period
         sources = self.autopilot_end.log_sources()
         flight_log = open_flight_log(

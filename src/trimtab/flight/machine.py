@@ -1,7 +1,7 @@
-"""The computer that a live program runs on: its clock, disk, links, processes and signals.
+"""Computer on which a live program runs: its clock, disk, links, processes and signals.
 
-Live code is handed a Machine instead of calling the system itself. So the same code runs in virtual time, on the
-machines of `live.virtual_machine`.
+Live code uses a Machine and does not call the system itself. So the same code runs in virtual time, on the machines of
+`flight.virtual_machine`.
 Source: docs page, Testing.
 """
 
@@ -28,7 +28,7 @@ STORE_PERIOD_S = 1.0
 
 
 SAME_KEYPRESS_S = 0.3
-"""Time (s) within which a second signal counts as the same request: some terminals and wrappers send two."""
+"""Time (s) within which a second signal counts as the same request: some terminals and wrappers send two signals."""
 
 
 @contextlib.contextmanager
@@ -36,7 +36,7 @@ def catch_interrupts(clock: Clock = SYSTEM_CLOCK) -> Iterator[Callable[[], bool]
     """Turn Ctrl-C, SIGTERM and SIGHUP into a flag, so that the craft is disarmed and logs are closed.
 
     A second signal after `SAME_KEYPRESS_S` ends the program at once. SIGHUP comes when a terminal or an ssh session is
-    lost. It stays ignored where it was ignored before, as under nohup.
+    lost. SIGHUP stays ignored if it was ignored before, as under nohup.
     """
     asked: list[int] = []
 
@@ -77,7 +77,7 @@ def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
 
 
 def list_stamp_problems(endpoint: Endpoint) -> list[str]:
-    """Return the problem of time stamps that could not be stored beside the key, if there is one."""
+    """Return a message if time stamps could not be stored beside the key, else an empty list."""
     failed = 0 if endpoint.stamps is None else endpoint.stamps.unsaved
     fix = "free space on the disk of the key, else old packets may be accepted after a restart"
     return [f"the time stamps beside the key could not be stored (failed attempts: {failed}): {fix}"] if failed else []
@@ -109,7 +109,7 @@ def write_lines(write: Callable[[str], object]) -> Iterator[LineSink]:
 
 
 class OpenLink(Protocol):
-    """Function that opens a link, see `links.open_link.open_link`."""
+    """Function that opens a link, see `transports.open_link.open_link`."""
 
     def __call__(self, uri: str, *, listen: bool = False) -> Link:
         """Open the link of an address."""
@@ -117,25 +117,25 @@ class OpenLink(Protocol):
 
 
 class Machine(NamedTuple):
-    """The parts of a computer that a live program uses. The default is the computer that runs Python."""
+    """Parts of a computer that a live program uses. The default is the computer that runs Python."""
 
     clock: Clock = SYSTEM_CLOCK
     disk: Disk = SYSTEM_DISK
     open_link: OpenLink = open_link
     start_outputs: StartOutputs = start_outputs_process
-    """Starts the process of a vehicle's outputs."""
+    """Function that starts the process of a vehicle's outputs."""
     real_time: Callable[[bool], AbstractContextManager[RealTimeGrant]] = real_time
-    """Asks for real-time scheduling and locked memory."""
+    """Context in which the program has real-time scheduling and locked memory, if the system allows it."""
     catch_interrupts: Callable[[], AbstractContextManager[Callable[[], bool]]] = catch_interrupts
-    """Turns a signal that asks the program to end into a flag."""
+    """Context that turns a signal to end the program into a flag."""
     store_stamps_ahead: Callable[[Endpoint], AbstractContextManager[None]] = store_stamps_ahead
-    """Stores future time stamps of an endpoint, and closes the endpoint at the end."""
+    """Context that stores future time stamps of an endpoint, and closes the endpoint at the end."""
     write_lines: Callable[[Callable[[str], object]], AbstractContextManager[LineSink]] = write_lines
-    """Writes lines for the user in a thread, so that the program never waits for the terminal."""
+    """Context that writes lines for the user in a thread, so that the program never waits for the terminal."""
     typed_words: Callable[[], Sequence[str]] = lambda: sys.argv[1:]
-    """Returns the words of the command line after the program's name."""
+    """Function that returns the words of the command line after the program's name."""
     draw_session: Callable[[], int] = draw_session
-    """Draws a random session number."""
+    """Function that returns a random session number."""
 
 
 SYSTEM_MACHINE = Machine()

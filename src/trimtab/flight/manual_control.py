@@ -1,4 +1,4 @@
-"""Safety pilot of a vehicle: sticks of a receiver or a joystick, and when they are obeyed.
+"""Safety pilot of a vehicle: sticks of a radio receiver or a joystick, and the conditions under which they are obeyed.
 
 Source: docs page, Vehicle.
 """
@@ -20,18 +20,18 @@ SWITCH = 4
 """Index of the mode switch, the pilot's fifth channel: above 1.5 ms the sticks are obeyed."""
 RADIO_TIMEOUT = ms(500)
 WIDEST_RANGE = 1e30
-"""Widest range of a command that counts as known. With a wider range no stick position can be assigned."""
+"""Range of a command's number, from which on the number counts as unlimited. Sticks cannot set such a command."""
 LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
 
 
 class ManualControl:
-    """Pilot's data on their way into the failsafe's step. Times are the vehicle's, in 100 ns."""
+    """Writer of the safety pilot's data into the inputs of the failsafe's step. Times are the vehicle's, in 100 ns."""
 
     def __init__(self, failsafe: Failsafe, inputs: Any, slots: Mapping[str, Any]) -> None:
-        """Start without data.
+        """Start before the first data of a pilot.
 
         Args:
-            failsafe: failsafe whose limits are the ends of the sticks.
+            failsafe: failsafe; its limits of a command are the values at the ends of the sticks' travel.
             inputs: inputs of the failsafe's step.
             slots: name of an input -> its slot.
         """
@@ -45,15 +45,15 @@ class ManualControl:
 
     @property
     def wants_control(self) -> bool:
-        """True while the pilot's sticks are to be obeyed, by the mode or by the switch."""
+        """True while the mode or the switch selects the pilot's sticks."""
         return self._is_mode or self._is_switched
 
     def radio_silence(self, now: int) -> int | None:
-        """Return the time since data from the safety pilot's sticks; None: never received."""
+        """Return the time since the last data of the safety pilot's sticks; None: never received."""
         return None if self._radio_at is None else now - self._radio_at
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
-        """Keep the pilot's data for the next step. Other events have no effect."""
+        """Store the pilot's data for the next step. Other events have no effect."""
         if isinstance(event, ModeRequest):
             self._is_mode = event.mode == MANUAL_MODE
         elif isinstance(event, ReceiverChannels) and event.is_release:
@@ -85,13 +85,13 @@ class ManualControl:
         self._inputs[self._slots["takeover"]] = self.wants_control
 
     def end_step(self) -> None:
-        """Forget a receiver that was released. Call it after the step, which has ended the takeover."""
+        """Forget a receiver that was released. Call this after the step that ends the pilot's takeover."""
         if self._is_released:
             self._radio_at, self._is_released = None, False
 
 
 def command_ranges(failsafe: Failsafe) -> tuple[Any, Any]:
-    """Return lowest value and range of each number of a command; the range is NaN for a number without limits."""
+    """Return the lowest value and the range of each number of a command. Without limits, the range is NaN."""
     low, high = (
         np.concatenate([np.zeros(0), *(np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r))])
         for r in (failsafe.low, failsafe.high)

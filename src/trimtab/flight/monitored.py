@@ -21,7 +21,7 @@ class _Watched(NamedTuple):
 
 
 class CompiledMonitor:
-    """Monitor of a compiled step. Without one, no formula is ever violated."""
+    """Monitor of a compiled step. In a step without a monitor, no formula is ever violated."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
         """step: the compiled autopilot of this scenario."""

@@ -1,15 +1,15 @@
-"""Port of the outputs: the row in force, in shared memory, for the driver of servos and motors.
+"""Port of a vehicle's outputs: the row that is applied, in shared memory, for the driver of servos and motors.
 
     struct, little-endian     number of the write (u64, odd during a write), time of the write, time stamp of life,
                               delay of the lift fan (ns each, i64), number of values n (u16), state (u8), lift (u8)
-    n float64, n float64      the values that act, the safe values
+    n float64, n float64      the applied values, the safe values
 
 The process of the outputs renews the stamp of life every 20 ms, whether or not a value changes. A driver must read the
 port at least that often, and compare the stamp with the monotonic clock. A stamp older than 100 ms means that the
 process is dead or frozen. The driver then applies the safe values, and stops the lift fan after its delay.
 `OutputReader` follows this rule. The memory is not on the disk of the log, since a disk may hang.
 
-It needs only the standard library, since it runs in the process of the outputs and in drivers.
+This module needs only the standard library, since it runs in the process of the outputs and in drivers.
 Source: docs page, Vehicle (Watchdog).
 """
 
@@ -25,18 +25,18 @@ from typing import NamedTuple
 
 PORT_HEAD = struct.Struct("<QqqqHB?")
 LIFE_OFFSET = 16
-"""Place of the stamp of life in the head."""
+"""Byte offset of the stamp of life in the port."""
 MOST_READS = 100
-"""Largest number of attempts to read a row that is just being written."""
+"""Maximum number of attempts to read a row while it is being written."""
 LIFE_PERIOD, LIFE_TIMEOUT = 20_000_000, 100_000_000
-"""Time (ns) between two stamps of life, and the age at which a driver takes the writer for dead."""
+"""Time (ns) between two stamps of life, and age of a stamp at which a driver treats the writer as dead."""
 STATES = ("waiting", "driven", "safe", "latched", "stale")
 WAITING, DRIVEN, SAFE, LATCHED, STALE = range(5)
 SHARED_MEMORY = Path("/dev/shm")
 
 
 class OutputRow(NamedTuple):
-    """Row of outputs that is applied. values: of the command, in the order of its record."""
+    """Row of outputs. values: numbers of the command, in the order of its record."""
 
     state: int
     lift: bool
@@ -46,7 +46,7 @@ class OutputRow(NamedTuple):
 def memory_folder() -> Path:
     """Return this user's folder in shared memory, else in the temporary folder.
 
-    PermissionError: other users have access to the folder.
+    Raise PermissionError if other users have access to the folder.
     """
     user = os.getuid() if hasattr(os, "getuid") else 0
     folder = (SHARED_MEMORY if SHARED_MEMORY.is_dir() else Path(tempfile.gettempdir())) / f"trimtab-{user}"
@@ -59,7 +59,7 @@ def memory_folder() -> Path:
 
 
 def port_path(process: int) -> Path:
-    """Return the file name of the port of a process, by the process number."""
+    """Return the path of the port that a process writes. process: number of the process."""
     return memory_folder() / f"outputs-{process}.bin"
 
 
@@ -67,25 +67,25 @@ class OutputPort:
     """Writing side of the port, in the process of the outputs."""
 
     def __init__(self, path: Path, safe: Sequence[float], lift_delay: int) -> None:
-        """Make the port, with the safe values acting.
+        """Make the port, with the safe values applied.
 
         Args:
             path: file to make in shared memory. An older file of this name is replaced.
             safe: the safe values.
-            lift_delay: time (ns) for which the lift fan keeps turning after the safe row starts.
+            lift_delay: time (ns) for which the lift fan keeps turning after the safe row takes effect.
         """
         self.path, self._lift_delay, self._count = path, lift_delay, 0
         self._numbers = struct.Struct(f"<{len(safe)}d")
         size = PORT_HEAD.size + 2 * self._numbers.size
         path.unlink(missing_ok=True)
         with open(path, "x+b", opener=_open_own) as file:
-            os.posix_fallocate(file.fileno(), 0, size)  # a full memory fails here, not with a signal at the first row
+            os.posix_fallocate(file.fileno(), 0, size)  # fails if memory is full; a write would raise a signal
             self._memory = mmap.mmap(file.fileno(), size)
         self._numbers.pack_into(self._memory, PORT_HEAD.size + self._numbers.size, *safe)
         self.write(OutputRow(WAITING, False, tuple(safe)), 0)
 
     def write(self, row: OutputRow, now: int) -> None:
-        """Apply a row from now (ns) on."""
+        """Write the row that is applied from now (ns) on."""
         self._count += 2
         numbers = self._count - 1, now, now, self._lift_delay, len(row.values), row.state, row.lift
         PORT_HEAD.pack_into(self._memory, 0, *numbers)
@@ -93,11 +93,11 @@ class OutputPort:
         struct.pack_into("<Q", self._memory, 0, self._count)
 
     def renew(self, now: int) -> None:
-        """Renew the stamp of life."""
+        """Renew the stamp of life, which shows that this process works."""
         struct.pack_into("<q", self._memory, LIFE_OFFSET, now)
 
     def close(self) -> None:
-        """Remove the file of the port. A driver that has the port open finds its stamp of life too old."""
+        """Remove the file of the port. A driver that still has the port open sees that the stamp of life is too old."""
         self.path.unlink(missing_ok=True)
 
 
@@ -120,7 +120,7 @@ class OutputReader:
     def read(self) -> tuple[int, OutputRow]:
         """Return the time when the newest whole row was written (ns), and the row as written, however old it is.
 
-        A writer that stops in the middle of a row does not hold up the reader, which then keeps the row before.
+        A writer that stops in the middle of a row does not block the reader, which then keeps the previous row.
         """
         for _ in range(MOST_READS):
             count, written, _, _, _, state, lift = PORT_HEAD.unpack_from(self._memory, 0)
@@ -131,9 +131,9 @@ class OutputReader:
         return self._newest
 
     def row_to_apply(self, now: int) -> OutputRow:
-        """Return the row that a driver applies now (ns, monotonic clock): the safe one while the writer is silent.
+        """Return the row that a driver applies now (ns, monotonic clock): the safe row while the writer shows no life.
 
-        The lift fan keeps turning for its delay after the writer fell silent, if it turned before.
+        If the lift fan was turning, it keeps turning for its delay after the last sign of life.
         """
         row = self.read()[1]
         _, _, life, lift_delay, *_ = PORT_HEAD.unpack_from(self._memory, 0)
@@ -146,5 +146,5 @@ class OutputReader:
 
 
 def _open_own(path: str, flags: int) -> int:
-    """Open a file that no other user can write, whatever the umask: a writer of this file moves the vehicle."""
+    """Open a file that no other user can write, whatever the umask: its content moves the vehicle."""
     return os.open(path, flags, 0o644)

@@ -1,8 +1,8 @@
-"""Outputs of a vehicle, seen from the vehicle. A separate process makes them safe when the vehicle falls silent.
+"""Outputs of a vehicle, as seen by the vehicle. Another process makes them safe when the vehicle sends no rows.
 
 The vehicle hands over each row that it computes, and at least one per HEARTBEAT. The outputs' process applies it. If no
-row arrives within the watchdog's time, or the socket closes, that process writes the safe row: thrust at once, the lift
-fan after the failsafe's delay. `live.outputs_process` is that process.
+row arrives within the watchdog's time, or the socket closes, that process writes the safe row: safe thrust at once,
+lift fan off after the failsafe's delay. `flight.outputs_process` is that process.
 Source: docs page, Vehicle (Watchdog).
 """
 
@@ -41,15 +41,15 @@ class RowSocket(Protocol):
         ...
 
     def send(self, packet: bytes, /) -> int:
-        """Send a packet. BlockingIOError: the buffer is full; OSError: the other end is closed."""
+        """Send a packet. Raise BlockingIOError if the buffer is full, OSError if the other end is closed."""
         ...
 
     def recv(self, size: int, /) -> bytes:
-        """Return the next packet, empty if the other end is closed. BlockingIOError: no packet waits."""
+        """Return the next packet, empty if the other end is closed. Raise BlockingIOError if no packet waits."""
         ...
 
     def close(self) -> None:
-        """Close this end."""
+        """Close this end of the connection."""
         ...
 
 
@@ -63,7 +63,7 @@ class OutputsProcess(NamedTuple):
 
 
 class OutputsOrders(NamedTuple):
-    """Orders for the process of outputs at its start. Times are in ns, see `Watchdog`."""
+    """Settings passed to the process of the outputs at its start. Times are in ns, see `Watchdog`."""
 
     safe: tuple[float, ...]
     timeout: int
@@ -73,7 +73,7 @@ class OutputsOrders(NamedTuple):
     """Folder of the port and of the log of the outputs; None: neither is written."""
     real_time: bool
     vehicle: int
-    """Process number of the vehicle."""
+    """Process number of the vehicle's process."""
 
 
 StartOutputs = Callable[[OutputsOrders], OutputsProcess]
@@ -121,7 +121,7 @@ def start_outputs_process(orders: OutputsOrders) -> OutputsProcess:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-        with contextlib.suppress(OSError):  # a process that was killed left it
+        with contextlib.suppress(OSError):  # the port remains if the process was killed
             port_path(process.pid).unlink(missing_ok=True)
 
     return OutputsProcess(line, process.pid, end)
@@ -132,10 +132,10 @@ class Outputs:
 
     Args:
         safe: the row that makes the craft safe.
-        timeout: silence (ns) after which the safe row is applied.
+        timeout: time without rows (ns) after which the safe row is applied.
         lift_delay: time (ns) for which the lift fan keeps turning after the safe row takes effect.
-        latch: silence (ns) after which the safe row stays in force until the vehicle is disarmed.
-        folder: where the port and the log of the outputs are kept.
+        latch: time without rows (ns) after which the safe row stays in force until the vehicle is disarmed.
+        folder: folder for the port and the log of the outputs; None: neither is written.
         wanted_real_time: ask the system for real-time scheduling.
         clock: clock of the vehicle's process.
         start: function that starts the process.
@@ -162,7 +162,7 @@ class Outputs:
         self._content, self._stamp = b"", 0
         self._echo = self._looked = self._clock.monotonic_ns()
         self.problem = ""
-        """Problem of the process; empty while it works."""
+        """Problem of the outputs' process; empty while the process works."""
 
     @property
     def is_alive(self) -> bool:
@@ -170,18 +170,18 @@ class Outputs:
         return not self.problem
 
     def hand_over(self, is_commanded: bool, lift: bool, values: Sequence[float]) -> int:
-        """Hand a row over. Return the silence (ns) after which the outputs had gone safe; 0 if they had not."""
+        """Send a row to the process. Return the silence (ns) after which the outputs had gone safe; 0: they had not."""
         now = self._clock.monotonic_ns()
         content = HEAD.pack(0, is_commanded, lift)[8:] + self._numbers.pack(*values)
         if content == self._content and now - self._stamp < HEARTBEAT:
             return 0
         self._content, self._stamp = content, now
-        if now - self._looked >= LIFE_TIMEOUT / 2:  # this process stood still itself, perhaps the whole machine
+        if now - self._looked >= LIFE_TIMEOUT / 2:  # this process stood still, or the whole machine did
             self._echo = now
         self._looked = now
         silence = 0
         try:
-            with contextlib.suppress(BlockingIOError):  # a frozen process leaves no room
+            with contextlib.suppress(BlockingIOError):  # the buffer is full if the process is frozen
                 self._line.send(now.to_bytes(8, "little") + content)
             while True:
                 silence = max(silence, self._take_answer(self._line.recv(64), now))
@@ -193,7 +193,7 @@ class Outputs:
         return silence
 
     def _take_answer(self, answer: bytes, now: int) -> int:
-        """Handle a packet of the process. Return the silence (ns) that the packet reports, else 0."""
+        """Handle a packet of the outputs' process. Return the silence (ns) that the packet reports, else 0."""
         if not answer:
             raise BrokenPipeError
         self._echo = now

@@ -1,6 +1,6 @@
-"""Process of a vehicle's outputs: it applies the rows it receives, and makes the outputs safe without them.
+"""Process of a vehicle's outputs: it applies received rows, and makes the outputs safe when no rows arrive.
 
-It needs only the standard library, so that it starts quickly.
+This module needs only the standard library, so that the process starts quickly.
 Source: docs page, Vehicle (Watchdog).
 """
 
@@ -35,9 +35,9 @@ from trimtab.flight.outputs import ECHO, END, HEAD, LOG_FILE, PORT_FILE, READY, 
 from trimtab.flight.watchdog import Watchdog
 
 PRIORITY = 41
-"""Real-time priority, above that of the vehicle's loop."""
+"""Real-time priority of this process, above the priority of the vehicle's loop."""
 EXITING = 0x4
-"""Flag of Linux in /proc/PID/stat for a process that is ending."""
+"""Flag in /proc/PID/stat by which Linux marks a process that is ending."""
 GONE = "the vehicle's process is gone"
 STOPPED = "the vehicle's process is stopped"
 HANGS = "the vehicle's process hangs or is starved"
@@ -50,14 +50,14 @@ def write_error_line(text: str) -> None:
 
 
 def open_log(folder: Path) -> TextIO:
-    """Create the outputs' own log, which outlives the vehicle's process."""
+    """Create the log of the outputs. It continues after the vehicle's process has ended."""
     return (folder / LOG_FILE).open("x", encoding="utf-8", buffering=1)
 
 
 def open_port(folder: Path, orders: OutputsOrders) -> OutputPort:
     """Make the port in shared memory, and link it to the folder of the log.
 
-    Raises OSError where the folder already has a port, or memory is short.
+    Raises OSError if the folder already has a port, or if memory is short.
     """
     port = OutputPort(port_path(os.getpid()), orders.safe, orders.lift_delay)
     try:
@@ -69,7 +69,7 @@ def open_port(folder: Path, orders: OutputsOrders) -> OutputPort:
 
 
 class OutputsLoop:
-    """Loop of the outputs. It applies the rows that come, until the vehicle is gone and everything is at rest."""
+    """Loop of the outputs. It applies received rows until the vehicle is gone and all outputs are at rest."""
 
     def __init__(
         self,
@@ -81,15 +81,15 @@ class OutputsLoop:
         port: OutputPort | None = None,
         tells: Sequence[Callable[[str], object]] = (),
     ) -> None:
-        """Report that the outputs are ready.
+        """Report to the vehicle that the outputs are ready.
 
         Args:
             line: connection to the vehicle.
-            orders: orders of the vehicle.
+            orders: settings from the vehicle.
             clock: clock of this process.
-            find_cause: returns why no row arrives although the connection is open.
+            find_cause: returns the reason why no row arrives although the connection is open.
             port: port for the driver; None: no driver.
-            tells: receivers of each message: the log, the user. None of them may wait.
+            tells: functions that pass each message to the log and the user. They must not wait.
         """
         self._line, self._clock, self._find_cause, self._timeout = line, clock, find_cause, orders.timeout
         self.watchdog = Watchdog(orders.safe, orders.timeout, orders.lift_delay, orders.latch)
@@ -102,7 +102,7 @@ class OutputsLoop:
         line.send(READY)
 
     def serve(self) -> None:
-        """Run until the vehicle is gone and everything is at rest."""
+        """Run until the vehicle is gone and all outputs are at rest."""
         try:
             while True:
                 due = self.step()
@@ -122,7 +122,7 @@ class OutputsLoop:
             tell(line)
 
     def step(self) -> int:
-        """Take the received rows and advance time to now. Return when to look again (ns) if no row comes before."""
+        """Apply the received rows. Return the time (ns) of the next call if no row arrives before."""
         if not self._is_gone:
             self._take_rows()
             self._report_silence()
@@ -150,17 +150,17 @@ class OutputsLoop:
         if self._port is not None:
             self._port.renew(now)
         if not self._is_gone:
-            with contextlib.suppress(OSError):  # a frozen vehicle leaves no room
+            with contextlib.suppress(OSError):  # the buffer is full if the vehicle is frozen
                 self._line.send(ECHO)
 
     def _take_rows(self) -> None:
-        """Take all waiting rows. Note whether the vehicle has closed its end, and whether it had announced that."""
+        """Take all waiting rows. Record if the vehicle has closed its end, and if it had announced that."""
         while not self._is_gone:
             try:
                 data = self._line.recv(HEAD.size + self._numbers.size)
             except BlockingIOError:
                 break
-            except ConnectionResetError:  # the vehicle closed before it read all echoes; its last packets still come
+            except ConnectionResetError:  # the vehicle closed with unread echoes; its last packets still arrive
                 continue
             except OSError:
                 data = b""
@@ -178,7 +178,7 @@ class OutputsLoop:
             self._unreported_silence = max(self._unreported_silence, silence)
 
     def _report_silence(self) -> None:
-        """Report to the vehicle that its outputs had gone safe. If the connection is full, report later."""
+        """Report to the vehicle that its outputs had gone safe. If the socket's buffer is full, report later."""
         if self._unreported_silence:
             with contextlib.suppress(OSError):
                 self._line.send(TRIPPED + str(self._unreported_silence).encode())
@@ -186,7 +186,7 @@ class OutputsLoop:
 
 
 def find_process_cause(vehicle: int) -> str:
-    """Return why no row arrives from a process of this machine, as the system shows it."""
+    """Return the reason why a vehicle's process on this machine sends no rows: it is gone, stopped, or hangs."""
     try:
         words = Path(f"/proc/{vehicle}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
         state, is_exiting = words[0], bool(int(words[6]) & EXITING)
@@ -198,7 +198,7 @@ def find_process_cause(vehicle: int) -> str:
 
 
 def main() -> None:
-    """Serve the vehicle whose socket is named. Ctrl-C and requests to terminate are left to the vehicle."""
+    """Serve the vehicle at the socket given by the first argument. Ignore Ctrl-C, SIGTERM and SIGHUP."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     gc.disable()
@@ -229,7 +229,7 @@ def main() -> None:
         remover = threading.Thread(target=(folder / PORT_FILE).unlink, kwargs={"missing_ok": True}, daemon=True)
         remover.start()
         remover.join(1.0)
-    os._exit(0)  # a thread that still waits for a terminal or a disk must not hold up the end
+    os._exit(0)  # a thread that still waits for a terminal or a disk must not delay the exit
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
     {"scenario": "hovercraft/forward", "parameters": {"world.vehicle.mass": 2.8}}
 
-At the start they act like settings with --set, which take precedence. So the identity of the two ends, the log's
-metadata and a replay treat them like any setting.
+When the program starts, these parameters act like settings given by --set, but --set takes precedence. So the identity
+of the two ends, the log's metadata and a replay treat them like any other setting.
 Source: docs page, Ground stations.
 """
 
@@ -42,7 +42,7 @@ def read_parameters(file: Path | None, scenario: str) -> dict[str, str]:
 
 
 class ParameterStore:
-    """Stored parameters of a flight, and the file that keeps them."""
+    """Writer of changed parameters into a file."""
 
     def __init__(
         self,
@@ -50,9 +50,9 @@ class ParameterStore:
         scenario: str = "",
         setting_path: Callable[[str], str | None] = lambda path: path,
     ) -> None:
-        """Keep the parameters of a scenario in a file; None: they are not kept.
+        """Prepare to store the parameters of a scenario in a file. file None: they are not stored.
 
-        setting_path: path of a parameter -> path of its setting; None: not kept.
+        setting_path: maps the path of a parameter to the path of its setting; None: the parameter is not stored.
         """
         self._file, self._scenario, self._setting_path = file, scenario, setting_path
 
@@ -62,7 +62,7 @@ class ParameterStore:
         return self._file is not None
 
     def write(self, values: ChangedValues | None) -> str:
-        """Add numbers by path to the file; None: clear the file. Return the problem, or ""."""
+        """Add values, by path, to the file. None removes all values. Return a problem, or ""."""
         if self._file is None:
             return NO_STORE
         try:

@@ -1,8 +1,8 @@
 """Pilot of a flight at a console: requests to the flight, and data for the console.
 
-Requests are read once a period and take the same way as without a console: requests to the supervisor, values to the
-parameters, the stick into the sensor sample that the law reads. So the flight's log holds them, and a replay repeats
-them. If the stick sends no more data, the flight holds, and then ends (dead man's switch).
+Requests are read once a period. They take the same path as without a console: requests go to the supervisor, values to
+the parameters, stick positions into the sensor sample that the law reads. So the flight's log contains them, and a
+replay repeats them. If the stick sends no more data, the flight first holds, and later ends (dead man's switch).
 Source: docs page, Console.
 """
 
@@ -53,7 +53,7 @@ class NoPilot:
 
 
 class Piloting:
-    """Pilot of a flight. Times `t` are the loop's, in 100 ns."""
+    """Pilot at the console of a flight. Times `t` are those of the control loop, in 100 ns."""
 
     def __init__(
         self,
@@ -72,10 +72,10 @@ class Piloting:
         self._remote, self._preflight, self._report = remote, preflight, report
         self.wants_arming, self.shows_checks, self.has_stopped = False, True, False
         """wants_arming: a pilot asked to arm.  shows_checks: checks are shown before arming.  has_stopped: a pilot
-        ended it.
+        ended the flight.
         """
         self.end_reason = ""
-        """Reason why the loop must end, or "". A pilot's stop ends the loop only if there is no supervisor."""
+        """Reason to end the loop, or "". A stop by the pilot ends the loop only if there is no supervisor."""
         self._t = 0
         self._pilot: int | None = None
         self._stick_time = 0
@@ -95,7 +95,7 @@ class Piloting:
         self._stick.set_inputs(t)
 
     def decide_arming(self, may_arm: bool) -> bool:
-        """Return whether to ask the vehicle to arm now: a pilot wants it, and all checks pass."""
+        """Return True if a pilot has asked to arm and all checks pass."""
         refusal = self._preflight.refusal
         if refusal:
             self._preflight.restart()
@@ -112,7 +112,7 @@ class Piloting:
         self._stick_clocks.clear()
 
     def show(self, t: int, own: Sequence[float], deadlines: Deadlines) -> None:
-        """Send a row when one is due, and less often the checks before arming or the timing of the loop."""
+        """Send a row if one is due. Less often, send the checks before arming or the timing of the loop."""
         if t < self._next["row"]:
             return
         self._next["row"] = max(self._next["row"] + ROW_PERIOD, t)
@@ -125,7 +125,7 @@ class Piloting:
             self._send_timing(deadlines)
 
     def tell(self, text: str) -> None:
-        """Send a message for the user."""
+        """Send a message for the user to the console."""
         self._line.send("event", t=to_seconds(self._t), text=text)
 
     def _follow(self, wish: Mapping[str, Any], t: int) -> None:
@@ -163,7 +163,7 @@ class Piloting:
     def _ask(self, request: str) -> str:
         """Pass a pilot's request to the supervisor, or a request to arm to the vehicle.
 
-        Return who got the request, as text.
+        Return a text that names the receiver of the request.
         """
         asks_vehicle = request == "arm" and not self._remote.arming.has_authority
         if asks_vehicle:
@@ -179,7 +179,7 @@ class Piloting:
         return f"sent to the {'vehicle' if asks_vehicle else 'supervisor'}"
 
     def _stop(self, why: str) -> None:
-        """End the flight at once: the vehicle is disarmed, and no command is valid from the next step on."""
+        """End the flight at once: disarm the vehicle, and make no command valid from the next step on."""
         if not self.has_stopped:
             self._report(why)
         self.has_stopped, self.wants_arming = True, False
@@ -195,7 +195,7 @@ class Piloting:
         self._supervised.request("hold")
 
     def _watch_stick(self, t: int) -> None:
-        """Hold the flight, and later end it, if the stick in use sends no data (dead man's switch)."""
+        """Ask to hold, and later end the flight, if the stick in use sends no data (dead man's switch)."""
         silence = t - self._stick_time
         if self._pilot is None or silence < HOLD_SILENCE:
             return

@@ -1,7 +1,7 @@
 """Checks of a vehicle before arming, and its conditions after a failsafe.
 
 The checks run ten times a second on data of the vehicle: its sensors' samples, its link, its own program. A refusal is
-explained in the same words to everyone, with what to do: `wire.arming`.
+explained in the same words to pilot, ground station and log, with advice: `flight.station.arming`.
 Source: docs page, Arming.
 """
 
@@ -29,13 +29,14 @@ from trimtab.loop.vehicle_limits import VehicleLimits
 
 CHECK_PERIOD = ms(100)
 LONGEST_SILENCE, LONGEST_PERIODS = ms(250), 5
-"""A sensor fails its check if it is silent for longer than this time plus this number of its periods.
+"""A sensor fails its check after this time plus this number of the sensor's periods without a sample.
 
 Some sensors give fewer samples than their period suggests, such as a network of beacons. For them the median of the
 last intervals replaces the period.
 """
 MOST_LOSS, LEAST_FRAMES, LOSS_WINDOW = 50.0, 20, seconds(1)
-"""Largest share of lost frames (%); minimum number of frames for a known share; time window of the share."""
+"""Largest accepted share of lost frames (%); number of frames over which the share is computed; time after which the
+share is unknown if fewer frames have arrived."""
 LONGEST_LINE_SILENCE = 3.0
 """Largest time without data on the link (s): three periods of a ground station's heartbeat."""
 LONGEST_RADIO_SILENCE = 0.5
@@ -54,10 +55,10 @@ class FrameLoss:
         self._first: int | None = None
         self._before: tuple[int, int, int] | None = None
         self.share = math.nan
-        """Share in the last window (%); NaN where too few frames have arrived."""
+        """Share of lost frames in the last window (%); NaN if too few frames have arrived."""
 
     def follow(self, now: int) -> None:
-        """Start a new window when the current one has enough frames or its time is over."""
+        """Start a new window when the current window has enough frames or its time is over."""
         accepted, lost = self._counts.accepted, self._counts.lost
         if self._first is None:
             self._first = accepted
@@ -75,7 +76,7 @@ class FrameLoss:
 
 
 class _SensorWatch:
-    """Newest sample of a sensor, and the interval between new samples."""
+    """Age of a sensor's newest sample, and interval between its samples."""
 
     def __init__(self, body: VirtualVehicle, name: str, period: int) -> None:
         writes, start = body.world.writes, f"downlink.{name}."
@@ -107,7 +108,7 @@ class _SensorWatch:
         return (t - int(outputs[self._time])) * SECONDS_PER_UNIT if outputs[self._valid] else math.inf
 
     def count_wrong_numbers(self) -> int:
-        """Return the number of values that are not finite."""
+        """Return the number of values in the newest sample that are not finite."""
         return int((~np.isfinite(self._outputs[self._numbers])).sum())
 
 
@@ -126,7 +127,7 @@ class ArmingGuard:
         radio_silence: Callable[[int], int | None],
         disk: Disk = SYSTEM_DISK,
     ) -> None:
-        """Start without any check.
+        """Start before the first run of the checks.
 
         body: vehicle with the sensors.  limits: fence, envelope, and the limits that define rest.
         failsafe: failsafe whose time-out is checked.  counts: frame counters of the vehicle's end.
@@ -141,7 +142,7 @@ class ArmingGuard:
         self._is_failsafe = self._has_failed_safe = self._is_confirmed = False
         self.log_folder: Path | None = None
         self.watchdog: int | None = None
-        """Silence after which the outputs go safe (100 ns); None: no outputs' process."""
+        """Time without a row (100 ns) after which the outputs go safe; None: no outputs' process."""
         self.confirmed: frozenset[str] = frozenset()
         """Settings beyond their limits that the user has confirmed by name."""
         self.checks: list[ArmingCheck] = []
@@ -225,7 +226,7 @@ class ArmingGuard:
         ]
 
     def _check_after_failsafe(self) -> list[ArmingCheck]:
-        """Return the checks after a failsafe: the vehicle is at rest, and the user confirms."""
+        """Return the checks after a failsafe: the vehicle must be at rest, and the user must confirm."""
         if not self._has_failed_safe:
             return []
         speed, rate = self.motion.mean_motion()
@@ -239,7 +240,7 @@ class ArmingGuard:
 
 
 def _list_sensors(body: VirtualVehicle) -> dict[str, _SensorWatch]:
-    """Return the vehicle's sensors, without a pilot's script and without an ideal twin's."""
+    """Return a watch for each sensor, except scripts of a pilot and sensors with FEELS = "state"."""
     sensors = {}
     for name, sensor in body.scenario.world.sensors.items():
         while isinstance(sensor, FaultyPart):

@@ -1,7 +1,7 @@
-"""Checks of `fly` before it asks a vehicle to arm: how long `fly` waits for them, and when it gives up.
+"""Checks of `fly` before it asks a vehicle to arm. `fly` waits for checks that can pass, and otherwise gives up.
 
-The estimate is checked here. The vehicle checks its own state, and decides again when it is asked to arm. Both results
-are shown, and logged, as one table.
+This module checks the estimate. The vehicle checks its own state, and checks again when it is asked to arm. Both
+results are shown, and logged, as one table.
 Source: docs page, Arming.
 """
 
@@ -43,7 +43,7 @@ class Preflight:
         counts: FrameCounts,
         disk: Disk = SYSTEM_DISK,
     ) -> None:
-        """Start without any check. counts: frame counters of this end.  disk: disk of the log."""
+        """Start before the first check. counts: frame counters of this end.  disk: disk of the log."""
         self._end, self._remote, self._loss, self._disk = end, remote, FrameLoss(counts), disk
         supervisor = scenario.autopilot.supervisor
         self._stale_age = STALE_AGE if supervisor is None else float(supervisor.stale_age)
@@ -53,20 +53,20 @@ class Preflight:
         self._is_shown, self._obstacles = False, set[str]()
         self.log_folder: Path | None = None
         self.checks: list[ArmingCheck] = []
-        """Last results of the vehicle, then of the autopilot: a missing sensor explains a missing estimate."""
+        """Last results, the vehicle's before the autopilot's: a missing sensor explains a missing estimate."""
         self._theirs = 0
         self.is_decided = False
         self.obstacle = ""
-        """Check that the flight waits for; empty during the first second if no check fails."""
+        """Failing check that the flight waits for; empty if no check fails, and during the first second."""
         self.refusal = ""
-        """Reason for giving up the flight; empty while there is none."""
+        """Reason for giving up the flight; empty while the flight is not given up."""
 
     def update(self, now: int, silence: int) -> bool:
-        """Return whether the vehicle may be asked to arm now. silence: time since data from the vehicle."""
+        """Return True if the vehicle may be asked to arm now. silence: time since data from the vehicle."""
         if self._began is None:
             self._began = now
         self._loss.follow(now)
-        self._remote.wants_checks = not self._remote.arming.is_asking  # otherwise one request would overtake the other
+        self._remote.wants_checks = not self._remote.arming.is_asking  # two requests could overtake one another
         if self._remote.arming.is_asking and now - self._began >= PATIENCE:
             self.refusal = "arming refused by the vehicle, or no answer; see the vehicle's messages"
         if self._remote.arming.is_asking or now < self._next:
@@ -119,7 +119,7 @@ class Preflight:
         return "\n".join("  ".join(f"{cell:{w}}" for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows)
 
     def describe_checks(self) -> list[dict[str, Any]]:
-        """Return the checks for JSON."""
+        """Return the checks as dictionaries for JSON."""
         return [
             {"of": "vehicle" if k < self._theirs else "autopilot", **c._asdict(), "passes": c.passes}
             for k, c in enumerate(self.checks)

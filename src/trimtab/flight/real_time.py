@@ -2,10 +2,10 @@
 
 A control period k ends at start + k * period, whatever happened before: delays do not accumulate. A period whose work
 ended after the next deadline is an overrun. If the thread itself used the processor for longer than a period, the
-overrun counts as its own, otherwise as the scheduler's. A period that runs late, without a wait, to catch up is counted
-in the same way.
+overrun counts as its own, otherwise as the scheduler's. While the loop catches up, without waiting, its late periods
+count in the same way.
 
-Times are counted as they come, in a fixed table: a few hundred nanoseconds each, nothing allocated.
+Each time is counted in a table of fixed size. This takes a few hundred nanoseconds and allocates no memory.
 Source: G. Tene, HdrHistogram (buckets of constant relative width); docs page, Vehicle.
 """
 
@@ -39,7 +39,7 @@ MCL_CURRENT_AND_FUTURE = 3
 
 
 class WallClock:
-    """Integer time (100 ns) since the clock was made, or restarted."""
+    """Clock that returns the integer time (100 ns) since it was made or restarted."""
 
     def __init__(self, clock: Clock = SYSTEM_CLOCK) -> None:
         self._clock, self.start = clock, clock.monotonic_ns()
@@ -49,13 +49,13 @@ class WallClock:
         self.start = self._clock.monotonic_ns()
 
     def now(self) -> int:
-        """Return the time now."""
+        """Return the current time (100 ns)."""
         return (self._clock.monotonic_ns() - self.start) // NS
 
     def wait(self, t: int, link: Link, hear: Callable[[bytes], None]) -> int:
-        """Handle packets until integer time t: at least one read, and at most MOST_PACKETS after t.
+        """Handle packets until integer time t. Read at least once. After t, read at most MOST_PACKETS packets.
 
-        Return the time (ns).
+        Return the monotonic time (ns).
         """
         due = self.start + t * NS
         late = 0
@@ -88,7 +88,7 @@ class TimeSummary(NamedTuple):
 
 
 class Histogram:
-    """Histogram of times, given in ns."""
+    """Histogram of times, which are given in ns."""
 
     def __init__(self) -> None:
         self.counts = [0] * BUCKETS
@@ -145,7 +145,7 @@ class RealTimeGrant(NamedTuple):
 def real_time(is_wanted: bool = True) -> Iterator[RealTimeGrant]:
     """Schedule this process before ordinary ones and lock its memory, where that is allowed, within this context.
 
-    The cycle collector is off: the loop makes no cycles, and a collection takes milliseconds.
+    Python's cycle collector is off: the loop makes no cycles, and a collection takes milliseconds.
     """
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     scheduler, locked = "ordinary", False
@@ -168,7 +168,7 @@ def real_time(is_wanted: bool = True) -> Iterator[RealTimeGrant]:
 
 
 class Deadlines:
-    """Deadlines at a fixed period from now on, with their statistics."""
+    """Deadlines at a fixed period from now on, with statistics of how they were met."""
 
     def __init__(self, period: int, clock: Clock = SYSTEM_CLOCK) -> None:
         """Start now. clock: clock of this process; its processor time separates own work from waiting."""
@@ -191,7 +191,7 @@ class Deadlines:
         return (behind // self.period if behind >= LONGEST_DELAY else 0), behind
 
     def record_period(self, k: int, woke: int, began: int, stepped: int) -> bool:
-        """Record period k: its wake-up, start and end of the step (ns). Return whether it overran."""
+        """Record period k: times (ns) of wake-up, start and end of the step. Return True if the period overran."""
         deadline = self.start + k * self.period * NS
         ended = self._clock.monotonic_ns()
         self.late.add(woke - deadline)

@@ -26,7 +26,7 @@ from trimtab.flight.vehicle_clock import VehicleClock
 
 
 class RemoteVehicle:
-    """Link to a vehicle. Times `now` are this end's, in 100 ns."""
+    """Vehicle at the far end of a link. Times `now` are this end's, in 100 ns."""
 
     def __init__(
         self,
@@ -38,9 +38,9 @@ class RemoteVehicle:
         confirms: bool = False,
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Start without a vehicle.
+        """Start before a vehicle was received.
 
-        typed: the command that messages tell the user to type again, with what was missing. identity, accepts: see
+        typed: command that the user typed; messages suggest it again with the missing options. identity, accepts: see
         `ScenarioComparison`. confirms: see `RemoteArming`.
         tell: receives the messages for the user and for the log.
         """
@@ -58,12 +58,12 @@ class RemoteVehicle:
         self._texts = TextAssembly()
 
     def is_of_vehicle(self, message: Message) -> bool:
-        """Return True if a message comes from the vehicle whose message was received first."""
+        """Return True if a message comes from the first vehicle that was received."""
         return self.heartbeat_time is not None and (message.system, message.component) == (self.system, self.component)
 
     @property
     def is_ready(self) -> bool:
-        """True if a vehicle answers, its clock is known, and its scenario fits."""
+        """True if a vehicle answers, its clock is known, and its scenario matches this end's."""
         return self.heartbeat_time is not None and self.clock.is_known and self.comparison.is_complete
 
     def find_problem(self, scenario: str) -> ConnectionProblem:
@@ -91,11 +91,11 @@ class RemoteVehicle:
         return ConnectionProblem("a vehicle answers, but its clock is not known yet", start)
 
     def handle_message(self, message: Message, now: int) -> None:
-        """Handle a message that is not part of a sample."""
+        """Handle a message of the vehicle that is not part of a sample."""
         if message.name == "HEARTBEAT" and message.get("autopilot") != NO_AUTOPILOT:
             self._handle_heartbeat(message, now)
         elif (message.system, message.component) != (self.system, self.component):
-            return  # from a ground station, or of another vehicle, passed on by a router
+            return  # a router forwards messages of ground stations and other vehicles
         elif message.name == "TIMESYNC":
             if self.clock.handle_answer(message, now):
                 self.comparison.note_second_vehicle(message, "two answers to one time request")
@@ -132,7 +132,7 @@ class RemoteVehicle:
             self.comparison.handle_refusal()
 
     def due(self, now: int) -> None:
-        """Send the packets that are due now."""
+        """Send the packets that must be sent now: heartbeats, questions and requests."""
         self._send(self.requests.due(now))
         self._send(self.clock.due(now))
         self._send(self.arming.due(now, self.system))

@@ -14,9 +14,9 @@ from trimtab.flight.station.arming import CONFIRMATION
 from trimtab.flight.station.standard_services import OWNED_COMMANDS
 
 ARM_PERIOD, DISARM_PERIOD = ms(500), ms(100)
-"""Time until an unanswered request to arm or disarm is repeated."""
+"""Times after which an unanswered request to arm, and to disarm, is repeated."""
 COMMON_END = seconds(1)
-"""The vehicle's own end counts as the normal end of the flight if the two are at most this time apart."""
+"""Longest time between the vehicle's own end and the end of the flight for which the vehicle's end counts as normal."""
 
 
 class RemoteArming:
@@ -29,8 +29,8 @@ class RemoteArming:
 
         Args:
             endpoint: this end of the link.
-            comparison: comparison of the scenarios, which must fit while the vehicle is asked to arm.
-            confirms: the user confirms that the vehicle may be armed again after a failsafe.
+            comparison: comparison of the scenarios, which must match while the vehicle is asked to arm.
+            confirms: True if the user confirms that the vehicle may be armed again after a failsafe.
             tell: receives the messages for the user and for the log.
         """
         self._endpoint, self._comparison, self.confirms, self._tell = endpoint, comparison, confirms, tell
@@ -47,7 +47,7 @@ class RemoteArming:
 
     @property
     def is_taken(self) -> bool:
-        """True if the vehicle belongs to another autopilot and this end does not ask to take over."""
+        """True if the vehicle belongs to another autopilot and this end has not asked to take it over."""
         return self.owner not in (0, self._endpoint.session) and not self._takes_over
 
     @property
@@ -71,7 +71,7 @@ class RemoteArming:
     def due(self, now: int, system: int) -> list[bytes]:
         """Return the request that is due now. system: number of the vehicle's system."""
         if self._request and not self.armed and self._comparison.count_differences():
-            self._request = None  # the settings have changed since: the checks come first
+            self._request = None  # settings changed after the request: the checks come first
         if self._request is None or now < self._next:
             return []
         self._next = now + (ARM_PERIOD if self._request else DISARM_PERIOD)
@@ -98,15 +98,15 @@ class RemoteArming:
         self.armed = armed
 
     def handle_acknowledgement(self, command: int, is_accepted: bool, owner: int) -> None:
-        """Handle the vehicle's answer to a command. owner: session of its owner, in answers that report it."""
+        """Handle the vehicle's answer to a command. owner: session of the vehicle's owner; 0: none, or not reported."""
         if command in OWNED_COMMANDS:
             self._follow_owner(owner)
-        is_ours = owner in (0, self._endpoint.session)  # else it answers another end of the same number
+        is_ours = owner in (0, self._endpoint.session)  # else the answer is for another end with the same number
         if command == CommandCode.ARM and is_accepted and is_ours and self._request is not None:
             self.armed = self.has_authority = bool(self._request)
             self._request = None
         elif command == CommandCode.ARM and not is_ours and self._request == 0.0:
-            self._request = None  # it belongs to another autopilot, which ends its own flight
+            self._request = None  # the owner, another autopilot, ends its own flight
 
     def _follow_owner(self, owner: int) -> None:
         """Store the owner of the vehicle. Give up authority if the owner is another autopilot."""
@@ -116,14 +116,14 @@ class RemoteArming:
             self._tell(f"the vehicle belongs to another autopilot now, session {owner:06x}")
         elif owner == self._endpoint.session:
             self._takes_over = False
-            if self._request:  # the owner is broadcast, so a lost acknowledgement does no harm
+            if self._request:  # the broadcast owner replaces a lost acknowledgement
                 self.armed = self.has_authority = True
                 self._request = None
 
     def list_problems(self, was_armed: bool, is_silent: bool, now: int, is_stopped: bool = False) -> list[str]:
-        """Return the problems of the vehicle at the end of its flight, before it is disarmed, for scripts.
+        """Return the problems of the vehicle at the end of its flight, before it is disarmed, for the JSON report.
 
-        is_stopped: a pilot has disarmed the vehicle.
+        is_stopped: True if a pilot has disarmed the vehicle.
         """
         ends_with_it = self._end_time is not None and now - self._end_time <= COMMON_END
         is_disarmed = not (self.armed or ends_with_it or self.is_taken)
@@ -139,7 +139,7 @@ class RemoteArming:
 def pack_command(
     endpoint: Endpoint, system: int, command: CommandCode, first: float, others: Mapping[str, float] | None = None
 ) -> bytes:
-    """Return the packet of a command.
+    """Return the packet of a MAVLink command.
 
     system: system that receives the command. first, others: parameters of the command.
     """

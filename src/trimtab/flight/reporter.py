@@ -9,15 +9,15 @@ from trimtab.flight.flight_log import FlightRecorder
 
 
 class Reporter:
-    """Distributor of messages: the parts of one end report through this object to the user and the log."""
+    """Distributor of messages. The parts of one end of a link report through this object to the user and the log."""
 
     def __init__(self) -> None:
-        """Start without a receiver: messages are lost."""
+        """Start without receivers: messages are lost until `begin` is called."""
         self._tells: tuple[Callable[[str], None], ...] = ()
         self._log: FlightRecorder | None = None
 
     def begin(self, log: FlightRecorder | None, *tells: Callable[[str], None]) -> None:
-        """Report to these receivers from now on.
+        """Send messages to these receivers from now on.
 
         log: log of the flight. tells: functions that take a message without waiting.
         """

@@ -1,4 +1,4 @@
-"""Settings that could switch off a safety function. Each has a limit, unless the user confirms the setting by name.
+"""Settings that could disable a safety function. A value beyond the limit needs the user's confirmation by name.
 
 Source: docs page, Arming.
 """
@@ -33,7 +33,7 @@ LIMITS: Mapping[str, SafetyLimit] = {
     "limits.rest_speed": SafetyLimit(1.0, "m/s"),
     "limits.rest_rate": SafetyLimit(2.0, "rad/s"),
 }
-"""Setting -> limit. Beyond its limit, a time-out or a speed "at rest" switches the safety off in effect."""
+"""Setting -> limit. A time-out or a speed "at rest" beyond its limit in effect disables the safety function."""
 
 
 def check_confirmations(names: Collection[str]) -> frozenset[str]:
@@ -49,12 +49,12 @@ def check_confirmations(names: Collection[str]) -> frozenset[str]:
 def safety_checks(
     failsafe: Failsafe, limits: VehicleLimits, watchdog: int | None, confirmed: Collection[str] = ()
 ) -> list[ArmingCheck]:
-    """Return a check for each setting. A confirmed setting passes with any value.
+    """Return a check for each safety setting. A confirmed setting passes with any value.
 
     Args:
         failsafe: failsafe of the vehicle.
         limits: fence, envelope and limits of rest.
-        watchdog: silence after which the outputs go safe (100 ns); None: no outputs' process.
+        watchdog: time without a row (100 ns) after which the outputs go safe; None: no outputs' process.
         confirmed: settings that the user has confirmed by name.
     """
     values = {

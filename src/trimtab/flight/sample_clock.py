@@ -1,4 +1,4 @@
-"""Clock of a vehicle's samples, as known at the autopilot's end.
+"""Times of a vehicle's samples: conversion to the autopilot's clock, and rejection of implausible times.
 
 Source: docs page, Fly.
 """
@@ -10,22 +10,22 @@ from trimtab.flight.real_time import NS
 from trimtab.flight.reporter import Reporter
 
 LONGEST_SAMPLE_AGE, MOST_SAMPLE_LEAD = seconds(2), ms(200)
-"""Largest age and largest lead of a sample. A sample beyond these limits is rejected: it comes from another clock.
+"""Largest age and largest lead of a sample. A sample beyond these limits is rejected: its clock is wrong.
 
-A sample cannot be newer than its arrival. An apparent lead is an error of the clock offset, at most half a round trip.
+A sample cannot be newer than its arrival. An apparent lead is an error of the clock offset: half a round trip at most.
 """
 REPORT_PERIOD = seconds(10)
 """Shortest time between two reports of rejected samples."""
 
 
 class SampleClock:
-    """Times of samples by the clocks of both ends."""
+    """Converter of sample times from the vehicle's clock to the time of the control loop."""
 
     def __init__(self, sync: TimeSync, clock: Clock, reporter: Reporter) -> None:
         """Start at time zero.
 
         Args:
-            sync: offset of the vehicle's clock.
+            sync: estimate of the vehicle's clock.
             clock: clock of this end.
             reporter: receives the messages on rejected samples, while a log is written.
         """
@@ -33,15 +33,15 @@ class SampleClock:
         self._start = self._report_time = 0
 
     def start_loop(self, start: int) -> None:
-        """Set time zero of the loop to a time of the monotonic clock (ns)."""
+        """Set the loop's time zero to `start`, a time of the monotonic clock (ns)."""
         self._start = start // NS
 
     def to_local(self, t: int) -> int:
-        """Return a time of the vehicle's clock as a time of the loop."""
+        """Convert a time of the vehicle's clock to the time of the control loop."""
         return self._sync.to_local(t) - self._start
 
     def accepts(self, t: int) -> bool:
-        """Return whether a sample with this vehicle time is recent enough."""
+        """Return True if a sample with time t of the vehicle's clock is neither too old nor too far ahead."""
         now = self._clock.monotonic_ns() // NS
         lead = self._sync.show_local(t) - now
         is_recent = -LONGEST_SAMPLE_AGE <= lead <= MOST_SAMPLE_LEAD

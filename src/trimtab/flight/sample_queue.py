@@ -1,4 +1,4 @@
-"""Samples of one sensor on their way into an autopilot's steps, in order and each once.
+"""Queue of a sensor's samples that wait for an autopilot's steps, in order and without duplicates.
 
 Source: docs page, Fly.
 """
@@ -14,11 +14,11 @@ from trimtab.flight.exchange import GroupSample
 LONGEST_QUEUE = 64
 """Maximum number of waiting samples of one sensor.
 
-Samples arrive in bursts after a silence, and one is fused per step.
+After a gap in the data, samples arrive in bursts, but each step fuses only one.
 """
 LONGEST_BACKLOG, FEWEST_STEPS = ms(320), 8
-"""Time and number of steps after which waiting samples are dropped. Otherwise the queue of a sensor that is as fast as
-the steps would never empty."""
+"""Time and number of steps after which waiting samples are dropped. Otherwise the queue of a sensor whose rate equals
+the rate of the steps would never become empty."""
 LONGEST_OVERTAKING = ms(500)
 """A sample that lags the newest one by at most this time counts as overtaken. No estimator fuses an older sample."""
 OTHER_CLOCK = 8
@@ -29,7 +29,7 @@ MOST_FALLS = 8
 
 @dataclasses.dataclass
 class SampleCounts:
-    """Samples of all sensors so far."""
+    """Counts of the samples of all sensors since the start."""
 
     received: int = 0
     dropped: int = 0
@@ -42,19 +42,19 @@ class SampleCounts:
 
 
 class SampleQueue:
-    """Waiting samples of one sensor, and the times of earlier samples."""
+    """Waiting samples of one sensor, with a record of the times of earlier samples."""
 
     def __init__(
         self, sensor: str, reads: Mapping[str, Any], counts: SampleCounts, period: int, any_order: bool
     ) -> None:
-        """Start empty.
+        """Start without waiting samples.
 
         Args:
             sensor: name of the sensor.
             reads: path -> slot of each input of the step.
-            counts: counters that are increased.
+            counts: counters of samples, which this queue increases.
             period: period of the steps (100 ns).
-            any_order: True if overtaken samples are fused, too.
+            any_order: True if late samples, which newer ones have overtaken, are fused too.
         """
         self._slots: tuple[Any, ...] = tuple(reads[f"samples.{sensor}.{n}"] for n in ("t", "age", "fresh"))
         self._counts, self._any_order = counts, any_order
@@ -73,7 +73,7 @@ class SampleQueue:
         return self._falls >= MOST_FALLS
 
     def add(self, sample: GroupSample) -> None:
-        """Keep a sample for the next step, unless it is a duplicate or overtaken."""
+        """Store a sample for a step, unless it is a duplicate or a newer sample has overtaken it."""
         if self._is_new(sample.t):
             self._counts.dropped += len(self._waiting) == LONGEST_QUEUE
             self._counts.received += 1
@@ -97,7 +97,7 @@ class SampleQueue:
         return t != before
 
     def _falls_back(self, t: int) -> bool:
-        """Return whether the time stamps decrease. The samples before then no longer count as overtaken."""
+        """Return True if the time stamps decrease. The first such samples then no longer count as overtaken."""
         is_fall = self._received_time is not None and t < self._received_time
         self._received_time, self._falls = t, self._falls + 1 if is_fall else 0
         if self._falls == MOST_FALLS:
@@ -120,7 +120,7 @@ class SampleQueue:
         inputs[age] = (t - inputs[time]) * SECONDS_PER_UNIT
 
     def _take_next(self) -> GroupSample:
-        """Return the sample that has waited longest; the newest one where too many have waited for too long."""
+        """Return the sample that has waited longest, or the newest one if too many samples have waited for too long."""
         sample = self._waiting.popleft()
         self._backlog = self._backlog + 1 if self._waiting else 0
         if self._backlog > self._most_backlog:

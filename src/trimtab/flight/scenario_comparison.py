@@ -1,4 +1,4 @@
-"""Comparison of the vehicle's scenario with this end's: messages, settings, and whether it is one vehicle.
+"""Comparison of the vehicle's scenario with this end's: messages and settings. Only one vehicle may answer.
 
 Source: docs pages, Fly and Trust.
 """
@@ -17,7 +17,7 @@ ASK_PERIOD = ms(500)
 
 
 class ScenarioComparison:
-    """Comparison of what is known of the vehicle's scenario with this end's scenario.
+    """Comparison of the vehicle's scenario, as far as known, with this end's scenario.
 
     Times `now` are this end's, in 100 ns.
     """
@@ -30,14 +30,14 @@ class ScenarioComparison:
         tell: Callable[[str], None],
         remarks: list[str],
     ) -> None:
-        """Start without an answer.
+        """Start before the first answer of the vehicle.
 
         Args:
             endpoint: this end of the link.
             identity: comparison of the settings; None: only messages are compared.
-            accepts: settings in which the two may differ, by path; a path includes everything below it.
+            accepts: paths of settings in which the two ends may differ; a path includes all settings below it.
             tell: receives the messages for the user and for the log.
-            remarks: remarks so far; accepted differences are appended, and then all are reported.
+            remarks: remarks so far; accepted differences are appended, and then all remarks are reported.
         """
         self._endpoint, self._identity, self._accepts = endpoint, identity, tuple(accepts)
         self._tell, self._remarks = tell, remarks
@@ -52,21 +52,21 @@ class ScenarioComparison:
 
     @property
     def is_complete(self) -> bool:
-        """True if messages and settings have been compared, and fit."""
+        """True if messages and settings of both ends have been compared, and match."""
         return self._is_dialect_known and (self._identity is None or self.is_told) and not self.misfit
 
     def accepts(self, path: str) -> bool:
-        """Return whether the two ends may differ in a setting."""
+        """Return True if the user accepts that the two ends differ in a setting."""
         return path != "messages" and any(path == own or path.startswith(f"{own}.") for own in self._accepts)
 
     def differences(self) -> list[SettingDifference]:
-        """Return the settings in which the vehicle is known to differ without being accepted."""
+        """Return the settings that are known to differ between the two ends and that the user has not accepted."""
         return [] if self._identity is None else self._identity.differences(self.accepts)
 
     def count_differences(self) -> float:
-        """Return the number of settings in which the vehicle differs from this end without being accepted.
+        """Return the number of settings that differ between the two ends and that the user has not accepted.
 
-        It is infinite while a setting has changed and the new ones are not all known.
+        The number is infinite while the vehicle's settings have changed and are not all known.
         """
         identity = self._identity
         if identity is None or not self.is_told or identity.is_unanswered:
@@ -74,7 +74,7 @@ class ScenarioComparison:
         return len(identity.differences(self.accepts)) if identity.is_known else math.inf
 
     def first_difference(self) -> str:
-        """Return the path of the first setting that differs; "PATH" if none is known to differ."""
+        """Return the path of the first setting that differs; "PATH" if no setting is known to differ."""
         differences = self.differences()
         return differences[0].path if differences else "PATH"
 
@@ -84,7 +84,7 @@ class ScenarioComparison:
         return 0 if self._identity is None else self._identity.number
 
     def asks_version(self, now: int) -> bool:
-        """Return whether to ask the vehicle for its version now."""
+        """Return True if the vehicle must be asked for its version now."""
         if self._is_dialect_known or now < self._next:
             return False
         self._next, self._asks = now + ASK_PERIOD, self._asks + 1
@@ -92,13 +92,13 @@ class ScenarioComparison:
         return True
 
     def handle_refusal(self) -> None:
-        """Note that the vehicle cannot report its version."""
+        """Record that the vehicle cannot report its version."""
         self._is_dialect_known = True
 
     def handle_version(self, message: Message) -> None:
-        """Compare the dialects, and the vehicle's session: it keeps one session while it runs.
+        """Compare the dialects of both ends, and check the session: a vehicle keeps its session while it runs.
 
-        A vehicle without a fingerprint of its dialect is accepted, since checksums differ too.
+        A vehicle that sends no fingerprint is accepted: a wrong dialect also causes wrong checksums.
         """
         ours, theirs = self._endpoint.dialect.fingerprint, bytes(message.get("flight_custom_version"))
         self._is_dialect_known = True
@@ -113,11 +113,11 @@ class ScenarioComparison:
         self.vehicle_session = session
 
     def note_second_vehicle(self, message: Message, by: str) -> None:
-        """Note that two vehicles answer. message: message of one vehicle.  by: numbers that differ, as text."""
+        """Record that two vehicles answer. message: message of one vehicle.  by: text of the numbers that differ."""
         self.misfit = f"two vehicles answer on this link as {message.system}/{message.component}: {by}"
 
     def handle_identity(self, message: Message) -> None:
-        """Handle a TUNNEL of the vehicle, which may hold some of its settings."""
+        """Handle a TUNNEL message of the vehicle, which may contain some of its settings."""
         if self._identity is not None:
             self._identity.handle_message(message)
 

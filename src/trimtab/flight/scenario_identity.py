@@ -1,6 +1,6 @@
 """Identity of a scenario: the settings on which autopilot and vehicle must agree before a flight, as text by path.
 
-Not compared are the law and the supervisor, which concern the autopilot only, the links, which the real link replaces,
+The identity leaves out law and supervisor, which concern the autopilot only, the links, which the real link replaces,
 and faults, which concern the vehicle only.
 Source: docs page, Fly.
 """
@@ -20,7 +20,7 @@ SCENARIO = "scenario"
 
 
 def scenario_identity(scenario: Scenario, dialect: Dialect) -> dict[str, str]:
-    """Return the identity of a scenario, the same for both sides."""
+    """Return the identity of a scenario. Both ends compute the same identity."""
     world = scenario.world
     sensors = {name: _without_fault(sensor) for name, sensor in world.sensors.items()}
     bare = replace(world, sensors=sensors, actuators=_without_fault(world.actuators), uplink=Wire(), downlink=Wire())
@@ -43,7 +43,7 @@ def format_setting(value: Any, declared: Quantity | Option) -> str:
 
 
 def identity_path(path: str) -> str:
-    """Return the identity's path for a number of a vehicle with inactive faults: its path without the faults."""
+    """Return the path in the identity for a number of a vehicle with inactive faults: the path without faults."""
     return path.replace(".inner.", ".")
 
 

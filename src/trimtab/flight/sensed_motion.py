@@ -1,4 +1,4 @@
-"""Motion of a vehicle by its own sensors, for its limits and for the check that it is at rest.
+"""Motion of a vehicle as measured by its own sensors, for its limits and for the check that it is at rest.
 
 Source: docs page, Arming.
 """
@@ -17,7 +17,7 @@ FENCE, ENVELOPE = "fence", "envelope"
 
 
 class SensedQuantity(NamedTuple):
-    """Quantity of the motion. fields: sensor fields whose vector length is the quantity, the best fields first."""
+    """Quantity of the motion. fields: groups of sensor fields, best first; the norm of a group is the quantity."""
 
     kind: str
     unit: str
@@ -63,32 +63,32 @@ class SensedMotion:
         self._moments: deque[tuple[int, float, float]] = deque()
 
     def sensor(self, name: str) -> str:
-        """Return the name of the sensor of a quantity; empty: none."""
+        """Return the name of the sensor that measures a quantity, or "" if no sensor does."""
         return self._slots[name].sensor if name in self._slots else ""
 
     def value(self, name: str) -> float:
-        """Return a quantity now; NaN while no sensor has measured it."""
+        """Return the newest value of a quantity; NaN while no sensor has measured it."""
         at = self._slots.get(name)
         if at is None or not self._outputs[at.valid]:
             return math.nan
         return math.hypot(*(x for s in at.slots for x in self._outputs[s].ravel().tolist()))
 
     def find_breach(self, t: int, silences: Mapping[str, float]) -> Breach | None:
-        """Return the first limit that has been violated for long enough, or whose sensor has fallen silent.
+        """Return the first limit that has been violated for long enough, or whose sensor sends no data.
 
-        silences: sensors that have been silent for too long -> silence (s).
+        silences: name of each sensor without data for too long -> time without data (s).
         """
         for name, bound in self.bounds.items():
             value, sensor, quantity = self.value(name), self.sensor(name), QUANTITIES[name]
             if sensor in silences:
-                return Breach(quantity.kind, f"{name} not known, {sensor} silent for {silences[sensor]:.3g} s")
+                return Breach(quantity.kind, f"{name} not known, no data from {sensor} for {silences[sensor]:.3g} s")
             since = self._outside_since.setdefault(name, t) if not value <= bound else self._outside_since.pop(name, t)
             if not value <= bound and t - since >= self._limits.patience:
                 return Breach(quantity.kind, f"{name} {value:.3g} {quantity.unit}, at most {bound:.3g}, by {sensor}")
         return None
 
     def note_moment(self, t: int) -> None:
-        """Record the motion now, for `mean_motion`."""
+        """Record the current motion, for `mean_motion`."""
         self._moments.append((t, self.value("speed"), self.value("rate")))
         while t - self._moments[0][0] > self._limits.rest_time:
             self._moments.popleft()
@@ -96,7 +96,7 @@ class SensedMotion:
     def mean_motion(self) -> tuple[float, float]:
         """Return mean speed and turn rate over the rest time; infinite while the record is shorter.
 
-        A quantity without a sensor is NaN.
+        The mean of a quantity without a sensor is NaN.
         """
         if not self._moments:
             return math.inf, math.inf
@@ -110,7 +110,7 @@ class SensedMotion:
 
 
 def _find_sensor(body: VirtualVehicle, name: str) -> _SensedSlots | None:
-    """Return the slots of the sensor whose value has the fields of a quantity."""
+    """Return the slots of the first sensor whose value has the fields of a quantity; None without such a sensor."""
     writes = body.world.writes
     for fields in QUANTITIES[name].fields:
         for sensor in body.samples:

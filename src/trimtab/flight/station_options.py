@@ -20,10 +20,10 @@ from trimtab.flight.station.telemetry import Place
 class StationOptions(NamedTuple):
     """Options of a vehicle for ground stations.
 
-    log_folder: folder of the logs that may be read; None: no logs.  transfer_rate: limit of file transfer, bytes a
-        second.
-    origin: place of W on the globe; None: not known.  store: where parameters are stored when a ground station asks for
-    it; None: they are not stored.
+    log_folder: folder of the logs that may be read; None: no logs.  transfer_rate: maximum rate of file transfer
+    (byte/s).
+    origin: place on the globe of the origin of W; None: not known.  store: file for parameters that a ground station
+    asks to store; None: parameters are not stored.
     """
 
     log_folder: Path | None = None
@@ -33,7 +33,7 @@ class StationOptions(NamedTuple):
 
 
 def station_services(endpoint: Endpoint, options: StationOptions, documents: Mapping[str, bytes]) -> list[Service]:
-    """Return the services of a vehicle's station. documents: files besides the logs, by name."""
+    """Return the services that a vehicle offers to ground stations. documents: served files besides logs, by name."""
     files, rate = ServedFiles(documents, options.log_folder), options.transfer_rate
     return [
         MissionService(endpoint),

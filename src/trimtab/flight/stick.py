@@ -12,7 +12,7 @@ FIELDS = ("value.forward", "value.turn", "value.mode", "t", "age", "fresh", "val
 
 
 class CompiledStick:
-    """Stick of a compiled step. It cannot be moved if the law reads none."""
+    """Stick of a compiled step. Moving it has no effect if the law does not read a stick."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
         """step: the compiled autopilot of this scenario."""
@@ -24,16 +24,16 @@ class CompiledStick:
 
     @property
     def is_there(self) -> bool:
-        """True if there is a stick to move."""
+        """True if the law reads a stick."""
         return self._slots is not None
 
     @property
     def mode(self) -> int:
-        """Mode of the last movement."""
+        """Mode that the last call of `move` has set."""
         return 0 if self._slots is None else int(self._step.inputs[self._slots["value.mode"]])
 
     def move(self, forward: float, turn: float, mode: int, t: int) -> None:
-        """Set the stick at integer time t, each axis from -1 to 1. The next step reads it."""
+        """Set position and mode of the stick at integer time t, each axis from -1 to 1. The next step reads them."""
         if self._slots is None:
             return
         inputs, at = self._step.inputs, self._slots

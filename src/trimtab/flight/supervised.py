@@ -1,4 +1,4 @@
-"""Supervisor inside a compiled autopilot: its decisions, and requests to it in flight.
+"""Supervisor inside a compiled autopilot: its decisions, and requests to the supervisor in flight.
 
 Source: docs pages, Fly and Supervisor.
 """
@@ -12,11 +12,11 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import ENDED, FLYING, HOLD, LINK, LOST, REQUESTS, STANDBY
 
 REQUEST_MODES = {"arm": FLYING, "hold": HOLD, "resume": FLYING, "end": ENDED, "clear": STANDBY}
-"""Mode that each request leads to. A request that comes in that mode, e.g. after a lost acknowledgement, is ignored."""
+"""Request -> mode that it leads to. A request is ignored if that mode is active, e.g. after a lost acknowledgement."""
 
 
 class CompiledSupervisor:
-    """Supervisor of a compiled step. Without one, there are no decisions and requests are not taken."""
+    """Supervisor of a compiled step. In a step without a supervisor, requests have no effect."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
         """step: the compiled autopilot of this scenario."""
@@ -39,7 +39,7 @@ class CompiledSupervisor:
 
     @property
     def cause(self) -> int | None:
-        """Number of the cause of the mode; None without a supervisor."""
+        """Number of the cause of the current mode; None without a supervisor."""
         return int(self._step.outputs[self._codes[1][0]]) if len(self._codes) > 1 else None
 
     @property
@@ -63,7 +63,7 @@ class CompiledSupervisor:
         inputs[at["age"]] = (t - inputs[at["t"]]) * SECONDS_PER_UNIT
 
     def describe_changes(self) -> str:
-        """Return the decisions since the last call, as a message; empty if there are none."""
+        """Return the supervisor's new decision as a message; empty if nothing has changed since the last call."""
         codes = tuple(int(self._step.outputs[at]) for at, _ in self._codes)
         if codes == self._last_codes:
             return ""
@@ -74,11 +74,10 @@ class CompiledSupervisor:
 def explain_change(
     supervised: CompiledSupervisor, remote: RemoteVehicle, backward_sensors: Sequence[str] | None, was_armed: bool
 ) -> str:
-    """Return an explanation of a supervisor's decision from the state of link and vehicle, which the supervisor does
-    not know; or "".
+    """Return an explanation of a supervisor's decision from the state of link and vehicle, or "". The supervisor does
+    not know that state.
 
-    backward_sensors: sensors with decreasing time stamps; None: no data arrives, so that the supervisor is right about
-    the link.
+    backward_sensors: sensors with decreasing time stamps; None: no data arrives, so the link is really lost.
     """
     if supervised.cause == LINK and supervised.mode == LOST and backward_sensors is not None:
         names = ", ".join(backward_sensors)

@@ -43,11 +43,11 @@ OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
 }
 """Signals of the vehicle's log, in addition to the signals of the world and the failsafe."""
 DISARM_DELAY = ms(50)
-"""Time for which the vehicle keeps running after it was disarmed at its end: two servo frames and a little."""
+"""Time for which the vehicle keeps running after it was disarmed at the end of its run: over two servo frames."""
 
 
 class VehicleSummary(NamedTuple):
-    """Result of a virtual vehicle. release_time, disarm_time: first armed, last disarmed (100 ns), or None."""
+    """Result of a virtual vehicle. release_time, disarm_time: first arming, last disarming (100 ns), or None."""
 
     t: int
     release_time: int | None
@@ -57,11 +57,11 @@ class VehicleSummary(NamedTuple):
     lateness: Histogram
     log: LogFileSummary | None
     problems: tuple[str, ...]
-    """Problems for scripts: failsafes, outputs that went safe on their own, a lost log."""
+    """Problems listed in the JSON report: failsafes, outputs that went safe on their own, a lost log."""
 
 
 class VehicleRows:
-    """Rows of a vehicle's log, with its pose."""
+    """Writer of the rows of a vehicle's log, each with the vehicle's pose."""
 
     def __init__(self, parts: VehicleParts, log: FlightRecorder, period: int) -> None:
         """period: time between rows (100 ns)."""
@@ -69,7 +69,7 @@ class VehicleRows:
         self._pose_time = 0
 
     def write(self, t: int, is_held: bool, late: int) -> None:
-        """Write the row that is due at integer time t. late: delay of the work at this instant (ns)."""
+        """Write a row at integer time t, if one is due. late: delay of the work at this instant (ns)."""
         parts, log = self._parts, self._log
         if t >= self._pose_time:
             self._pose_time = t + TRANSFORM_PERIOD
@@ -80,7 +80,7 @@ class VehicleRows:
 
 
 class LiveVehicle:
-    """Virtual vehicle on a link: world, duties and the vehicle's end of the link. `serve` runs it."""
+    """Virtual vehicle on a link: world, duties and the vehicle's end of the link. The method `serve` runs it."""
 
     def __init__(
         self,
@@ -96,7 +96,7 @@ class LiveVehicle:
 
         Args:
             scenario: scenario of the vehicle.  link: link to its autopilot and to ground stations.
-            endpoint: makes the vehicle's end for a dialect.
+            endpoint: makes the vehicle's end of the link for a dialect.
             seed: seed of the random numbers.
             station_options: services for ground stations.
             machine: the computer that the vehicle runs on.
@@ -105,7 +105,7 @@ class LiveVehicle:
         options = station_options or StationOptions()
         self.parts = parts = build_vehicle_parts(scenario, link, endpoint, seed, options, machine)
         self.endpoint, self.body, self.duties = parts.endpoint, parts.body, parts.duties
-        parts.station.status = parts.find_status()  # a request in the first packet finds that nothing was checked
+        parts.station.status = parts.find_status()  # refuses a request to arm in the first packet: no check has run
         self.clock, self.lateness = WallClock(machine.clock), Histogram()
         self._receiver = VehicleReceiver(parts, self.clock)
         self.release_time: int | None = None
@@ -135,13 +135,13 @@ class LiveVehicle:
             log_limit: maximum size of the log on the disk (bytes); None: no limit.
             log: path of the vehicle's own log, with the truth.
             log_period: time between rows (100 ns).
-            watchdog: silence (100 ns) after which the outputs, in a separate process, go safe; None: no such process.
+            watchdog: time without rows (100 ns) after which the outputs' process makes them safe; None: no process.
             confirmed: safety settings beyond their limits that the user has confirmed, see `safety_settings`.
             outputs_folder: folder for the port and the log of the outputs' process.
-            wanted_real_time: ask the system for real-time scheduling and locked memory.
+            wanted_real_time: True asks the system for real-time scheduling and locked memory.
             stop: called at every instant; True ends the run.
             tell: receives the messages for the user. It must not wait.
-            lost_lines: number of these messages that were lost.
+            lost_lines: function that returns how many of these messages were lost.
         """
         parts, reporter = self.parts, self.parts.reporter
         flight_log = self._open_log(log, log_limit, log_period)
@@ -206,13 +206,13 @@ class LiveVehicle:
                 break
             try:
                 self._run_instant(t, row_log)
-            except InputError as error:  # raised by an FMU that refuses a step
+            except InputError as error:  # an FMU refuses a step
                 self._problems.append(error.problem)
                 self.parts.reporter.report(f"ended: {error.problem}")
                 break
 
     def _end_reason(self, t: int, duration: int | None, stop: Callable[[], bool]) -> str:
-        """Return why the run must end now; empty: it continues."""
+        """Return why the run must end now, or "" if the run continues."""
         if stop():
             return "ended by request"
         if self._outputs is not None and self._outputs.problem:

@@ -1,4 +1,4 @@
-"""Outputs of a vehicle in flight: it hands rows to their process, and announces what the process reports.
+"""Outputs of a vehicle in flight: rows are passed to the outputs' process, and its reports are announced.
 
 Source: docs page, Vehicle (Watchdog).
 """
@@ -16,7 +16,7 @@ from trimtab.flight.vehicle_parts import VehicleParts
 
 
 class VehicleOutputs:
-    """Outputs of one run of a vehicle."""
+    """Connection of one run of a vehicle to the process of its outputs."""
 
     def __init__(
         self, parts: VehicleParts, problems: list[str], watchdog: int, folder: Path | None, wanted_real_time: bool
@@ -25,8 +25,8 @@ class VehicleOutputs:
 
         Args:
             parts: parts of the vehicle.
-            problems: list that problems for scripts are appended to.
-            watchdog: silence (100 ns) after which the outputs go safe.
+            problems: list to which problems are appended for the JSON report.
+            watchdog: time without rows (100 ns) after which the outputs go safe.
             folder: folder for the port and the log of the outputs' process.
             wanted_real_time: ask the system for real-time scheduling.
         """
@@ -47,11 +47,11 @@ class VehicleOutputs:
 
     @property
     def problem(self) -> str:
-        """Problem of the process; empty while it works."""
+        """Problem of the outputs' process; empty while the process works."""
         return self._outputs.problem
 
     def hand_over(self, t: int) -> None:
-        """Hand the current row over, and report the state of the process."""
+        """Send the current row to the outputs' process, and announce new reports and problems of the process."""
         outputs, duties = self._outputs, self._parts.duties
         if not outputs.is_alive:
             return

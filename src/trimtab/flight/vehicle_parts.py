@@ -39,7 +39,7 @@ from trimtab.vehicles.vehicle_type import mav_type
 
 
 class VehicleParts(NamedTuple):
-    """Parts of a vehicle."""
+    """Parts of a virtual vehicle in wall-clock time."""
 
     scenario: Scenario
     link: Link
@@ -54,7 +54,7 @@ class VehicleParts(NamedTuple):
     announcer: Announcer
     parameters: Parameters
     command: MessageGroup
-    """Messages of a command."""
+    """Group of messages that carry a command."""
     requests: FlightRequests
     identity: IdentityService
     broadcast: Broadcast

@@ -1,4 +1,4 @@
-"""Packets of a vehicle's link on their way to its parts.
+"""Distribution of the packets that a vehicle receives to the parts of the vehicle.
 
 Source: docs page, Vehicle.
 """
@@ -13,21 +13,21 @@ from trimtab.flight.vehicle_parts import VehicleParts
 
 
 class VehicleReceiver:
-    """Receiver of a vehicle."""
+    """Receiver of a vehicle's packets."""
 
     def __init__(self, parts: VehicleParts, clock: WallClock) -> None:
-        """Start without a command. clock: time of the vehicle."""
+        """Start without a command. clock: clock of the vehicle."""
         self._parts, self._clock = parts, clock
         self._newest_command: GroupSample | None = None
         self._declared = {p.path: p.declaration for p in parts.parameters.listed}
 
     def take_command(self) -> GroupSample | None:
-        """Return the newest command since the last call."""
+        """Return the newest command received since the last call, or None."""
         command, self._newest_command = self._newest_command, None
         return command
 
     def handle_data(self, data: bytes) -> None:
-        """Handle a packet of the link."""
+        """Pass the messages of a received packet to the parts that handle them."""
         parts, now, messages = self._parts, self._clock.now(), self._parts.endpoint.feed(data)
         parts.refusals.handle_refusals(now)
         parts.broadcast.accept_sender(messages, now)
@@ -68,7 +68,7 @@ class VehicleReceiver:
         parts.instruments.handle_event(event, now)
 
     def _note_request(self, request: ArmRequest) -> None:
-        """Log the checks when the vehicle is armed. Note a confirmation when the user disarms it."""
+        """Log the checks when the vehicle is armed. When the user disarms it, record this as a confirmation."""
         if request.by_hand and not request.arm:
             self._parts.guard.confirm()
         if request.arm and not self._parts.duties.is_commanded:

@@ -1,6 +1,6 @@
-"""The logs of live ends in virtual time, kept in memory.
+"""Logs of the ends of a link in virtual time, kept in memory.
 
-Rows and events are those that a file would hold (tests/flight/test_virtual_disk.py), and they go into the trace.
+Their rows and events equal those of a log file (tests/flight/test_virtual_disk.py), and are part of the trace.
 Source: docs page, Testing.
 """
 
@@ -24,14 +24,14 @@ from trimtab.logs.messages import EPOCH
 from trimtab.logs.stream import COUNTER_SIGNALS, END_S, LogFileSummary
 
 LOOK_S = 0.001
-"""Time between two checks whether a disk that hung takes rows again (s)."""
+"""Time (s) between two checks whether a hanging disk accepts rows again."""
 FREE_BYTES = 10_000_000_000
 NUMBER_BYTES = 8
 NO_SPACE = os.strerror(errno.ENOSPC)
 
 
 class VirtualDisk:
-    """The disk of one machine. It opens logs as `flight_log.SystemDisk` does."""
+    """Disk of one machine in virtual time. It opens logs as `flight_log.SystemDisk` does."""
 
     def __init__(self, time: VirtualTime, owner: str, tell: Callable[[str], None] = lambda _: None) -> None:
         """owner: name of the disk's owner, for the trace.  tell: receives the messages for the user."""
@@ -40,9 +40,9 @@ class VirtualDisk:
         self.is_writer_dead = False
         """True once the process that writes logs has died while the program flies on."""
         self.is_dead = False
-        """True once the writing process has been killed: no more rows are written."""
+        """True once the program that writes rows has been killed: no more rows are written."""
         self.hangs = False
-        """True while writes do not return, as on a stalled card. The ring of each log takes rows meanwhile."""
+        """True while writes do not return, as on a stalled card. Rows then wait in the ring buffer of each log."""
         self.logs: list[MemoryLog] = []
 
     def free_bytes(self, folder: Path) -> int:
@@ -52,14 +52,14 @@ class VirtualDisk:
     def open_log(
         self, path: Path, rows: FlightRows, metadata: Mapping[str, Any], frame: str, limit: LogLimit | None
     ) -> "MemoryLog":
-        """Open a log. Arguments as of `flight_log.FlightLog`; a limit has no effect in memory."""
+        """Open a log. The arguments are those of `flight_log.FlightLog`; a limit has no effect in memory."""
         log = MemoryLog(self, self._time, rows, metadata)
         self.logs.append(log)
         return log
 
 
 class MemoryLog:
-    """A log in memory. It is a `flight_log.FlightRecorder`."""
+    """Log in memory, with the interface `flight_log.FlightRecorder`."""
 
     def __init__(self, disk: VirtualDisk, time: VirtualTime, rows: FlightRows, metadata: Mapping[str, Any]) -> None:
         self._disk, self._time, self._rows, self._metadata = disk, time, rows, dict(metadata)
@@ -75,14 +75,14 @@ class MemoryLog:
         self.unread_rows = 0
         self._dropped = 0
         self._written = 0, 0
-        """Number of rows and of events that the disk has taken."""
+        """Number of rows, and number of events, that are on the disk."""
 
     def start_clock(self, start: int, clock: Clock) -> None:
-        """Set time zero to a time of the monotonic clock (ns)."""
+        """Set the log's time zero to `start`, a time of the monotonic clock (ns)."""
         self._epoch = round(clock.unix() * NS_PER_SECOND) - clock.monotonic_ns() + start
 
     def write_row(self, t: int, own: Sequence[float] = ()) -> None:
-        """Write a row, or count it where the disk is full or the row is not later than the one before."""
+        """Write a row. If the disk is full, or the row is not later than the previous row, only count it."""
         if self._disk.is_dead:
             return
         row = np.empty(self._rows.width)
@@ -119,7 +119,7 @@ class MemoryLog:
             self._gap += 1
 
     def write_event(self, text: str) -> None:
-        """Write a line of text between rows."""
+        """Write a line of text into the log, between two rows."""
         if not self._disk.is_dead and not self._disk.is_writer_dead:
             self._time.note("event", self._disk.owner, text)
             self._events.append((max(self._ticks[-1] if self._ticks else 0, 0), text))
@@ -138,7 +138,7 @@ class MemoryLog:
         )
 
     def _await_disk(self) -> bool:
-        """Wait for a disk that hangs, for at most `END_S`. Return whether it took all rows; else they are lost."""
+        """Wait for a hanging disk, for at most `END_S`. Return True if it then has all rows; else they are lost."""
         clock = self._time.running.clock if self._disk.hangs else None
         given_up = self._time.now + END_S * NS_PER_SECOND
         while clock is not None and self._disk.hangs and self._time.now < given_up:

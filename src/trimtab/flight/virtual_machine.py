@@ -1,4 +1,4 @@
-"""Computers in virtual time: each has a name on the network, a clock, a disk, and runs one live program at a time.
+"""Computers in virtual time. Each has a network name, a clock and a disk, and runs one live program at a time.
 
 Source: docs page, Testing.
 """
@@ -23,11 +23,11 @@ from trimtab.flight.virtual_terminal import VirtualLines, VirtualTerminal
 from trimtab.flight.virtual_time import VirtualClock, VirtualProgram, VirtualTime
 
 LOOK_S = 0.001
-"""Time between two checks whether a process has ended (s)."""
+"""Time (s) between two checks whether a process has ended."""
 
 
 class VirtualMachine:
-    """A computer in virtual time. A second program that it starts, after the first was killed, has the same clock."""
+    """Computer in virtual time. A program that is started after an earlier one was killed has the same clock."""
 
     def __init__(self, time: VirtualTime, network: VirtualNetwork, name: str) -> None:
         """name: name of the computer on the network."""
@@ -35,30 +35,30 @@ class VirtualMachine:
         self.disks: list[VirtualDisk] = []
         self.programs: list[VirtualProgram] = []
         self.outputs: list[VirtualProgram] = []
-        """Programs of outputs that were started on this computer."""
+        """Outputs' processes that were started on this computer, as programs in virtual time."""
         self.interrupts = 0
         """Number of requests to end that the running program received."""
         self.tell: Callable[[str], None] = lambda _: None
-        """Function that receives the lines that the outputs print."""
+        """Function that receives the lines printed by the outputs' processes."""
         self.terminal = VirtualTerminal(time)
         self.port_folder: Path | None = None
-        """Folder for the ports of outputs; None: outputs have no port."""
+        """Folder for the ports of outputs' processes; None: they have no port."""
         self.start_driver: Callable[[Path, VirtualProgram, VirtualProgram], object] = lambda *_: None
         """Function that is called with each new port, the vehicle's program, and the program of its outputs."""
         self._sessions = time.random(f"sessions of {name}")
 
     @property
     def program(self) -> VirtualProgram:
-        """The program that was started last."""
+        """Program that was started last."""
         return self.programs[-1]
 
     @property
     def disk(self) -> VirtualDisk:
-        """The disk as the program that was started last sees it."""
+        """Disk of the program that was started last."""
         return self.disks[-1]
 
     def start(self, run: Callable[[Machine], Any], words: Sequence[str] = ()) -> VirtualProgram:
-        """Start a program now. run: its function, called with this computer.  words: of its command line."""
+        """Start a program now. run: function that is called with this computer.  words: words of the command line."""
         self.interrupts = 0
         self.disks.append(VirtualDisk(self.time, self.name, lambda line: self.tell(line)))
         disk = self.disk
@@ -76,12 +76,12 @@ class VirtualMachine:
         self.time.freeze(self.program, seconds)
 
     def kill(self) -> None:
-        """End the program at once, without its clean-up, as SIGKILL does."""
+        """End the program at once, without clean-up, as SIGKILL does."""
         self.disk.is_dead = True
         self.time.kill(self.program)
 
     def step_clock(self, seconds: float) -> None:
-        """Step the wall clock."""
+        """Step the wall clock of this computer."""
         self.time.step_clock(self.program, seconds)
 
     def _describe(self, clock: VirtualClock, disk: VirtualDisk, words: Sequence[str]) -> Machine:
@@ -167,7 +167,7 @@ def _schedule(is_wanted: bool = True) -> Iterator[RealTimeGrant]:
 
 @contextlib.contextmanager
 def _keep_stamps(program: VirtualProgram, endpoint: Endpoint) -> Iterator[None]:
-    """Close the endpoint at the end. If its program was killed, nothing more is stored."""
+    """Close the endpoint at the end. If its program was killed, no time stamp is stored."""
     try:
         yield
     finally:

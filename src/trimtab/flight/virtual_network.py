@@ -1,4 +1,4 @@
-"""A network in virtual time: datagrams that are delayed, lost, doubled and reordered, all from one seed.
+"""Network in virtual time: datagrams are delayed, lost, doubled and reordered at random, all from one seed.
 
 Source: docs page, Testing.
 """
@@ -25,13 +25,13 @@ class Host(NamedTuple):
 
 
 class Path:
-    """The way from one host to another. Every attribute may be changed while programs run."""
+    """Path from one host to another. All attributes may be changed while programs run."""
 
     def __init__(self, draw: random.Random) -> None:
         self.delay, self.jitter = 0.0002, 0.0
         """Delay of a packet (s), and the width of the random delay that is added (s)."""
         self.loss = self.double = 0.0
-        """Share of packets that are lost, and share of packets that arrive twice."""
+        """Probability that a packet is lost, and probability that a packet arrives twice."""
         self.keeps_order = True
         """True if packets arrive in the order in which they were sent."""
         self.cut_until = 0
@@ -99,7 +99,7 @@ class VirtualNetwork:
         self._sockets[address] = _Answerer(take)
 
     def connect_pair(self, near: VirtualProgram) -> tuple["VirtualPair", "VirtualPair"]:
-        """Return two ends of a connection that keeps packets apart and takes no time. The far end has no owner yet."""
+        """Return the two ends of a packet connection without delay. The far end has no owner yet."""
         a, b = (VirtualPair(self.time, next(self._descriptors)) for _ in range(2))
         a.other, b.other = b, a
         a.give_to(near)
@@ -127,7 +127,7 @@ class VirtualNetwork:
 
 
 class _Answerer(NamedTuple):
-    """Entry of an address at which no program listens."""
+    """Address at which a function takes the packets, and no program."""
 
     take: Callable[[bytes, Host], None]
     number: int = 0
@@ -137,7 +137,7 @@ class _Answerer(NamedTuple):
 
 
 class VirtualSocket:
-    """A datagram socket, as a UdpLink uses it. It never blocks."""
+    """Datagram socket with the methods that a UdpLink uses. It never blocks."""
 
     def __init__(
         self, network: VirtualNetwork, program: VirtualProgram, address: Host, peer: Host | None, descriptor: int
@@ -154,7 +154,7 @@ class VirtualSocket:
         return bool(self._waiting) or self._descriptor < 0
 
     def take_packet(self, packet: bytes, sender: Host) -> VirtualProgram | None:
-        """Take a packet that arrives now; return the program that it wakes."""
+        """Store a packet that arrives now. Return the program that wakes up, or None."""
         if self._peer is not None and sender != self._peer:
             return None
         if len(self._waiting) >= MOST_WAITING:
@@ -165,24 +165,24 @@ class VirtualSocket:
         return time.wake(program) if time.is_blocked(program, self) else None
 
     def fileno(self) -> int:
-        """Return a number that tells sockets apart, -1 once this one is closed."""
+        """Return a number that identifies this socket, -1 once it is closed."""
         return self._descriptor
 
     def recvfrom(self, size: int, /) -> tuple[bytes, Host]:
-        """Return the next packet and its sender. BlockingIOError: none waits."""
+        """Return the next packet and its sender. Raise BlockingIOError if no packet waits."""
         if not self._waiting:
             raise BlockingIOError
         packet, sender = self._waiting.popleft()
         return packet[:size], sender
 
     def send(self, packet: bytes, /) -> int:
-        """Send to the peer that the socket is connected to."""
+        """Send a packet to the peer to which the socket is connected."""
         if self._peer is None:
             raise OSError("not connected")
         return self.sendto(packet, self._peer)
 
     def sendto(self, packet: bytes, address: Host, /) -> int:
-        """Send to an address. A packet to an address where nobody listens is lost."""
+        """Send a packet to an address. The packet is lost if no socket is bound to the address."""
         if self._descriptor < 0:
             raise OSError("closed")
         self._network.send(self.address, address, packet)
@@ -195,7 +195,7 @@ class VirtualSocket:
 
 
 class VirtualPair:
-    """One end of a connection within a machine that keeps packets apart. It never blocks."""
+    """End of a packet connection within a machine. It never blocks."""
 
     other: "VirtualPair"
 
@@ -205,7 +205,7 @@ class VirtualPair:
         self._waiting: deque[bytes] = deque()
 
     def give_to(self, program: VirtualProgram) -> None:
-        """Make a program the owner. The end is closed when the program ends."""
+        """Make a program the owner of this end. The end is closed when the program ends."""
         self._program = program
         program.closers.append(self.close)
 
@@ -214,11 +214,11 @@ class VirtualPair:
         return bool(self._waiting) or self.other.fileno() < 0 or self._descriptor < 0
 
     def fileno(self) -> int:
-        """Return a number that tells sockets apart, -1 once this one is closed."""
+        """Return a number that identifies this end, -1 once it is closed."""
         return self._descriptor
 
     def send(self, packet: bytes, /) -> int:
-        """Send a packet. BlockingIOError: there is no room; BrokenPipeError: the other end is closed."""
+        """Send a packet. Raise BlockingIOError if there is no room, BrokenPipeError if the other end is closed."""
         other = self.other
         if self._descriptor < 0 or other.fileno() < 0:
             raise BrokenPipeError
@@ -229,7 +229,7 @@ class VirtualPair:
         return len(packet)
 
     def recv(self, size: int, /) -> bytes:
-        """Return the next packet, empty where the other end is closed. BlockingIOError: none waits."""
+        """Return the next packet, empty if the other end is closed. Raise BlockingIOError if no packet waits."""
         if self._waiting:
             return self._waiting.popleft()[:size]
         if self.other.fileno() < 0:
@@ -237,13 +237,13 @@ class VirtualPair:
         raise BlockingIOError
 
     def close(self) -> None:
-        """Close this end; the other one notices."""
+        """Close this end. The other end is notified."""
         if self._descriptor >= 0:
             self._descriptor = -1
             self.other._announce()
 
     def _announce(self) -> None:
-        """Wake the owner, if it waits for this end."""
+        """Wake the owner if it waits for this end."""
         program, time = self._program, self._time
         if program is not None:
 

@@ -1,6 +1,6 @@
-"""The terminal of a computer in virtual time. It can hang, as after Ctrl-S or behind a full pipe.
+"""Terminal of a computer in virtual time. It can hang, as after Ctrl-S or behind a full pipe.
 
-A program that writes to a terminal that hangs stands still. Lines that are handed to a queue wait there, as in
+A program that writes directly to a hanging terminal is blocked. Lines in a queue wait in the queue instead, as in
 `line_writer.LineWriter`.
 Source: docs page, Testing.
 """
@@ -13,7 +13,7 @@ from trimtab.core.line_writer import CLOSE_S, ROOM
 from trimtab.flight.virtual_time import VirtualTime
 
 LOOK_S = 0.001
-"""Time between two checks whether the terminal takes lines again (s)."""
+"""Time (s) between two checks whether the terminal takes lines again."""
 
 
 class VirtualTerminal:
@@ -25,20 +25,20 @@ class VirtualTerminal:
         """True while the terminal takes no lines."""
 
     def wait_for_room(self) -> None:
-        """Hold up the running program while the terminal hangs."""
+        """Block the running program while the terminal hangs."""
         clock = self._time.running.clock
         while self.hangs:
             clock.wait(None, LOOK_S)
 
     def open_queue(self, write: Callable[[str], object]) -> "VirtualLines":
-        """Return a queue of lines, as `machine.write_lines` does. write: writes a line."""
+        """Return a queue of lines, as `machine.write_lines` does. write: function that writes a line."""
         return VirtualLines(self, self._time, write)
 
 
 class VirtualLines:
-    """Lines for the user of one program. It is a `machine.LineSink`.
+    """Queue of a program's lines for the user, with the interface `machine.LineSink`.
 
-    The program writes the lines that wait with its next line, or when it settles.
+    The waiting lines are written at the next call of `put` or `settle`.
     """
 
     def __init__(self, terminal: VirtualTerminal, time: VirtualTime, write: Callable[[str], object]) -> None:
@@ -47,7 +47,7 @@ class VirtualLines:
         self.lost_count = 0
 
     def put(self, text: str) -> None:
-        """Take a line. Never waits. A line that does not fit is lost."""
+        """Add a line to the queue, without waiting. The line is lost if the queue is full."""
         if not self._terminal.hangs:
             self._write_waiting()
             self._write(text)
@@ -61,7 +61,7 @@ class VirtualLines:
             self._write(self._waiting.popleft())
 
     def settle(self) -> int:
-        """Wait for the waiting lines, for at most `CLOSE_S`. Return the number of lost lines, those included."""
+        """Wait at most `CLOSE_S` until all lines are written. Return the number of lost or unwritten lines."""
         clock = self._time.running.clock
         given_up = clock.monotonic_ns() + CLOSE_S * NS_PER_SECOND
         while self._waiting and self._terminal.hangs and clock.monotonic_ns() < given_up:

@@ -1,11 +1,11 @@
-"""Virtual time: live programs on one clock that advances only when all of them wait.
+"""Virtual time: live programs share one clock, which advances only when all programs wait.
 
 Each program (vehicle, outputs, autopilot, ground station, injector, attacker) is a thread. A thread runs only while it
 holds the baton. It hands the baton over when it waits, in `Clock.wait`. The earliest packet, deadline or action is
 next; ties are broken by kind and by the order in which the programs joined. So one seed gives one course of events,
 however fast the machine is.
 
-A program can be frozen, killed, kept busy, and its wall clock stepped, while it runs.
+While a program runs, it can be frozen, killed or kept busy, and its wall clock can be stepped.
 Source: docs page, Testing; J. Zhou et al., "FoundationDB", SIGMOD 2021, section 4 (simulation of a whole system).
 """
 
@@ -20,42 +20,42 @@ from typing import Any
 from trimtab.core.clock import NS_PER_SECOND, Waitable
 
 ACTION, PACKET, WAKE = range(3)
-"""Kinds of events, in the order in which those of one instant happen."""
+"""Kinds of events, in the order in which simultaneous events happen."""
 UNIX_START = 1_780_000_000.0
 """Wall-clock time at the start of virtual time (s since 1970)."""
 LONGEST_BOOT = 100 * NS_PER_SECOND
-"""Largest monotonic time of a program at the start of virtual time (ns): each machine was booted at another time."""
+"""Largest monotonic time of a program at the start of virtual time (ns): machines have different boot times."""
 CLOCK_ERROR = 1e-3
-"""Largest lead of a machine's wall clock (s) over the virtual time: no two computers have the same time."""
+"""Largest lead (s) of a machine's wall clock over virtual time. Each machine has a different lead."""
 MOST_HAND_OVERS = 1_000_000
-"""Hand-overs at one instant after which a program counts as hanging."""
+"""Number of hand-overs of the baton at one instant after which a program counts as hanging."""
 MOST_TIME = 3600 * NS_PER_SECOND
 """Virtual time (ns) after which a run counts as hanging."""
 
 
 class KilledError(BaseException):
-    """Ends the thread of a program that was killed. No handler of ordinary errors catches it."""
+    """Exception that ends the thread of a killed program. Handlers of ordinary errors do not catch it."""
 
 
 class VirtualTimeError(Exception):
-    """Error: no program can wake, or a program hangs."""
+    """Error of virtual time: no program can wake up, or a program hangs."""
 
 
 class VirtualProgram:
-    """A program that runs in virtual time: a thread with a clock."""
+    """Program that runs in virtual time: a thread with a clock."""
 
     def __init__(self, name: str, number: int, run: Callable[["VirtualClock"], Any], clock: "VirtualClock") -> None:
         self.name, self.number, self.clock = name, number, clock
         self.result: Any = None
-        """Return value of the function of the program."""
+        """Return value of the program's function."""
         self.error: BaseException | None = None
-        """Exception that the function of the program raised."""
+        """Exception that the program's function raised."""
         self.has_ended = self.is_killed = self.is_adopted = False
         self.is_waiting, self.ready, self.deadline, self.turn = False, None, math.inf, 0
         self.ready: Any
         self.frozen_until: float = 0
         self.work = self.cpu = 0
-        """Remaining work of the program, and its processor time so far (ns)."""
+        """Remaining work of the program (ns), and its processor time so far (ns)."""
         self.busy_until = 0
         """Time (ns) until which the program is kept busy with its own work."""
         self.closers: list[Callable[[], None]] = []
@@ -77,7 +77,7 @@ class VirtualProgram:
 
 
 class VirtualClock:
-    """The clock of one program."""
+    """Clock of one program in virtual time."""
 
     def __init__(self, time: "VirtualTime", boot: int, unix_offset: float) -> None:
         """Start a clock.
@@ -100,23 +100,23 @@ class VirtualClock:
         return UNIX_START + self._time.now / NS_PER_SECOND + self.unix_offset
 
     def thread_ns(self) -> int:
-        """Return the processor time of the program (ns): the work it was kept busy with."""
+        """Return the processor time of the program (ns): the time for which it was kept busy."""
         return self.program.cpu
 
     def wait(self, ready: Waitable | None, timeout: float) -> bool:
-        """Wait until an object is ready to read; return False when `timeout` seconds have passed before."""
+        """Wait until an object is ready to read. Return False if it is not ready after `timeout` seconds."""
         return self._time.wait(self.program, ready, timeout)
 
 
 class VirtualTime:
-    """Programs on one virtual clock. Make it, `start` programs, then `run`."""
+    """Scheduler of programs on one virtual clock. Call `start` for each program, then `run`."""
 
     def __init__(self, seed: int, *, hand_over: Callable[[], None] = lambda: None) -> None:
         """Start at time zero.
 
         Args:
             seed: seed of all random numbers of the run.
-            hand_over: called at each hand-over, e.g. to sleep for a random time in a test.
+            hand_over: function called at each hand-over of the baton, e.g. to sleep for a random time in a test.
         """
         self.seed, self.now, self._hand_over = seed, 0, hand_over
         self.programs: list[VirtualProgram] = []
@@ -140,12 +140,12 @@ class VirtualTime:
 
     @property
     def digest(self) -> str:
-        """Hash of all packets, log rows and events so far."""
+        """Return a hash of all packets, log rows and events so far."""
         return self._trace.hexdigest()
 
     @property
     def seconds(self) -> float:
-        """Virtual time now (s)."""
+        """Return the current virtual time (s)."""
         return self.now / NS_PER_SECOND
 
     def start(
@@ -155,8 +155,8 @@ class VirtualTime:
 
         Args:
             name: name of the program.
-            run: its function, called with its clock in a thread of its own.
-            clock: clock of a program that ran on the same machine before; None: of a machine with a clock of its own.
+            run: function of the program, called with the program's clock in a new thread.
+            clock: clock of an earlier program on the same machine; None: the program gets a new machine's clock.
         """
         own = self._draw_clock(name) if clock is None else VirtualClock(self, clock._boot, clock.unix_offset)
         program = VirtualProgram(name, len(self.programs), run, own)
@@ -167,12 +167,12 @@ class VirtualTime:
         return program
 
     def _draw_clock(self, name: str) -> VirtualClock:
-        """Return the clock of a machine. Its start and the error of its wall clock are drawn by its name."""
+        """Return the clock of a machine. The machine's name determines its random boot time and wall-clock error."""
         boot = self.random(f"boot of {name}").randrange(LONGEST_BOOT)
         return VirtualClock(self, boot, CLOCK_ERROR * self.random(f"clock of {name}").random())
 
     def adopt(self, name: str) -> VirtualProgram:
-        """Make the calling thread a program, which holds the baton until it waits. `run` is not called then."""
+        """Make the calling thread a program, which holds the baton until it waits. Do not call `run` in this case."""
         clock = self._draw_clock(name)
         clock.program = program = VirtualProgram(name, len(self.programs), lambda _: None, clock)
         program.is_adopted = True
@@ -181,7 +181,7 @@ class VirtualTime:
         return program
 
     def call_at(self, seconds: float, action: Callable[[], Any]) -> None:
-        """Call a function at a virtual time (s). It must not wait."""
+        """Call a function at a virtual time (s). The function must not wait."""
 
         def act() -> None:
             action()
@@ -189,22 +189,22 @@ class VirtualTime:
         self.add_event(round(seconds * NS_PER_SECOND), ACTION, 0, act)
 
     def add_event(self, time: int, kind: int, order: int, action: Callable[[], VirtualProgram | None]) -> None:
-        """Call a function at a virtual time (ns). It returns the program that wakes, if one does.
+        """Call a function at a virtual time (ns).
 
         Args:
-            time: not before now.
+            time: time of the call, not in the past.
             kind: ACTION, PACKET or WAKE.
-            order: number of the program that is concerned.
-            action: the function.
+            order: number of the program that the event concerns.
+            action: the function. It returns the program that wakes up, or None.
         """
         self._count += 1
         heapq.heappush(self._events, (max(time, self.now), kind, order, self._count, action))
 
     def run(self, *awaited: VirtualProgram) -> None:
-        """Run until these programs have ended, all by default; then kill those that still run.
+        """Run until these programs (default: all) have ended. Then kill the programs that still run.
 
         Raises:
-            VirtualTimeError: no program can wake, or a program hangs.
+            VirtualTimeError: no program can wake up, or a program hangs.
         """
         self._awaited = awaited or tuple(self.programs)
         self._pass_on(None)
@@ -225,12 +225,12 @@ class VirtualTime:
             self.add_event(round(program.frozen_until), WAKE, program.number, lambda: self._thaw(program))
 
     def thaw(self, program: VirtualProgram) -> None:
-        """Let a frozen program go on, as SIGCONT does."""
+        """Continue a frozen program, as SIGCONT does."""
         program.frozen_until = self.now
         self.add_event(self.now, WAKE, program.number, lambda: self._thaw(program))
 
     def kill(self, program: VirtualProgram) -> None:
-        """End a program at once, without its clean-up, as SIGKILL does."""
+        """End a program at once, without clean-up, as SIGKILL does."""
         if program.has_ended or program.is_killed:
             return
         program.is_killed, program.frozen_until = True, 0
@@ -239,7 +239,7 @@ class VirtualTime:
         self._wait_until(program, None, self.now)
 
     def keep_busy(self, program: VirtualProgram, seconds: float) -> None:
-        """Keep a program busy for some seconds, starting when it next reads the clock."""
+        """Keep a program busy for some seconds, from the next time that it reads the clock."""
         program.work += round(seconds * NS_PER_SECOND)
 
     def step_clock(self, program: VirtualProgram, seconds: float) -> None:
@@ -247,7 +247,7 @@ class VirtualTime:
         program.clock.unix_offset += seconds
 
     def wait(self, program: VirtualProgram, ready: Any, timeout: float) -> bool:
-        """Wait in a program, see `Clock.wait`."""
+        """Wait in a program until an object is ready or the time is over, see `Clock.wait`."""
         self.pass_work(program)
         if ready is not None and ready.has_data():
             return True
@@ -258,7 +258,7 @@ class VirtualTime:
         return ready is not None and ready.has_data()
 
     def pass_work(self, program: VirtualProgram) -> None:
-        """Let the time pass for which a program is kept busy or frozen."""
+        """Suspend a program for the time for which it is kept busy or frozen."""
         if program.is_killed:
             raise KilledError
         while program.work or program.frozen_until > self.now:
@@ -268,11 +268,11 @@ class VirtualTime:
             self._suspend(program, None, self.now + work)
 
     def is_blocked(self, program: VirtualProgram, ready: Any) -> bool:
-        """Return whether a program waits for an object, and would go on if that became ready."""
+        """Return True if a program waits for an object and would continue if the object became ready."""
         return program.is_waiting and program.ready is ready and program.frozen_until <= self.now
 
     def wake(self, program: VirtualProgram) -> VirtualProgram:
-        """Wake a waiting program. It holds the baton then."""
+        """Wake a waiting program, which then holds the baton."""
         program.is_waiting, program.turn = False, program.turn + 1
         self.running = program
         return program
@@ -328,7 +328,7 @@ class VirtualTime:
                 raise self._error
 
     def _next_program(self) -> VirtualProgram | None:
-        """Let events happen until a program wakes. None: the run is over."""
+        """Process events until a program wakes up. Return that program, or None if the run is over."""
         try:
             while not all(one.has_ended for one in self._awaited) and self._error is None:
                 if not self._events:

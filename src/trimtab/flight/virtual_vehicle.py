@@ -1,4 +1,4 @@
-"""World at the vehicle's end of a link: commands in, one instant at a time, samples out.
+"""World at the vehicle's end of a link: it takes commands, advances instant by instant, and packs samples.
 
 Source: docs page, Vehicle.
 """
@@ -20,10 +20,10 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.cosimulation import SteppedWorld
 
 ACTUATION_PREFIXES = ("uplink.", "actuators.")
-"""Prefixes of a world's outputs that are the values just before an instant."""
+"""Prefixes of the outputs of a world's step that belong to the start of the step; the others belong to its end."""
 NO_TIME = np.iinfo(np.int64).min
 PACE, PACED_INSTANTS = 0.5, 200
-"""Largest share of the shortest of the first instants' intervals that a step of an FMU may take."""
+"""Fraction of the shortest interval between instants that a step of an FMU may take; number of instants checked."""
 
 
 class VirtualVehicle:
@@ -42,8 +42,8 @@ class VirtualVehicle:
         self._sent_times: dict[str, Any] = dict.fromkeys(self.samples, NO_TIME)
         self.t = self.row_t = 0
         self.row: Any = np.zeros(len(world.outputs))
-        """Row of the log for the instant `row_t`, the last one before t, including the actuation, as `simulate` logs
-        it.
+        """Log row of the instant `row_t`, the last instant before `t`. It includes the actuation, as in the log of
+        `simulate`.
         """
         paths = [p for p in writes if p.startswith(ACTUATION_PREFIXES)]
         self._actuation_slots = slot_indices(writes, paths, len(world.outputs))
@@ -51,14 +51,14 @@ class VirtualVehicle:
         self._has_begun = False
 
     def instants(self) -> Iterator[int]:
-        """Return an iterator of the instants to advance to, from 0 on without end."""
+        """Return an endless iterator of the instants for `advance`, from 0 on."""
         world = self.scenario.world
         return instants([*world.periods(), self.scenario.autopilot.period], world.max_step)
 
     def advance(self, t: int, *, fresh: bool, is_held: bool = False) -> None:
-        """Advance to integer time t, with the command in the world's inputs, issued at the last instant.
+        """Advance to integer time t, with the command that was written into the world's inputs at the last instant.
 
-        fresh: the command is a new one.  is_held: the vehicle is held in place, its true state stays the same.
+        fresh: True if the command is new.  is_held: True holds the vehicle in place, with an unchanged true state.
         """
         inputs = self.world.inputs
         at_t, at_h, at_first, at_held, at_fresh = self._input_slots
@@ -72,11 +72,11 @@ class VirtualVehicle:
         self.row_t, self.t, self._has_begun = self.t, t, True
 
     def log_sources(self) -> list[LogSource]:
-        """Return the logged numbers of the vehicle's world."""
+        """Return the vector of the vehicle's world whose numbers are logged."""
         return [LogSource(self.row, self.world.text.outputs, lambda p: p)]
 
     def final_truth(self) -> dict[str, Any]:
-        """Return the current state, as the final values of a log."""
+        """Return path -> current value of the true state, as the final values of a log."""
         return {p: np.array(self.world.outputs[at]) for p, at in self.world.writes.items() if p.startswith("truth.")}
 
     def changed_sensors(self) -> list[str]:
@@ -89,12 +89,12 @@ class VirtualVehicle:
         return sensors
 
     def sample_packets(self, endpoint: Endpoint, sensors: list[str]) -> list[bytes]:
-        """Return the packets of these sensors' samples, as they are now."""
+        """Return the packets of the newest samples of these sensors."""
         return [packet for s in sensors for packet in self.samples[s].pack(endpoint, self.world.outputs)]
 
 
 def instants(periods: list[int], max_step: int) -> Iterator[int]:
-    """Yield all instants from 0 on at which a period is due, with gaps over max_step split evenly, as `timetable`."""
+    """Yield all instants from 0 on at which a period is due, with gaps over max_step split evenly."""
     t, distinct = 0, sorted(set(periods))
     yield 0
     while True:
@@ -106,7 +106,7 @@ def instants(periods: list[int], max_step: int) -> Iterator[int]:
 
 
 def check_pace(world: Any, scenario: Scenario) -> None:
-    """Raise InputError for an FMU whose steps take more than half of the available time. Runs the FMU to measure it."""
+    """Run an FMU, and raise InputError if its steps take more than half of the available time."""
     if not isinstance(world, SteppedWorld):
         return
     periods = [*scenario.world.periods(), scenario.autopilot.period]
@@ -114,6 +114,6 @@ def check_pace(world: Any, scenario: Scenario) -> None:
     shortest = min(b - a for a, b in itertools.pairwise(times))
     took = world.measure_steps(shortest)
     if took > PACE * to_seconds(shortest):
-        problem = f"a step of the FMU takes {took * 1e3:.3g} ms here, too long for one every {format_time(shortest)}"
+        problem = f"a step of the FMU takes {took * 1e3:.3g} ms here, too long for a step every {format_time(shortest)}"
         fix = f"{argument('lockstep', True)} on both sides, or {argument('settings', '50 ms', 'world.max_step')}"
         raise InputError(f"{scenario.name} by a clock", problem, fix=fix)

@@ -1,6 +1,6 @@
-"""Watchdog of the outputs: the choice of the row that is applied, by the received rows and the time.
+"""Watchdog of the outputs: it chooses the row to apply, from the received rows and the time.
 
-It needs only the standard library, since it runs in the process of the outputs.
+This module needs only the standard library, since it runs in the process of the outputs.
 Source: docs page, Vehicle (Watchdog).
 """
 
@@ -10,20 +10,20 @@ from trimtab.flight.output_port import DRIVEN, LATCHED, SAFE, WAITING, OutputRow
 
 
 class Watchdog:
-    """Choice of the row that is applied, by the received rows and the time. Times are in ns of one clock."""
+    """Watchdog that chooses the row to apply, from the received rows and the time. Times are in ns of one clock."""
 
     def __init__(self, safe: Sequence[float], timeout: int, lift_delay: int, latch: int) -> None:
-        """timeout: silence after which the safe row is applied. latch: silence after which it stays until the vehicle
-        is disarmed.
+        """timeout: time without rows after which the safe row is applied. latch: time without rows after which the
+        safe row stays until the vehicle is disarmed.
 
-        lift_delay: time for which the lift fan keeps turning after the safe row starts.
+        lift_delay: time for which the lift fan keeps turning after the safe row takes effect.
         """
         self._safe, self._timeout, self._lift_delay, self._latch = tuple(safe), timeout, lift_delay, latch
         self.row = OutputRow(WAITING, False, self._safe)
         self._stamp = self._lift_until = 0
 
     def take_row(self, stamp: int, is_commanded: bool, lift: bool, values: tuple[float, ...]) -> None:
-        """Take a row that was handed over at a given time.
+        """Take a row that the vehicle sent at the time `stamp`.
 
         A latched safe row stays until the vehicle is no longer commanded.
         """
@@ -36,7 +36,7 @@ class Watchdog:
         self.row = OutputRow(DRIVEN, lift, values)
 
     def check(self, now: int, is_gone: bool = False) -> bool:
-        """Advance time to now. Return whether the safe row starts to act. is_gone: no more rows can come."""
+        """Advance time to now. Return True if the safe row takes effect now. is_gone: no more rows can arrive."""
         row = self.row
         if row.state == DRIVEN and (is_gone or now - self._stamp >= self._timeout):
             self._lift_until = now + (self._lift_delay if row.lift else 0)
@@ -49,7 +49,7 @@ class Watchdog:
         return False
 
     def next_check(self) -> int | None:
-        """Return the time of the next change by time alone; None if there is none."""
+        """Return the time of the next change that needs no new row; None if no such change follows."""
         if self.row.state == DRIVEN:
             return self._stamp + self._timeout
         times = [self._lift_until] if self.row.lift else []

@@ -265,7 +265,7 @@ def test_wrong_use_is_refused_with_what_to_write(dialect, open_pair):
         Endpoint(dialect, 1, 1)
     with pytest.raises(InputError, match="unsigned was requested with a key"):
         Endpoint(dialect, 1, 1, passphrase_key("x" * 16), True)
-    with pytest.raises(InputError, match="system 0 is not from 1 to 255"):
+    with pytest.raises(InputError, match="system must be from 1 to 255, got 0"):
         Endpoint(dialect, 0, 1, unsigned=True)
 
 

@@ -58,7 +58,7 @@ def test_a_file_without_a_key_is_refused(tmp_path, content):
     path = tmp_path / "a.key"
     path.write_bytes(content)
     path.chmod(0o600)
-    with pytest.raises(InputError, match="holds no key"):
+    with pytest.raises(InputError, match="contains no key"):
         load_key(path)
 
 

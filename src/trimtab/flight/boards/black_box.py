@@ -1,7 +1,7 @@
-"""Black box of a board: the records of the firmware's last flights.
+"""Black box of a board: the firmware's records of its last flights.
 
-A dump of the flash sectors, made by a debug probe, becomes rows. The layout of a journal in flash is described in
-`firmware/portable/journal.h`, the content of a record in `record` of `firmware/portable/vehicle.c`.
+This module reads the records from a dump of the flash sectors, made by a debug probe. The layout in flash is described
+in `firmware/portable/journal.h`, the content of a record in `record` of `firmware/portable/vehicle.c`.
 """
 
 import struct
@@ -13,13 +13,13 @@ from trimtab.actuators.failsafe import CAUSES, MODES
 from trimtab.core.errors import InputError
 
 SECTOR = 0x20000
-"""Bytes of each of the two sectors of an STM32F405."""
+"""Size (bytes) of each of the two flash sectors of an STM32F405 that contain the black box."""
 HEADER, RECORD, ERASED = 16, 32, 0x45524153
 PULSE_COUNTS_PER_SECOND = 2e6
 FAN_DRIVE = ("rudder", "thrust fan", "lift fan")
-"""Outputs of a board with a fan drive. Its records also hold the fan's speed."""
+"""Outputs of a board with a fan drive. The records of such a board also contain the fan's speed."""
 MOST_PULSES = 4
-"""Maximum number of pulses in a record."""
+"""Maximum number of pulse widths in a record."""
 
 
 class FlightRecord(NamedTuple):
@@ -31,32 +31,34 @@ class FlightRecord(NamedTuple):
     cause: str
     armed: bool
     commanded: bool
-    """True if a command was obeyed."""
+    """True while the firmware obeys a command."""
     pulses: Mapping[str, float]
     """Pulse widths (s) by output: each number of the vehicle's command, or the outputs of a fan drive."""
     wanted_rpm: int | None
-    """Wanted speed of the fan (rpm). It and `speed_rpm` are None for a board without a fan drive."""
+    """Set-point of the fan's speed (rpm). This field and `speed_rpm` are None for a board without a fan drive."""
     speed_rpm: int | None
     command_age: float
     """Age of the newest command (s). 65.535 means at least 65.535 s."""
     late: int
-    """Late ticks since the start."""
+    """Number of ticks of the firmware that started late, since the start of the board."""
 
 
 def read_black_box(
     dump: bytes, outputs: Sequence[str] = FAN_DRIVE, *, sector: int = SECTOR
 ) -> list[list[FlightRecord]]:
-    """Return the records by flight, oldest first, of a dump of both sectors. The board's time falls at a new flight.
+    """Return the records of a dump of both sectors, grouped by flight, oldest first.
 
-    Records left incomplete by a power failure are skipped.
+    A new flight begins at a record whose time is less than the time of the record before.
+
+    Records that are incomplete after a power failure are skipped.
 
     Args:
         dump: content of the flash.
-        outputs: what the board's outputs drive, see `firmware_folder.output_names`.
+        outputs: name of each output of the board, see `firmware_folder.output_names`.
         sector: size of a sector (bytes).
 
     Raises:
-        InputError: the dump has another size, no sector is in use, or a record cannot hold that many outputs.
+        InputError: the dump has a wrong size, no sector is in use, or there are more outputs than a record can contain.
     """
     if not 1 <= len(outputs) <= MOST_PULSES:
         problem = f"{len(outputs)} outputs ({', '.join(outputs)}): a record must have 1 to {MOST_PULSES} pulses"

@@ -1,8 +1,8 @@
 """firmware: write the vehicle's end of the distributed autopilot as C for a microcontroller, with an emulated world.
 
-The portable C is in the folder `firmware` of this package, with two drives: of a regulated fan, and of any outputs that
-follow the command by tables. The written files belong to the scenario: the exported world and failsafe, the tables or
-the fan's regulator and motor, the messages of its dialect, and the key.
+The portable C is in the folder `firmware` of this package. It has two drives: a drive with a regulated fan, and a drive
+for outputs that follow the command by tables. The files written here depend on the scenario: the exported world and
+failsafe, the tables or the fan's regulator and motor, the messages of the dialect, and the key.
 """
 
 import json
@@ -63,13 +63,13 @@ from trimtab.vehicles.vehicle_type import mav_type
 
 PACKAGED_FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 CHECKOUT_FIRMWARE = Path(__file__).resolve().parents[4] / "firmware"
-"""Folder of the portable C: in an installed package, or beside `src`."""
+"""Folder of the portable C: inside an installed package, or beside `src` in a checkout."""
 START_UP_FILES = {"start.c": "boards/mps2/start.c", "link.ld": "boards/mps2/link.ld", "board.h": "boards/mps2/board.h"}
 REALS = {"single": "f32", "double": "f64"}
 FIRMWARE_BOARDS = {name: REALS[target.real] for name, target in TARGETS.items()} | {"stm32f405": REALS["single"]}
-"""Boards that the firmware runs on -> type of numbers of their FPU."""
+"""Name of a board that the firmware runs on -> floating-point type of its FPU."""
 MOST_OUTPUTS_OF = {"stm32f405": 4}
-"""Maximum number of outputs of a board, for boards with fewer outputs than the MAVLink message of servo outputs."""
+"""Board -> maximum number of outputs, for boards with fewer outputs than MAVLink's message of servo outputs has."""
 FAN_OUTPUTS = [
     "output 1: rudder servo, the command's pulse, safe 1.500 ms",
     "output 2: thrust fan's speed controller, duty -1 to 1 by 1.000 to 2.000 ms, safe 1.500 ms",
@@ -79,7 +79,7 @@ KEY_MAGIC = b"trimtab1"
 
 
 class FirmwareFolder(NamedTuple):
-    """Result: the folder, all files, the dialect of the firmware, a line for each output."""
+    """Written firmware: the folder, all files, the dialect of the firmware, a line of text for each output."""
 
     folder: Path
     files: list[Path]
@@ -99,15 +99,15 @@ def write_firmware(
     """Write the firmware of a scenario's vehicle into a folder; `make` there builds firmware.elf.
 
     Args:
-        scenario: scenario, fully checked before anything is written. Real links replace its links.
+        scenario: scenario, checked before any file is written. Real links replace the scenario's links.
         folder: folder to write; created if missing.
         key: key with which both ends sign. It is written to the file key.bin, owner-only, and to no other file.
         board: a key of `FIRMWARE_BOARDS`.
         seed: seed of the random numbers in the emulated world.
-        clock: clock whose time is written beside the key.
+        clock: clock that gives the time that is written beside the key.
 
     Raises:
-        InputError: unknown board, command without limits, too much for the board, or the folder cannot be written.
+        InputError: unknown board, command without limits, firmware too large for the board, or folder not writable.
     """
     real = _find_real(board)
     asked, scenario = scenario, replace_hardware(scenario)
@@ -159,10 +159,10 @@ extern const char *const identity_line[];
 
 
 def identity_source(identity: Mapping[str, str], mav_type: int) -> str:
-    """Return C that holds an identity, text by path, for the vehicle's end."""
+    """Return C source with an identity, text by path, for the vehicle's end."""
     digest = ", ".join(map(str, identity_digest(identity)))
     lines = [cut_line(path, text).decode("ascii", "replace") for path, text in sorted(identity.items())]
-    quoted = [json.dumps(line.replace("?", "_")) for line in lines]  # no trigraphs
+    quoted = [json.dumps(line.replace("?", "_")) for line in lines]  # avoids trigraphs
     return "\n".join(
         [
             '#include "identity.h"',
@@ -179,7 +179,7 @@ def identity_source(identity: Mapping[str, str], mav_type: int) -> str:
 
 
 def replace_hardware(scenario: Scenario) -> Scenario:
-    """Return the scenario with a world for emulated hardware: wires replace the links, and the firmware makes the servo
+    """Return the scenario with a world for emulated hardware. Wires replace its links, and the firmware makes the servo
     frames.
     """
     scenario.check()
@@ -192,7 +192,7 @@ def replace_hardware(scenario: Scenario) -> Scenario:
 
 
 def firmware_outputs(scenario: Scenario, board: str = "cortex-m7") -> list[str]:
-    """Return a line for each output of a scenario's firmware. Raise the errors of `write_firmware` without writing."""
+    """Return a line of text for each output of a scenario's firmware. Raise the same errors as `write_firmware`."""
     load_generator()
     refuse_stepped_vehicle(scenario)
     refuse_swarm(scenario, "firmware")
@@ -201,7 +201,7 @@ def firmware_outputs(scenario: Scenario, board: str = "cortex-m7") -> list[str]:
 
 
 def output_names(scenario: Scenario, board: str = "stm32f405") -> tuple[str, ...]:
-    """Return what each output of a scenario's board drives: the numbers of its command, e.g. elevator, moment[0]."""
+    """Return the name of each output of a scenario's board: a number of the command, e.g. elevator, moment[0]."""
     if isinstance(scenario.world.actuators, FanDrive):
         return FAN_DRIVE
     command = carried_structures(replace_hardware(scenario))[1]
@@ -209,7 +209,7 @@ def output_names(scenario: Scenario, board: str = "stm32f405") -> tuple[str, ...
 
 
 def _find_real(board: str) -> str:
-    """Return the type of numbers of a board's FPU."""
+    """Return the floating-point type of a board's FPU."""
     if board not in FIRMWARE_BOARDS:
         raise InputError(
             "firmware", f"unknown board {board!r}", choices=FIRMWARE_BOARDS, fix=argument("board", "cortex-m7")
@@ -218,7 +218,7 @@ def _find_real(board: str) -> str:
 
 
 def drive_texts(scenario: Scenario, command: Command, board: str) -> tuple[str, dict[str, str], list[str]]:
-    """Return the name of a scenario's drive in the folder `drives`, its files by path, and a line for each output."""
+    """Return the name of a scenario's drive, its files by path, and a line of text for each output."""
     if isinstance(scenario.world.actuators, FanDrive):
         return "fan", {}, FAN_OUTPUTS
     outputs = find_outputs(scenario, command, MOST_OUTPUTS_OF.get(board, MOST_OUTPUTS))
@@ -231,12 +231,12 @@ def drive_texts(scenario: Scenario, command: Command, board: str) -> tuple[str, 
 
 
 def driven_fan(scenario: Scenario) -> RegulatedFan:
-    """Return the scenario's regulator, motor and battery, or the firmware's defaults, whose battery is always full."""
+    """Return the scenario's regulator, motor and battery; default: those of the firmware, with a constant voltage."""
     return getattr(scenario.world.actuators, "fan", None) or without(RegulatedFan(), "battery-sag")
 
 
 def motor_block(fan: RegulatedFan) -> BlockDefinition:
-    """Define the block of motor, encoder and battery, as the regulator sees them: duty in, speed and count out."""
+    """Define the block of motor, encoder and battery, with duty as input, and speed and count as outputs."""
 
     def turn(p: Any, s: Any, now: StepInput) -> Any:
         state, speed_rpm, _ = p.turn(now.t, s, now.input)
@@ -298,7 +298,7 @@ static const int64_t PERIODS[] = {{{periods}}};
 def _copy_sources(folder: Path, board: str, drive: str) -> list[Path]:
     """Copy the portable C, the drive and the start-up code, with the board as the Makefile's default."""
     source = PACKAGED_FIRMWARE if PACKAGED_FIRMWARE.is_dir() else CHECKOUT_FIRMWARE
-    for name in ("drive", "emulated", "exported", "build"):  # may belong to another scenario
+    for name in ("drive", "emulated", "exported", "build"):  # these folders may be from another scenario
         shutil.rmtree(folder / name, ignore_errors=True)
     shutil.copytree(source, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("drives"))
     shutil.copytree(source / "drives" / drive, folder / "drive")
@@ -328,7 +328,7 @@ def key_image(key: SigningKey, since: float) -> bytes:
 
 
 def _write_key(path: Path, key: SigningKey, now: float) -> Path:
-    """Write the key and the time of writing. Nothing signed earlier is accepted, since the board has no calendar."""
+    """Write the key and the current time. The board, which has no calendar, accepts no packet signed earlier."""
     path.unlink(missing_ok=True)
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
         file.write(key_image(key, now))

@@ -1,4 +1,4 @@
-"""Exported autopilot on an emulated microcontroller: compare its results, and measure its cost.
+"""Exported autopilot on an emulated microcontroller: comparison of its results, and measurement of its cost.
 
 ``emulate`` cross-compiles the C of an exported folder with Debian's arm-none-eabi gcc, flies the inputs of its
 ``vectors.csv`` on a board that QEMU emulates, and reads back the outputs bit for bit, the instructions of every step,
@@ -39,7 +39,7 @@ class BoardTarget(NamedTuple):
     machine: str
     """QEMU's name of the board."""
     processor: tuple[str, ...]
-    """The compiler's flags for processor and FPU."""
+    """Compiler flags for processor and FPU."""
     real: str
     """Precision of the processor's FPU and of the exported code: single or double."""
     flash: tuple[int, int] = (0x0000_0000, 0x40_0000)
@@ -99,7 +99,7 @@ class BoardVectors(NamedTuple):
 
 
 class HarnessOutput(NamedTuple):
-    """Output of the firmware, see harness.c."""
+    """Numbers that the firmware printed, see harness.c."""
 
     sizes: list[int]
     empty: int
@@ -109,14 +109,14 @@ class HarnessOutput(NamedTuple):
 
 
 def missing_tools() -> list[str]:
-    """Return the Debian packages that ``emulate`` needs and that are missing."""
+    """Return the missing ones of the Debian packages that ``emulate`` needs."""
     missing = []
     if not shutil.which(PREFIX + "gcc"):
         missing += ["gcc-arm-none-eabi", "libnewlib-arm-none-eabi"]
     else:
         asked = [PREFIX + "gcc", *TARGETS["cortex-m7"].processor, *FLAGS, "-print-file-name=libm.a"]
         answer = subprocess.run(asked, capture_output=True, text=True).stdout.strip()
-        if not Path(answer).is_absolute():  # a missing library is returned as it was requested
+        if not Path(answer).is_absolute():  # gcc returns the requested name if the library is missing
             missing.append("libnewlib-arm-none-eabi")
     if not shutil.which(EMULATOR):
         missing.append("qemu-system-arm")
@@ -124,20 +124,20 @@ def missing_tools() -> list[str]:
 
 
 def require_tools(target: str) -> None:
-    """Raise InputError, with what to type, if a package is missing."""
+    """Raise InputError with the command that installs the packages, if a package is missing."""
     if missing := missing_tools():
         fix = "apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
         raise InputError(f"target {target!r}", f"needs Debian's {', '.join(missing)}, not found here", fix=fix)
 
 
 def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.0) -> EmulationResult:
-    """Build the autopilot of an exported folder for a target, fly its vectors there under QEMU, and read back.
+    """Build the autopilot of an exported folder for a target, run its vectors under QEMU, and read the results.
 
     Args:
-        folder: as ``trimtab export`` writes it: autopilot.h, .c, vectors.h, .c, .csv, export.json.
+        folder: folder written by ``trimtab export``: autopilot.h, .c, vectors.h, .c, .csv, export.json.
         target: a key of TARGETS.
         steps: maximum number of steps of vectors.csv.
-        limit_s: time after which the emulator is ended (s).
+        limit_s: time (s) after which the emulator is stopped.
     """
     if target not in TARGETS:
         raise InputError(f"target {target!r}", "cannot be emulated", choices=TARGETS)
@@ -164,7 +164,7 @@ def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.
 
 
 def read_vectors(folder: Path, steps: int = STEPS) -> BoardVectors:
-    """Return the first steps of a folder's vectors.csv; vectors.h defines which columns are inputs and outputs."""
+    """Return the first steps of a folder's vectors.csv. vectors.h defines the columns of inputs and outputs."""
     try:
         header = (folder / "vectors.h").read_text()
         with open(folder / "vectors.csv") as file:
@@ -218,7 +218,7 @@ def _build_image(folder: Path, board: BoardTarget, vectors: BoardVectors, build:
 
 
 def _workspace_bytes(folder: Path) -> int:
-    """Return the workspace of init and step of a large program; 0 for a folder written by hand."""
+    """Return the size (bytes) of the workspace of init and step; 0 for a folder written by hand."""
     try:
         return int(json.loads((folder / "export.json").read_text(encoding="utf-8")).get("workspace_bytes", 0))
     except FileNotFoundError:
@@ -234,13 +234,13 @@ def _run_gcc(arguments: list[str | Path], board: BoardTarget, build: Path, folde
 
 
 def _read_sizes(files: list[str], build: Path) -> list[tuple[int, int, int]]:
-    """Return for each file: code and constants, static data, static zeros; in bytes."""
+    """Return the sizes (bytes) of each file: code and constants, static data, static zeros."""
     done = subprocess.run([PREFIX + "size", *files], cwd=build, capture_output=True, text=True, check=True)
     return [(int(a), int(b), int(c)) for a, b, c, *_ in (line.split() for line in done.stdout.splitlines()[1:])]
 
 
 def _run_emulator(board: BoardTarget, build: Path, limit_s: float) -> str:
-    """Run the emulator and return the firmware's output. It has no network, monitor, display or disk."""
+    """Run the emulator, without network, monitor, display or disk. Return the output of the firmware."""
     command = [EMULATOR, "-M", board.machine, "-kernel", "image.elf", "-nodefaults", "-no-reboot", "-display", "none"]
     command += ["-monitor", "none", "-serial", "none", "-chardev", "file,id=said,path=said.txt"]
     command += ["-semihosting-config", "enable=on,target=native,chardev=said"]
@@ -249,7 +249,7 @@ def _run_emulator(board: BoardTarget, build: Path, limit_s: float) -> str:
         command, cwd=build, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     ) as emulator:
         try:
-            if sys.platform == "linux":  # the emulator ends even if this process is killed first
+            if sys.platform == "linux":  # the emulator ends if this process is killed
                 import resource
 
                 seconds = 2 * int(limit_s) + 2
@@ -265,7 +265,7 @@ def _run_emulator(board: BoardTarget, build: Path, limit_s: float) -> str:
 
 
 def _parse_output(said: str, folder: Path) -> HarnessOutput:
-    """Return the firmware's lines as numbers. Raise InputError with its last lines if it did not reach its end."""
+    """Return the numbers of the firmware's output. Raise InputError, with its last lines, if the end is missing."""
     lines = said.split("\n")
     if "done" not in lines:
         last = " / ".join([line for line in lines if line.strip()][-2:])
@@ -282,7 +282,7 @@ def _parse_output(said: str, folder: Path) -> HarnessOutput:
 def _instruction_counts(said: HarnessOutput, board: BoardTarget) -> NDArray[np.int64]:
     """Convert the timer ticks of each step to instructions.
 
-    The empty measurement, less its 1 instruction, is subtracted.
+    The ticks of an empty measurement, less its own instruction, are subtracted.
     """
     ticks_per_instruction = board.clock * 2**NS_PER_INSTRUCTION_LOG2 / 1e9
 

@@ -1,4 +1,4 @@
-"""Outputs of a board as C: tables from the numbers of a command to pulses, and the safe pulses."""
+"""C code for the outputs of a board: tables that convert the numbers of a command to pulses, and safe pulses."""
 
 from typing import Any
 
@@ -23,7 +23,7 @@ SHORTEST_FRAME, LONGEST_FRAME = ms(3), ms(20)
 def frame_of(scenario: Scenario) -> int:
     """Return the time between pulses (100 ns), in whole milliseconds: the shortest frame that all servos accept.
 
-    If no servo declares a frame, it is the period of the actuators.
+    If no servo declares a frame, the result is the period of the actuators.
     """
     actuators = scenario.world.actuators
     rows = actuators.stages.values() if isinstance(actuators, ActuatorBank) else ()
@@ -33,7 +33,7 @@ def frame_of(scenario: Scenario) -> int:
 
 
 def outputs_header(outputs: list[PulseOutput], frame: int) -> str:
-    """Return the header of the outputs, for the portable part and the board."""
+    """Return the C header of the outputs, for the portable code and the code of the board."""
     safe = ", ".join(str(round(o.safe * COUNTS_PER_SECOND)) for o in outputs)
     names = "".join(f"\n   {line}" for line in describe_outputs(outputs))
     return f"""{LICENCE_NOTE}
@@ -72,7 +72,7 @@ def outputs_source(outputs: list[PulseOutput]) -> str:
 
 
 def world_source(outputs: list[PulseOutput]) -> str:
-    """Return C that passes the pulses to the exported world."""
+    """Return C code that converts pulses to the inputs of the exported world."""
     lines = [LICENCE_NOTE, '#include "output_table.h"\n']
     lines += ["void output_tell(world_in *world, int channel, double value) {"]
     for k, o in enumerate(outputs):
@@ -95,7 +95,7 @@ void command_take(failsafe_in *in, const mavlink_command_t *c);
 
 
 def command_source(dialect: Dialect) -> str:
-    """Return C that passes the numbers of a command's message to the failsafe.
+    """Return C code that copies the numbers of a command's message into the inputs of the failsafe.
 
     Raises:
         InputError: the command needs several messages.

@@ -1,4 +1,4 @@
-"""C that sends a vehicle's samples as messages, and that computes its speed and rate of turn from them."""
+"""C code that sends a vehicle's samples as messages, and computes speed and rate of turn from the samples."""
 
 from collections.abc import Mapping
 from itertools import chain
@@ -13,7 +13,7 @@ from trimtab.loop.vehicle_limits import VehicleLimits
 
 
 def samples_header(sensors: Mapping[str, int]) -> str:
-    """Return the header for sending samples: each sensor with its period, so that a board knows its rates."""
+    """Return the C header for sending samples. It has the period of each sensor, so that a board knows its rates."""
     periods = "\n".join(f"#define SAMPLES_{identifier(name).upper()} {period}" for name, period in sensors.items())
     return f"""{LICENCE_NOTE}
 #ifndef SAMPLES_H
@@ -38,7 +38,7 @@ void samples_merge(world_out *kept, const world_out *now);
 
 
 def samples_source(frame: Frame, dialect: Dialect) -> str:
-    """Return C that sends each fresh sample of the world as the messages of the dialect."""
+    """Return C code that sends each new sample of the world as messages of the dialect."""
     lines = [
         LICENCE_NOTE,
         '#include "samples.h"\n',
@@ -58,7 +58,7 @@ def samples_source(frame: Frame, dialect: Dialect) -> str:
 
 
 def rest_header(limits: VehicleLimits) -> str:
-    """Return the header with the limits of a vehicle at rest."""
+    """Return the C header with the limits that define a vehicle at rest."""
     return f"""{LICENCE_NOTE}
 #ifndef REST_H
 #define REST_H
@@ -70,7 +70,7 @@ def rest_header(limits: VehicleLimits) -> str:
 
 
 def _motion_lines(dialect: Dialect) -> list[str]:
-    """Return C that computes speed and rate of turn from the same sensors as `trimtab vehicle`."""
+    """Return C code that computes speed and rate of turn from the same sensors as `trimtab vehicle`."""
     lines = ["motion samples_motion(const world_out *out)", "{", "    motion m = {NAN, NAN};"]
     for name in ("speed", "rate"):
         sensor, slots = _find_measured(name, dialect)
@@ -81,9 +81,7 @@ def _motion_lines(dialect: Dialect) -> list[str]:
 
 
 def _find_measured(name: str, dialect: Dialect) -> tuple[str, list[str]]:
-    """Return the sensor that measures a quantity of the motion, and the C numbers of a vector whose length is the
-    quantity.
-    """
+    """Return the sensor of a quantity of the motion, and C expressions for a vector whose length is the quantity."""
     slots: dict[str, list[int]] = {}
     for place in chain.from_iterable(dialect.places.values()):
         slots.setdefault(place.path, []).append(place.slot)
@@ -112,7 +110,7 @@ def _merging_lines(frame: Frame) -> list[str]:
 
 
 def _sending_lines(name: str, dialect: Dialect) -> list[str]:
-    """Return lines that fill in one message and send it."""
+    """Return C code that fills in a message and sends it."""
     low, pad = name.lower(), " " * 8
     lines = [f"{pad}mavlink_{low}_t {low};", f"{pad}memset(&{low}, 0, sizeof {low});"]
     for f in dialect.definitions[name].fields:

@@ -1,7 +1,8 @@
-"""Message definitions, read from MAVLink's XML for packing and parsing; received messages.
+"""Message definitions, read from MAVLink's XML and used to pack and parse messages; decoded messages.
 
-A payload holds the fields ordered by the size of their elements, largest first, otherwise as declared; extension fields
-follow as declared. CRC_EXTRA is made of the message's name and of its fields without extensions.
+A payload contains the fields ordered by the size of their elements, largest first. Fields of equal size keep the order
+of declaration. Extension fields follow in the order of declaration. CRC_EXTRA is computed from the message's name and
+its fields without extensions.
 Source: https://mavlink.io/en/guide/serialization.html.
 """
 
@@ -37,10 +38,9 @@ MAX_PAYLOAD = 255
 class Field(NamedTuple):
     """Field of a message.
 
-    type: MAVLink's name of its elements' type.  length: 0 for a single number, else the number of elements; text is
-        `char`.
-    at, slots: index of its first value among those of the message, and number of values; a text is one value.
-    default: value of the field if none is given.
+    type: MAVLink's name for the type of an element; text is `char`.  length: number of elements; 0 for a single number.
+    at, slots: index of the field's first value in the message, and number of its values; a text is one value.
+    default: value of the field if no value is given.
     """
 
     name: str
@@ -52,10 +52,10 @@ class Field(NamedTuple):
 
 
 class MessageDefinition(NamedTuple):
-    """Message: its fields in the order of the payload, and the format of its payload.
+    """Definition of a message: its fields in the order of the payload, and the format of the payload.
 
-    crc_extra: byte that differs for another definition of the message.  size: bytes of the payload, with extensions.
-    base: bytes without them.  ranges: lowest and highest of each integer value; None for others.
+    crc_extra: check byte of the definition.  size: bytes of the payload, with extensions.
+    base: bytes of the payload without extensions.  ranges: lowest and highest value of each integer; None for others.
     """
 
     name: str
@@ -68,12 +68,12 @@ class MessageDefinition(NamedTuple):
     ranges: tuple[tuple[int, int] | None, ...]
 
     def __repr__(self) -> str:
-        """Return name and number only, since the rest is long."""
+        """Return a short text with the message's name and number."""
         return f"<{self.name} {self.id}>"
 
     @property
     def size(self) -> int:
-        """Bytes of the payload, with extensions."""
+        """Number of bytes of the payload, with extensions."""
         return self.packing.size
 
     @property
@@ -151,9 +151,9 @@ def _integer_range(kind: str) -> tuple[int, int] | None:
 class Message(NamedTuple):
     """Decoded message.
 
-    values: in the order of the payload, arrays number by number, text as bytes; see `places` of the dialect.
-    system, component: the sender.  is_signed: the signature was checked and valid.  link: number of the signature's
-    stream; 0 without a signature.
+    values: values in the order of the payload, arrays number by number, text as bytes; see `places` of the dialect.
+    system, component: numbers of the sender.  is_signed: True if the signature was checked and is valid.
+    link: number of the signature's stream; 0 without a signature.
     """
 
     name: str
@@ -165,11 +165,11 @@ class Message(NamedTuple):
     link: int = 0
 
     def get(self, field: str) -> Any:
-        """Return a field by name: a number, a tuple of numbers, or a text."""
+        """Return the value of a field, by name: a number, a tuple of numbers, or a text."""
         return _field_value(self.definition.where[field], self.values)
 
     def fields(self) -> dict[str, Any]:
-        """Return every field by name."""
+        """Return name -> value of all fields."""
         return {f.name: _field_value(f, self.values) for f in self.definition.fields}
 
 
@@ -180,7 +180,7 @@ def _field_value(field: Field, values: tuple[Any, ...]) -> Any:
 
 
 def arrange_values(definition: MessageDefinition, fields: Mapping[str, Any]) -> list[Any]:
-    """Return values in the order of the payload from fields by name; missing fields are zero.
+    """Return the values of named fields in the order of the payload. Missing fields get their default.
 
     Raises InputError for a field that the message does not have, or with the wrong number of values.
     """
@@ -204,7 +204,7 @@ def arrange_values(definition: MessageDefinition, fields: Mapping[str, Any]) -> 
 
 
 def fit_values(definition: MessageDefinition, values: Sequence[Any]) -> list[Any]:
-    """Return the values, each limited to the nearest that its type can hold; NaN becomes 0 in an integer."""
+    """Return the values, each limited to the range of its type. In an integer field, NaN becomes 0."""
     if len(values) != len(definition.ranges):
         problem = f"must have {len(definition.ranges)} values, got {len(values)}"
         raise InputError(

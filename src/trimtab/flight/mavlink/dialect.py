@@ -2,11 +2,11 @@
 
     SAMPLE_<SENSOR>   t, valid and the leaves of the value, one message a sensor
     COMMAND           t, valid and the leaves of the value; as an extension the session of the sender
-    INSTANT           t and the number of samples: closes a frame, when the two ends run in lockstep
+    INSTANT           t and the number of samples: ends an instant when the two ends run in lockstep
 
-Content that does not fit into one payload goes into numbered parts, SAMPLE_<SENSOR>_1 and so on, each with t and valid.
-Age and freshness are not sent: the receiver of a sample knows them better. Names and texts are restricted to those that
-MAVLink's generators accept, for all their languages.
+Content that does not fit into one payload goes into numbered messages, SAMPLE_<SENSOR>_1 and so on, each with t and
+valid. Age and freshness are not sent, since the receiver of a sample computes them. Names and texts are restricted to
+those that MAVLink's generators accept for all their languages.
 Source: https://mavlink.io/en/guide/xml_schema.html.
 """
 
@@ -46,7 +46,7 @@ GENERATED_WORDS = """
     fieldnames ordered_fieldnames orders lengths array_lengths crc_extra unpacker instance_field instance_offset
     msgname native_format fieldtypes fielddisplays_by_name fieldenums_by_name fieldunits_by_name
 """
-"""Arguments and attributes in the code that the generators write."""
+"""Names of arguments and attributes in the code that MAVLink's generators write."""
 RESERVED_WORDS = {
     w.lower() for w in (*LANGUAGE_WORDS.split(), *GENERATED_WORDS.split(), *keyword.kwlist, *dir(builtins))
 }
@@ -76,14 +76,14 @@ class Dialect(NamedTuple):
 
     @property
     def fingerprint(self) -> bytes:
-        """Eight bytes that differ between dialects. Two ends compare them before they trust each other's numbers."""
+        """Hash of the dialect, eight bytes. Two ends compare their hashes before they trust each other's numbers."""
         return hashlib.sha256(self.text.encode()).digest()[:8]
 
 
 class _FieldPiece(NamedTuple):
-    """Part of a leaf that becomes one field: `numbers` numbers from index `start` on.
+    """Part of a leaf that becomes one field of a message: `numbers` numbers from index `start` on.
 
-    scalar: the leaf is a single number.
+    scalar: True if the leaf is a single number.
     """
 
     path: str
@@ -103,7 +103,7 @@ def derive_dialect(frame_like: Frame, command_like: Command) -> Dialect:
     """Return the dialect for frames and commands of these structures.
 
     Args:
-        frame_like, command_like: examples of the structures that both ends use; their values do not matter.
+        frame_like, command_like: examples with the structures that both ends use, with any values.
 
     Raises InputError if there are more messages than ids.
     """
@@ -204,15 +204,15 @@ def message_name(text: str) -> str:
 
 
 def field_name(path: str) -> str:
-    """Return a field name from the path of a leaf: the part after `value`, else the last, with underscores."""
+    """Return a field name from the path of a leaf: its part after `value`, or its last part, with underscores."""
     _, _, below = path.partition(".value.")
     return _legal_name(below or path.rsplit(".", 1)[-1])
 
 
 def unique_name(name: str, used_names: set[str]) -> str:
-    """Return the name, numbered if it is already used (case is ignored), and add it to the used names.
+    """Return the name, with a number appended if it is already used (ignoring case). Add the result to the used names.
 
-    used_names: in lower case.
+    used_names: names in lower case.
     """
     unique, k = name, 1
     while unique.lower() in used_names:
@@ -223,7 +223,7 @@ def unique_name(name: str, used_names: set[str]) -> str:
 
 
 def plain_text(text: str) -> str:
-    """Return a text of one line that is safe in XML and in comments or strings of any language: no quotes."""
+    """Return a text as one line without double quotes, safe in XML and in comments and strings of all languages."""
     ascii_only = text.replace("°", "deg").replace("²", "^2").replace("µ", "u").encode("ascii", "replace").decode()
     one_line = " ".join(re.sub("[\0-\x1f\x7f]", " ", ascii_only).split())
     one_line = one_line.replace('"', "'").replace("\\", "/").replace("*/", "* /").replace("'''", "'")

@@ -30,36 +30,36 @@ from trimtab.flight.mavlink.stamps import MOST_STREAMS, Refusal, Stamps
 
 @dataclasses.dataclass
 class FrameCounts:
-    """Counters since the end was opened, of frames unless another unit is stated."""
+    """Counters since the end of the link was opened. They count frames unless another unit is stated."""
 
     sent: int = 0
     accepted: int = 0
     lost: int = 0
     """Lost frames, by the gaps in their senders' sequence numbers."""
     disordered: int = 0
-    """Frames of a sender whose sequence numbers jump about, so that its losses are unknown."""
+    """Frames of senders whose sequence numbers jump, so that their losses are unknown."""
     checksum: int = 0
     """Frames with a wrong checksum: damaged, or from a sender with other definitions."""
     unknown: int = 0
-    """Frames with a message that this dialect does not have."""
+    """Frames with a message that is not in this end's dialect."""
     unsigned: int = 0
     downgraded: int = 0
     """Frames of MAVLink 1, which cannot be signed."""
     unchecked: int = 0
-    """Signed frames accepted by an end without a key to check them."""
+    """Signed frames that were accepted unchecked, since this end has no key."""
     wrong_signature: int = 0
     replayed: int = 0
     """Replayed frames with a valid signature."""
     stale: int = 0
-    """Frames with a valid signature but an old time stamp: from before this end's start, or over a minute old."""
+    """Frames with a valid signature whose time stamp is before this end's start, or over a minute old."""
     leading: int = 0
     """Frames with a valid signature whose time stamp is too far ahead."""
     reflected: int = 0
-    """This end's own frames, sent back."""
+    """This end's own frames, sent back to it."""
     garbage: int = 0
     """Bytes outside frames."""
     clamped: int = 0
-    """Messages packed with a number that its type cannot hold."""
+    """Messages packed with a number that was limited to the range of its type."""
 
     @property
     def refusals(self) -> int:
@@ -79,7 +79,8 @@ class UntimelyMessage(NamedTuple):
 class Numbering(NamedTuple):
     """Sequence numbers of the frames that one component sends to one group of receivers.
 
-    A receiver that does not get all of a component's frames counts gaps as losses, unless they are numbered separately.
+    A receiver counts gaps in the numbers as losses. So frames for receivers that get only some of a component's
+    frames are numbered separately.
     """
 
     component: int
@@ -94,18 +95,18 @@ NO_FRAME, NOT_YET = -1, 0
 START = re.compile(rb"[\xfd\xfe]")
 """First byte of a frame, of MAVLink 2 and of MAVLink 1."""
 MOST_FALSE_STARTS = 32
-"""Largest number of false starts of frames in one packet. A flood of them would hold up the loop."""
+"""Maximum number of false starts of frames in one packet, so that a flood of them cannot block the loop."""
 
 
 class Endpoint:
-    """End of a link for one system and component. Use one thread at a time.
+    """End of a link for one system and component. Not thread-safe.
 
-    key: signs all sent packets; packets not signed by it are refused. Without a key, `unsigned` must be requested,
-        since anyone with access to the link can then command the vehicle.
-    datagrams: each `feed` is a whole packet, so that a frame cut off in one is not looked for in the next.
-    is_reset: start the time stamps with this computer's clock, whatever is stored.
-    session: number that distinguishes this end from others of its system and component, and from itself before a
-        restart; None: drawn by the system's generator.
+    key: signs all sent packets; packets that are not signed with it are refused. Without a key, set `unsigned`: anyone
+        with access to the link can then command the vehicle.
+    datagrams: True if each `feed` is a whole packet, so that a new packet does not continue an incomplete frame.
+    is_reset: start the time stamps with this computer's clock, and ignore the stored time stamp.
+    session: number that distinguishes this end from others of its system and component, and from this end before a
+        restart; None: a random number.
     """
 
     def __init__(
@@ -122,7 +123,7 @@ class Endpoint:
         is_reset: bool = False,
         session: int | None = None,
     ) -> None:
-        """Open one end. With a key from a file, its time stamps are kept next to the file until close()."""
+        """Open one end. If the key is from a file, time stamps are stored beside that file until close()."""
         _check_arguments(system, component, link, key, unsigned)
         self.dialect, self.system, self.component, self.link = dialect, system, component, link
         self.session = draw_session() if session is None else session
@@ -132,7 +133,7 @@ class Endpoint:
         self._keyed = None if key is None else hashlib.sha256(key.secret)
         self.stamps = None if key is None else _open_stamps(key, f"{system}-{component}-{link}", clock, is_reset)
         self.untimely: list[UntimelyMessage] = []
-        """Messages refused for their time stamp alone in the last `feed`."""
+        """Messages of the last `feed` that were refused only for their time stamp."""
         self.is_asked_by_stranger = False
         """True if, in the last `feed`, a sender of this system asked for the time without the key, as `fly` does."""
         own = (name for names in dialect.groups.values() for name in names)
@@ -143,8 +144,7 @@ class Endpoint:
 
         Args:
             name: name of a message of the dialect.
-            values: fields by name, missing ones are zero; or all values in the order of the payload; or the payload
-                itself.
+            values: fields by name, without missing ones; or all values in the order of the payload; or the payload.
 
         Numbers outside the range of their type are limited to it, and counted. An unknown message or field raises
         InputError.
@@ -169,13 +169,13 @@ class Endpoint:
         return self._make_frame(definition, payload.rstrip(b"\0") or b"\0", numbering)
 
     def repack(self, frame: bytes) -> bytes:
-        """Return the message of a frame packed by this end, numbered and signed separately for other receivers."""
+        """Return a frame packed by this end with a number and a signature for another group of receivers."""
         _, length, _, _, _, _, component, low, high = HEADER.unpack_from(frame)
         definition = self.dialect.by_id[low | high << 16]
         return self._make_frame(definition, frame[HEADER.size : HEADER.size + length], Numbering(component, True))
 
     def forward(self, message: Message) -> bytes:
-        """Return a message of another component of this system, for receivers that do not get its packets."""
+        """Return a frame with a message of another component of this system, for receivers without its frames."""
         definition = message.definition
         payload = definition.packing.pack(*message.values).rstrip(b"\0") or b"\0"
         return self._make_frame(definition, payload, Numbering(message.component, True))
@@ -199,12 +199,12 @@ class Endpoint:
         return digest.digest()[:6]
 
     def feed(self, data: bytes | None) -> list[Message]:
-        """Return the messages completed and accepted with these bytes, in order. Never raises."""
+        """Add received bytes. Return the messages that they complete and that are accepted, in order. Never raises."""
         self.untimely, self.is_asked_by_stranger = [], False
         if not data:
             return []
         buffer, waiting, messages = self._rest + data, b"", []
-        if self._datagrams and self._rest and self._starts_frame(data):  # of another sender than the rest
+        if self._datagrams and self._rest and self._starts_frame(data):  # the sender is not that of the rest
             buffer, waiting = data, self._rest
         rest = self._read_frames(buffer, messages)
         if self._datagrams and rest and waiting:
@@ -213,7 +213,7 @@ class Endpoint:
         return messages
 
     def _read_frames(self, buffer: bytes, messages: list[Message]) -> bytes:
-        """Read all frames. Return the incomplete one at the end.
+        """Read all frames in a buffer. Return the bytes of an incomplete frame at its end.
 
         False starts cost time. After MOST_FALSE_STARTS of them the remaining bytes are dropped.
         """
@@ -235,7 +235,7 @@ class Endpoint:
         return b""
 
     def _starts_frame(self, data: bytes) -> bool:
-        """Return whether a packet starts with a whole frame of the dialect."""
+        """Return True if a packet starts with a complete frame of the dialect."""
         if len(data) < HEADER.size or data[0] != VERSION_2:
             return False
         _, length, flags, _, _, _, _, low, high = HEADER.unpack_from(data)
@@ -265,7 +265,7 @@ class Endpoint:
         if self._keyed and flags and not hmac.compare_digest(self._signature_tag(frame[:-6]), frame[-6:]):
             self.counts.wrong_signature += 1
             self._note_stranger(definition.name, system)
-            return NO_FRAME  # the frame may be cut, and another one may start inside the supposed signature
+            return NO_FRAME  # the frame may be cut off: another frame may start inside the supposed signature
         values = definition.packing.unpack(frame[HEADER.size : end].ljust(definition.size, b"\0"))
         is_signed = bool(flags) and self._keyed is not None
         stream = frame[-TAG] if is_signed else 0
@@ -304,7 +304,7 @@ class Endpoint:
         self.is_asked_by_stranger |= name == "TIMESYNC" and system == self.system
 
     def _skip_unknown(self, buffer: bytes, at: int, size: int, flags: int) -> int:
-        """Skip an unknown message. Its checksum is unknown, so it must be signed, or end where another frame starts."""
+        """Skip an unknown message if it is signed or another frame follows: its checksum cannot be computed."""
         if self._keyed and flags:
             frame = buffer[at : at + size]
             whole = hmac.compare_digest(self._signature_tag(frame[:-6]), frame[-6:])
@@ -341,17 +341,17 @@ class Endpoint:
         self._rest = b""
 
     def store_stamps(self) -> None:
-        """Store future time stamps. Call this every few seconds, where waiting for a disk does no harm."""
+        """Store a future time stamp. Call this every few seconds, in a thread that may wait for a disk."""
         if self.stamps is not None:
             self.stamps.store_ahead()
 
     def close(self) -> None:
-        """Release the files of the endpoint."""
+        """Store the time stamp, and release the files of the endpoint."""
         if self.stamps is not None:
             self.stamps.close()
 
     def abandon(self) -> None:
-        """Release the files of the endpoint and store nothing, as the system does when a process dies."""
+        """Release the files of the endpoint without storing the time stamp, as happens when a process dies."""
         if self.stamps is not None:
             self.stamps.abandon()
 
@@ -359,7 +359,7 @@ class Endpoint:
 def checksum(data: bytes, extra: int) -> bytes:
     """Return the two bytes that end a frame: CRC-16/MCRF4XX of all bytes after the first, and of CRC_EXTRA.
 
-    extra: CRC_EXTRA of the message, 0 to 255, so that a sender with another definition is refused.
+    extra: CRC_EXTRA of the message, 0 to 255. Because of it, a message with a different definition is refused.
     """
     return mcrf4xx(data + bytes((extra,))).to_bytes(2, "little")
 
@@ -367,7 +367,7 @@ def checksum(data: bytes, extra: int) -> bytes:
 def _open_stamps(key: SigningKey, name: str, clock: Callable[[], float] | None, is_reset: bool) -> Stamps:
     """Return the time stamps of an end.
 
-    name: distinguishes the file of these stamps, beside the key, from those of other ends.
+    name: part of the name of the stored file, which lies beside the key; it differs from those of other ends.
     """
     store = None if key.path is None else key.path.with_name(f"{key.path.name}.{name}.time")
     return Stamps(store, clock, is_reset=is_reset)
@@ -376,7 +376,7 @@ def _open_stamps(key: SigningKey, name: str, clock: Callable[[], float] | None, 
 def _check_arguments(system: int, component: int, link: int, key: SigningKey | None, unsigned: bool) -> None:
     for what, value, low in (("system", system, 1), ("component", component, 1), ("link", link, 0)):
         if not low <= value <= 255:
-            raise InputError("wire", f"{what} {value} is not from {low} to 255", fix=f"give {what}={max(low, 1)}")
+            raise InputError("wire", f"{what} must be from {low} to 255, got {value}", fix=f"give {what}={max(low, 1)}")
     if key is None and not unsigned:
         problem = "no key: anyone could command the vehicle"
         raise InputError(

@@ -1,7 +1,7 @@
 """Generated code of a dialect: a Python module for pymavlink's tools, and C headers for a microcontroller.
 
-Both are written by MAVLink's own generator from the XML that this package also reads, so that the other end needs
-nothing of trimtab.
+MAVLink's own generator writes both from the XML that this package also reads. So the other end of the link does not
+need trimtab.
 """
 
 import contextlib
@@ -22,11 +22,11 @@ from trimtab.flight.mavlink.dialect import Dialect
 
 NAME = "trimtab"
 GENERATOR_LOCK = threading.Lock()
-"""Lock around the generator: it prints, and its output is captured for the whole process."""
+"""Lock for MAVLink's generator, whose printed output is captured for the whole process."""
 
 
 def load_python_module(dialect: Dialect) -> ModuleType:
-    """Return the dialect as a pymavlink module, made once and kept in the user's cache."""
+    """Return the dialect as a pymavlink module. It is generated once and kept in the user's cache."""
     generator = load_generator()
     from pymavlink import __version__
 
@@ -37,7 +37,7 @@ def load_python_module(dialect: Dialect) -> ModuleType:
             return sys.modules[name]
         try:
             file = cache_folder("dialects") / f"{name}.py"
-        except OSError:  # no cache: made again by each process
+        except OSError:  # without a cache, each process generates the module
             file = Path(stack.enter_context(tempfile.TemporaryDirectory())) / f"{name}.py"
         if not file.exists():
             file = _make_module(generator, dialect, file, stack)
@@ -51,7 +51,7 @@ def load_python_module(dialect: Dialect) -> ModuleType:
 
 
 def _make_module(generator: Any, dialect: Dialect, file: Path, stack: contextlib.ExitStack) -> Path:
-    """Write the module to another file, then move it into place: two processes may do so at once."""
+    """Write the module to a temporary file, then move it into place, since two processes may do this at once."""
     own = Path(stack.enter_context(tempfile.TemporaryDirectory())) / file.name
     _run_generator(generator, dialect, own, "Python")
     with contextlib.suppress(OSError):  # a full or read-only cache
@@ -68,7 +68,7 @@ def _make_module(generator: Any, dialect: Dialect, file: Path, stack: contextlib
 
 
 def write_c_headers(dialect: Dialect, folder: Path) -> Path:
-    """Write the dialect's C headers into a folder. Return the folder to include as <trimtab/mavlink.h>."""
+    """Write the dialect's C headers into a folder. Return the include folder of <trimtab/mavlink.h>."""
     generator = load_generator()
     try:
         folder.mkdir(parents=True, exist_ok=True)

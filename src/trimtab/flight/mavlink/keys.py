@@ -1,7 +1,7 @@
 """Keys with which two ends sign their packets: one file per vehicle, readable by its owner alone.
 
-A key file holds one line, a passphrase. The key is its SHA-256. So a ground station gets the same key from the line,
-e.g. MAVProxy by `signing key LINE`.
+A key file contains one line, a passphrase. The key is the SHA-256 of the passphrase. So a ground station computes the
+same key from that line, e.g. MAVProxy by `signing key LINE`.
 Source: https://mavlink.io/en/guide/message_signing.html; the passphrase form is that of MAVProxy's module `signing`.
 """
 
@@ -20,7 +20,7 @@ LONGEST_FILE = 4096
 
 
 class SigningKey(NamedTuple):
-    """Key of 32 bytes, and its file, next to which time stamps are kept; None for a key held in memory."""
+    """Key of 32 bytes, and path of its file, or None. Time stamps are stored beside that file."""
 
     secret: bytes
     path: Path | None = None
@@ -57,7 +57,7 @@ def create_key(path: Path, passphrase: str = "") -> SigningKey:
 
     Args:
         path: path of the file.
-        passphrase: line of the file; empty: 256 random bits.
+        passphrase: passphrase to write; empty: a random one of 256 bits.
     """
     passphrase = passphrase or secrets.token_urlsafe(32)
     try:
@@ -93,7 +93,7 @@ def load_key(path: Path) -> SigningKey:
             raise InputError(where, "is too long")
         return passphrase_key(text.decode("ascii").strip(), path)
     except (UnicodeDecodeError, InputError):
-        problem = f"holds no key: one line of {SHORTEST_PASSPHRASE} or more printable ASCII characters expected"
+        problem = f"contains no key: one line of {SHORTEST_PASSPHRASE} or more printable ASCII characters expected"
         raise InputError(
             where, problem, fix="copy the key file again from the other end, or make a new key for both ends"
         ) from None

@@ -1,9 +1,10 @@
-"""Number of lost frames of a sender, by the gaps in its sequence numbers; none if the numbers are not sequential.
+"""Number of lost frames of a sender, by gaps in its sequence numbers; no losses if the numbers are not in sequence.
 
-A gap counts once frames have arrived in order after it: CONFIRMING in a row, each at most SMALL_GAP numbers on. If the
-numbers of a sender jump about (at random, or two programs with one identity), there is never such a row. Its gaps are
-not losses, and its frames count as disordered. A late frame cancels the loss that was counted for it.
-A program that restarts numbers its frames from 0. So a large jump to one of the first numbers is a restart, not a loss.
+A large gap counts as a loss once CONFIRMING consecutive frames have arrived in order after the gap, each at most
+SMALL_GAP numbers after the previous one. If the numbers of a sender jump (at random, or because two programs have one
+identity), this never happens. Then gaps are not losses, and frames count as disordered. A late frame cancels the loss
+that was counted for it. A program that restarts numbers its frames from 0. So a large jump to one of the first numbers
+is a restart, not a loss.
 Source: https://mavlink.io/en/guide/serialization.html, packet sequence.
 """
 
@@ -11,26 +12,26 @@ CONFIRMING = 6
 SMALL_GAP = 32
 """Largest gap that counts as small.
 
-One random number in eight is this close to the last; six in a row occur once in 200 000.
+A random number is this close to the previous number once in 8 cases, and 6 times in a row once in 200 000.
 """
 MOST_JUMPS = 3
-"""Number of unconfirmed jumps after which the pending gaps are dropped."""
+"""Number of unconfirmed jumps after which the pending gaps no longer count as possible losses."""
 NUMBERS = 256
 FIRST_NUMBERS = 4
-"""Numbers of a restarted program's first frames. A real loss of many frames ends at one of them once in 64 times."""
+"""Frame numbers below this are the first of a restarted program. A real large gap ends there once in 64 cases."""
 
 
 class SequenceGaps:
-    """Sequence numbers of one sender."""
+    """Counter of lost frames of one sender, from the sequence numbers."""
 
     def __init__(self) -> None:
-        """Start without frames."""
+        """Start before the first frame."""
         self._last: int | None = None
         self._gathered = self._in_order = self._jumps = self._lost = 0
         self._late_run = self._late_start = self._late_last = self._late_gap = self._taken_back = 0
 
     def follow(self, sequence: int) -> tuple[int, int]:
-        """Take the number of the next frame.
+        """Take the sequence number of the next frame.
 
         Return the change of the number of lost frames (-1 for a late frame), and the number of disordered frames.
         """
@@ -39,7 +40,7 @@ class SequenceGaps:
             return 0, 0
         missed = (sequence - last - 1) % NUMBERS
         is_restart = sequence < FIRST_NUMBERS and SMALL_GAP < missed < NUMBERS - SMALL_GAP
-        if missed >= NUMBERS // 2 and not is_restart:  # an earlier frame
+        if missed >= NUMBERS // 2 and not is_restart:  # a late frame
             self._last = last
             return self._handle_late_frame(sequence, missed)
         self._late_run = 0
@@ -57,10 +58,10 @@ class SequenceGaps:
         return 0, 0
 
     def _handle_late_frame(self, sequence: int, missed: int) -> tuple[int, int]:
-        """Cancel the loss counted for a late frame. While a jump is unconfirmed, the frame counts as disordered
-        instead.
+        """Cancel the loss counted for a late frame. While a jump is unconfirmed, the frame counts as disordered.
 
-        Several frames in a row, in order, are not late: at least half of the numbers were lost before them.
+        Consecutive frames in order that all seem late are not late: before them, at least half of all numbers were
+        lost.
         """
         if self._jumps:
             self._in_order = 0

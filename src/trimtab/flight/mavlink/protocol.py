@@ -1,10 +1,10 @@
-"""Part of MAVLink's common dialect that the vehicle's end uses: its numbers, and the requests in messages.
+"""Part of MAVLink's common dialect that the vehicle's end uses: its numbers, and requests read from messages.
 
 Requests for an autopilot to hold, to resume, or to end its flight:
 
     hold     MAV_CMD_OVERRIDE_GOTO (252) with MAV_GOTO_DO_HOLD, where it is; MAV_CMD_DO_PAUSE_CONTINUE (193) with 0
     resume   MAV_CMD_OVERRIDE_GOTO with MAV_GOTO_DO_CONTINUE; MAV_CMD_DO_PAUSE_CONTINUE with 1
-    end      MAV_CMD_NAV_LAND (21), at whatever place
+    end      MAV_CMD_NAV_LAND (21), with any place
 
 Source: https://mavlink.io/en/messages/common.html.
 """
@@ -18,7 +18,7 @@ from trimtab.flight.mavlink.definitions import Message
 class ArmRequest(NamedTuple):
     """Request to arm or disarm.
 
-    A request to arm is passed on only if all checks pass. by_hand: the request comes from a person at a ground station.
+    A request to arm is passed on only if all checks pass. by_hand: True for a request of a person at a ground station.
     """
 
     arm: bool
@@ -26,7 +26,7 @@ class ArmRequest(NamedTuple):
 
 
 class ModeRequest(NamedTuple):
-    """Request to change to a mode, by its number. Only requests for known modes that can be entered are passed on."""
+    """Request to change to a mode, by its number. It is passed on only if the mode exists and can be entered."""
 
     mode: int
 
@@ -34,14 +34,14 @@ class ModeRequest(NamedTuple):
 class FlightRequest(NamedTuple):
     """Request for the autopilot to "hold", to "resume" or to "end" its flight.
 
-    It is never passed on without an autopilot.
+    The request is passed on only if an autopilot is present.
     """
 
     request: str
 
 
 class ParameterChange(NamedTuple):
-    """Accepted change of a number of the leaf at `path`."""
+    """Accepted change of a parameter: a number of the leaf at `path`."""
 
     path: str
     slot: int
@@ -51,7 +51,7 @@ class ParameterChange(NamedTuple):
 class ReceiverChannels(NamedTuple):
     """Pulse widths of a safety pilot's receiver, in seconds; NaN for a missing channel.
 
-    is_release: a ground station gives all channels back, so the vehicle expects no safety pilot.
+    is_release: True if a ground station releases all channels. The vehicle then expects no safety pilot.
     """
 
     pulses: tuple[float, ...]
@@ -71,14 +71,14 @@ VehicleEvent = ArmRequest | ModeRequest | FlightRequest | ParameterChange | Rece
 
 
 class ModeFlag(IntFlag):
-    """MAV_MODE_FLAG."""
+    """Flags of a vehicle's mode: MAVLink's MAV_MODE_FLAG."""
 
     CUSTOM = 1
     ARMED = 128
 
 
 class State(IntEnum):
-    """MAV_STATE."""
+    """States of a vehicle: MAVLink's MAV_STATE."""
 
     BOOT = 1
     STANDBY = 3
@@ -89,7 +89,7 @@ class State(IntEnum):
 
 
 class CommandCode(IntEnum):
-    """MAV_CMD."""
+    """Numbers of commands: MAVLink's MAV_CMD."""
 
     LAND = 21
     SET_MODE = 176
@@ -109,7 +109,7 @@ class CommandCode(IntEnum):
 
 
 class CommandResult(IntEnum):
-    """MAV_RESULT."""
+    """Results of a command: MAVLink's MAV_RESULT."""
 
     ACCEPTED = 0
     NOT_NOW = 1
@@ -119,7 +119,7 @@ class CommandResult(IntEnum):
 
 
 class Severity(IntEnum):
-    """MAV_SEVERITY."""
+    """Severities of a text: MAVLink's MAV_SEVERITY."""
 
     EMERGENCY = 0
     CRITICAL = 2
@@ -130,7 +130,7 @@ class Severity(IntEnum):
 
 
 class Capability(IntFlag):
-    """MAV_PROTOCOL_CAPABILITY."""
+    """Capabilities of a vehicle: MAVLink's MAV_PROTOCOL_CAPABILITY."""
 
     COMMAND_INT = 8
     FILES = 32
@@ -141,28 +141,28 @@ class Capability(IntFlag):
 GENERIC_AUTOPILOT = 0
 REAL_32 = 9
 SET_MODE_MESSAGE = 11
-"""Number of SET_MODE, as its acknowledgement names it."""
+"""Number of the message SET_MODE, used as the command number in its acknowledgement."""
 VERSION_MESSAGE = 148
-"""Number of AUTOPILOT_VERSION."""
+"""Number of the message AUTOPILOT_VERSION."""
 HOLD, RESUME, END = "hold", "resume", "end"
 DENIED = ""
 GOTO_HOLD, GOTO_CONTINUE = 0, 1
 HOLD_POSITIONS = 0, 2
-"""Places to hold: not given, or MAV_GOTO_HOLD_AT_CURRENT_POSITION."""
+"""Accepted codes of the place to hold: 0 (not given), or MAV_GOTO_HOLD_AT_CURRENT_POSITION."""
 PAUSES: dict[float, str] = {0: HOLD, 1: RESUME}
 CHANNELS = 18
 NAN = float("nan")
 ABSENT = {"RC_CHANNELS": (65535,), "RC_CHANNELS_OVERRIDE": (0, 65534, 65535)}
-"""Pulse widths with a special meaning: channel does not exist; channel unchanged; channel released to the receiver."""
+"""Pulse widths with a special meaning: channel missing, channel unchanged, or channel released to the receiver."""
 SHORTEST_PULSE, LONGEST_PULSE = 800, 2200
 """Range of the pulses (µs) that a receiver sends. Other pulses are ignored."""
 RELEASED = 0
 FIRST_CHANNELS = 8
-"""Number of channels that a station gives back by RELEASED."""
+"""Number of channels that a ground station releases by the value RELEASED."""
 
 
 class FlightCommand(NamedTuple):
-    """Command and its first two parameters."""
+    """Number of a MAVLink command, and its first two parameters."""
 
     command: int
     first: float
@@ -174,11 +174,11 @@ FLIGHT_COMMANDS = {
     RESUME: FlightCommand(CommandCode.OVERRIDE_GOTO, GOTO_CONTINUE, 2),
     END: FlightCommand(CommandCode.LAND, 0, 0),
 }
-"""Commands with which one end of the link asks the other."""
+"""Request -> command by which the request is sent over the link."""
 
 
 def parse_request(flight_command: FlightCommand) -> str | None:
-    """Return the request of a command; DENIED if it cannot be done; None for another command."""
+    """Return the request in a command; DENIED if the request is not possible; None for other commands."""
     command, first, second = flight_command
     if command == CommandCode.LAND:
         return END

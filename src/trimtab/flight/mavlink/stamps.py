@@ -1,10 +1,12 @@
 """Time stamps of signed packets. Sent stamps never repeat, not even after a restart. Each stamp is accepted once.
 
-A stamp counts 10 us since 2015. The stamp stored beside the key is ten seconds ahead, so that it is rarely written.
-After a restart stamps continue from there. Time runs by the monotonic clock: a stepped wall clock changes nothing.
+A stamp is a number of 10 us since 2015. The stamp stored beside the key is ten seconds ahead, so that it is rarely
+written. After a restart, stamps continue from the stored stamp. Time runs by the monotonic clock, so a stepped wall
+clock has no effect.
 
-Refused as replayed: a stamp that was accepted before from its stream (system, component, link); one that is 250 ms or
-more behind the newest of its stream. For ordered packets also: a stamp that is not newer than all ordered ones before.
+Refused as replayed: a stamp that was accepted before from its stream (system, component, link); a stamp that is 250 ms
+or more behind the newest of its stream. For ordered packets also: a stamp that is not newer than all earlier ordered
+stamps of its stream.
 Refused as stale: a stamp that is not newer than this end's own stamp at its start, or over a minute behind this end.
 Refused as leading: a stamp over 40 s ahead of this end's clock. If accepted, this end's own and stored stamps would
 move up to it, and peers with the right clock would become stale. Where the stored stamp itself is ahead, the
@@ -32,16 +34,16 @@ except ImportError:  # no such locks on this system: two processes with one iden
     fcntl = None
 
 EPOCH = 1_420_070_400
-"""1 January 2015, in seconds of Unix time."""
+"""Start of the time stamps, 1 January 2015, in Unix time (s)."""
 PER_SECOND = 100_000
 MARGIN = 60 * PER_SECOND
-"""Largest age of a stamp."""
+"""Largest accepted age of a stamp."""
 LONGEST_LATENESS = PER_SECOND // 4
-"""Largest lag behind the newest stamp of a stream: a vehicle without data for this long stops by itself."""
+"""Largest accepted lag behind the newest stamp of a stream. A vehicle without data for this time stops by itself."""
 STORE_MARGIN = 10 * PER_SECOND
 """Lead of the stored stamp. After a kill, a sender is ahead of its peers by up to this time."""
 MOST_LEAD = MARGIN - 2 * STORE_MARGIN
-"""Largest lead of a stamp over this end's clock. Even with the stored lead, the right clock is not stale then."""
+"""Largest accepted lead of a stamp over this end's clock. Stamps of the right clock then never become stale."""
 RESTART_LEAD = PER_SECOND
 """Largest amount by which a restart may raise the limit on a lead."""
 LARGEST = 2**48 - 1
@@ -65,7 +67,7 @@ def running_clock(clock: Clock = SYSTEM_CLOCK) -> Callable[[], float]:
 
 
 class _Stream:
-    """Stamps accepted from one sender, kept as long as a stamp this old could still be accepted."""
+    """Stamps accepted from one sender. A stamp is kept while another stamp of its age could still be accepted."""
 
     def __init__(self, floor: int) -> None:
         self.newest = self.ordered = floor
@@ -89,7 +91,7 @@ class _Stream:
 
 
 class Stamps:
-    """Stamps of one sender, and the newest of each received stream."""
+    """Time stamps of one end of a link: stamps for sent packets, and checks of received stamps."""
 
     def __init__(
         self, store: Path | None = None, clock: Callable[[], float] | None = None, *, is_reset: bool = False
@@ -97,7 +99,7 @@ class Stamps:
         """Start above the stored stamp and above the current time. store: file of the stamp; None: nothing is stored.
         The file stays locked until close().
 
-        is_reset: start with now, whatever is stored, after a wrong clock stored a stamp far ahead.
+        is_reset: start with the current time and ignore the stored stamp, e.g. after a wrong clock stored a late one.
         """
         self._clock, self._shift = clock or running_clock(), 0
         self._file = None if store is None else _open_store(store)
@@ -115,22 +117,22 @@ class Stamps:
         return min(max(int((self._clock() - EPOCH) * PER_SECOND) + self._shift, 0), LARGEST)
 
     def next_stamp(self) -> int:
-        """Return a stamp greater than all before."""
+        """Return a stamp that is greater than all earlier ones."""
         self._raise_to(min(max(self.last + 1, self._current_stamp()), LARGEST))
         return self.last
 
     def store_ahead(self) -> None:
         """Store a future stamp if half of the margin is used up.
 
-        Call this regularly, where waiting for the disk does no harm.
+        Call this regularly, in a thread that may wait for the disk.
         """
         if self._file is not None and self.last + STORE_MARGIN // 2 > self._ceiling:
             self._write_store()
 
     def find_refusal(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> Refusal | None:
-        """Return why a stamp of (system, component, link) is refused, or None. Nothing is remembered before `accept`.
+        """Return why a stamp of (system, component, link) is refused, or None. Only `accept` stores the stamp.
 
-        ordered: its packet must not come after a later ordered one.
+        ordered: True if the packet must not arrive after a newer ordered packet.
         """
         now = self._current_stamp()
         if stamp > now + self._most_lead:
@@ -142,17 +144,17 @@ class Stamps:
 
     @property
     def stored_lead(self) -> float:
-        """Lead of this end over its clock at the start (s), because of the stored stamp."""
+        """Lead (s) of this end's first stamp over its clock, because of the stored stamp."""
         return max(self._floor - self._current_stamp(), 0) / PER_SECOND
 
     def lead(self, stamp: int) -> float:
-        """Return the lead of a stamp over this end's own (s); negative if it is behind."""
+        """Return the lead (s) of a stamp over this end's own stamp; negative if the stamp is behind."""
         return (stamp - max(self.last, self._current_stamp())) / PER_SECOND
 
     def follow(self, stamp: int) -> None:
-        """Continue from another end's stamp, ahead or behind, whose answer has proved to be current.
+        """Continue from the other end's stamp, ahead or behind, after its answer has proved to be current.
 
-        Nothing is stored from then on: this is not this end's own clock.
+        From then on no stamp is stored, because the stamps are not those of this end's clock.
         """
         self._shift += stamp - self._current_stamp()
         self._floor = self.last = stamp
@@ -161,7 +163,7 @@ class Stamps:
         self._close_file()
 
     def accept(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> None:
-        """Remember the stamp of a packet with a valid signature. This end's own stamp moves up to it."""
+        """Store the stamp of a packet with a valid signature. This end's own stamp is raised to it."""
         if stream not in self._streams:
             if len(self._streams) >= MOST_STREAMS:
                 self._forget_oldest()
@@ -170,18 +172,18 @@ class Stamps:
         self._raise_to(max(self.last, stamp))
 
     def _forget_oldest(self) -> None:
-        """Forget the stream that was silent for longest. Its packets then count as stale, and so cannot be replayed."""
+        """Forget the stream whose newest stamp is oldest. Its packets are stale from then on: no replay is possible."""
         oldest = min(self._streams, key=lambda stream: self._streams[stream].newest)
         self._floor = max(self._floor, self._streams.pop(oldest).newest)
 
     def close(self) -> None:
-        """Store the current stamps exactly, and release the file."""
+        """Store the current stamp without a lead, and release the file."""
         if self._file is not None:
             self._write_store(0)
         self._close_file()
 
     def abandon(self) -> None:
-        """Release the file and store nothing, as the system does when a process dies."""
+        """Release the file without storing a stamp, as happens when a process dies."""
         self._close_file()
 
     def _close_file(self) -> None:
@@ -233,5 +235,5 @@ def _read_store(file: int, store: Path) -> int:
         if 0 <= stamp <= LARGEST:
             return stamp
     os.close(file)
-    problem = f"holds {text[:32]!r} instead of a time stamp"
+    problem = f"contains {text[:32]!r} instead of a time stamp"
     raise InputError(f"time stamps '{store}'", problem, fix=f"rm '{store}'  on a machine whose clock is right")

@@ -1,12 +1,12 @@
-"""Clock of the other end, from TIMESYNC exchanges: its offset and drift, by the exchanges with short round trips.
+"""Estimate of the other end's clock, its offset and drift, from TIMESYNC exchanges with short round trips.
 
-An exchange leaves here at t0, is answered at r by the other clock, and is back at t1:
+A question leaves this end at t0, is answered at the time r of the other clock, and the answer arrives at t1:
 
     offset = r - (t0 + t1)/2        |error| <= (t1 - t0)/2        local = remote - offset
 
-The error is half the difference of the two ways, so an exchange counts the more the less it waited: a line through the
-offsets of the last minute, each weighted by 1/(excess over the shortest round trip)^2. The offset applied in `to_local`
-moves towards that line by at most 1 ms a second, so that increasing times stay increasing.
+The error is half the difference between the delays of the two directions. So exchanges with short round trips count
+more. A line is fitted to the offsets of the last minute, each weighted by 1/(excess over the shortest round trip)^2.
+The offset applied in `to_local` moves towards that line by at most 1 ms a second, so increasing times stay increasing.
 Source: D. L. Mills, "Internet time synchronization: the network time protocol", IEEE Trans. Communications 39 (1991),
 section V (minimum filter); https://mavlink.io/en/services/timesync.html.
 """
@@ -20,7 +20,7 @@ NS_PER_UNIT = 100
 WINDOW = seconds(60)
 LONGEST_WAIT = seconds(10)
 JUMP = seconds("0.5")
-"""Change of the offset, beyond its error bound, from which the other clock counts as set or replaced."""
+"""Change of the offset, in excess of its error bound, above which the other clock counts as set or replaced."""
 SLEW = 1e-3
 """Fastest change of the applied offset (s/s)."""
 HORIZON = seconds(1)
@@ -32,7 +32,7 @@ EXCHANGES_MAX = 600
 
 
 class TimeSyncExchange(NamedTuple):
-    """One exchange: time of the other clock, measured offset, and round trip."""
+    """Question and answer: time of the other clock, measured offset, and round trip."""
 
     remote: int
     offset: float
@@ -40,7 +40,7 @@ class TimeSyncExchange(NamedTuple):
 
 
 class OffsetLine(NamedTuple):
-    """Line through the offsets: offset(r) = offset + drift (r - at)."""
+    """Line through measured offsets: offset(r) = offset + drift (r - at)."""
 
     at: int
     offset: float
@@ -71,25 +71,25 @@ class TimeSync:
         self._latest: int | None = None
         self._not_before: int | None = None
         self.refused = 0
-        """Number of answers without a question, or too late."""
+        """Number of refused answers: to no question of this end, or too late."""
         self.jumps = 0
-        """Number of times that the other clock changed. Two exchanges in a row must agree on it."""
+        """Number of changes of the other clock. A change counts if two consecutive exchanges agree."""
 
     @property
     def is_doubtful(self) -> bool:
-        """True if the last exchange shows another clock than those before: ask again soon."""
+        """True if the last exchange disagrees with the earlier ones. The next question should follow soon."""
         return self._doubtful is not None
 
     def is_open(self, ts1: int) -> bool:
-        """Return True if this end asked with this `ts1` and has no answer yet.
+        """Return True if this end has sent a question with this `ts1` and has received no answer yet.
 
-        An answer is then current, not replayed.
+        An answer to this question is then current, not replayed.
         """
         return ts1 // NS_PER_UNIT in self._asked
 
     @property
     def is_known(self) -> bool:
-        """True if there has been an exchange since the last change of the other clock."""
+        """True if an exchange has been completed since the last change of the other clock."""
         return bool(self._exchanges)
 
     @property
@@ -104,16 +104,16 @@ class TimeSync:
 
     @property
     def shortest(self) -> int:
-        """Shortest round trip of the window (100 ns). Half of it bounds the error. 0 while nothing is known."""
+        """Shortest round trip of the last minute (100 ns); half of it bounds the error. 0 before the first exchange."""
         return min((e.round_trip for e in self._exchanges), default=0)
 
     def ask(self, now: int) -> dict[str, int]:
-        """Return the fields of a TIMESYNC to send now. Ask about ten times a second at first, then once a second."""
+        """Return the fields of a TIMESYNC question. Call this ten times a second at first, then once a second."""
         self._asked.append(now)
         return {"tc1": 0, "ts1": now * NS_PER_UNIT}
 
     def handle_answer(self, tc1: int, ts1: int, now: int) -> bool:
-        """Handle a TIMESYNC that came at `now`. Return whether it answers a question of this end."""
+        """Handle a TIMESYNC that arrived at `now`. Return True if it answers a question of this end."""
         sent = ts1 // NS_PER_UNIT
         if tc1 > 0 and ts1 == self._answered[0]:
             _, first, at = self._answered
@@ -160,7 +160,7 @@ class TimeSync:
         return self._applied + self._turn * min(since, HORIZON) + self._after * max(since - HORIZON, 0)
 
     def show_local(self, remote: int) -> int:
-        """Convert a time of the other clock like `to_local`, but keep no state: the time may still be rejected."""
+        """Convert a time of the other clock like `to_local`, but change no state, since the time may be rejected."""
         local = round(remote - self._offset_at(remote))
         return local if self._not_before is None else max(local, self._not_before)
 
@@ -168,7 +168,7 @@ class TimeSync:
         """Convert an accepted time of the other clock to this clock. Increasing times stay increasing, even if a clock
         jumps.
 
-        While nothing is known the time is returned unchanged.
+        Before the first exchange, the time is returned unchanged.
         """
         local = self.show_local(remote)
         if self.is_known:
@@ -187,7 +187,7 @@ def _is_other_clock(exchange: TimeSyncExchange, offset: float) -> bool:
 
 
 def fit_offset_line(exchanges: list[TimeSyncExchange]) -> OffsetLine:
-    """Return the weighted line through the offsets, at the newest exchange. Few exchanges give a small drift."""
+    """Return the weighted line through the offsets, around the newest exchange. Few exchanges give a small drift."""
     shortest = min(e.round_trip for e in exchanges)
     least = FLOOR[0] * shortest + FLOOR[1]
     weights = [(least / (least + e.round_trip - shortest)) ** 2 for e in exchanges]

@@ -1,8 +1,8 @@
 """Virtual vehicle as the physics of ArduPilot's SITL: it moves by ArduPilot's frames, and answers with its motion.
 
 Virtual time stands still between two frames, so that neither side waits for a clock. A repeated frame gets the same
-answer again. During lost frames the vehicle flies with the last pulses. A frame count that restarts begins another
-flight. Source: docs page, ArduPilot.
+answer again. While frames are missing, the vehicle flies with the last received pulses. A frame count that restarts
+begins a new flight. Source: docs page, ArduPilot.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,11 +20,11 @@ from trimtab.flight.transports.udp import UdpLink
 from trimtab.loop.scenario import Scenario
 
 LISTEN_S = 0.1
-"""Time to wait for a packet before looking for a request to end (s)."""
+"""Longest wait for a packet (s) before `stop` is called again."""
 SILENCE_S = 2.0
 """Time without a frame (s) after which another sender is accepted: ArduPilot uses a new port after a restart."""
 LATE_FRAMES, FIRST_COUNTS = 16, 2
-"""A frame count that falls by at most this number is a late packet. A larger fall, or a fall to these first counts, is
+"""If the frame count falls by at most LATE_FRAMES, the packet is late. A larger fall, or a fall below FIRST_COUNTS, is
 a restart.
 """
 
@@ -34,16 +34,16 @@ OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
         Quantity("1", "The vehicle is held in place until its servo pulses leave their rest position.", kind="flag"),
     ),
     "ardupilot.frame": ("i8", Quantity("1", "Number of the ArduPilot frame in force.", kind="count")),
-    "ardupilot.missed": ("i8", Quantity("1", "Frames missed so far, by their numbers.", kind="count")),
+    "ardupilot.missed": ("i8", Quantity("1", "Frames missed so far, by gaps in the count.", kind="count")),
     "ardupilot.repeated": ("i8", Quantity("1", "Repeated frames so far.", kind="count")),
     "ardupilot.refused": ("i8", Quantity("1", "Packets refused so far: invalid, or of another sender.", kind="count")),
 }
-"""Signals of the log besides those of the world."""
+"""Signals of the log in addition to the signals of the world."""
 
 
 @dataclass
 class FrameTally:
-    """Counts of packets by kind. foreign: from another sender.  late: older than one that was already flown."""
+    """Counts of packets by kind. foreign: from another sender.  late: older than a frame that was already used."""
 
     frames: int = 0
     repeated: int = 0
@@ -54,7 +54,7 @@ class FrameTally:
 
 
 class ArduPilotPhysics:
-    """Vehicle that answers ArduPilot's frames. `serve` runs it."""
+    """Vehicle that answers ArduPilot's frames. The method `serve` runs it."""
 
     def __init__(
         self, scenario: Scenario, vehicle: PulsedVehicle, link: UdpLink, *, seed: int = 0, clock: Clock = SYSTEM_CLOCK
@@ -63,7 +63,7 @@ class ArduPilotPhysics:
 
         Args:
             scenario: scenario of the vehicle, for its log.
-            vehicle: the vehicle.
+            vehicle: vehicle that ArduPilot flies.
             link: link that ArduPilot sends to.
             seed: seed of the vehicle, for its log.
             clock: clock of this process.
@@ -85,7 +85,7 @@ class ArduPilotPhysics:
         tell: Callable[[str], None] = lambda _: None,
         lost_lines: Callable[[], int] = lambda: 0,
     ) -> PhysicsSummary:
-        """Answer until `duration` (100 ns) after the release, or until stop() returns True.
+        """Answer ArduPilot's frames until `duration` (100 ns) after the release, or until stop() returns True.
 
         Args:
             duration: time after the release (100 ns); None: no end.
@@ -93,7 +93,7 @@ class ArduPilotPhysics:
             log_period: time between rows (100 ns).
             stop: called at every packet, and ten times a second.
             tell: receives the messages for the user.
-            lost_lines: number of these messages that were lost, asked at the end.
+            lost_lines: function that returns how many of these messages were lost; called at the end.
         """
         flights = self._flights
         flights.prepare(log, tell, log_period)
@@ -130,7 +130,7 @@ class ArduPilotPhysics:
             self.link.reply(self._answer)
 
     def _follow(self, frame: PulsePacket) -> bool:
-        """Move by a frame. Return whether to answer it: a late frame gets no answer."""
+        """Move the vehicle by a frame. Return True if the frame gets an answer; a late frame gets none."""
         ahead = 0 if self._last is None else (frame.number - self._last.number) % COUNTS
         if self._last is not None and ahead == 0:
             self.tally.repeated += 1
@@ -145,7 +145,7 @@ class ArduPilotPhysics:
         return True
 
     def _move(self, frame: PulsePacket, ahead: int) -> None:
-        """Advance by this number of frames, the last of which arrived.
+        """Advance the vehicle by `ahead` frames, of which only the last has arrived.
 
         A gap advances the time by at most one second.
         """
@@ -166,11 +166,11 @@ class ArduPilotPhysics:
         self._answer = format_state(to_seconds(vehicle.body.t), state)
 
     def _begin_flight(self, frame: PulsePacket) -> None:
-        """Reset the vehicle to its first state, and start another log."""
+        """Reset the vehicle to its first state, and start a new log."""
         self._flights.begin(f"ArduPilot at {_name(self._owner)}, from frame {frame.number} on, {frame.rate} Hz")
 
     def _write_row(self, t: int) -> None:
-        """Write the row of the instant before t."""
+        """Write the log row of the last instant before t."""
         tally, count = self.tally, 0 if self._last is None else self._last.number
         is_held, refused = self.vehicle.release_time is None, tally.malformed + tally.foreign
         self._flights.write_row(t, (is_held, count, tally.missed, tally.repeated, refused))

@@ -3,8 +3,8 @@
     uint16 magic, 18458 with 16 channels or 29569 with 32      uint16 frame rate (Hz)      uint32 frame count
     uint16 pulse of each channel (µs)                          all little-endian
 
-The answer is a line of JSON between two line feeds. ArduPilot searches for the keys as text. So there is no blank after
-a colon, and no key that starts like an earlier one.
+The answer is a line of JSON between two line feeds. ArduPilot searches for the keys as text. So no space follows a
+colon, and no key starts like an earlier key.
 
 Source: https://github.com/ArduPilot/ardupilot/blob/master/libraries/SITL/examples/JSON/readme.md.
 """
@@ -16,15 +16,15 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 CHANNELS_OF: Mapping[int, int] = {18458: 16, 29569: 32}
-"""Magic number -> channels."""
+"""Magic number of a packet -> number of its channels."""
 MOST_CHANNELS = 32
 HEAD = struct.Struct("<HHI")
 COUNTS = 2**32
-"""Number of values of the frame count, which starts again at zero."""
+"""Number of values of the frame count, which wraps around to zero."""
 
 
 class PulsePacket(NamedTuple):
-    """Packet of ArduPilot.
+    """Servo packet from ArduPilot.
 
     rate: frame rate (Hz); number: frame count; pulses: pulse width of each channel (µs), 0: no pulse.
     """
@@ -35,9 +35,9 @@ class PulsePacket(NamedTuple):
 
 
 class PhysicsState(NamedTuple):
-    """Motion for ArduPilot.
+    """Motion of the vehicle as sent to ArduPilot.
 
-    Position and velocity in W, attitude as roll, pitch, yaw (rad), other vectors in B; SI units.
+    Position and velocity are in W, attitude is roll, pitch, yaw (rad), other vectors are in B; SI units.
     """
 
     specific_force: Sequence[float]
@@ -55,7 +55,7 @@ class PhysicsState(NamedTuple):
 
 
 def parse_servos(packet: bytes) -> PulsePacket | str:
-    """Return the content of a packet of ArduPilot, or a text that says why it is not valid."""
+    """Return the content of a servo packet from ArduPilot, or a text that says why the packet is not valid."""
     if len(packet) < HEAD.size:
         return f"a packet of {len(packet)} bytes is too short for an ArduPilot frame"
     magic, rate, count = HEAD.unpack_from(packet)

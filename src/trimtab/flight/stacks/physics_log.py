@@ -1,4 +1,4 @@
-"""Flights of a vehicle under another maker's autopilot: one log per flight, and messages for the user."""
+"""Flights of a vehicle under an autopilot of another maker: one log per flight, and messages for the user."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ MOST_TOLD = 100
 
 
 class PhysicsSummary(NamedTuple):
-    """Result of the flights. t, release_time (None: never released), log and file are those of the last flight.
+    """Result of all flights. t, release_time (None: never released), log and file are those of the last flight.
 
     tally: a dataclass that counts the received packets.
     """
@@ -31,9 +31,9 @@ class PhysicsSummary(NamedTuple):
 
 
 class PhysicsFlights:
-    """Flights so far.
+    """Logs, messages and problems of the flights so far.
 
-    summary: summary of the last log. problems: problems of all logs, and those given to `add_problem`.
+    summary: summary of the last log. problems: problems of all logs, and problems passed to `add_problem`.
     """
 
     def __init__(
@@ -47,9 +47,9 @@ class PhysicsFlights:
         period: int = ms(1),
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """signals: signals besides those of the world.
+        """signals: signals of the log in addition to the signals of the world.
 
-        file: log of the first flight; the second is NAME-2. period: time between rows (100 ns).
+        file: log of the first flight; the log of the second flight is NAME-2. period: time between rows (100 ns).
         """
         self.scenario, self.vehicle, self.signals, self.seed = scenario, vehicle, signals, seed
         self.file, self.period, self.tell = file, period, tell
@@ -61,12 +61,12 @@ class PhysicsFlights:
     def prepare(self, file: Path | None, tell: Callable[[str], None], period: int | None = None) -> None:
         """Prepare for the first flight.
 
-        file: path of its log. tell: receives the messages. period: time between rows (100 ns).
+        file: path of its log. tell: receives the messages for the user. period: time between rows (100 ns).
         """
         self.file, self.tell, self.period = file, tell, self.period if period is None else period
 
     def begin(self, text: str) -> None:
-        """Begin another flight, from the vehicle's first state. text: the message that announces it."""
+        """Begin a new flight, from the vehicle's first state. text: message that announces the flight."""
         self.close()
         if self.count:
             self.vehicle.reset()
@@ -83,7 +83,7 @@ class PhysicsFlights:
         return self.file.with_name(f"{self.file.stem}-{self.count}{self.file.suffix}")
 
     def write_row(self, t: int, values: Sequence[Any]) -> None:
-        """Write the row of the instant before t, if one is due. values: values of `signals`."""
+        """Write the log row of the last instant before t, if a row is due. values: values of `signals`."""
         body = self.vehicle.body
         if self._log is None or not t or body.row_t % self.period:
             return
@@ -98,13 +98,13 @@ class PhysicsFlights:
             self.problems += list_log_problems(log, self.summary)
 
     def report(self, text: str) -> None:
-        """Report a line to the user and to the log."""
+        """Report a line of text to the user and to the log."""
         self.tell(text)
         if self._log is not None:
             self._log.write_event(text)
 
     def report_once(self, text: str) -> None:
-        """Report a line once; a repeated line is not reported again."""
+        """Report a line of text, unless the same line was reported before."""
         if text not in self._told and len(self._told) < MOST_TOLD:
             self._told.add(text)
             self.report(text)
@@ -115,7 +115,7 @@ class PhysicsFlights:
         self.report(text)
 
     def summarise(self, tally: Any) -> PhysicsSummary:
-        """Return the result of all flights."""
+        """Return the result of all flights. tally: counts of the received packets."""
         vehicle, file = self.vehicle, self.log_file() if self.count else None
         problems = tuple(dict.fromkeys(self.problems))
         return PhysicsSummary(vehicle.body.t, vehicle.release_time, self.count, tally, self.summary, file, problems)

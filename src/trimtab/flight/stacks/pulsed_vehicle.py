@@ -1,4 +1,4 @@
-"""Virtual vehicle moved by servo pulses, for an autopilot of another maker, and its motion as sent to that autopilot.
+"""Virtual vehicle that an autopilot of another maker moves by servo pulses, and the motion sent to that autopilot.
 
 The vehicle is held in place until its pulses leave their rest position, because the model has no ground to stand on.
 After the release it continues from the scenario's first state. Source: docs pages, ArduPilot and PX4.
@@ -39,9 +39,9 @@ class PulsedVehicle:
     Args:
         scenario: scenario of the vehicle.
         seed: seed of the random numbers.
-        channels: channel of the autopilot, from 1, for each number of a command; empty: in order.
+        channels: number of the autopilot's channel, from 1, for each number of a command; empty: 1, 2, and so on.
         release: pulse width (s) that releases the vehicle; None: any pulse that is not at rest.
-        door: argument to name in error messages.
+        door: name of the argument that error messages mention.
         most_channels: number of channels of the autopilot.
     """
 
@@ -55,7 +55,7 @@ class PulsedVehicle:
         door: str = "ardupilot",
         most_channels: int = MOST_CHANNELS,
     ) -> None:
-        """Compile the world."""
+        """Compile the world of the scenario."""
         bare = replace(scenario, world=replace(scenario.world, uplink=Wire()))
         self._world, frame, command = prepare_world(bare, seed=seed)
         self._scenario, self._dialect, self._release = bare, derive_dialect(frame, command), release
@@ -72,7 +72,7 @@ class PulsedVehicle:
         self.reset()
 
     def reset(self) -> None:
-        """Reset to the scenario's first state, held in place."""
+        """Reset the vehicle to the scenario's first state, held in place."""
         self._world.reset()
         self.body = VirtualVehicle(self._scenario, self._dialect, self._world)
         self._instants: Iterator[int] = self.body.instants()
@@ -82,7 +82,7 @@ class PulsedVehicle:
 
     @property
     def imu(self) -> str:
-        """Name of the sensor whose samples the autopilot gets; empty: it gets the true motion."""
+        """Name of the sensor whose samples the autopilot gets, or "" if the autopilot gets the true motion."""
         return "" if self._imu is None else self._imu.name
 
     def set_pulses(self, pulses: Sequence[int]) -> None:
@@ -104,7 +104,7 @@ class PulsedVehicle:
         return bool((widths >= self._release).any())
 
     def advance(self, t: int, tell_row: Callable[[int], None] = lambda _: None) -> None:
-        """Advance to integer time t through all instants at which something is due.
+        """Advance to integer time t through all instants in between.
 
         tell_row: function that is called with each instant.
         """
@@ -120,7 +120,7 @@ class PulsedVehicle:
         self._is_new = False
 
     def state(self) -> PhysicsState:
-        """Return the motion now, with samples of the vehicle's own IMU if it has one of three axes."""
+        """Return the current motion, with samples of the vehicle's IMU if it has a three-axis IMU."""
         motion, outputs = self._motion, self._world.outputs
         motion.inputs[motion.reads["t"]] = self.body.t
         for into, out in self._pairs:
@@ -177,7 +177,7 @@ def _check_channels(channels: Sequence[int], outputs: Sequence[PulseOutput], mos
 
 
 def _read_table(o: PulseOutput) -> tuple[Any, Any]:
-    """Return the widths (s), increasing, and the values that they stand for."""
+    """Return increasing pulse widths (s), and the value of the output for each width."""
     widths, values = np.asarray(o.pulse.widths, float), np.asarray(o.pulse.values, float)
     order = np.argsort(widths)
     return widths[order], values[order]

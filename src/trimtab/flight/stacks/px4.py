@@ -1,7 +1,7 @@
 """Virtual vehicle as the simulator that PX4's SITL connects to: it sends sensor data, and moves by PX4's answers.
 
-In lockstep PX4 waits for each sample, and the vehicle for each answer, so that neither waits for a clock. Before the
-first answer, and while PX4 runs by the clock, samples are sent in real time. A new connection begins another flight.
+In lockstep, PX4 waits for each sample and the vehicle for each answer, so that neither waits for a clock. Before the
+first answer, and while PX4 runs by its clock, samples are sent in real time. A new connection begins a new flight.
 Source: docs page, PX4.
 """
 
@@ -45,15 +45,15 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.command_pulses import PulseOutput
 
 ORIGIN = "38.9897,-76.9378,20"
-"""Origin of W. PX4 derives the earth's field from the place, so this is the place where COLLEGE_PARK is the field."""
+"""Origin of W on the globe. At this place, the magnetic field that PX4 derives from the position is COLLEGE_PARK."""
 STEP, SLOW_SAMPLES, FIX_SAMPLES = ms(4), 5, 25
-"""Time between samples of the inertial unit, as in PX4's own simulators; periods of the slower sensors and of position
-fixes, in samples.
+"""Time between samples of the inertial unit, as in PX4's own simulators; number of these samples between samples of the
+slower sensors; number of these samples between position fixes.
 """
 START = ms(1000)
 """Time of the first sample. PX4 adopts this time, and treats 0 as an unknown time."""
 LISTEN_S, SILENCE_S = 0.1, 1.0
-"""Time to wait for a connection before looking for a request to end; time to wait for an answer before going on (s)."""
+"""Longest wait for a connection before `stop` is called again; longest wait for an answer of PX4 to a sample (s)."""
 RATE_NOISE, FORCE_NOISE, FIELD_NOISE, PRESSURE_NOISE = np.radians(2000 / 32768), 9.80665 / 2048, 1e-7, 1.0
 """Standard deviations of the sensor noise (rad/s, m/s², T, Pa). The first two are one step of PX4's simulated
 converters; the others are reconstructed. PX4 treats a sensor with constant samples as dead."""
@@ -67,14 +67,14 @@ OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     "px4.armed": ("?", Quantity("1", "PX4 is armed.", kind="flag")),
     "px4.unanswered": ("i8", Quantity("1", "Samples so far that PX4 did not answer in time.", kind="count")),
 }
-"""Signals of the log besides those of the world."""
+"""Signals of the log in addition to the signals of the world."""
 
 
 @dataclass
 class AnswerTally:
     """Counts of samples sent and of answers.
 
-    unanswered: samples that PX4 did not answer in time, so that the simulation continued without an answer.
+    unanswered: samples that PX4 did not answer in time; the simulation then continued without an answer.
     """
 
     samples: int = 0
@@ -85,7 +85,7 @@ class AnswerTally:
 
 
 class Px4Simulator:
-    """Vehicle that PX4 flies. `serve` runs it."""
+    """Vehicle that PX4 flies. The method `serve` runs it."""
 
     def __init__(
         self,
@@ -100,7 +100,7 @@ class Px4Simulator:
 
         Args:
             scenario: scenario of the vehicle, for its log.
-            vehicle: the vehicle.
+            vehicle: vehicle that PX4 flies.
             link: link that PX4 connects to.
             seed: seed of the noise.
             clock: clock of this process.
@@ -137,7 +137,7 @@ class Px4Simulator:
             log: path of the log. The log of a second flight is called NAME-2, and so on.
             stop: called at every sample, and ten times a second.
             tell: receives the messages for the user.
-            lost_lines: number of these messages that were lost, asked at the end.
+            lost_lines: function that returns how many of these messages were lost; called at the end.
         """
         self._flights.prepare(log, tell)
         connection = -1
@@ -160,11 +160,11 @@ class Px4Simulator:
         return duration is not None and release is not None and self.vehicle.body.t - release >= duration
 
     def _now(self) -> int:
-        """Return the current time in the units and with the start that are sent to PX4."""
+        """Return the current time as sent to PX4: from START on, in 100 ns."""
         return START + self.vehicle.body.t
 
     def _send_sample(self) -> None:
-        """Send the current sensor samples."""
+        """Send the current sensor samples to PX4."""
         state, t = self.vehicle.state(), self._now()
         if not state.is_finite:
             problem = f"the motion is not finite, {to_seconds(self.vehicle.body.t):g} s into the flight"
@@ -200,9 +200,9 @@ class Px4Simulator:
         return noisy, spoilt
 
     def _await_answer(self, stop: Callable[[], bool]) -> ControlFrame | None:
-        """Return PX4's answer to the newest sample; None if none came in time, or if PX4 runs by the clock.
+        """Return PX4's answer to the newest sample; None if no answer arrived in time.
 
-        Answers to samples sent before PX4 waited for any are skipped, so that it does not stay one sample behind.
+        At the start of lockstep, answers to earlier samples are skipped, so that PX4 does not stay one sample behind.
         """
         sent, is_locked = self._now() // PER_MICROSECOND, self._last is not None and self._last.is_locked
         self._due = max(self._due + to_seconds(STEP), self._seconds() - SILENCE_S)
@@ -225,7 +225,7 @@ class Px4Simulator:
         return newest
 
     def _take(self, data: bytes | None) -> ControlFrame | None:
-        """Return the last answer in these bytes."""
+        """Return the last answer of PX4 in received bytes, or None."""
         answer = None
         for message in self._endpoint.feed(data):
             if message.name != "HIL_ACTUATOR_CONTROLS":
@@ -248,7 +248,7 @@ class Px4Simulator:
         return answer
 
     def _move(self, answer: ControlFrame | None) -> None:
-        """Advance by one step, with the newest answer. The vehicle stands still until there is one."""
+        """Advance by one step, with the newest answer of PX4. Before the first answer the vehicle stands still."""
         if answer is not None:
             if self._last is None:
                 self._flights.report(f"PX4 answers, {'in lockstep' if answer.is_locked else 'by the clock'}")
@@ -259,7 +259,7 @@ class Px4Simulator:
         self.vehicle.advance(self.vehicle.body.t + STEP, self._write_row)
 
     def _pulses(self, answer: ControlFrame) -> Sequence[int]:
-        """Return the pulse widths (µs) that PX4 sets; no pulses, which is safe, while it is not armed."""
+        """Return the pulse widths (µs) that PX4 sets. While PX4 is not armed, all are 0: no pulse, which is safe."""
         pulses = [0] * CHANNELS
         if answer.is_armed:
             for channel, (rest, low, high) in self._spans.items():
@@ -268,19 +268,19 @@ class Px4Simulator:
         return pulses
 
     def _begin_flight(self) -> None:
-        """Reset the vehicle to its first state, and start another log."""
+        """Reset the vehicle to its first state, and start a new log."""
         self._begin_connection()
         self._flights.begin("new connection")
         self.vehicle.advance(0, self._write_row)
 
     def _write_row(self, t: int) -> None:
-        """Write the row of the instant before t."""
+        """Write the log row of the last instant before t."""
         is_held, is_armed = self.vehicle.release_time is None, self._last is not None and self._last.is_armed
         self._flights.write_row(t, (is_held, is_armed, self.tally.unanswered))
 
 
 def pulse_span(o: PulseOutput) -> tuple[float, float, float]:
-    """Return the widths (s) of the controls 0, -1 and 1: rest and ends.
+    """Return the pulse widths (s) for the controls 0 (rest), -1 and 1 (ends).
 
     A motor whose rest is at one end turns in one direction only.
     """
@@ -288,7 +288,7 @@ def pulse_span(o: PulseOutput) -> tuple[float, float, float]:
 
 
 def _surroundings_block() -> BlockDefinition:
-    """Define the block that computes `Surroundings` of a motion. Its parameters give the origin of W."""
+    """Define the block that computes `Surroundings` from a motion. Its parameters are the origin of W."""
 
     def step(p: Any, s: Any, now: Any) -> Any:
         latitude, longitude, height = p.from_ned(now["p_WB"])

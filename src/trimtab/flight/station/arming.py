@@ -1,11 +1,11 @@
-"""Checks before arming: quantity, value, limit and advice of each; and how an autopilot asks for them.
+"""Checks before arming, each with value, limit and advice, and the messages by which an autopilot asks for them.
 
-The autopilot sends MAVLink's command to run them, MAV_CMD_RUN_PREARM_CHECKS (401). The vehicle acknowledges, reports
-failing checks to ground stations, and answers the sender with one TUNNEL of a private type for each check:
+The autopilot sends MAVLink's command to run the checks, MAV_CMD_RUN_PREARM_CHECKS (401). The vehicle acknowledges it,
+reports failing checks to ground stations, and answers the sender with one TUNNEL of a private type for each check:
 
     number of checks (2)  index (2)  flags (1)  value (8)  limit (8)  name, unit, advice (UTF-8, each ends with a 0)
 
-Flags: 1 the value must be at least the limit, else at most; 2 the check can pass by waiting.
+Flags: 1 the value must be at least the limit (otherwise at most); 2 the check can pass by waiting.
 Source: https://mavlink.io/en/messages/common.html; docs page, Arming.
 """
 
@@ -25,24 +25,24 @@ AT_LEAST, HEALS = 1, 2
 MOST_TEXT = 128 - HEAD.size
 MOST_CHECKS = 64
 LONGEST_AGE = seconds(1)
-"""Maximum age of a check."""
+"""Maximum age of a check's result."""
 ASK_PERIOD = ms(200)
 MOST_ASKS = 10
-"""Number of unanswered questions after which the vehicle counts as one without checks."""
+"""Number of unanswered questions after which the vehicle counts as a vehicle without checks."""
 UNBOUNDED = 1e9
 """Smallest number shown as infinite: the age of data that never arrived, or a limit that was not set."""
 CONFIRMATION = 21196
-"""Second parameter of the command to arm with which MAVLink's ground stations force it.
+"""Second parameter of the command to arm, by which MAVLink's ground stations force arming.
 
-The vehicle takes it only as a confirmation.
+This vehicle takes it only as a confirmation by the user.
 """
 
 
 class ArmingCheck(NamedTuple):
-    """One check: `value` must be at most `limit`, or at least `limit` if `at_least` is True. A NaN value passes: not
-    measured.
+    """One check: `value` must be at most `limit`, or at least `limit` if `at_least` is True. A value that was not
+    measured (NaN) passes.
 
-    advice: what to do if it fails.  heals: True if the check can pass by waiting, without any action.
+    advice: what to do if the check fails.  heals: True if the check can pass by waiting, without any action.
     """
 
     name: str
@@ -55,18 +55,18 @@ class ArmingCheck(NamedTuple):
 
     @property
     def passes(self) -> bool:
-        """True if the check does not prevent arming."""
+        """True if the check allows arming."""
         within = self.value >= self.limit if self.at_least else self.value <= self.limit
         return math.isnan(self.value) or within
 
     @property
     def value_text(self) -> str:
-        """Value with its unit."""
+        """Text of the checked value, with its unit."""
         return "not measured" if math.isnan(self.value) else _with_unit(self.value, self.unit)
 
     @property
     def limit_text(self) -> str:
-        """Limit with its unit."""
+        """Text of the check's limit, with its unit."""
         return f"at {'least' if self.at_least else 'most'} {_with_unit(self.limit, self.unit)}"
 
     @property
@@ -76,7 +76,7 @@ class ArmingCheck(NamedTuple):
 
     @property
     def record(self) -> str:
-        """Check as a line of a log."""
+        """Text of the check's result for a log, one line."""
         return f"check {self.name}: {self.value_text}, {self.limit_text}: {'passed' if self.passes else 'refused'}"
 
 
@@ -87,13 +87,13 @@ def _with_unit(number: float, unit: str) -> str:
 
 
 def first_problem(checks: Sequence[ArmingCheck]) -> str:
-    """Return the sentence of the first failing check, checks that cannot pass by waiting first; empty if all pass."""
+    """Return the text of the first failing check, or "". Checks that cannot pass by waiting come first."""
     failing = [c for c in checks if not c.passes]
     return min(failing, key=lambda c: c.heals).sentence if failing else ""
 
 
 def pack_checks(endpoint: Endpoint, asker: Message, checks: Sequence[ArmingCheck]) -> list[bytes]:
-    """Return a packet for each check, to the sender of the question."""
+    """Return a packet for each check, addressed to the sender of the question. asker: the question."""
     packets = []
     for k, check in enumerate(checks):
         flags = AT_LEAST * check.at_least | HEALS * check.heals
@@ -104,20 +104,20 @@ def pack_checks(endpoint: Endpoint, asker: Message, checks: Sequence[ArmingCheck
 
 
 class RemoteChecks:
-    """The autopilot's side of the checks: its questions, and the vehicle's answers.
+    """The vehicle's checks at the autopilot's end: questions to the vehicle, and its answers.
 
     Times `now` are this end's, in 100 ns.
     """
 
     def __init__(self) -> None:
-        """Start without checks."""
+        """Start before the first answer of the vehicle."""
         self._checks: dict[int, tuple[ArmingCheck, int]] = {}
         self._count = self._asks = self._next = 0
         self.has_none = False
         """True if the vehicle reports no checks: older firmware, or already armed."""
 
     def is_due(self, now: int) -> bool:
-        """Return whether to ask the vehicle now."""
+        """Return True if the vehicle must be asked for its checks now."""
         if self.has_none or now < self._next:
             return False
         self._next, self._asks = now + ASK_PERIOD, self._asks + 1
@@ -125,7 +125,7 @@ class RemoteChecks:
         return not self.has_none
 
     def handle_refusal(self) -> None:
-        """Note that the vehicle refused to report its checks."""
+        """Record that the vehicle refused to report its checks."""
         self.has_none = not self._count
 
     def handle_message(self, message: Message, now: int) -> None:
@@ -142,6 +142,6 @@ class RemoteChecks:
         self._checks[index] = check, now
 
     def current(self, now: int) -> list[ArmingCheck]:
-        """Return all checks of the vehicle, none older than a second; empty while a check is missing."""
+        """Return all checks of the vehicle, or an empty list while a check is missing or older than a second."""
         recent = [check for k, (check, t) in sorted(self._checks.items()) if k < self._count and now - t <= LONGEST_AGE]
         return recent if len(recent) == self._count else []

@@ -1,11 +1,11 @@
-"""Files over MAVLink, read-only: listing, opening, reading, reading in bursts. Everything else is refused at once.
+"""Read-only file transfer over MAVLink: listing, opening, reading, reading in bursts. All else is refused at once.
 
 A request and its answer are 251 bytes in FILE_TRANSFER_PROTOCOL:
 
     number (2)  session (1)  operation (1)  size (1)  asked operation (1)  end of burst (1)  0 (1)  offset (4)  data
 
-A repeated request, whose answer was lost, gets the same answer. Logs are read only while the vehicle is disarmed: a
-disk may delay the reader, and the link belongs to the flight.
+A repeated request, whose answer was lost, gets the same answer. Logs can be read only while the vehicle is disarmed,
+because a disk may delay the reader, and the flight needs the link.
 Source: https://mavlink.io/en/services/ftp.html.
 """
 
@@ -24,11 +24,11 @@ HEAD, PAYLOAD = struct.Struct("<HBBBBBBI"), 251
 MOST_DATA = PAYLOAD - HEAD.size
 MOST_SESSIONS = 4
 IDLE_TIME = seconds(30)
-"""Time without a request after which a session may be replaced."""
+"""Time without a request after which a new session may replace an open session."""
 LONGEST_BURST = 200
-"""Maximum number of packets before the reader must ask for more, so that a burst without a reader ends."""
+"""Maximum number of packets in a burst. The reader must then ask again, so that a burst without a reader ends."""
 FLYING_SHARE = 0.05
-"""Fraction of the maximum rate that may be used while the vehicle is armed."""
+"""Fraction of the maximum rate that file transfer may use while the vehicle is armed."""
 
 
 class Operation(IntEnum):
@@ -50,7 +50,7 @@ WRITING = range(6, 15)
 
 
 class FileError(IntEnum):
-    """Reasons for a refusal."""
+    """Error codes of a refused file request."""
 
     FAIL = 1
     INVALID_SIZE = 3
@@ -78,9 +78,9 @@ class _Session(NamedTuple):
 
 
 class _Burst(NamedTuple):
-    """Burst that is being sent.
+    """Burst of file data that is being sent.
 
-    number: sequence number of the last packet. left: number of packets still to be sent.
+    number: sequence number of the next packet. left: number of packets still to be sent.
     """
 
     owner: tuple[int, int]
@@ -92,7 +92,7 @@ class _Burst(NamedTuple):
 
 
 class _RefusedError(Exception):
-    """Refusal of a request."""
+    """Exception: a file request is refused."""
 
     def __init__(self, why: FileError) -> None:
         super().__init__(why.name)
@@ -100,19 +100,19 @@ class _RefusedError(Exception):
 
 
 class FileTransferService:
-    """The vehicle's side of file transfer. Times `now` are the vehicle's, in 100 ns."""
+    """File transfer service of a vehicle. Times `now` are the vehicle's, in 100 ns."""
 
     names: Collection[str] = (FILE_TRANSFER,)
 
     def __init__(self, endpoint: Endpoint, files: ServedFiles, rate: float) -> None:
-        """rate: maximum rate, bytes a second."""
+        """rate: maximum rate of the transfer (byte/s)."""
         self._endpoint, self._files, self._pace = endpoint, files, Pace(rate)
         self._sessions: dict[int, _Session] = {}
         self._burst: _Burst | None = None
         self._answers: dict[tuple[int, int], tuple[bytes, list[bytes]]] = {}
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return the packet that answers a message. A burst follows later."""
+        """Return the packets that answer a request. The packets of a burst follow later, from `due`."""
         owner, payload = (message.system, message.component), bytes(message.get("payload"))
         last_payload, last_answer = self._answers.get(owner, (b"", []))
         if payload == last_payload:
@@ -133,7 +133,7 @@ class FileTransferService:
         return [self._pack(owner, answer) for answer in answers]
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return the next packet of a burst, if due."""
+        """Return the next packet of a burst, if one is due."""
         burst = self._burst
         if burst is None or not self._pace.is_due(now):
             return []
@@ -156,7 +156,7 @@ class FileTransferService:
         return [packet]
 
     def _follow(self, request: _Request, owner: tuple[int, int], now: int, is_armed: bool) -> bytes | None:
-        """Carry out a request. Return the data of its answer, or None if a burst of packets is the answer."""
+        """Carry out a file request. Return the data of the answer, or None if a burst of packets answers."""
         operation = request.operation
         if operation == Operation.NONE:
             return b""
@@ -234,7 +234,7 @@ class FileTransferService:
 
 
 def _make_answer(request: _Request, operation: Operation, data: bytes, is_last: bool = False) -> bytes:
-    """Return the payload of an answer."""
+    """Return the payload of an answer to a file request."""
     asked, number = request.operation, (request.number + 1) & 0xFFFF
     head = HEAD.pack(number, request.session, operation, len(data), asked, is_last, 0, request.offset)
     return (head + data).ljust(PAYLOAD, b"\0")

@@ -1,7 +1,7 @@
-"""Identity that two ends compare by hash: name, version, messages, periods, and every number of the world.
+"""Identity of a scenario that two ends compare by hash: name, version, messages, periods, all numbers of the world.
 
 An identity is a text by path, e.g. "world.vehicle.mass" -> "2.6". Its digest is the first 8 bytes of the SHA-256 of its
-sorted lines. It is requested by MAVLink's TUNNEL with private types, line by line, only if the digests differ:
+sorted lines. Only if the digests differ, lines are requested one by one, by MAVLink's TUNNEL with private types:
 
     request    index (2)
     line       number of lines (2)   index (2)   digest (8)   "path=text" (UTF-8, cut at 116 bytes)
@@ -26,11 +26,11 @@ REQUEST_TYPE, LINE_TYPE = 0xF474, 0xF475
 REQUEST, LINE = struct.Struct("<H"), struct.Struct("<HH8s")
 PAYLOAD = 128
 MOST_NUMBERS = 4
-"""Maximum length of a table whose numbers are shown; a longer table is compared, and shown, by its hash."""
+"""Maximum length of a table whose numbers are shown. A longer table is compared and shown by its hash."""
 MOST_LINES = 4096
 ASK_PERIOD, LINES_PERIOD, LINES_AT_ONCE = ms(500), ms(100), 5
 MOST_ASKS = 4
-"""Number of unanswered questions after which the vehicle counts as one without an identity."""
+"""Number of unanswered questions after which the vehicle counts as a vehicle without an identity."""
 
 
 def format_value(value: Any) -> str:
@@ -47,21 +47,21 @@ def format_value(value: Any) -> str:
 
 
 def digest_number(digest: bytes) -> int:
-    """Return a digest as a whole number that a parameter of a command, a float of 32 bits, can hold; 0 for none."""
+    """Convert a digest to a whole number that fits into a command's parameter, a 32-bit float; 0 for no digest."""
     return int.from_bytes(digest[:3], "little") | 1 if digest else 0
 
 
 def identity_digest(entries: Mapping[str, str]) -> bytes:
-    """Return eight bytes that differ if the identities do."""
+    """Return a hash of an identity, eight bytes."""
     lines = sorted(f"{path}={text}" for path, text in entries.items())
     return hashlib.sha256("\n".join(lines).encode()).digest()[:8]
 
 
 class IdentityService:
-    """The vehicle's side: it sends the identity of its scenario line by line."""
+    """Service of a vehicle that sends the identity of its scenario line by line."""
 
     def __init__(self, endpoint: Endpoint, entries: Mapping[str, str]) -> None:
-        """entries: text by path."""
+        """entries: path of each setting of the identity -> text."""
         self._endpoint, self._entries = endpoint, dict(sorted(entries.items()))
         self._digest = identity_digest(self._entries)
 
@@ -73,11 +73,11 @@ class IdentityService:
 
     @property
     def number(self) -> int:
-        """Hash number of the current identity, for requests to arm."""
+        """Hash number of the vehicle's current identity, with which requests to arm are compared."""
         return digest_number(self._digest)
 
     def answer(self, message: Message) -> list[bytes]:
-        """Return the packets that answer a message; none if it is not a request for this end."""
+        """Return the packets that answer a message; none if the message is not an identity request to this vehicle."""
         index = _parse_request(message)
         if index is None or message.get("target_system") not in (0, self._endpoint.system) or not self._entries:
             return []
@@ -88,7 +88,7 @@ class IdentityService:
 
 
 class SettingDifference(NamedTuple):
-    """Setting in which two ends differ. A text is empty if that end has no such setting."""
+    """Setting that differs between two ends. `ours` or `theirs` is empty if that end does not have the setting."""
 
     path: str
     theirs: str
@@ -99,13 +99,13 @@ class SettingDifference(NamedTuple):
 
 
 class IdentityComparison:
-    """The autopilot's side: it asks for the vehicle's identity, and lists the settings that differ.
+    """Comparison at the autopilot's end: it asks for the vehicle's identity, and lists the settings that differ.
 
     Times `now` are this end's, in 100 ns.
     """
 
     def __init__(self, endpoint: Endpoint, entries: Mapping[str, str]) -> None:
-        """entries: text by path."""
+        """entries: path of each setting of this end's identity -> text."""
         self._endpoint, self._entries = endpoint, dict(entries)
         self._digest = identity_digest(self._entries)
         self._lines: dict[int, bytes] = {}
@@ -121,13 +121,11 @@ class IdentityComparison:
 
     @property
     def number(self) -> int:
-        """Hash number of the vehicle's compared identity, for requests to arm; 0 if the vehicle does not report an
-        identity.
-        """
+        """Hash number of the vehicle's identity, for requests to arm; 0 if the vehicle does not report an identity."""
         return digest_number(self._known)
 
     def due(self, now: int, system: int, component: int) -> list[bytes]:
-        """Return the questions to the vehicle that are due now.
+        """Return the packets of the identity questions to the vehicle that are due now.
 
         Even after the comparison, one question is repeated regularly, because a setting may change.
         """
@@ -147,14 +145,14 @@ class IdentityComparison:
         if message.get("payload_type") != LINE_TYPE or len(data) < LINE.size:
             return
         count, index, digest = LINE.unpack_from(data)
-        if digest != self._theirs or count != self._count:  # first answer, or a setting has changed since
+        if digest != self._theirs or count != self._count:  # first answer, or a setting has changed
             self._theirs, self._count, self._lines = digest, min(count, MOST_LINES), {}
         self._lines[index] = data[LINE.size :]
         self.is_known = digest == self._digest or len(self._lines) >= self._count
         self._known = digest if self.is_known else self._known
 
     def differences(self, is_accepted: Callable[[str], bool] = lambda path: False) -> list[SettingDifference]:
-        """Return the differences that are not accepted, by path; empty until the vehicle's identity is known."""
+        """Return the differences that are not accepted, sorted by path. Empty until the vehicle's identity is known."""
         if not self.is_known or self._theirs == self._digest:
             return []
         theirs = dict(_split_line(line) for line in self._lines.values())
@@ -167,8 +165,8 @@ class IdentityComparison:
 
 
 def cut_line(path: str, text: str) -> bytes:
-    """Return the line of a setting as it is sent."""
-    return f"{path}={text}".encode()[: PAYLOAD - LINE.size].decode("utf-8", "ignore").encode()  # no part of a letter
+    """Return the line of a setting, cut to the length that is sent."""
+    return f"{path}={text}".encode()[: PAYLOAD - LINE.size].decode("utf-8", "ignore").encode()  # no incomplete letter
 
 
 def _split_line(line: bytes) -> tuple[str, str]:

@@ -1,6 +1,6 @@
-"""Logs by MAVLink's own messages, which most stations' log pages use: a list, and the bytes, 90 at a time.
+"""Log download by MAVLink's log messages, which most ground stations use: list of logs, then 90 bytes per message.
 
-Nothing is erased over a link. While the vehicle is armed a log has no bytes, as in `wire.file_transfer`.
+Logs are never erased over a link. While the vehicle is armed, no log can be read, as in `file_transfer`.
 Source: https://mavlink.io/en/messages/common.html, LOG_REQUEST_LIST and after.
 """
 
@@ -24,12 +24,12 @@ class _Download(NamedTuple):
 
 
 class LogService:
-    """The vehicle's side of log download. Times `now` are the vehicle's, in 100 ns."""
+    """Log download service of a vehicle. Times `now` are the vehicle's, in 100 ns."""
 
     names: Collection[str] = ("LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_ERASE", "LOG_REQUEST_END")
 
     def __init__(self, endpoint: Endpoint, files: ServedFiles, rate: float) -> None:
-        """rate: maximum rate, bytes a second."""
+        """rate: maximum rate of the download (byte/s)."""
         self._endpoint, self._files, self._pace = endpoint, files, Pace(rate)
         self._entries: deque[tuple[int, FileEntry]] = deque()
         self._count = 0
@@ -37,7 +37,7 @@ class LogService:
         self._download: _Download | None = None
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return the immediate answer to a message. Lists and bytes follow later."""
+        """Return the immediate answer to a message. Entries of a list, and bytes of a log, follow later from `due`."""
         if message.name == "LOG_REQUEST_LIST":
             return self._start_list(message.get("start"), message.get("end"), is_armed)
         if message.name == "LOG_REQUEST_DATA":
@@ -82,7 +82,7 @@ class LogService:
         log, offset, count = (message.get(name) for name in ("id", "ofs", "count"))
         if self._download is None or self._download.log != log:
             self._close()
-            if log not in self._names:  # some stations ask without a list, or after the vehicle has restarted
+            if log not in self._names:  # some stations ask without a list, or after a restart of the vehicle
                 self._list_logs(is_armed)
             file = None if is_armed else self._files.open(f"{LOGS}/{self._names.get(log, '')}")
             if file is None:
@@ -92,7 +92,7 @@ class LogService:
         return []
 
     def _next_piece(self, download: _Download) -> bytes:
-        """Return one packet. Fewer than 90 bytes mark the end of the log."""
+        """Return the next packet of a download. A packet with fewer than 90 bytes marks the end of the log."""
         data = download.file.read(download.offset, min(PIECE, download.end - download.offset))
         end = download.offset + len(data)
         if len(data) < PIECE or end >= download.end:

@@ -1,8 +1,8 @@
-"""Missions, fences and rally points. The vehicle has none, so every request is answered at once: none, or refused.
+"""Missions, fences and rally points. The vehicle has none. Each request is answered at once: 0 items, or refused.
 
-    asked for        MISSION_REQUEST_LIST        MISSION_COUNT 0
-    cleared          MISSION_CLEAR_ALL, or MISSION_COUNT 0 sent    MISSION_ACK accepted: it is as asked for
-    anything else    MISSION_ACK unsupported, or invalid sequence for a part that isn't there
+    list     MISSION_REQUEST_LIST                     answer: MISSION_COUNT 0
+    clear    MISSION_CLEAR_ALL, or MISSION_COUNT 0    answer: MISSION_ACK accepted, as the list is empty
+    other                                             answer: MISSION_ACK unsupported, or invalid sequence for an item
 
 Source: https://mavlink.io/en/services/mission.html.
 """
@@ -15,7 +15,7 @@ from trimtab.flight.mavlink.endpoint import Endpoint
 
 
 class MissionResult(IntEnum):
-    """MAV_MISSION_RESULT."""
+    """Results of a request about missions: MAVLink's MAV_MISSION_RESULT."""
 
     ACCEPTED = 0
     UNSUPPORTED = 3
@@ -36,7 +36,7 @@ LIST_REQUEST = "MISSION_REQUEST_LIST"
 
 
 class MissionService:
-    """The vehicle's answers to requests about missions."""
+    """Service of a vehicle that answers requests about missions."""
 
     names: Collection[str] = (LIST_REQUEST, *RESULTS)
 
@@ -45,7 +45,7 @@ class MissionService:
         self._endpoint = endpoint
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return the packet that answers a message."""
+        """Return the packet that answers a request about missions."""
         to = {"target_system": message.system, "target_component": message.component}
         if "mission_type" in message.definition.where:
             to["mission_type"] = message.get("mission_type")

@@ -1,9 +1,9 @@
 """Parameters of a vehicle for ground stations: names of 16 characters, values of 32 bits.
 
-A name is made of the path: initials of the leading parts, then its own name, "world.vehicle.mass" -> WV_MASS. A long
-one is shortened word by word. A name that is used twice or still too long ends in five digits of its path's hash. Lists
-are sent at a limited rate, and a change is answered with the value in force. A list starts with a hash of all names
-and values. A station with the same hash needs no list: it sets _HASH_CHECK.
+A name is made from the path: initials of the leading parts, then the last part, e.g. WV_MASS for "world.vehicle.mass".
+A long name is shortened word by word. A name that is used twice, or still too long, ends in five digits of its path's
+hash. Lists are sent at a limited rate. A change is answered with the value in force. A list starts with a hash of all
+names and values. A station that has the same hash needs no list, and sets _HASH_CHECK.
 Source: https://mavlink.io/en/services/parameter.html (values as C casts); _HASH_CHECK is PX4's.
 """
 
@@ -27,7 +27,7 @@ from trimtab.flight.mavlink.protocol import REAL_32, ParameterChange
 
 LONGEST = 16
 MOST_NUMBERS = 64
-"""Quantities with more numbers are tables, not parameters: lists would take minutes."""
+"""Maximum number of numbers in a parameter. Larger quantities are tables: to list them would take minutes."""
 FLOAT = struct.Struct("<f")
 WORD = 4
 """Number of letters to which the words of a long name are shortened."""
@@ -35,20 +35,20 @@ HASH, UNSTATED, UNSIGNED_32, NO_INDEX = "_HASH_CHECK", 0, 5, 0xFFFF
 PERIOD = seconds("0.02")
 """Time between two values of a list."""
 SMALLEST = 2.0**-126
-"""Smallest normal number of 32 bits. The bytes of an integer, read as such a number, are usually smaller."""
+"""Smallest normal 32-bit float. The bytes of an integer, misread as a float, usually give a smaller number."""
 LARGEST_FACTOR = 10.0
-"""Factor by which a number may differ from its value at the start, where its declaration has no bound."""
+"""Factor by which a number without a declared bound may differ from its value at the start."""
 FAULT = "fault"
-"""Part of the path of a fault's numbers. Their values at the start are zeros, which give no bounds."""
+"""Part of the path of a fault's numbers. They are zero at the start, so their start values give no bounds."""
 
 
 ChangedValues = Mapping[str, list[float]]
-"""Path of a leaf of the records -> all numbers of the leaf."""
+"""Path of a leaf of the records (a number or an array) -> all numbers of the leaf."""
 NO_STORE = "no file (--parameters FILE)"
 
 
 class Parameter(NamedTuple):
-    """One parameter: name on the wire, path and index of the number, and declaration."""
+    """Parameter: its MAVLink name, path of its leaf, index of the number in the leaf, and declaration."""
 
     name: str
     path: str
@@ -57,10 +57,10 @@ class Parameter(NamedTuple):
 
 
 class Parameters:
-    """Numbers of a tree of records, in the order of their declaration, by name and by index."""
+    """Parameters of a tree of records, in the order of declaration, accessible by name and by index."""
 
     def __init__(self, tree: Any, path: str = "", only: Container[str] | None = None) -> None:
-        """Collect all quantities of a record except tables, e.g. a scenario's world. `path` is a prefix of all paths.
+        """Collect all quantities of a record, e.g. a scenario's world, except tables. `path` is a prefix of all paths.
 
         only: paths to include; None: all.
         """
@@ -80,12 +80,12 @@ class Parameters:
         self._places = {(p.path, p.slot): k for k, p in enumerate(self.listed)}
 
     def table(self) -> dict[str, tuple[str, int]]:
-        """Return name -> path of the leaf and index of the number."""
+        """Return parameter name -> path of the leaf, and index of the number in the leaf."""
         return {p.name: (p.path, p.slot) for p in self.listed}
 
     @property
     def digest(self) -> int:
-        """CRC-32 without inversions of each name and value (4 bytes), in the order of the names."""
+        """CRC-32, without inversions, of all names and values (4 bytes each), in the order of the names."""
         pairs = sorted(zip([p.name for p in self.listed], self.values, strict=True))
         data = b"".join(name.encode() + FLOAT.pack(round_to_float32(value)) for name, value in pairs)
         return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
@@ -99,20 +99,21 @@ class Parameters:
         return changed
 
     def find_index(self, name: str, index: int) -> int | None:
-        """Return the index of the requested parameter: by name if the index is negative."""
+        """Return the index of the requested parameter, or None. The name is used if the index is negative."""
         if index < 0:
             return self._index.get(name)
         return index if index < len(self.listed) else None
 
     def index_of(self, path: str, slot: int) -> int | None:
-        """Return the parameter index of a number of a leaf; None if the number is not a parameter."""
+        """Return the index of the parameter for a number of a leaf; None if the number is not a parameter."""
         return self._places.get((path, slot))
 
     def bounds(self, index: int) -> tuple[float, float]:
-        """Return the least and the largest value that a ground station may write.
+        """Return the smallest and the largest value that a ground station may write.
 
-        They are those of the declaration. Where it has none, the value at the start bounds the number. A positive
-        number is within a tenth and ten times of it, and any other number within ten times its size, at least ten.
+        These are the declared bounds. If a bound is not declared, it is derived from the value at the start. For a
+        positive number, the bounds are a tenth and ten times that value. For other numbers, the value may change by ten
+        times its magnitude, and by at least ten.
         """
         own, start = self.listed[index], self.defaults[index]
         declared = own.declaration
@@ -129,7 +130,7 @@ class Parameters:
     def change_value(self, index: int, value: float) -> str:
         """Set a value if its declaration allows it. Return the reason for a refusal, or an empty string.
 
-        A value that reads the same on the wire stays as it is, with all its digits.
+        If the new value equals the old value as a 32-bit float, the old value is kept with all its digits.
         """
         if round_to_float32(self.values[index]) == value:
             return ""
@@ -192,14 +193,14 @@ def _refusal(declared: Quantity, value: float, bounds: tuple[float, float]) -> s
         return f"must be at most {declared.high:g}"
     low, high = bounds
     if value < low:
-        return f"must be at least {low:g} in flight; a restart with --set takes smaller ones"
+        return f"must be at least {low:g} in flight; a restart with --set accepts smaller values"
     if value > high:
-        return f"must be at most {high:g} in flight; a restart with --set takes larger ones"
+        return f"must be at most {high:g} in flight; a restart with --set accepts larger values"
     return ""
 
 
 class ParameterService:
-    """Service for the parameters of one vehicle. Times are the vehicle's, in 100 ns."""
+    """MAVLink service for the parameters of one vehicle. Times are the vehicle's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, parameters: Parameters) -> None:
         """Start with no list requested."""
@@ -208,7 +209,7 @@ class ParameterService:
         self._sent_at: int | None = None
 
     def start_list(self) -> None:
-        """Send the hash, then every value, as they become due. A repeated request sends the values alone."""
+        """Start to send the hash, then every value, at a limited rate. A repeated request sends the values only."""
         values = range(len(self._parameters.listed))
         self._listing = deque(values if self._listing else [None, *values])
 
@@ -221,14 +222,14 @@ class ParameterService:
         return [self._hash_packet() if index is None else self.value(index)]
 
     def read(self, message: Message) -> list[bytes]:
-        """Return the value that a PARAM_REQUEST_READ asks for; empty if there is no such parameter."""
+        """Return the packet of the value that a PARAM_REQUEST_READ requests; empty if the parameter does not exist."""
         if message.get("param_index") < 0 and message.get("param_id") == HASH:
             return [self._hash_packet()]
         index = self._parameters.find_index(message.get("param_id"), message.get("param_index"))
         return [] if index is None else [self.value(index)]
 
     def change_value(self, message: Message) -> tuple[list[bytes], list[ParameterChange], str]:
-        """Handle a PARAM_SET. Return the value in force, the event if it has changed, and why it was refused."""
+        """Handle a PARAM_SET. Return the packet of the value in force, any change, and any reason for refusal."""
         name = message.get("param_id")
         if name == HASH:  # the station has all values
             self._listing.clear()
@@ -252,10 +253,10 @@ class ParameterService:
         fields |= {"param_count": len(self._parameters.listed)}
         payload = definition.packing.pack(*arrange_values(definition, fields))
         bits = self._parameters.digest.to_bytes(FLOAT.size, "little")
-        return self._endpoint.pack("PARAM_VALUE", bits + payload[len(bits) :])  # the value stands first
+        return self._endpoint.pack("PARAM_VALUE", bits + payload[len(bits) :])  # the value comes first
 
     def value(self, index: int) -> bytes:
-        """Return the packet of a value."""
+        """Return the packet with the value of a parameter."""
         own = self._parameters.listed[index]
         fields = {"param_id": own.name, "param_value": self._parameters.values[index], "param_type": REAL_32}
         fields |= {"param_count": len(self._parameters.listed), "param_index": index}

@@ -1,9 +1,9 @@
-"""Files that a vehicle serves: documents held in memory, and the logs of one folder. Nothing is written.
+"""Files that a vehicle serves: documents in memory, and the logs of one folder. Files are never written.
 
     /NAME         a document
-    /logs/NAME    a log: a plain file of the log folder itself, with one of LOG_ENDINGS
+    /logs/NAME    a log: a regular file directly in the log folder, with one of LOG_ENDINGS
 
-A path is split before anything is opened: no other folder, no hidden file and no link can be named.
+A path is checked before a file is opened, so that no other folder, hidden file or symbolic link can be read.
 """
 
 import contextlib
@@ -22,15 +22,15 @@ LOGS = "logs"
 LOG_ENDINGS = (".mcap", ".txt")
 LARGEST_NAME = 200
 MOST_ENTRIES = 2000
-"""Largest number of entries of the log folder that one listing looks at."""
+"""Maximum number of entries of the log folder that a listing reads."""
 PATIENCE_S = 0.005
-"""Longest wait of the loop for a listing (s). After a longer listing, the answer is the last list."""
+"""Longest wait of the loop for a listing (s). If the listing takes longer, the answer is the previous list."""
 LISTING_PERIOD_S = 0.5
-"""Shortest time between two listings (s). Requests in between get the last list, which a station reads in parts."""
+"""Shortest time between two listings (s). Until then, requests get the previous list, in parts if it is long."""
 
 
 class FileEntry(NamedTuple):
-    """One file. size: bytes.  time: last modification (s since 1970); 0 if not known."""
+    """Served file. size: number of bytes.  time: last modification (s since 1970); 0: unknown."""
 
     name: str
     size: int
@@ -46,11 +46,11 @@ class OpenFile:
 
     @property
     def is_log(self) -> bool:
-        """Return whether reading may wait for a disk."""
+        """Return True for a log, whose reading may wait for a disk."""
         return isinstance(self._data, int)
 
     def read(self, offset: int, size: int) -> bytes:
-        """Return bytes of the file; fewer at the end, none beyond it or if the disk fails."""
+        """Return `size` bytes of the file; fewer at its end; none beyond its end or if the disk fails."""
         size = max(min(size, self.size - offset), 0)
         if isinstance(self._data, bytes):
             return self._data[offset : offset + size]
@@ -60,7 +60,7 @@ class OpenFile:
             return b""
 
     def close(self) -> None:
-        """Close the descriptor."""
+        """Close the descriptor of the file."""
         if isinstance(self._data, int):
             with contextlib.suppress(OSError):
                 os.close(self._data)
@@ -68,7 +68,7 @@ class OpenFile:
 
 
 class ServedFiles:
-    """Files that one vehicle serves."""
+    """Documents and logs that one vehicle serves."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class ServedFiles:
         folder: Path | None = None,
         patience: float = PATIENCE_S,
     ) -> None:
-        """Start without open files.
+        """Prepare to serve documents and logs.
 
         Args:
             documents: name -> content.
@@ -88,7 +88,7 @@ class ServedFiles:
         self._lister: threading.Thread | None = None
 
     def list_logs(self, *, is_armed: bool) -> list[FileEntry]:
-        """Return the logs by name. A thread lists them, since a disk may hang; while armed, return the last list."""
+        """Return the logs by name. A thread lists them, since a disk may hang. While armed, return the last list."""
         if is_armed:
             return self._listed
         if self.folder is not None and (self._lister is None or not self._lister.is_alive()):
@@ -100,7 +100,7 @@ class ServedFiles:
 
     def _list(self, folder: Path, ready: threading.Event) -> None:
         if hasattr(os, "sched_setscheduler"):
-            with contextlib.suppress(OSError):  # a thread inherits real-time scheduling, which listing must not have
+            with contextlib.suppress(OSError):  # the thread inherits real-time scheduling; reset it
                 os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         entries = list[FileEntry]()
         with contextlib.suppress(OSError), os.scandir(folder) as found:
@@ -113,12 +113,12 @@ class ServedFiles:
         SYSTEM_CLOCK.wait(None, LISTING_PERIOD_S)
 
     def has_document(self, path: str) -> bool:
-        """Return whether a document, which needs no disk, is at a path."""
+        """Return True if the path is that of a document, which is read without a disk."""
         parts = _split_path(path)
         return parts is not None and len(parts) == 1 and parts[0] in self.documents
 
     def list_folder(self, path: str, *, is_armed: bool) -> tuple[list[str], list[FileEntry]] | None:
-        """Return folders and files at a path; None if there is no such folder."""
+        """Return folders and files in the folder at a path; None if the folder does not exist."""
         parts = _split_path(path)
         if parts == []:
             return [LOGS], [FileEntry(name, len(data)) for name, data in sorted(self.documents.items())]
@@ -143,18 +143,18 @@ class ServedFiles:
 
 
 class Pace:
-    """Pacer of packets, so that a transfer does not exceed a rate."""
+    """Pacer of packets, which keeps a transfer below a maximum rate."""
 
     def __init__(self, rate: float) -> None:
-        """rate: bytes a second."""
+        """rate: maximum rate (byte/s)."""
         self._rate, self._next = rate, 0
 
     def is_due(self, now: int) -> bool:
-        """Return whether a packet may be sent now. Times in 100 ns."""
+        """Return True if a packet may be sent at time `now` (100 ns)."""
         return now >= self._next
 
     def count(self, size: int, now: int, share: float = 1.0) -> None:
-        """Count a packet of this size that is sent now. share: share of the rate that is available."""
+        """Count a packet of `size` bytes that is sent now. share: available fraction of the maximum rate."""
         self._next = now + int(size / (self._rate * share) * UNITS_PER_SECOND)
 
 

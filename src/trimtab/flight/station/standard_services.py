@@ -1,7 +1,7 @@
-"""Vehicle's end of the standard protocol: a state machine without I/O, driven by messages and by the time.
+"""Vehicle's end of MAVLink's standard services: a state machine without I/O, driven by messages and by the time.
 
-Heartbeat, time synchronisation, arming, modes, parameters, versions, status text, a pilot's channels. Requests to the
-vehicle are returned as events. The vehicle acts on them, and sets `status` to what it reports.
+The services are heartbeat, time synchronisation, arming, modes, parameters, versions, status text, and a pilot's
+channels. Requests to the vehicle are returned as events. The vehicle acts on them, and sets the reported `status`.
 Source: https://mavlink.io/en/services/ (heartbeat, command, parameter, timesync) and messages/common.html.
 """
 
@@ -41,12 +41,12 @@ from trimtab.vehicles.vehicle_type import VehicleType
 
 HEARTBEAT_PERIOD = seconds(1)
 LISTENING_TIME = seconds(10)
-"""Another system counts as listening for this time after its last heartbeat."""
+"""Time after its last heartbeat for which another system counts as listening."""
 VERSION_REQUEST = CommandCode.REQUEST_MESSAGE, VERSION_MESSAGE
 
 
 WRITE_STORAGE, RESET_STORAGE = 1, 2
-"""First parameter of PREFLIGHT_STORAGE: write, reset."""
+"""Values of the first parameter of PREFLIGHT_STORAGE: write, and reset."""
 OWNED_COMMANDS = CommandCode.ARM, CommandCode.REQUEST_CONTROL
 """Commands whose acknowledgements carry the session of the vehicle's owner."""
 
@@ -54,10 +54,10 @@ OWNED_COMMANDS = CommandCode.ARM, CommandCode.REQUEST_CONTROL
 class Status(NamedTuple):
     """Status that the vehicle reports.
 
-    arming_problem: why it cannot be armed, empty if it can.  confirmation_problem: why it cannot be armed without a
-    confirmation of the user.  closed_modes: mode -> why it cannot be entered now.
-    autopilot_problem: why its autopilot cannot be asked to hold, resume or end; empty if it can.
-    identity: hash number of its settings, see `identity.digest_number`.
+    arming_problem: reason why the vehicle cannot be armed, or "".  confirmation_problem: reason why it cannot be armed
+    without a confirmation by the user, or "".  closed_modes: mode -> reason why the mode cannot be entered now.
+    autopilot_problem: reason why the autopilot cannot be asked to hold, resume or end, or "".
+    identity: hash number of the vehicle's settings, see `identity.digest_number`.
     """
 
     mode: int = 0
@@ -78,7 +78,7 @@ class StationResponse(NamedTuple):
 
 
 class Service(Protocol):
-    """Service that answers requests of one kind for a vehicle. Times `now` are the vehicle's, in 100 ns."""
+    """Interface of a service that answers one kind of request for a vehicle. Times are the vehicle's, in 100 ns."""
 
     @property
     def names(self) -> Collection[str]:
@@ -86,11 +86,11 @@ class Service(Protocol):
         ...
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return the packets that answer a message."""
+        """Return the packets that answer a message, which is one of `names`."""
         ...
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """Return the packets that are due now."""
+        """Return the packets of the service that must be sent now."""
         ...
 
 
@@ -99,15 +99,15 @@ def _arming_sender(message: Message) -> Sender:
 
 
 class Station:
-    """Vehicle's end. Set `status` whenever the vehicle's status changes. All times `now` are the vehicle's, in 100 ns.
+    """Vehicle's end of the standard protocol. Set `status` when the status changes. Times are the vehicle's, in 100 ns.
 
     Args:
         endpoint: endpoint that packs the replies; pass the messages it accepts to `handle_message`.
         parameters: parameters that ground stations can read and change.
         modes: number of a mode -> its name for the user.
-        vehicle: type that the vehicle reports.
+        vehicle: MAVLink's type of the vehicle.
         streams: telemetry, sent while another system (a ground station) is listening.
-        authority: owner of the vehicle; None: no owner yet.
+        authority: record of the vehicle's owner; None: a new record without an owner.
         services: services for further messages.
         store: stores changed parameters for the next start, or None to clear them; returns the reason for a failure, or
             "".
@@ -129,7 +129,7 @@ class Station:
         tell: Callable[[str], None] = lambda _: None,
         arming_checks: Callable[[], Sequence[ArmingCheck]] = lambda: (),
     ) -> None:
-        """Start with a vehicle at rest."""
+        """Start with a disarmed vehicle."""
         if not modes:
             raise InputError("station", "needs at least one mode", fix='give modes={0: "MANUAL", …}')
         self._endpoint, self._modes, self._vehicle = endpoint, dict(modes), vehicle
@@ -164,7 +164,7 @@ class Station:
         }
 
     def handle_message(self, message: Message, now: int) -> StationResponse:
-        """Handle a message. Messages for other systems, and unknown ones, have no effect."""
+        """Handle a message. Unknown messages, and messages for other systems, have no effect."""
         response = StationResponse([], [])
         answer, service = self._answers.get(message.name), self._services.get(message.name)
         if (answer is None and service is None) or not self._is_for_us(message):
@@ -177,7 +177,7 @@ class Station:
         return response
 
     def due(self, now: int) -> list[bytes]:
-        """Return the packets due now: heartbeats (at once when the state changes), texts, streams, parameters."""
+        """Return the packets to send now: heartbeats (at once after a change of state), texts, streams, parameters."""
         packets = self.texts.pack_texts()
         state = self.status.armed, self.status.state
         is_due = self._heartbeat_at is None or not 0 <= now - self._heartbeat_at < HEARTBEAT_PERIOD
@@ -191,7 +191,7 @@ class Station:
         return packets + self._parameters.due(now)
 
     def queue_text(self, severity: Severity, text: str) -> None:
-        """Queue a line for the user, sent with the next packets. Lines in excess are dropped and counted."""
+        """Queue a line of text for ground stations. Lines that do not fit into the queue are dropped and counted."""
         self.texts.queue_text(severity, text)
 
     def _warn(self, text: str) -> None:
@@ -202,7 +202,7 @@ class Station:
         return self._endpoint.pack(name, fields)
 
     def _is_for_us(self, message: Message) -> bool:
-        """Return whether a message is addressed to this system and component, to all, or to none."""
+        """Return True if a message is addressed to this system and component, to all, or has no address."""
         where = message.definition.where
         for field, own in (("target_system", self._endpoint.system), ("target_component", self._endpoint.component)):
             if field in where and message.get(field) not in (0, own):
@@ -302,7 +302,7 @@ class Station:
         return CommandResult.ACCEPTED
 
     def _run_checks(self, message: Message, response: StationResponse) -> CommandResult:
-        """Report each check to the sender, and failing checks to ground stations."""
+        """Report the checks before arming: all of them to the sender, and failing checks to ground stations."""
         if self.status.armed:
             return CommandResult.NOT_NOW
         checks = self._arming_checks()
@@ -313,9 +313,9 @@ class Station:
         return CommandResult.ACCEPTED
 
     def _has_changed(self, identity: float) -> bool:
-        """Return True if a request to arm was made for other settings.
+        """Return True if the settings have changed since the sender of a request to arm compared them.
 
-        A request without a settings number is not checked.
+        A request without a hash number of the settings is not checked.
         """
         own = self.status.identity
         return not self.status.armed and own != 0 and math.isfinite(identity) and identity not in (0, own)
@@ -339,7 +339,7 @@ class Station:
         return CommandResult.ACCEPTED
 
     def _change_mode(self, flags: int, mode: float, response: StationResponse, part: float = 0.0) -> CommandResult:
-        """Enter a mode if there is one of this number. part: sub-mode as in PX4; this vehicle has no sub-modes."""
+        """Request a mode by its number, if it exists. part: sub-mode as in PX4; this vehicle has no sub-modes."""
         has_parts = part == part and part != 0  # NaN means not given
         if not flags & ModeFlag.CUSTOM or mode not in self._modes or has_parts:
             known = ", ".join(f"{number} {name}" for number, name in self._modes.items())

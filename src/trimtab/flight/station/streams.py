@@ -1,7 +1,7 @@
 """Telemetry of a vehicle: messages sent repeatedly, and lines of text for the user.
 
 Each message has its own rate, which ground stations may change. At most one message is sent per call, so that a slow
-link never gets a burst. A long line of text is sent in several messages. Lines in excess are dropped.
+link never gets a burst. A long line of text is sent in several messages. Lines that exceed the queue are dropped.
 Source: https://mavlink.io/en/mavgen_python/howto_requestmessages.html; common.html, MAV_DATA_STREAM and STATUSTEXT.
 """
 
@@ -17,7 +17,7 @@ from trimtab.flight.mavlink.protocol import CommandCode, CommandResult, Severity
 from trimtab.flight.station.telemetry import UNITS_PER_US
 
 PIECE = 50
-"""Bytes of text in one message."""
+"""Maximum number of bytes of text in one message."""
 WAITING_TEXTS_MAX = 20
 """Maximum number of waiting text messages."""
 FASTEST = ms(20)
@@ -32,15 +32,15 @@ STREAMS: Mapping[int, frozenset[str]] = {
     10: frozenset({"ATTITUDE"}),
     11: frozenset({"VFR_HUD"}),
 }
-"""Number of a stream in REQUEST_DATA_STREAM -> messages of the stream."""
+"""Number of a stream in REQUEST_DATA_STREAM -> names of the messages of the stream."""
 INTERVAL, HOME = "MESSAGE_INTERVAL", "HOME_POSITION"
 
 
 class TextQueue:
-    """Lines that wait to be sent. `dropped` counts the lines that were lost because the queue was full."""
+    """Queue of lines of text to be sent. `dropped` counts lines that were lost because the queue was full."""
 
     def __init__(self, endpoint: Endpoint) -> None:
-        """Start without lines."""
+        """Start with an empty queue."""
         self._endpoint = endpoint
         self._waiting: deque[tuple[Severity, bytes, int, int]] = deque()
         self._number = 0
@@ -57,7 +57,7 @@ class TextQueue:
         self._waiting.extend((severity, piece, number, k) for k, piece in enumerate(pieces))
 
     def pack_texts(self) -> list[bytes]:
-        """Return all waiting lines, packed."""
+        """Return the packets of all waiting lines."""
         packets = [
             self._endpoint.pack("STATUSTEXT", {"severity": severity, "text": piece, "id": number, "chunk_seq": k})
             for severity, piece, number, k in self._waiting
@@ -67,14 +67,14 @@ class TextQueue:
 
 
 def pack_text(endpoint: Endpoint, severity: Severity, text: str) -> list[bytes]:
-    """Return the packets of one line, for an end that rarely sends text."""
+    """Return the packets of one line of text, for an end that needs no queue."""
     queue = TextQueue(endpoint)
     queue.queue_text(severity, text)
     return queue.pack_texts()
 
 
 class TextAssembly:
-    """Assembly of lines from their pieces. A line with a lost piece is dropped."""
+    """Assembler of lines of text from the pieces in messages. A line with a lost piece is dropped."""
 
     def __init__(self) -> None:
         """Start without pieces."""
@@ -82,9 +82,7 @@ class TextAssembly:
         self._number = 0
 
     def join(self, message: Message) -> str | None:
-        """Return the line that a STATUSTEXT completes, with ? for unprintable characters; None while pieces are
-        missing.
-        """
+        """Return the line that a STATUSTEXT completes, with ? for unprintable characters; None: not complete yet."""
         piece, number, place = (message.get(n) for n in ("text", "id", "chunk_seq"))
         if not number:
             return _make_printable(piece)
@@ -101,9 +99,9 @@ def _make_printable(text: str) -> str:
 
 
 def _split_text(text: str) -> list[bytes]:
-    """Split a text into as many messages as it needs. If the last one is full, an empty one ends it.
+    """Split a text into pieces for messages. If the last of several pieces is full, an empty piece is added.
 
-    A letter of several bytes is not divided: blanks fill the message before it.
+    A character of several bytes is not divided: spaces fill the piece before it.
     """
     pieces = [b""]
     for letter in text:
@@ -116,14 +114,14 @@ def _split_text(text: str) -> list[bytes]:
 
 
 class TelemetryStream(NamedTuple):
-    """Message and its period. fields: its fields at a time, None if there is nothing to send."""
+    """Repeated message with its period. fields: returns the fields at a time, or None if there is nothing to send."""
 
     fields: Callable[[int], Mapping[str, Any] | None]
     period: int
 
 
 class Streams:
-    """Messages of one vehicle. Times are the vehicle's, in 100 ns."""
+    """Scheduler of the repeated messages of one vehicle. Times are the vehicle's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, streams: Mapping[str, TelemetryStream]) -> None:
         """streams: name of a message -> its stream."""
@@ -134,12 +132,12 @@ class Streams:
         self._next = 0 if self._due else FOREVER
 
     def add_on_request(self, name: str, fields: Callable[[int], Mapping[str, Any]]) -> None:
-        """Add a message that is sent on request only, since not every station knows it."""
+        """Add a message that is sent on request only, because not every ground station knows the message."""
         self._streams[name] = TelemetryStream(fields, 0)
         self._names[self._endpoint.dialect.definitions[name].id] = name
 
     def due(self, now: int) -> list[bytes]:
-        """Return the message that has been due for longest, if there is one."""
+        """Return the packet of the message that has been due for longest, or nothing."""
         if now < self._next:
             return []
         name = min(self._due, key=lambda n: self._due[n])
@@ -150,7 +148,7 @@ class Streams:
         return self._stream_packet(name, now)
 
     def handle_command(self, command: int, first: float, second: float, now: int) -> tuple[CommandResult, list[bytes]]:
-        """Handle a request for a message or its rate. Return the result and packets."""
+        """Handle a command that requests a message, or sets or reads its rate. Return result and packets."""
         if command == CommandCode.REQUEST_MESSAGE and first == self._endpoint.dialect.definitions[INTERVAL].id:
             command, first = CommandCode.GET_INTERVAL, second
         if command == CommandCode.GET_HOME:

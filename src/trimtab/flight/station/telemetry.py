@@ -1,4 +1,4 @@
-"""State of a vehicle as fields of the standard messages that ground stations show. All functions are stateless.
+"""State of a vehicle as fields of the standard messages that ground stations show. No function keeps a state.
 
 Times `now` are the vehicle's, in 100 ns; all else is in SI units, as in `core.signals.Motion`.
 Source: https://mavlink.io/en/messages/common.html.
@@ -30,7 +30,7 @@ CAPABILITIES = Capability.COMMAND_INT | Capability.FILES | Capability.MAVLINK2 |
 
 
 class Health(IntFlag):
-    """Bits of MAV_SYS_STATUS_SENSOR: parts of a vehicle."""
+    """Bits of MAV_SYS_STATUS_SENSOR, one for each part of a vehicle whose health is reported."""
 
     GYRO = 1
     ACCELEROMETER = 2
@@ -42,7 +42,7 @@ class Health(IntFlag):
 
 
 class VehicleMotion(NamedTuple):
-    """Motion of a vehicle: position in W, roll, pitch and yaw, velocity and angular velocity in B."""
+    """Motion of a vehicle: position in W; attitude as roll, pitch and yaw; velocity and angular velocity in B."""
 
     p_WB: Vector
     attitude: Vector
@@ -59,21 +59,21 @@ class Place(NamedTuple):
 
 
 def attitude(now: int, motion: VehicleMotion) -> Fields:
-    """Return ATTITUDE; angles from -pi to pi."""
+    """Return the fields of ATTITUDE. Angles are from -pi to pi."""
     angles = dict(zip(("roll", "pitch", "yaw"), map(_wrap_angle, motion.attitude), strict=True))
     rates = zip(("rollspeed", "pitchspeed", "yawspeed"), motion.w_WB_B, strict=True)
     return {"time_boot_ms": _milliseconds(now)} | angles | dict(rates)
 
 
 def local_position(now: int, motion: VehicleMotion) -> Fields:
-    """Return LOCAL_POSITION_NED; the origin is that of W."""
+    """Return the fields of LOCAL_POSITION_NED. The origin is that of W."""
     place = zip("xyz", motion.p_WB, strict=True)
     velocity = zip(("vx", "vy", "vz"), rotate_to_world(motion.attitude, motion.v_WB_B), strict=True)
     return {"time_boot_ms": _milliseconds(now)} | dict(place) | dict(velocity)
 
 
 def global_position(now: int, motion: VehicleMotion, place: Place, home: VehicleMotion) -> Fields:
-    """Return GLOBAL_POSITION_INT; heights are above the sea, and above home."""
+    """Return the fields of GLOBAL_POSITION_INT. It has the height above the sea and the height above home."""
     velocity = rotate_to_world(motion.attitude, motion.v_WB_B)
     return {
         "time_boot_ms": _milliseconds(now),
@@ -85,13 +85,13 @@ def global_position(now: int, motion: VehicleMotion, place: Place, home: Vehicle
 
 
 def home_position(now: int, p_WB: Vector, quaternion: Vector, place: Place) -> Fields:
-    """Return HOME_POSITION, without an approach. quaternion: w, x, y, z of the rotation from B to W."""
+    """Return the fields of HOME_POSITION, without an approach. quaternion: w, x, y, z of the rotation from B to W."""
     local = dict(zip("xyz", p_WB, strict=True)) | {"q": tuple(quaternion)}
     return {"time_usec": now // UNITS_PER_US} | _place_fields(place) | local | dict.fromkeys(APPROACH, math.nan)
 
 
 def global_origin(now: int, origin: Place) -> Fields:
-    """Return GPS_GLOBAL_ORIGIN: the place of the local frame's origin."""
+    """Return the fields of GPS_GLOBAL_ORIGIN, the place of the origin of W."""
     return {"time_usec": now // UNITS_PER_US} | _place_fields(origin)
 
 
@@ -101,13 +101,13 @@ def _place_fields(place: Place, names: Sequence[str] = ("latitude", "longitude",
 
 
 def battery_status() -> Fields:
-    """Return BATTERY_STATUS with all values unknown: no vehicle here measures its battery."""
+    """Return the fields of BATTERY_STATUS, all unknown: no vehicle here measures its battery."""
     voltages = (UNKNOWN_16,) * BATTERY_CELLS
     return {"voltages": voltages, "temperature": UNKNOWN_TEMPERATURE} | dict.fromkeys(UNKNOWN_OF_BATTERY, -1)
 
 
 def vfr_hud(motion: VehicleMotion) -> Fields:
-    """Return VFR_HUD. There is no wind, so airspeed is ground speed."""
+    """Return the fields of VFR_HUD. There is no wind, so the airspeed equals the ground speed."""
     north, east, down = rotate_to_world(motion.attitude, motion.v_WB_B)
     return {
         "airspeed": math.sqrt(sum(v * v for v in motion.v_WB_B)),
@@ -119,7 +119,7 @@ def vfr_hud(motion: VehicleMotion) -> Fields:
 
 
 def inertial_sample(t: int, specific_force: Vector, angular_rate: Vector, field: Vector | None = None) -> Fields:
-    """Return HIGHRES_IMU from a sample measured at t. field: of a magnetometer (T)."""
+    """Return the fields of HIGHRES_IMU for a sample measured at t. field: magnetic field (T), if measured."""
     fields: dict[str, Any] = {"time_usec": t // UNITS_PER_US, "fields_updated": 0o77 if field is None else 0o777}
     for names, values in (("acc", specific_force), ("gyro", angular_rate), ("mag", field or (0.0, 0.0, 0.0))):
         fields |= {f"{axis}{names}": v for axis, v in zip("xyz", values, strict=True)}
@@ -129,14 +129,14 @@ def inertial_sample(t: int, specific_force: Vector, angular_rate: Vector, field:
 
 
 def servo_outputs(now: int, shares: Vector) -> Fields:
-    """Return SERVO_OUTPUT_RAW: actuator commands from 1 ms at the lowest (0) to 2 ms at the highest (1)."""
+    """Return the fields of SERVO_OUTPUT_RAW: actuator commands from 1 ms (lowest, 0) to 2 ms (highest, 1)."""
     pulses = [round(LOW_PULSE + PULSE_RANGE * s) if math.isfinite(s) else 0 for s in shares[:SERVOS]]
     time = now // UNITS_PER_US & 0xFFFFFFFF
     return {"time_usec": time} | {f"servo{k + 1}_raw": pulse for k, pulse in enumerate(pulses)}
 
 
 def receiver_channels(now: int, pulses: Vector) -> Fields:
-    """Return RC_CHANNELS: pulses of the safety pilot's receiver (s), NaN for a missing channel."""
+    """Return the fields of RC_CHANNELS: pulses of the safety pilot's receiver (s), NaN for a missing channel."""
     raw = [round(p * 1e6) if math.isfinite(p) else UNKNOWN_16 for p in pulses[:RECEIVER]]
     raw += [UNKNOWN_16] * (RECEIVER - len(raw))
     count = max((k + 1 for k, v in enumerate(raw) if v != UNKNOWN_16), default=0)
@@ -145,7 +145,7 @@ def receiver_channels(now: int, pulses: Vector) -> Fields:
 
 
 def system_health(has: Health, well: Health, lost: int, accepted: int, refused: int) -> Fields:
-    """Return SYS_STATUS without a battery. lost, accepted, refused: frames of the link so far.
+    """Return the fields of SYS_STATUS, without a battery. lost, accepted, refused: counts of the link's frames so far.
 
     A missing fence is reported as healthy, since MAVProxy otherwise reports a breach.
     """
@@ -163,17 +163,17 @@ def system_health(has: Health, well: Health, lost: int, accepted: int, refused: 
 
 
 def landed_state(is_held: bool) -> Fields:
-    """Return EXTENDED_SYS_STATE: on the ground while it is held in place, otherwise unknown."""
+    """Return the fields of EXTENDED_SYS_STATE: on the ground if `is_held`, otherwise unknown."""
     return {"landed_state": ON_GROUND if is_held else 0}
 
 
 def system_time(now: int, unix: float) -> Fields:
-    """Return SYSTEM_TIME. unix: seconds since 1970 by the vehicle's computer."""
+    """Return the fields of SYSTEM_TIME. unix: wall-clock time of the vehicle's computer (s since 1970)."""
     return {"time_unix_usec": int(unix * 1e6), "time_boot_ms": _milliseconds(now)}
 
 
 def version_fields(endpoint: Endpoint) -> dict[str, Any]:
-    """Return capabilities, trimtab's version, the dialect's fingerprint, and session and system as identity."""
+    """Return the fields of AUTOPILOT_VERSION: capabilities, version, hash of the dialect, session and system."""
     numbers = [min(int(n), 255) for n in re.findall(r"\d+", f"{__version__}.0.0")[:3]]
     return {
         "capabilities": CAPABILITIES,
@@ -184,7 +184,7 @@ def version_fields(endpoint: Endpoint) -> dict[str, Any]:
 
 
 def rotate_to_world(attitude: Vector, of_body: Vector) -> tuple[float, float, float]:
-    """Return a vector of B in W: rotated by roll, then pitch, then yaw."""
+    """Convert a vector from B to W: rotate it by roll, then pitch, then yaw."""
     x, y, z = of_body
     (cr, cp, cy), (sr, sp, sy) = map(math.cos, attitude), map(math.sin, attitude)
     y, z = cr * y - sr * z, sr * y + cr * z

@@ -1,4 +1,4 @@
-"""Dialer of a listening socket: several peers may connect, and the peer that sends good packets keeps the link."""
+"""Dialer of a listening socket: several peers may connect, and the peer whose packets are accepted keeps the link."""
 
 import contextlib
 import os
@@ -15,12 +15,12 @@ MOST_WAITING = 16
 class AcceptingDialer:
     """Dialer that accepts peers from a listening socket. One peer has the link, and the others wait.
 
-    A waiting peer that has sent something comes before the peers that have sent nothing.
+    Waiting peers that have sent data get the link before peers that have not.
 
     Args:
-        listener: bound socket; it is made to listen here.
-        prepare: called with each connection.
-        closed: called when the dialer is closed.
+        listener: bound socket, on which the dialer calls listen().
+        prepare: function that is called with the socket of each connection.
+        closed: function that is called when the dialer is closed.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class AcceptingDialer:
         listener.listen(MOST_WAITING)
 
     def dial(self) -> int:
-        """Return the connection of a peer that has sent data, else of the peer that waits longest; -1: no peer."""
+        """Return the connection of a peer that has sent data, or of the longest waiting peer; -1 without a peer."""
         self._accept_waiting()
         speakers = self._find_speakers()
         if not self._waiting:
@@ -44,9 +44,9 @@ class AcceptingDialer:
         return fd
 
     def exchange(self, fd: int) -> int:
-        """Return the connection of a waiting peer that has sent data; the given one waits.
+        """Return the connection of a waiting peer that has sent data. The given connection then waits instead.
 
-        Return -1 without such a peer.
+        Return -1 if no waiting peer has sent data.
         """
         self._accept_waiting()
         speakers = self._find_speakers()
@@ -78,7 +78,7 @@ class AcceptingDialer:
         return [fd for fd, count in heard.items() if count]
 
     def wait_event(self) -> tuple[int, int]:
-        """Return the event that the listening socket becomes readable."""
+        """Return the event after which to dial again: the listening socket is readable."""
         return self._listener.fileno(), select.POLLIN
 
     def close(self) -> None:

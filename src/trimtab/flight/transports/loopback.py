@@ -1,4 +1,4 @@
-"""Packets between two programs of one user on one machine, or within one program: ``loopback://NAME``."""
+"""Loopback link: packets between programs of one user on one machine, or within a program, ``loopback://NAME``."""
 
 import contextlib
 import os
@@ -15,9 +15,9 @@ from trimtab.flight.transports.reconnecting_stream import ConnectingDialer, Stre
 
 
 def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:
-    """Connect to the listener of a name, present or not yet; or listen under the name, for one peer at a time.
+    """Connect to the listener with a name, even before it exists; or listen under that name, for one peer at a time.
 
-    It uses Unix sockets that preserve packets, in a folder that only its owner may enter.
+    The link uses Unix sockets that preserve packets, in a folder that only its owner may enter.
     """
     address.validate_options()
     if not re.fullmatch(r"[A-Za-z0-9_.-]{1,40}", address.place) or address.path:
@@ -48,7 +48,10 @@ def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:
 
 
 def socket_folder() -> Path:
-    """Return the folder of the sockets, in XDG_RUNTIME_DIR or the temporary folder. Raise if others may enter it."""
+    """Return the folder of the sockets, in XDG_RUNTIME_DIR or the temporary folder.
+
+    Raise InputError if other users may enter the folder.
+    """
     user = os.getuid()
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     folder = Path(runtime) / "trimtab" if runtime else Path(tempfile.gettempdir()) / f"trimtab-{user}"

@@ -18,13 +18,13 @@ EXAMPLES: Mapping[str, str] = MappingProxyType(
         "loopback": "loopback://hovercraft",
     }
 )
-"""Scheme -> example of an address."""
+"""Scheme of a transport -> example of an address."""
 
 LOOPBACK_HOST = "127.0.0.1"
 
 
 class Address(NamedTuple):
-    """A parsed address; `place` is the part between ``//`` and the path."""
+    """Parsed address of a link. place: the part between ``//`` and the path."""
 
     text: str
     scheme: str
@@ -33,11 +33,11 @@ class Address(NamedTuple):
     options: Mapping[str, str]
 
     def input_error(self, problem: str, fix: str = "", choices: Iterable[str] = ()) -> InputError:
-        """Return an error that names this address; the default fix is the scheme's example."""
+        """Return an error about this address. The default fix is an example of an address with the same scheme."""
         return InputError(f"link {self.text!r}", problem, choices=choices, fix=fix or EXAMPLES[self.scheme])
 
     def validate_options(self, *names: str) -> Mapping[str, str]:
-        """Return the options of the address. Raise InputError if one is not among these names."""
+        """Return the options of the address. Raise InputError if an option is not in `names`."""
         for name in self.options:
             if name not in names:
                 problem = f"{self.scheme} has no option {name!r}"
@@ -79,12 +79,12 @@ def parse_uri(uri: str) -> Address:
 
 
 def open_link(uri: str, *, listen: bool = False) -> Link:
-    """Open a link. Raise InputError if it can't be opened; later calls don't raise.
+    """Open a link. Raise InputError if that fails. The methods of an open link do not raise.
 
     Args:
         uri: ``serial:///dev/ttyUSB0?baud=115200``, ``udp://HOST:PORT``, ``tcp://HOST:PORT``,
             ``rfcomm://AA:BB:CC:DD:EE:FF/1`` or ``loopback://NAME``.
-        listen: be the listening end; on udp and tcp for this machine only (``udp://:14550``) unless a host is given
+        listen: listen for peers; on udp and tcp for this machine only (``udp://:14550``) unless a host is given
             (``udp://0.0.0.0:14550``).
 
     Returns:

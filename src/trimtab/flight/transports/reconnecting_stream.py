@@ -1,4 +1,4 @@
-"""A link over one connection that reconnects after a break: serial lines, TCP, RFCOMM, Unix sockets."""
+"""Link over one connection, which is restored after a break: serial lines, TCP, RFCOMM, Unix sockets."""
 
 import contextlib
 import errno
@@ -13,21 +13,21 @@ from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock, wait_until_re
 from trimtab.core.interfaces import Audience, LinkStatistics
 
 SEND_BUFFER_BYTES = 32 * 1024
-"""Maximum bytes in transit: data that a slow link can't carry is dropped at once, not seconds later."""
+"""Size of the send buffer. It is small, so that a slow link drops data at once and does not send it seconds later."""
 FIRST_WAIT, LONGEST_WAIT = 0.05, 2.0
-"""First and longest time between two attempts to connect (s): doubled after each failure."""
+"""First and longest time (s) between two attempts to connect. The time is doubled after each failure."""
 STEADY = 1.0
-"""Duration of a connection (s) after which the next attempts to connect start with the shortest waiting time again."""
+"""Duration of a connection (s) after which attempts to reconnect start with the shortest waiting time."""
 SLICE = 0.2
 """Longest single wait (s), so that a link closed by another thread is noticed."""
 PIECE = 65536
-"""Maximum bytes that one call reads."""
+"""Maximum number of bytes that one call reads."""
 LONGEST_MUTE = 3.0
-"""Time (s) without an accepted packet after which the peer that has the link loses it to another peer that sends."""
+"""Time (s) without an accepted packet after which a peer loses the link to another peer that sends data."""
 TRIAL = 0.3
-"""Time (s) in which a new peer must send an accepted packet, if another peer is sending."""
+"""Time (s) within which a new peer must send an accepted packet if another peer sends data."""
 UNFIT = (errno.EMSGSIZE, errno.EINVAL, errno.ENOBUFS, errno.ENOMEM)
-"""Error numbers that concern one packet, not the connection."""
+"""Error numbers that concern a packet only, so that the connection is kept."""
 
 
 class Dialer(Protocol):
@@ -38,26 +38,26 @@ class Dialer(Protocol):
         ...
 
     def wait_event(self) -> tuple[int, int]:
-        """Return descriptor and poll mask of the event after which to dial again; (-1, 0) if there is only a timer."""
+        """Return descriptor and poll mask of the event after which to dial again; (-1, 0) if only time decides."""
         ...
 
     def exchange(self, fd: int) -> int:
-        """Return the connection of another peer that has sent something; -1: no such peer.
+        """Return the connection of another peer that has sent data; -1 without such a peer.
 
         The given connection then waits.
         """
         ...
 
     def close(self) -> None:
-        """Release all resources other than the connection."""
+        """Release all resources except the current connection."""
         ...
 
 
 class StreamLink:
-    """Byte stream over a connection; a broken connection is dialled again, at first at once, then at growing intervals.
+    """Byte stream over a connection. After a break it reconnects, at first at once, then at growing intervals.
 
-    One thread receives, another may send. A packet is written completely, with its rest before the next packet, or it
-    is dropped: data beyond the system's buffer is not queued.
+    One thread receives, another may send. A packet is either dropped or written completely, its last bytes before the
+    next packet. Data beyond the system's buffer is not queued.
     """
 
     def __init__(self, dialer: Dialer, clock: Clock = SYSTEM_CLOCK) -> None:
@@ -104,15 +104,15 @@ class StreamLink:
             return self._counts.count_sent(len(packet))
 
     def has_audience(self, audience: Audience) -> bool:
-        """Return True for an audience that includes the one peer, which also gets private packets."""
+        """Return True unless the audience is PUBLIC. The only peer counts as private."""
         return audience is not Audience.PUBLIC
 
     def accept_sender(self, *, is_private: bool = False) -> None:
-        """Accept the connected peer after a good packet: it keeps the connection even if other peers wait."""
+        """Accept the connected peer after a good packet. The peer keeps the connection even if other peers wait."""
         self._vouched, self._is_accepted = self._seconds(), True
 
     def reply(self, packet: bytes) -> bool:
-        """Send a packet to the one peer."""
+        """Send a packet to the only peer."""
         return self.send(packet)
 
     def fileno(self) -> int:
@@ -163,7 +163,7 @@ class StreamLink:
                 self._take_line(other)
 
     def _pause(self, left: float) -> None:
-        """Wait until dialling again makes sense, at most `left` seconds."""
+        """Wait until the next attempt to connect, at most `left` seconds."""
         fd, mask = self._dialer.wait_event()
         due = self._next - self._seconds()
         if fd >= 0 and due <= 0:
@@ -207,13 +207,13 @@ class StreamLink:
             return None
 
     def _flush(self) -> bool:
-        """Write the rest of the last packet. Return True if it is complete and the connection holds."""
+        """Write the rest of the last packet. Return True if the packet is complete and the connection still open."""
         if self._rest:
             self._rest = self._rest[self._write(self._rest) :]
         return not self._rest and self._fd >= 0
 
     def _write(self, data: bytes) -> int:
-        """Write data, return the number of bytes written. An error not caused by the packet ends the connection."""
+        """Write data. Return the number of written bytes. Errors that do not concern the packet end the connection."""
         try:
             return os.write(self._fd, data)
         except BlockingIOError:
@@ -225,7 +225,7 @@ class StreamLink:
 
 
 class LinkCounters:
-    """Counters of one link since it was opened."""
+    """Counters of packets and bytes of one link since it was opened."""
 
     def __init__(self) -> None:
         self.bytes_in = self.bytes_out = self.packets_in = self.packets_out = self.dropped = 0
@@ -249,14 +249,14 @@ class LinkCounters:
         return False
 
     def statistics(self, connected: bool) -> LinkStatistics:
-        """Return the counters; every connection after the first is a reconnection."""
+        """Return the counters. Every connection after the first counts as a reconnection."""
         again = max(self.connections - 1, 0)
         into, out = (self.bytes_in, self.bytes_out), (self.packets_in, self.packets_out)
         return LinkStatistics(*into, *out, self.dropped, again, connected)
 
 
 class ConnectingDialer:
-    """Dialer of a peer.
+    """Dialer that connects to a given peer.
 
     Args:
         make: function that makes a new socket.
@@ -288,11 +288,11 @@ class ConnectingDialer:
         return connected.detach()
 
     def wait_event(self) -> tuple[int, int]:
-        """Return the event that the connecting socket becomes writable."""
+        """Return the event after which to dial again: the connecting socket is writable."""
         return (-1, 0) if self._under_way is None else (self._under_way.fileno(), select.POLLOUT)
 
     def exchange(self, fd: int) -> int:
-        """Return -1: there is one peer."""
+        """Return -1: the dialer has only one peer."""
         return -1
 
     def close(self) -> None:
@@ -303,7 +303,7 @@ class ConnectingDialer:
 
 
 def _is_self_connection(s: socket.socket) -> bool:
-    """Return True if a socket is connected to itself: it dialled a local port without listener and got that port."""
+    """Return True if a socket is connected to itself, after it dialled an unused local port and was given that port."""
     try:
         return s.family in (socket.AF_INET, socket.AF_INET6) and s.getsockname() == s.getpeername()
     except OSError:

@@ -1,4 +1,4 @@
-"""A Bluetooth serial port: ``rfcomm://AA:BB:CC:DD:EE:FF/1``, address and channel."""
+"""Link over a Bluetooth serial port: ``rfcomm://AA:BB:CC:DD:EE:FF/1``, with address and channel."""
 
 import re
 import socket
@@ -16,7 +16,7 @@ ANY_ADAPTER = "00:00:00:00:00:00"
 def open_rfcomm(
     address: Address, *, listen: bool = False, stack: "Callable[[str, int, bool], Dialer] | None" = None
 ) -> StreamLink:
-    """Connect to a module, or listen on an adapter of this machine (00:00:00:00:00:00: any).
+    """Connect to a Bluetooth module, or listen on an adapter of this machine (00:00:00:00:00:00: any adapter).
 
     Args:
         address: parsed address.
@@ -43,7 +43,7 @@ def _kernel_dialer(address: Address, place: tuple[str, int], listen: bool) -> Di
 
 
 def _parse_place(address: Address) -> tuple[str, int]:
-    """Return address of the module, and channel."""
+    """Return the address of the Bluetooth module, and the channel."""
     channel = address.path.removeprefix("/")
     if not re.fullmatch(r"([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}", address.place):
         raise address.input_error(f"{address.place!r} is not the address of a module, six bytes with colons between")
@@ -53,7 +53,7 @@ def _parse_place(address: Address) -> tuple[str, int]:
 
 
 def _bluetooth_socket_factory(address: Address) -> Callable[[], socket.socket]:
-    """Return a function that makes the system's Bluetooth sockets. Raise InputError if it has none."""
+    """Return a function that makes the system's Bluetooth sockets. Raise InputError without Bluetooth."""
     names: Any = socket
     if not hasattr(names, "AF_BLUETOOTH"):
         fix = "use a Python built with Bluetooth headers (the distribution's), or bind a port: rfcomm bind 0 ADDRESS 1"

@@ -1,4 +1,4 @@
-"""A serial line: ``serial:///dev/ttyUSB0?baud=115200``; eight bits, no parity, one stop bit, no flow control."""
+"""Serial line: ``serial:///dev/ttyUSB0?baud=115200``, with eight bits, no parity, one stop bit, no flow control."""
 
 import errno
 import os
@@ -15,7 +15,7 @@ DEVICES = ("ttyUSB*", "ttyACM*", "ttyAMA*", "ttyS*", "rfcomm*")
 def open_serial(address: Address, *, listen: bool = False) -> StreamLink:
     """Open a serial line. Both ends are alike, so `listen` has no effect. Raise InputError if the device is missing.
 
-    A device that is unplugged later is opened again as soon as its path returns.
+    A device that is unplugged is opened again as soon as its path exists again.
     """
     del listen
     if address.place or not address.path:
@@ -43,7 +43,7 @@ class _SerialDialer:
         fd = os.open(self._path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            fcntl.ioctl(fd, termios.TIOCEXCL)  # for programs that take no lock
+            fcntl.ioctl(fd, termios.TIOCEXCL)  # excludes programs that ignore the lock
             termios.tcsetattr(fd, termios.TCSANOW, _raw_settings(termios, termios.tcgetattr(fd), self._speed))
             termios.tcflush(fd, termios.TCIFLUSH)
         except termios.error as error:
@@ -55,7 +55,7 @@ class _SerialDialer:
         return fd
 
     def wait_event(self) -> tuple[int, int]:
-        """Return no event, as the return of a device cannot be waited for."""
+        """Return no event, since the system signals no event when a device is plugged in again."""
         return -1, 0
 
     def exchange(self, fd: int) -> int:
@@ -63,7 +63,7 @@ class _SerialDialer:
         return -1
 
     def close(self) -> None:
-        """Do nothing, as no resource is held."""
+        """Do nothing: the dialer has no resources."""
 
 
 def _raw_settings(termios: Any, flags: list[Any], speed: int) -> list[Any]:
@@ -89,7 +89,7 @@ def _parse_speed(address: Address) -> int:
 
 
 def _opening_error(address: Address, error: OSError) -> Exception:
-    """Return the error, with its fix, for a device that can't be opened."""
+    """Return an error, with a fix, for a device that cannot be opened."""
     devices = sorted(str(p) for pattern in DEVICES for p in Path("/dev").glob(pattern))
     fix = f"serial://{devices[0]}?baud={DEFAULT_BAUD}" if devices else "plug the device in; ls /dev/tty* shows it"
     if error.errno in (errno.EWOULDBLOCK, errno.EBUSY):

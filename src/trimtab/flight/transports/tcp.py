@@ -1,4 +1,4 @@
-"""A TCP connection: ``tcp://HOST:PORT``, e.g. the serial port of an emulated microcontroller on a socket."""
+"""TCP connection: ``tcp://HOST:PORT``, e.g. to the serial port of an emulated microcontroller."""
 
 import contextlib
 import socket
@@ -13,7 +13,7 @@ GONE_MS = 5000
 
 
 def open_tcp(address: Address, *, listen: bool = False) -> StreamLink:
-    """Connect to a peer, present or not yet; or listen for one peer at a time, on this machine only unless a host is
+    """Connect to a peer, even before it exists; or listen for one peer at a time, on this machine only unless a host is
     given.
     """
     address.validate_options()

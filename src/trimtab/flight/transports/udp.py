@@ -1,4 +1,4 @@
-"""Datagrams: ``udp://HOST:PORT``; the listening end sends to peers accepted within the last ten seconds."""
+"""Link over UDP datagrams: ``udp://HOST:PORT``. The listening end sends to peers accepted in the last ten seconds."""
 
 import contextlib
 import socket
@@ -11,14 +11,14 @@ from trimtab.flight.transports.reconnecting_stream import LinkCounters, configur
 from trimtab.flight.transports.tcp import bind_socket, resolve_host
 
 HEARD_WITHIN = 10 * NS_PER_SECOND
-"""Timeout of a peer (ns): without an accepted packet for longer, nothing is sent to it, and it is not connected."""
+"""Time (ns) after its last accepted packet for which a peer gets packets and counts as connected."""
 MOST_PEERS = 16
 """Maximum number of peers. A new sender never evicts a known one."""
 LARGEST = 65535
 
 
 def open_udp(address: Address, *, listen: bool = False) -> "UdpLink":
-    """Connect to one peer and receive only from it; or listen, on this machine only unless a host is given."""
+    """Connect to one peer and receive from that peer only; or listen, on this machine only unless a host is given."""
     address.validate_options()
     family, place = resolve_host(address, socket.SOCK_DGRAM)
     if listen:
@@ -33,22 +33,22 @@ def open_udp(address: Address, *, listen: bool = False) -> "UdpLink":
 
 
 class DatagramSocket(Protocol):
-    """The part of a socket that a UdpLink uses: the kernel's, or one of a virtual network."""
+    """Methods of a socket that a UdpLink uses. The socket is the kernel's, or one of a virtual network."""
 
     def fileno(self) -> int:
         """Return the descriptor, -1 once the socket is closed."""
         ...
 
     def recvfrom(self, size: int, /) -> tuple[bytes, Any]:
-        """Return the next packet and the address of its sender. BlockingIOError: no packet waits."""
+        """Return the next packet and its sender's address. Raise BlockingIOError if no packet waits."""
         ...
 
     def send(self, packet: bytes, /) -> int:
-        """Send to the peer that the socket is connected to; return the number of bytes."""
+        """Send a packet to the peer to which the socket is connected. Return the number of bytes."""
         ...
 
     def sendto(self, packet: bytes, address: Any, /) -> int:
-        """Send to an address; return the number of bytes."""
+        """Send a packet to an address. Return the number of bytes."""
         ...
 
     def close(self) -> None:
@@ -57,13 +57,13 @@ class DatagramSocket(Protocol):
 
 
 class UdpLink:
-    """Packets to and from one peer, or all recently accepted peers. One thread receives, another may send.
+    """Link to one peer, or to all recently accepted peers. One thread receives, another may send.
 
     Any machine can send to a bound socket. The receiver marks the sender of a good packet by `accept_sender`. The link
     sends only to accepted peers, so that a stranger without the key gets no data.
 
     Args:
-        endpoint: socket, bound, or connected to `peer`; non-blocking.
+        endpoint: non-blocking socket, bound, or connected to `peer`.
         peer: peer to send to, accepted or not; None: all accepted peers.
         clock: clock by which the link waits.
     """
@@ -78,12 +78,12 @@ class UdpLink:
 
     @property
     def statistics(self) -> LinkStatistics:
-        """Return the statistics of the link; connected: a peer was accepted within ten seconds."""
+        """Return the statistics of the link. connected: True if a peer was accepted in the last ten seconds."""
         return self._counts.statistics(bool(self.peers))
 
     @property
     def peers(self) -> tuple[Any, ...]:
-        """Return the addresses of peers accepted within ten seconds."""
+        """Return the addresses of peers accepted in the last ten seconds."""
         oldest = self._clock.monotonic_ns() - HEARD_WITHIN
         return tuple(peer for peer, at in list(self._heard.items()) if at >= oldest)
 
@@ -102,7 +102,7 @@ class UdpLink:
                     packet, peer = self._socket.recvfrom(LARGEST)
                     if packet:
                         self._latest = self._sender = peer
-                        if self._fixed:  # the system accepts packets of this peer only
+                        if self._fixed:  # the socket receives packets of this peer only
                             self.accept_sender()
                         return self._counts.count_received(packet)
             if self._clock.monotonic_ns() >= deadline:
@@ -110,16 +110,16 @@ class UdpLink:
         return None
 
     def send(self, packet: bytes, audience: Audience = Audience.ALL) -> bool:
-        """Send to the peer, or to each accepted peer of the audience. Return False if the packet was sent to none."""
+        """Send a packet to the peer, or to all accepted peers of the audience. Return False if no peer got it."""
         taken = sum([self._send_to(packet, peer) for peer in self._peers_of(audience)])
         return self._counts.count_sent(len(packet)) if taken else self._counts.count_dropped()
 
     def has_audience(self, audience: Audience) -> bool:
-        """Return True if a peer of an audience was accepted within ten seconds."""
+        """Return True if a peer of the audience was accepted in the last ten seconds."""
         return bool(self._peers_of(audience))
 
     def _peers_of(self, audience: Audience) -> tuple[Any, ...]:
-        """Return addresses; None stands for the peer to which the socket is connected."""
+        """Return the addresses of an audience. None means the peer to which the socket is connected."""
         if self._fixed:
             return () if audience is Audience.PUBLIC else (None,)
         if audience is Audience.ALL:
@@ -145,7 +145,7 @@ class UdpLink:
             self._private[peer] = now
 
     def reply(self, packet: bytes) -> bool:
-        """Send only to the sender of the last packet, accepted or not."""
+        """Send a packet only to the sender of the last packet, whether it is accepted or not."""
         peer = self._sender
         if peer is None:
             return self._counts.count_dropped()

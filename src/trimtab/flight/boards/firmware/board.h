@@ -1,4 +1,4 @@
-/* What start.c and harness.c need from the processor (calls.S), and the way out to the computer: semihosting. */
+/* Functions of calls.S that start.c and harness.c use, and output to the computer by semihosting. */
 #ifndef BOARD_H
 #define BOARD_H
 #include <stdint.h>

@@ -1,4 +1,4 @@
-@ Calls whose instructions are known one by one, so no compiler writes them.
+@ Functions whose exact instructions must be known, so they are not written by a compiler.
     .syntax unified
     .thumb
 
@@ -10,9 +10,9 @@
 \name:
     .endm
 
-@ uint32_t measured(a, b, c, d, called, stack_top, e): called(a, b, c, d, e) on a stack of its own, on which e lies unless
-@ it is 0; ticks of the timer between the two readings (it counts down). Between them lie the blx, the instructions of
-@ `called`, its return included, and one ldr.
+@ uint32_t measured(a, b, c, d, called, stack_top, e): call called(a, b, c, d, e) on a separate stack. e is pushed onto
+@ that stack unless it is 0. Return the ticks between two readings of the timer, which counts down. Between the readings
+@ are the blx, the instructions of `called` with its return, and one ldr.
     function measured
     push {r4-r8, lr}
     ldr r4, [sp, #24]
@@ -33,22 +33,22 @@
     pop {r4-r8, pc}
     .ltorg
 
-@ void nothing(void): 1 instruction.
+@ void nothing(void): executes 1 instruction.
     function nothing
     bx lr
 
-@ void known_loop(n): 2 n + 1 instructions.
+@ void known_loop(n): executes 2 n + 1 instructions.
     function known_loop
 1:  subs r0, r0, #1
     bne 1b
     bx lr
 
-@ int semihosting(operation, argument)
+@ int semihosting(operation, argument): pass a request to the emulator.
     function semihosting
     bkpt 0xab
     bx lr
 
-@ The inputs, as the computer wrote them: rows of little-endian doubles.
+@ Inputs of the steps, from a file: rows of little-endian doubles.
     .section .rodata.inputs, "a"
     .balign 8
     .global inputs

@@ -1,11 +1,11 @@
-/* Flies the autopilot through STEPS rows of inputs and says, line by line and every number in hexadecimal:
-     sizes PARAMS STATE IN OUT WORK bytes of the four structures and of the workspace
-     empty TICKS                    the measurement of a function of 1 instruction
-     loop N TICKS                   of a function of 2 N + 1 instructions
-     step TICKS BITS...             each step: how long, and the bits of its outputs as doubles
-     stack BYTES                    how deep the autopilot's own stack was written
+/* Run the autopilot through STEPS rows of inputs. Print these lines, with all numbers in hexadecimal:
+     sizes PARAMS STATE IN OUT WORK sizes (bytes) of the four structures and of the workspace
+     empty TICKS                    ticks of a function of 1 instruction
+     loop N TICKS                   ticks of a function of 2 N + 1 instructions
+     step TICKS BITS...             for each step: its ticks, and the bits of its outputs as doubles
+     stack BYTES                    largest depth of the autopilot's own stack
      done
-   defaults, init and the steps run on that stack, everything else on the main one. */
+   defaults, init and the steps run on that stack, all other code on the main stack. */
 #include <stdint.h>
 #include <string.h>
 
@@ -29,7 +29,7 @@ static _Alignas(64) char workspace[WORKSPACE];
 static void *const workspace = 0;
 #endif
 
-/* The 32-bit timer of the board (CMSDK APB timer 0), at the processor's clock. */
+/* The 32-bit timer of the board (CMSDK APB timer 0), which runs at the processor's clock. */
 static volatile uint32_t *const timer_control = (volatile uint32_t *)(TIMER_VALUE - 4);
 static volatile uint32_t *const timer_value = (volatile uint32_t *)TIMER_VALUE;
 static volatile uint32_t *const timer_reload = (volatile uint32_t *)(TIMER_VALUE + 4);
@@ -105,7 +105,7 @@ static void fly(void) {
 int main(void);
 int main(void) {
     *timer_reload = UINT32_MAX;
-    *timer_control = 9; /* counts, and marks that it ran out; that interrupt is not enabled in the processor */
+    *timer_control = 9; /* count, and set a flag at zero; the timer's interrupt is not enabled in the processor */
     paint();
     say_sizes();
     calibrate();

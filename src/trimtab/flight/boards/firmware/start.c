@@ -1,6 +1,7 @@
-/* Vector table, reset and faults. Without WITH_INTERRUPTS the table has none, and none is enabled; with it,
-   interrupts.h defines TICK, the handler of the processor's timer, NMI, that of what can't be masked, INTERRUPTS, a list
-   of the board's own from number 0 on, and PERIPHERALS_SIZE, how much may be touched from the timer's page on. */
+/* Vector table, reset and faults. Without WITH_INTERRUPTS, no interrupt is in the table, and none is enabled. With it,
+   interrupts.h defines TICK, the handler of the processor's timer; NMI, the handler of the non-maskable interrupt;
+   INTERRUPTS, a list of the board's handlers from number 0 on; and PERIPHERALS_SIZE, the size of the accessible memory
+   from the timer's page on. */
 #include <stdint.h>
 
 #include "board.h"
@@ -27,8 +28,8 @@ __attribute__((section(".vectors"), used)) static void *const vectors[] = {
     INTERRUPTS
 };
 
-/* The board answers 0 where it has no memory, and its flash can be written; the processor's memory protection refuses
-   both. Region i has a size that is a power of two. */
+/* Allow access to region i of memory, whose size is a power of two. Without memory protection, the board returns 0 for a
+   read outside memory, and accepts a write to flash. With protection, both are faults. */
 static void allow(uint32_t i, uint32_t origin, uint32_t size, uint32_t how) {
     static volatile uint32_t *const mpu = (volatile uint32_t *)0xE000ED90;
     mpu[3] = origin | 1u << 4 | i;                                    /* RBAR: address and number */
@@ -54,7 +55,7 @@ void reset(void) {
     leave(main());
 }
 
-/* On the main stack again: the autopilot's may be what ran over. */
+/* Return to the main stack: the fault may be an overflow of the autopilot's stack. */
 __attribute__((naked)) void fault(void) {
     __asm volatile(" ldr r0, =main_stack_top\n mov sp, r0\n b faulted\n .ltorg");
 }
