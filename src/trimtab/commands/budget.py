@@ -28,7 +28,7 @@ from trimtab.scenarios.build import build
     "--only",
     multiple=True,
     metavar="FAULT",
-    help="Only the cost of this imperfection. May be repeated.  [default: all]",
+    help="Compute only the cost of this imperfection. May be repeated.  [default: all]",
 )
 @RUNS(20, "Number of flights for each combination of imperfections.")
 @SEED
@@ -49,7 +49,7 @@ def command(
 
     Flies the same flights with all imperfections, without each one, with each one alone, and with none. Reports the
     deviation from the targets and the navigation error in the second half of the flight. With --navigation ins there
-    are two dozen imperfections, and the first time takes some minutes; --only selects a few of them.
+    are two dozen imperfections, and the first run takes some minutes. Use --only to select a few of them.
 
     \b
     trimtab budget hovercraft/forward

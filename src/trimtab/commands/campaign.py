@@ -47,7 +47,7 @@ Correlations = dict[tuple[str, str], float]
 
 
 def parse_correlations(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> Correlations:
-    """Parse path,path=number texts into a mapping."""
+    """Parse the texts PATH,PATH=NUMBER of --correlate into a mapping."""
     correlations = {}
     for text in values:
         names, _, number = text.rpartition("=")
@@ -110,7 +110,7 @@ def parse_correlations(context: click.Context, parameter: click.Parameter, value
 @click.option("--tls-ca", type=FILE, metavar="FILE", help="CA certificate.")
 @click.option("--tls-cert", type=FILE, metavar="FILE", help="TLS certificate of this client.")
 @click.option("--tls-key", type=FILE, metavar="FILE", help="TLS key of this client.")
-@OUT("DIR", "Write pictures and table (Parquet) to this folder.")
+@OUT("DIR", "Write pictures and the table of runs (Parquet) to this folder.")
 @JSON
 def command(
     scenario: str,
@@ -180,7 +180,7 @@ def command(
 
 
 def _expand_calibrations(scenario: str, plan: dict[str, Any]) -> list[str]:
-    """Replace a calibration file by distributions of its parameters; return notes on parameters that stay constant."""
+    """Replace a calibration file by distributions of its parameters; return notes on parameters left constant."""
     notes: list[str] = []
     for file in [text for text in plan["spread"] if is_calibration(text)]:
         calibration = read_calibration(file)
@@ -194,7 +194,7 @@ def _expand_calibrations(scenario: str, plan: dict[str, Any]) -> list[str]:
 
 
 def _typed_command() -> str:
-    """Return the command as it was typed."""
+    """Return the command line as the user typed it."""
     return shlex.join(["trimtab", *sys.argv[1:]])
 
 
@@ -249,7 +249,7 @@ def _fly_campaign(campaign: Campaign, store: Path | None, **flight: Any) -> Camp
 
 
 def _announcing(store: Path, runs: int, tell: Callable[[int], None]) -> Callable[[int], None]:
-    """Return a progress function that calls `tell`, and once prints the expected size of a large store."""
+    """Return a progress function that calls `tell`, and that prints the expected size of a large store once."""
     is_known = False
 
     def tell_size(done: int) -> None:
@@ -298,7 +298,7 @@ def _result_json(
 
 
 def _rerun_row(campaign: Campaign, run: int, store: Path | None, out: Path | None, as_json: bool) -> bool:
-    """Repeat a run with its whole log; return False if it differs from its row in the store."""
+    """Repeat a run and record its whole log; return False if the run differs from its row in the store."""
     scenario = campaign.scenario(run)
     log = campaign.rerun(run)
     row = campaign.row(run, log)
@@ -327,7 +327,7 @@ def _rerun_row(campaign: Campaign, run: int, store: Path | None, out: Path | Non
 
 
 def _differing_columns(store: Path | None, run: int, row: dict[str, Any]) -> list[str] | None:
-    """Return the names of the columns that differ from the stored row; None without such a row."""
+    """Return the names of the columns that differ from the stored row; None if the run has no stored row."""
     if store is None:
         return None
     from trimtab.analysis.campaign.store.store import read_store

@@ -1,4 +1,4 @@
-"""`trimtab demo`: the first flight."""
+"""`trimtab demo`: a first flight for new users."""
 
 import sys
 from pathlib import Path
@@ -35,5 +35,5 @@ def command(context: click.Context, seed: int, out: Path | None, as_json: bool) 
     finally:
         if (
             not as_json and picture.is_file() and sys.exc_info()[0] is SystemExit
-        ):  # the flight ran, and no input was refused
+        ):  # print the explanation only if the flight ran without an input error
             click.echo(LOOK_AT.format(picture=picture, scenario=SCENARIO))

@@ -88,8 +88,8 @@ def command(
     that found the gain. Exit code 1 if a condition fails, with the number that violates it. SYSTEM is a name of the
     package, or a file or folder of your own (docs, Certificate).
 
-    A law of the package has a theorem instead of a gain: the set to which its loop converges, the region from which it
-    does, and a Lyapunov function (docs, Theorem). It is derived from the law's own code, run on polynomials.
+    A law of the package has a theorem instead of a gain: the set to which its loop converges, the region of attraction,
+    and a Lyapunov function (docs, Theorem). The theorem is derived from the law's own code, run on polynomials.
     --stabilisability tests if smooth feedback can exist for a vehicle (Brockett; Byrnes and Isidori), and where its
     inputs can steer it, by Lie brackets (docs, Stabilisability).
 
@@ -102,9 +102,9 @@ def command(
     trimtab design --check gain.json --export-coq gain.v     then: coqc gain.v
     trimtab design my_boat.py --check gain.json              for a system in your own file
     trimtab design hovercraft/forward --out law.json         a theorem about a law; --check law.json proves it again
-    trimtab design hovercraft/reverse --set k1=2             a region from which it comes to rest
+    trimtab design hovercraft/reverse --set k1=2             a region from which the craft comes to rest
     trimtab design my_law.py:theorem                         for your own law
-    trimtab design hovercraft --stabilisability              can smooth feedback stabilise it; where can it be steered
+    trimtab design hovercraft --stabilisability              test if smooth feedback can stabilise it
     trimtab design my_boat.py:system --stabilisability       for your own model
     trimtab design my_cart.py:scenario --lqr --limit force=20 --limit angle='5 deg' --out gain.json     a gain
     trimtab design vessel/path --lqr --fast rudder …         then:  trimtab run vessel/path --set gain=gain.json
@@ -150,13 +150,13 @@ def command(
 
 
 def design_systems() -> tuple[str, ...]:
-    """Return the systems with a design: the folders of scenarios that contain one."""
+    """Return the names of the systems with a built-in design: the folders of scenarios that contain one."""
     files = sorted(Path(scenarios.__file__).parent.glob("*/_design.py"))
     return tuple(file.parent.name for file in files)
 
 
 def _find_function(system: str | None) -> SystemFunction:
-    """Return the function of a system of the package, or of a file or folder."""
+    """Return the function that builds a system of the package, or of the user's file or folder."""
     if system is None:
         fix = f"trimtab design {design_systems()[0]}, or trimtab design --check FILE"
         raise InputError("design", "no system is named", choices=design_systems(), fix=fix)

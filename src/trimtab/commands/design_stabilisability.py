@@ -20,18 +20,18 @@ from trimtab.scenarios.catalogue import load_function
 
 FUNCTION = "system"
 UNSTABLE = 1e-9
-"""Real part (1/s) above which a pole counts as unstable; a double pole at zero has rounding errors."""
+"""Real part (1/s) above which a pole counts as unstable, chosen above the rounding errors of a double pole at zero."""
 EXCLUDES = "EXCLUDED: no continuously differentiable feedback of the state makes this point asymptotically stable"
 
 
 def model_names() -> tuple[str, ...]:
-    """Return the vehicles of the package: the folders of scenarios that have a model."""
+    """Return the names of the package's vehicles: the folders of scenarios that contain a model."""
     files = sorted(Path(scenarios.__file__).parent.glob("*/_models.py"))
     return tuple(file.parent.name for file in files)
 
 
 def print_stabilisability(system: str | None, as_json: bool) -> None:
-    """Print the verdicts on a vehicle or a model in a file: Brockett, Byrnes and Isidori, Lie brackets."""
+    """Print the verdicts of Brockett, of Byrnes and Isidori, and of Lie brackets on a vehicle or a model in a file."""
     model = _find_model(system)()
     if not isinstance(model, StateSpaceModel):
         problem = f"{system} returns a {type(model).__name__}, not a model"

@@ -32,7 +32,7 @@ class TerminatedError(KeyboardInterrupt):
 class EndSignals:
     """Handler of the signals that end a command, and the thread that watches them.
 
-    asked: number of the last signal, or 0.  raised: True while the signal's exception passes through the main thread.
+    asked: number of the last signal received, or 0.  raised: True while its exception passes through the main thread.
     """
 
     def __init__(self, end_program: Callable[[int], None]) -> None:
@@ -52,7 +52,7 @@ class EndSignals:
         raise TerminatedError(number)
 
     def note_dropped(self, unraisable: Any) -> None:
-        """Let the thread repeat a signal whose exception Python dropped; report other dropped exceptions as usual."""
+        """Make the thread repeat a signal whose exception Python dropped; report other dropped exceptions as usual."""
         if self.asked and issubclass(unraisable.exc_type, KeyboardInterrupt):
             self.raised = False
             os.write(self._writer, bytes((self.asked,)))
@@ -91,9 +91,9 @@ class EndSignals:
 
 @contextlib.contextmanager
 def end_on_signals(is_program: bool = False) -> Iterator[None]:
-    """End the command on Ctrl-C, SIGTERM and SIGHUP, except where they are ignored or handled already.
+    """End the command on Ctrl-C, SIGTERM and SIGHUP, except for signals that are ignored or have another handler.
 
-    is_program: True if the process is the command line's own. It is then ended without waiting for other threads.
+    is_program: True if the process runs only this command. It is then ended without waiting for other threads.
     """
     handlers = {"SIGINT": signal.default_int_handler, "SIGTERM": signal.SIG_DFL, "SIGHUP": signal.SIG_DFL}
     usual = {getattr(signal, name): handler for name, handler in handlers.items() if hasattr(signal, name)}

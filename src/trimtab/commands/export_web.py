@@ -32,7 +32,7 @@ def write_web_flight(
     without: tuple[str, ...],
     **_: Any,
 ) -> None:
-    """Write the page, its WebAssembly program and its description, and print their sizes."""
+    """Write the page of a closed loop, its WebAssembly program and its description, and print their sizes."""
     from trimtab.export.web_assembly import export_web, write_web_page  # these import JAX
     from trimtab.scenarios.build import build
 
@@ -75,7 +75,7 @@ def _refuse_other_choices() -> None:
 
 
 def _parse_slider(scenario: "Scenario", text: str) -> "tuple[Scenario, Slider]":
-    """Parse a slider `name=low:high`; return the scenario prepared for it, and the slider."""
+    """Parse a slider `name=low:high`; return the scenario prepared for the slider, and the slider."""
     from trimtab.core.record import leaves
     from trimtab.export.web_assembly import Slider, delay_slider
 

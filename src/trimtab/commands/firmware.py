@@ -64,7 +64,7 @@ def command(
         if not shutil.which("make"):
             raise InputError("--emulate", "needs make, which was not found", fix="apt-get install make")
     built = build(scenario, settings)
-    firmware_outputs(built, board)  # refuse outputs that the firmware cannot drive before a key is created
+    firmware_outputs(built, board)  # raises for outputs that the firmware cannot drive, before a key is created
     check_folder("--out", out)
     line = f"tcp://127.0.0.1:{emulate or 5760}"
     signing_key = find_key(scenario, key, False, line, create=True)

@@ -200,7 +200,10 @@ def _fly_real_time(
     follows_clock: bool,
     address: ConsoleAddress | None,
 ) -> tuple[dict[str, Any], str]:
-    """Fly, and return the result and the granted scheduling. address: of the console; None: no console."""
+    """Fly a vehicle in real time; return the result, and the scheduling that the operating system granted.
+
+    address: address of the console's server; None: no console.
+    """
 
     def echo(text: str) -> None:
         click.echo(show_controls(text, KEPT), err=quiet)
@@ -265,7 +268,7 @@ def _print_flight(result: Mapping[str, Any], granted: str) -> None:
 
 
 def _print_deadlines(deadlines: Mapping[str, Any], granted: str) -> None:
-    """Print the timing of the periods, and the overruns."""
+    """Print the timing of the control periods, and the number of overruns."""
     n = deadlines["work"]["n"]
     title, first = f"{n} periods of {deadlines['period']}, {granted}", "time (us)"
     table = new_table(first, ">median", ">99 %", ">99.9 %", ">longest", title=title, unwrapped=(first,))

@@ -99,7 +99,7 @@ def command(
     """Linearise a vehicle about a trim: poles with frequency, damping and participating states, zeros, Gramians.
 
     VEHICLE and --at are as in `trimtab trim`. For a vehicle with a quaternion, the attitude states are the three
-    angles of rotation from steady flight. --state, --input and --output keep only those; the other states are held.
+    angles of rotation from steady flight. --state, --input and --output keep only the named ones; the rest is held.
 
     \b
     trimtab linearise hovercraft/forward --at surge_velocity=1
@@ -108,7 +108,7 @@ def command(
     trimtab linearise hovercraft/forward --closed-loop --direct --plot bode.png     poles and margins of the whole loop
 
     --closed-loop differentiates the loop's own step, noise off, over one period of all its parts: vehicle, actuators,
-    sensors, links with the packets in transit, estimator and law. Margins are computed exactly from its poles.
+    sensors, links with the packets in transit, estimator and law. Margins are computed exactly from the loop's poles.
     """
     open_loop = {"--at": at, "--state": states, "--input": inputs, "--output": outputs, "--out": out}
     own = {"--direct": direct, "--plot": picture, "--without": without, "--round": round_time}
@@ -167,7 +167,7 @@ def _result_json(linear: LinearModel, zeros: Zeros, gramians: Gramians, about: d
 
 
 def zeros_json(zeros: Zeros) -> list[dict[str, Any]]:
-    """Return zeros as plain data."""
+    """Return the zeros of a vehicle as plain data for JSON."""
     return [
         {"zero": [float(z.real), float(z.imag)], "is_right": bool(z.real > zero_limit(zeros)), "states": words}
         for z, words in zip(zeros.zeros, zeros.dominant, strict=True)

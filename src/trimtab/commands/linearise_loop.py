@@ -16,7 +16,7 @@ from trimtab.run.loop_linearisation import linearise_loop
 from trimtab.run.plant import Plant
 
 SHOWN = 0.05
-"""Smallest participation in a mode for which a state is shown."""
+"""Minimum participation of a state in a mode for the state to be shown."""
 CUT = 1e-5
 """Distance between two poles of the sampled loop below which both belong to one group."""
 
@@ -44,7 +44,7 @@ def print_loop(
     if margins is not None and round_time is not None:
         margins = margins._replace(
             crossings={}
-        )  # they hold for the fundamental, which a closed path couples to its harmonics
+        )  # margins hold for a fundamental, which a closed path couples to its harmonics
     files: list[Path] = []
     if picture is not None:
         from trimtab.plots.bode import plot_bode  # matplotlib is imported when something is drawn

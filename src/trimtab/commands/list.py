@@ -81,7 +81,7 @@ def print_settings(
 ) -> None:
     """Print every setting of a scenario (path, value, unit, meaning), and its imperfections.
 
-    arguments: choices of each argument.  lines: descriptions of the choices that have one.
+    arguments: argument of the scenario -> its choices.  lines: argument -> choice -> description, where known.
     """
     from trimtab.core.record import absent_parts, leaves  # imports numpy, which a list of names does not need
     from trimtab.loop.beliefs import belief_mismatches, describe_mismatches

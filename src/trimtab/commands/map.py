@@ -25,7 +25,7 @@ COARSE = 5
 """Default number of values on an axis of the coarse grid."""
 EXAMPLE = "delay=0:0.6"
 KNOWS_NO = "the theory holds for the linear loop without packet loss"
-"""Limitation of the theory shown beside a map."""
+"""Text about the limits of the theory, shown beside a map."""
 
 Criteria = tuple[StabilityCriterion, ...]
 
@@ -132,7 +132,7 @@ def command(
 
 @contextlib.contextmanager
 def _name_axis(axes: Mapping[str, Axis]) -> Iterator[None]:
-    """Let an error about a value of an axis name the option that gives the axis."""
+    """Change an error about a value of an axis so that it names the option of this axis."""
     try:
         yield
     except InputError as error:

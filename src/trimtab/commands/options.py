@@ -67,7 +67,7 @@ def parse_spreads(context: click.Context, parameter: click.Parameter, values: tu
 
 
 def is_calibration(text: str) -> bool:
-    """Return True if a spread is a calibration file, whose own uncertainties are sampled."""
+    """Return True if a value of ``--spread`` is a calibration file, whose own uncertainties are sampled."""
     return text.endswith(".toml") and "=" not in text
 
 
@@ -122,7 +122,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON obje
 
 
 def OUT(metavar: str, help: str, required: bool = False, name: str = "out") -> Callable[..., Any]:
-    """Return the option ``--out``, the file or folder that the verb writes, together with ``--overwrite``."""
+    """Return a decorator that adds ``--out``, the file or folder that the verb writes, and ``--overwrite``."""
 
     def add_options(function: Callable[..., Any]) -> Callable[..., Any]:
         check = _refuse_picture if metavar == "DIR" else None
@@ -133,14 +133,14 @@ def OUT(metavar: str, help: str, required: bool = False, name: str = "out") -> C
 
 
 def _refuse_picture(context: click.Context, parameter: click.Parameter, folder: Path | None) -> Path | None:
-    """Return the folder. Raise InputError for the name of a picture."""
+    """Return the folder of ``--out``. Raise InputError if it is the name of a picture."""
     if folder is not None and folder.suffix.lower() in PICTURES:
         raise InputError("--out", f"must name a folder, got {str(folder)!r}", fix=f"--out {folder.with_suffix('')}")
     return folder
 
 
 def PLOT(help: str, name: str = "plot") -> Callable[..., Any]:
-    """Return the option ``--plot``, a picture, together with ``--overwrite``."""
+    """Return a decorator that adds ``--plot``, the picture that the verb writes, and ``--overwrite``."""
 
     def add_options(function: Callable[..., Any]) -> Callable[..., Any]:
         return click.option("--plot", name, type=FILE, metavar="FILE", help=help)(with_overwrite(function))
@@ -154,14 +154,14 @@ MOST_RUNS = 10_000_000
 
 
 class Count(click.IntRange):
-    """Whole number of runs; 1e4 is 10000."""
+    """Option type of a whole number of runs, which may be written as 1e4 for 10000."""
 
     def __init__(self, least: int, most: int) -> None:
         super().__init__(least, most)
         self.least, self.most = least, most
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Return the number. Raise InputError if it is not whole or out of range."""
+        """Return the number of runs. Raise InputError if it is not whole or out of range."""
         try:
             number = float(value)
         except ValueError:
@@ -182,7 +182,7 @@ def RUNS(default: int, help: str, least: int = 1) -> Callable[..., Any]:
 
 
 def SET(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add ``--set``, ``--calibration`` and ``--reference``; all three arrive in the argument `settings`."""
+    """Add ``--set``, ``--calibration`` and ``--reference``. The argument `settings` gets the values of all three."""
     calibration = click.option(
         "--calibration",
         type=FILE,
@@ -215,7 +215,7 @@ def SET(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def keep_choice(context: click.Context, parameter: click.Parameter, value: str | None) -> None:
-    """Store the value of an option that is a setting of the same name."""
+    """Store the value of an option that changes the setting of the same name."""
     if value is not None:
         context.meta.setdefault(CHOICES, {})[str(parameter.name)] = value
 

@@ -22,7 +22,7 @@ from trimtab.core.time import parse_time, to_seconds
 def command(
     file: Path, signals: tuple[str, ...], plot: Path | None, since: str | None, until: str | None, as_json: bool
 ) -> None:
-    """Plot a log: the signals named by their paths, one panel each; or the main signals, as `trimtab run` does.
+    """Plot signals of a log by their paths, one panel each; without paths, plot the main signals as `trimtab run` does.
 
     In a path, * stands for any characters. Without --plot the picture is written beside the log.
 

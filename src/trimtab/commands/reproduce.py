@@ -33,9 +33,7 @@ GroupRows = list[tuple[StudyGroup, list[Row]]]
 
 @click.command()
 @click.argument("study", metavar="[STUDY]", required=False)
-@click.option(
-    "--only", multiple=True, metavar="GROUP", help="Only this group of figures is computed again. May be repeated."
-)
+@click.option("--only", multiple=True, metavar="GROUP", help="Recompute only this group of figures. May be repeated.")
 @OUT("DIR", "Write the study's pictures to this folder.")
 @click.option(
     "--report", type=FILE, metavar="DIR", help="Folder for a one-page report: rows, pictures, errata, environment."
@@ -77,7 +75,7 @@ def command(study: str | None, only: tuple[str, ...], out: Path | None, report: 
 
 
 def _list_studies(as_json: bool) -> None:
-    """Print every study with its groups."""
+    """Print every study with its groups of figures."""
     studies = {name: (read_study_title(folder), list_groups(name)) for name, folder in find_studies().items()}
     if as_json:
         content = {n: {"title": doc, "groups": {g.name: g.title for g in gs}} for n, (doc, gs) in studies.items()}
@@ -91,7 +89,7 @@ def _list_studies(as_json: bool) -> None:
 
 
 def _compute_groups(groups: list[StudyGroup], out: Path | None) -> tuple[GroupRows, dict[str, list[Path]]]:
-    """Return each group with its rows, and its pictures by group name if there is a folder for them."""
+    """Return each group with its rows, and group name -> pictures if a folder for pictures is given."""
     results: GroupRows = []
     pictures: dict[str, list[Path]] = {}
     with show_progress(len(groups)) as tell:
@@ -127,13 +125,13 @@ def _write_page(
 
 
 def verdict_counts(rows: Iterable[Row]) -> dict[str, int]:
-    """Return verdict -> number of rows."""
+    """Return verdict -> number of rows with this verdict."""
     counts = Counter(row.verdict for row in rows)
     return {verdict: counts[verdict] for verdict in ("holds", "differs", "not reproduced")}
 
 
 def basis_counts(rows: Iterable[Row]) -> dict[str, tuple[int, int]]:
-    """Return basis -> number of rows that hold, and number of all rows. Bases without rows are left out."""
+    """Return basis of comparison -> numbers of rows that hold and of all rows. A basis without rows is left out."""
     holds, all_rows = Counter[str](), Counter[str]()
     for row in rows:
         all_rows[row.basis] += 1

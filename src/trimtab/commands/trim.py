@@ -55,7 +55,7 @@ def command(vehicle: str, at: tuple[str, ...], settings: dict[str, str], out: Pa
 
 
 def point_json(plant: Plant, point: Trim) -> dict[str, Any]:
-    """Return a trim as plain data, in SI and radians, or in the vehicle's own units."""
+    """Return a trim as plain data for JSON, in SI and radians, or in the vehicle's own units."""
     model = plant.model
     rates, measured = model.evaluate(point.x, point.u)
     outputs = dict(zip(model.outputs, measured.tolist(), strict=True))
@@ -74,7 +74,7 @@ def point_json(plant: Plant, point: Trim) -> dict[str, Any]:
 
 
 def print_point(plant: Plant, point: Trim) -> None:
-    """Print a table of states, inputs and other outputs; without a trim, the reasons."""
+    """Print a table of states, inputs and other outputs; if no trim was found, print the reasons."""
     model = plant.model
     rates, measured = model.evaluate(point.x, point.u)
     click.echo(f"{plant.name}: {'trim' if point.is_found else 'NO trim'}")
