@@ -28,7 +28,7 @@ from trimtab.scenarios.build import build
     "--only",
     multiple=True,
     metavar="FAULT",
-    help="Compute only the cost of this imperfection. May be repeated.  [default: all]",
+    help="Restrict the budget to this imperfection. May be repeated.  [default: all]",
 )
 @RUNS(20, "Number of flights for each combination of imperfections.")
 @SEED
@@ -100,11 +100,11 @@ def _budget_json(budget: ErrorBudget) -> dict[str, Any]:
 
 
 def _print_budget(title: str, budget: ErrorBudget) -> None:
-    """Print each imperfection's share of the mean square errors, and the rms errors with this imperfection alone."""
+    """Print the share of each imperfection in the mean square errors, and the rms errors with it alone."""
     measures = list(budget.units)
     first, names = "imperfection", {m: m.replace("_", " ") for m in measures}
     headings = [f">{name} ({budget.units[m]})" for m, name in names.items()]
-    table = new_table(first, *headings, title=f"{title}: rms over the second half", unwrapped=(first,))
+    table = new_table(first, *headings, title=f"{title}: rms over the second half of each flight", unwrapped=(first,))
     for name, row in (("all", budget.whole), ("none", budget.least)):
         table.add_row(name, *(_format_rms(*row[m]) for m in measures), end_section=name == "none")
     for cost in budget.costs:

@@ -26,9 +26,9 @@ def command() -> None:
     trimtab calibrate gyro sweep.csv --out boat.toml         gyro dynamics, and their inverse
     trimtab calibrate link up.csv --way up --out boat.toml   link delays, recorded by trimtab link-test
     trimtab calibrate noise still.csv --out boat.toml        noise of a sensor at rest; Q and R of a filter
-    trimtab calibrate measure thrust thrust.csv              guided measurement; saves each line
+    trimtab calibrate measure thrust thrust.csv              guided measurement; saves each value
     trimtab calibrate simulate bench                         simulated data of all procedures, for practice
-    trimtab calibrate show boat.toml                         numbers of the file, with their sources
+    trimtab calibrate show boat.toml                         parameters in the file, with their sources
     trimtab calibrate compare old.toml boat.toml --scenario hovercraft/forward
     trimtab run hovercraft/forward --calibration boat.toml
     """

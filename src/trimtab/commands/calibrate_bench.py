@@ -33,7 +33,7 @@ ASSUMED = (Hovercraft(), RudderGeometry(), Thruster())
 """Craft, rudder and thruster of the thesis: defaults for parameters that no option and no calibration file gives."""
 
 DATA = click.argument("data", type=FILE)
-ADD = OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
+ADD = OUT("FILE.toml", "Write the parameters to this calibration file. Its other parameters are kept.")
 DRAW = PLOT("Draw the fit and its residuals to this picture.")
 
 
@@ -89,7 +89,7 @@ def calibrate_rudder(data: Path, out: Path | None, plot: Path | None, as_json: b
 def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
     """Calibrate the force direction: DATA has columns rudder [deg] and hull [deg].
 
-    Let the craft pull on a string: the angle from its nose to the string is the angle of the force.
+    Let the craft pull on a string. The angle hull, from the nose to the string, is the angle of the force.
     """
     rows = read_measurements(data, rudder.HULL_COLUMNS)
     hull = rudder.fit_hull_angle(rows)
@@ -100,7 +100,7 @@ def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: boo
     )
     curve = curve._replace(band=_band(A, hull.fit) / DEG)
     note = f"correlation {hull.correlation:.4f}"
-    panel = FitPanel("Rudder against force", "force angle (°)", "rudder angle (°)", [curve], note)
+    panel = FitPanel("Rudder angle over force angle", "force angle (°)", "rudder angle (°)", [curve], note)
     finish_calibration(
         "hull", rudder.hull_calibration(rows, hull), _report(rows, hull.fit, "rudder", panel), out, plot, as_json
     )
@@ -112,7 +112,7 @@ def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: boo
 @DRAW
 @JSON
 def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Calibrate thrust over speed and rudder: DATA has columns rudder [deg], speed [rpm] and force [N] (or gf, ozf).
+    """Calibrate the fan's thrust: DATA has columns rudder [deg], speed [rpm] and force [N] (or gf, ozf).
 
     The rudder angle of full thrust is read from the calibration in --out, if `trimtab calibrate hull` wrote it there.
     """
@@ -150,7 +150,7 @@ def calibrate_reverse(data: Path, division: float, out: Path | None, plot: Path 
     ratio, krpm = rows["reverse"] / rows["forward"], rows["speed"] * 1e-3
     fitted = np.polyval(fit.coefficients, krpm)
     curve = FitCurve(krpm, ratio, fitted, fit.fit.kept, n, A @ fit.coefficients, _band(A, fit.fit))
-    panel = FitPanel("Reverse over forward thrust", "speed (krpm)", "ratio", [curve])
+    panel = FitPanel("Ratio of reverse to forward thrust", "speed (krpm)", "ratio", [curve])
     report = CalibrationReport(
         rows.file, len(rows), _describe_outliers(rows, fit.fit, "reverse", ratio - fitted), (panel,)
     )
@@ -275,9 +275,7 @@ def calibrate_gyro(data: Path, out: Path | None, plot: Path | None, as_json: boo
         FitPanel("Gyro and its model", "time (s)", "rate (rad/s)", [curve], note),
         FitPanel("Reference, and output of the inverse model", "time (s)", "rate (rad/s)", [inverse]),
     )
-    notes = (
-        f"{note}; gain at rest {fit.gain():.4f}; the sweep reaches {fit.highest:.3g} Hz; the model is unknown beyond",
-    )
+    notes = (f"{note}; gain at rest {fit.gain():.4f}; valid up to {fit.highest:.3g} Hz, the end of the sweep",)
     report = CalibrationReport(rows.file, len(rows), (), panels, notes)
     finish_calibration("gyro", gyro_response.gyro_calibration(rows, fit), report, out, plot, as_json)
 

@@ -128,7 +128,7 @@ def print_entries(title: str, calibration: Calibration) -> None:
 @click.argument("file", type=FILE)
 @JSON
 def show(file: Path, as_json: bool) -> None:
-    """Show the numbers of a calibration file, their intervals and their sources."""
+    """Show the parameters in a calibration file, with their intervals and sources."""
     calibration = read_calibration(file)
     if as_json:
         print_json({"sha256": calibration.content_hash(), "entries": entries_json(calibration)})
@@ -145,7 +145,7 @@ def show(file: Path, as_json: bool) -> None:
 @SEED
 @JSON
 def compare(a: Path, b: Path, scenario: str | None, seed: int, as_json: bool) -> None:
-    """Show the differences of two calibration files, and their effect on a scenario."""
+    """Show the differences between two calibration files, and their effect on the flight of a scenario."""
     one, two = read_calibration(a), read_calibration(b)
     changes = compare_calibrations(one, two)
     flown = {} if scenario is None else _fly_both(scenario, a, b, seed)
@@ -177,7 +177,7 @@ def compare(a: Path, b: Path, scenario: str | None, seed: int, as_json: bool) ->
 @SEED
 @JSON
 def simulate_bench(folder: Path, seed: int, as_json: bool) -> None:
-    """Simulate an afternoon at the bench: write the data of every procedure, and the truth in truth.toml, to FOLDER.
+    """Simulate bench measurements: write the data of every procedure, and the truth in truth.toml, to FOLDER.
 
     \b
     trimtab calibrate simulate bench --seed 3

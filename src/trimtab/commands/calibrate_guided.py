@@ -63,7 +63,7 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
         [(theta, trial) for trial in range(1, 7) for theta in range(-30, 31, 10)],
         (
             "Gauge between string and hull, lift on, battery full. Six rounds: about 6, 7.5, 9, 10, 11 and 12 krpm.",
-            "Set the rudder, wait until the hull is at rest, then read speed and force together.",
+            "Set the rudder, wait until the hull is at rest, then read speed and force at the same time.",
         ),
         ("speed", "force"),
     ),
@@ -71,7 +71,7 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
         thrust.REVERSE_COLUMNS,
         1,
         [(n, trial) for trial in (1, 2) for n in range(6000, 12001, 1000)],
-        ("Rudder straight. At each speed read the force forward, then in reverse, as sizes.",),
+        ("Rudder straight. At each speed read the force forward, then in reverse, both as positive numbers.",),
         ("speed", "reverse"),
     ),
     "inertia": GuidedProcedure(

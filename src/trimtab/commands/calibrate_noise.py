@@ -65,7 +65,7 @@ class SensorAxis(NamedTuple):
 @click.option("--tick", metavar="TIME", help="Time step of the filter.  [default: period of the sensor]")
 @click.option("--time", metavar="NAME", help="Time column of a CSV file, e.g. 'stamp [us]'.  [default: t, time, …]")
 @PLOT("Draw the Allan deviations to this picture.")
-@OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
+@OUT("FILE.toml", "Write the parameters to this calibration file. Its other parameters are kept.")
 @JSON
 def calibrate_noise(
     log: Path,

@@ -1,4 +1,4 @@
-"""`trimtab campaign`: thousands of runs of one scenario, their statistics, and the repetition of one run."""
+"""`trimtab campaign`: fly thousands of runs of one scenario, compute statistics, or repeat a single run."""
 
 import importlib.util
 import math
@@ -84,7 +84,9 @@ def parse_correlations(context: click.Context, parameter: click.Parameter, value
     metavar="TEXT",
     help="Requirement, e.g. 'success >= 0.99 @ 95%'. Exit code 1 if not met. May be repeated.",
 )
-@click.option("--stop", metavar="TEXT", help="Stop early at a condition, e.g. 'width(success) <= 0.01 @ 95%'.")
+@click.option(
+    "--stop", metavar="TEXT", help="Stop early when this condition holds, e.g. 'width(success) <= 0.01 @ 95%'."
+)
 @click.option(
     "--sampling",
     default="random",
@@ -93,7 +95,10 @@ def parse_correlations(context: click.Context, parameter: click.Parameter, value
 )
 @STORE
 @click.option(
-    "--rerun", type=click.IntRange(0), metavar="RUN", help="Repeat one run and compare it with its stored row."
+    "--rerun",
+    type=click.IntRange(0),
+    metavar="RUN",
+    help="Repeat the run of this number and compare it with its stored row.",
 )
 @FLIGHT
 @WITHOUT
@@ -106,8 +111,10 @@ def parse_correlations(context: click.Context, parameter: click.Parameter, value
     help="Device that computes the runs.",
 )
 @THREADS
-@click.option("--cluster", metavar="URI", help="Fly on the workers of a Dask scheduler, tls://HOST:8786.")
-@click.option("--tls-ca", type=FILE, metavar="FILE", help="CA certificate.")
+@click.option(
+    "--cluster", metavar="URI", help="Fly the runs on the workers of this Dask scheduler, e.g. tls://HOST:8786."
+)
+@click.option("--tls-ca", type=FILE, metavar="FILE", help="CA certificate for the Dask scheduler.")
 @click.option("--tls-cert", type=FILE, metavar="FILE", help="TLS certificate of this client.")
 @click.option("--tls-key", type=FILE, metavar="FILE", help="TLS key of this client.")
 @OUT("DIR", "Write pictures and the table of runs (Parquet) to this folder.")

@@ -36,7 +36,7 @@ AGAIN = "flown again"
 @PLOT("Draw the earliest differing signals to this picture.")
 @JSON
 def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Find the first difference between two logs; with one log, compare it with its rerun.
+    """Find the first difference between two logs, or between a log and a rerun of its flight.
 
     Compares exactly, at the instants and for the signals that both logs have. Exit code 1 if they differ.
 

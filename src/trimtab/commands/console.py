@@ -30,7 +30,7 @@ from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
 from trimtab.scenarios.recorded import rebuild_scenario
 
-if TYPE_CHECKING:  # the extra "console" may be missing
+if TYPE_CHECKING:  # the packages of the extra "console" may not be installed
     from trimtab.console.recordings import Recording
 
 START_S = 180.0
@@ -146,7 +146,7 @@ def _show_recorded(subjects: Sequence[str], parts: Mapping[str, str], address: C
 
 
 def _replay(file: Path, parts: Mapping[str, str]) -> "list[Recording]":
-    """Return a recorded flight, and its replay with other parts of the autopilot."""
+    """Return the recording of a log, and that of its replay with other parts of the autopilot."""
     from trimtab.console.recordings import load_recording, record_flight
 
     log = read_own_log(file)
@@ -159,7 +159,7 @@ def _replay(file: Path, parts: Mapping[str, str]) -> "list[Recording]":
 
 
 def _choose(scenario: str, settings: Mapping[str, str]) -> dict[str, str]:
-    """Return the settings, with a supervisor, a stick and a position estimate if the scenario offers them."""
+    """Return the settings, and add supervisor, stick and position estimate if the scenario offers these choices."""
     offered = catalogue.scenario_choices(scenario)
     position = {name: value for name, value in POSITION.items() if value in offered.get(name, ())}
     return position | live_settings(scenario) | dict(settings)

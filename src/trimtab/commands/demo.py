@@ -26,7 +26,7 @@ other scenarios:            trimtab list"""
 def command(context: click.Context, seed: int, out: Path | None, as_json: bool) -> None:
     """Fly the hovercraft to a position over its radio link, ideal and real.
 
-    Uses the thesis's craft with its measured Bluetooth latencies; writes trimtab-demo.png and explains it.
+    Uses the craft of the thesis with its measured Bluetooth latencies. Writes trimtab-demo.png and explains it.
     """
     picture = (out or Path()) / "trimtab-demo.png"
     settings = {"links": "measured"}

@@ -55,12 +55,12 @@ FUNCTION = "certified_system"
     callback=parse_settings,
     help="Change a setting of the system, e.g. h_ft=90000. May be repeated.",
 )
-@OUT("FILE", "Write the certificate (JSON).")
-@click.option("--check", type=FILE, metavar="FILE", help="Prove the certificate in this file again.")
+@OUT("FILE", "Write the certificate to this file (JSON).")
+@click.option("--check", type=FILE, metavar="FILE", help="Prove the certificate in this existing file again.")
 @click.option(
     "--stabilisability",
     is_flag=True,
-    help="Analyse if smooth feedback can stabilise SYSTEM, and where inputs can steer it.",
+    help="Analyse if smooth feedback can stabilise SYSTEM, and in which directions its inputs can steer it.",
 )
 @GAIN
 @INVERSION
@@ -81,7 +81,7 @@ def command(
     as_json: bool,
     **gain: Any,
 ) -> None:
-    """Design a feedback gain, with a certificate that proves it; or prove a certificate again.
+    """Design a feedback gain with a certificate that proves its stability, or prove an existing certificate again.
 
     A certificate belongs to a named system with settings. --check rebuilds that system from scratch, compares every
     matrix, weight and number in the file with it, and proves each condition in exact arithmetic, without the solver
@@ -90,8 +90,8 @@ def command(
 
     A law of the package has a theorem instead of a gain: the set to which its loop converges, the region of attraction,
     and a Lyapunov function (docs, Theorem). The theorem is derived from the law's own code, run on polynomials.
-    --stabilisability tests if smooth feedback can exist for a vehicle (Brockett; Byrnes and Isidori), and where its
-    inputs can steer it, by Lie brackets (docs, Stabilisability).
+    --stabilisability tests if smooth feedback can stabilise a vehicle (Brockett; Byrnes and Isidori), and in which
+    directions its inputs can steer it, by Lie brackets (docs, Stabilisability).
 
     \b
     trimtab design hypersonic                        gain, poles and every condition

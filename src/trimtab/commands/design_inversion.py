@@ -29,7 +29,7 @@ from trimtab.run.plant import load_plant
 
 OPTIONS = ("outputs", "inputs", "to", "seconds_long", "picture")
 FADES = math.log(1e4)
-"""Duration of the motion before and after the course, in time constants: a decay to 1/10000."""
+"""Duration of the motion before and after the course, in time constants, for a decay to 1/10000."""
 LONGEST = 10.0
 """Maximum time before and after the course, relative to its duration."""
 SLOW = 0.1
@@ -43,7 +43,7 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--inversion",
             is_flag=True,
-            help="Compute states and inputs along a course of outputs, given by --output, --to and --in.",
+            help="Compute states and inputs so that outputs follow a course, given by --output, --to and --in.",
         ),
         click.option(
             "--output",
@@ -57,7 +57,7 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
             "inputs",
             multiple=True,
             metavar="NAME",
-            help="Input to use, with --inversion; others stay at their trim values. May be repeated.  [default: all]",
+            help="Input to use, with --inversion; others keep their trim values. May be repeated.  [default: all]",
         ),
         click.option(
             "--to",
@@ -128,7 +128,7 @@ def invert_vehicle(
     data |= {"u": found.u.tolist()}
     files = [write_text(out, json.dumps(data) + "\n")] if out is not None else []
     if words["picture"] is not None:
-        from trimtab.plots.inversion import plot_inversion  # matplotlib is imported when something is drawn
+        from trimtab.plots.inversion import plot_inversion  # matplotlib is imported only to draw a picture
 
         span = (before, before + length)
         shown = {"outputs": outputs, "title": vehicle, "units": plant.units}

@@ -61,7 +61,7 @@ def GAIN(function: Callable[..., Any]) -> Callable[..., Any]:
             "--fast",
             multiple=True,
             metavar="NAME",
-            help="With --lqr: fast state that is not fed back. May be repeated.",
+            help="With --lqr: fast state that the gain does not feed back. May be repeated.",
         ),
         AT,
     )

@@ -77,9 +77,9 @@ def _print_smooth(model: StateSpaceModel, smooth: SmoothFeedback) -> None:
     if not b.is_onto:
         for target in b.missed_targets[:1]:
             way = format_combination(target / np.linalg.norm(target), model.states)
-            click.echo(f"    no small state and input give rates along {way}, however small")
+            click.echo(f"    no state and input near this point give rates along {way}, however small")
     elif not b.is_excluded:
-        click.echo("    every small rate of the states can be produced by some small state and input")
+        click.echo("    every small rate of the states can be produced by some state and input near this point")
     if ranks is None or cascade is None:
         click.echo("  Byrnes, Isidori: does not apply: no subset of the states depends only on itself and the inputs")
         return

@@ -73,7 +73,7 @@ class EndSignals:
 
     @contextlib.contextmanager
     def watch(self, numbers: list[int]) -> Iterator[None]:
-        """Handle these signals until the block ends."""
+        """Handle the signals with these numbers until the block ends."""
         before = {number: signal.signal(number, self.handle) for number in numbers}
         wakeup = signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
         sys.unraisablehook = self.note_dropped
@@ -125,7 +125,7 @@ def _end_program(number: int) -> None:
 
 
 def _leave(code: int) -> None:
-    """End the program at once; the interpreter would wait for other threads, which may compile for seconds."""
+    """End the process at once, without waiting for other threads, which may compile for seconds."""
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):
             stream.flush()

@@ -39,10 +39,10 @@ BOARDS = ("cortex-m4", "cortex-m7")
     type=click.Choice(("autopilot", "loop", "vehicle")),
     default="autopilot",
     show_default=True,
-    help="Part to write: the autopilot, the whole loop with its world, or, as an FMU only, the vehicle.",
+    help="Part to write: the autopilot, the whole loop with its world, or the vehicle (only as an FMU).",
 )
-@click.option("--fmu", type=click.Choice(("2", "3")), help="Write an FMU for co-simulation, FMI 2.0 or 3.0.")
-@OUT("DIR", "Write the C code, its test and its test vectors to this folder; an FMU to this file.")
+@click.option("--fmu", type=click.Choice(("2", "3")), help="Write an FMU for co-simulation by FMI 2.0 or 3.0.")
+@OUT("DIR", "Write C code, its test and its test vectors to this folder, or an FMU to this file.")
 @click.option("--steps", type=click.IntRange(1), default=2000, show_default=True, help="Number of test vectors.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the test vectors.")
 @click.option("--fly", is_flag=True, help="Run the code on the emulated board of --target.")
@@ -371,7 +371,7 @@ def find_function(name: str) -> tuple[Callable[..., Any], tuple[Any, ...]] | Non
     """Return the function ``file.py:function`` and its example arguments, or None if it is a scenario.
 
     The example is the tuple `example` of the file, or a dict of such tuples by function name; else the parameters'
-    defaults. A function without either is taken as one that returns a scenario.
+    defaults. A function without example and defaults is taken as one that returns a scenario.
 
     Raises:
         InputError: an `example` that is neither a tuple nor a dict of tuples.

@@ -33,7 +33,7 @@ def write_web_flight(
     **_: Any,
 ) -> None:
     """Write the page of a closed loop, its WebAssembly program and its description, and print their sizes."""
-    from trimtab.export.web_assembly import export_web, write_web_page  # these import JAX
+    from trimtab.export.web_assembly import export_web, write_web_page  # these modules import JAX
     from trimtab.scenarios.build import build
 
     _refuse_other_choices()
@@ -90,7 +90,7 @@ def _parse_slider(scenario: "Scenario", text: str) -> "tuple[Scenario, Slider]":
     if kind == "delay" and link in ("", "uplink", "downlink"):
         if low != 0:
             raise InputError(
-                "--slider", f"delay is added to the link's own and must start at 0, got {low:g}", fix=EXAMPLE
+                "--slider", f"delay is added to the link's own delay and must start at 0, got {low:g}", fix=EXAMPLE
             )
         return delay_slider(scenario, high, link or "uplink")
     path = f"world.{link or 'uplink'}.loss" if kind == "loss" and link in ("", "uplink", "downlink") else name

@@ -99,9 +99,9 @@ def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
 
 
 def assess_targets(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
-    """Return whether a flight ended on its targets (on_target), and the verdict in words (says).
+    """Return on_target, True if a flight ended on its targets, and says, the verdict in words.
 
-    None for a scenario without targets. A diverged flight is never on target.
+    Return None for a scenario without targets. A diverged flight is never on target.
     """
     targets, lost = tuple(targets), divergence_time(log)
     if lost is not None:
@@ -227,7 +227,7 @@ def non_finite_times(log: Log) -> dict[str, float]:
 
 
 def divergence_time(log: Log) -> float | None:
-    """Return the time at which the truth stopped being finite (s), or None."""
+    """Return the time (s) at which the truth stopped being finite, or None if it stayed finite."""
     truth = [log[p] for p in log.paths if p.startswith("truth.")]
     if not truth or not len(log):
         return None
@@ -266,7 +266,7 @@ def _describe_flight(summary: Mapping[str, Any]) -> str:
 
 
 def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
-    """Print the metrics of a run, ideal and real."""
+    """Print the metrics of the ideal and of the real run."""
     sides = {side: result[side] for side in ("ideal", "real") if result[side] is not None}
     for side in [one for one in ("real", "ideal") if "verdict" in sides.get(one, {})]:
         click.echo(f"{f'{side}:':<7}{sides[side]['verdict']['says']}")

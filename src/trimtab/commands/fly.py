@@ -73,7 +73,7 @@ from trimtab.scenarios.build import build
     type=click.Choice([STORED_CLOCK, COMPUTER_CLOCK, VEHICLE_CLOCK]),
     default=STORED_CLOCK,
     show_default=True,
-    help="Clock for signatures: continue the stored one, reset it from this computer's, or follow the vehicle's.",
+    help="Clock for signatures: continue the stored clock, reset it from this computer's, or follow the vehicle's.",
 )
 @click.option(
     "--accept",
@@ -95,7 +95,9 @@ from trimtab.scenarios.build import build
 @OUT("DIR", "Write the flight's log, flight.mcap, to this folder.")
 @PARAMETERS
 @LOG_LIMIT
-@click.option("--console", "with_console", is_flag=True, help="Serve a pilot's page and print its address.")
+@click.option(
+    "--console", "with_console", is_flag=True, help="Serve a pilot's page for a browser, and print its address."
+)
 @PLACE
 @JSON
 def command(
@@ -126,7 +128,7 @@ def command(
 ) -> None:
     """Fly a vehicle over a real link with a scenario's compiled autopilot, in real time.
 
-    Waits for the vehicle, synchronises with its clock, arms it once there is an estimate, flies for the scenario's
+    Waits for the vehicle, synchronises with its clock, arms it when the estimate is valid, flies for the scenario's
     duration and disarms. A supervisor monitors speeds, the link and the estimate's age; --set supervisor=none disables
     it. Exit code 0: the flight was completed; 1: never armed, aborted, halted by an overrun, taken over, in failsafe,
     link lost, or log rows lost; 2: invalid input, or no answer.

@@ -20,7 +20,7 @@ FIELDS_SHOWN = 8
 
 
 def read_own_log(file: Path) -> Log:
-    """Read a log of trimtab. Print a warning for each gap in it."""
+    """Read a log of trimtab, and print a warning for each gap in the log."""
     log = read_mcap(file)
     for gap in log.metadata.get("gaps", ()):
         click.echo(show_controls(f"warning: {file.name}: {gap['text']}"), err=True)
@@ -68,7 +68,7 @@ def scenario_estimator(name: str, settings: Mapping[str, str]) -> Any:
 
 
 def check_choice(mapping: Path | None, scenario: str | None, estimator: str | None, settings: Any, parts: Any) -> None:
-    """Check the combination of options of `trimtab replay`.
+    """Check that options of `trimtab replay` are not in conflict.
 
     Raises:
         InputError: conflicting or missing options, with the fix.

@@ -43,7 +43,7 @@ CHANGED = 3.0
     "--sensor", metavar="NAME", help="Sensor that measured the vehicle's state.  [default: the only such sensor]"
 )
 @MAP
-@OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
+@OUT("FILE.toml", "Write the parameters to this calibration file. Its other parameters are kept.")
 @SET
 @NAVIGATION
 @JSON
@@ -60,9 +60,9 @@ def command(
 ) -> None:
     """Identify parameters of a vehicle from flights, by maximum likelihood, with 95 % intervals.
 
-    The logs must contain commands, and measured states of the vehicle, e.g. north, east and heading of a motion
-    capture, at any rate and with gaps. Parameters that the data cannot separate are reported. Logs of other systems
-    need --map, as in trimtab replay, in which [sensor.command] maps the commands.
+    The logs must contain commands and measured states of the vehicle, e.g. north, east and heading from motion
+    capture, at any rate. Gaps are allowed. Parameters that the data cannot separate are reported. Logs of other systems
+    need --map, as in trimtab replay. In the mapping, [sensor.command] maps the commands.
 
     \b
     trimtab identify hovercraft/spin flight.mcap --fit world.vehicle.mass --fit world.vehicle.inertia --fit delay
@@ -164,7 +164,7 @@ def _as_json(scenario: str, found: Identified, changes: dict[str, float]) -> dic
 
 
 def _print_unexplained(found: Identified) -> None:
-    """Print the fields that the fitted model does not explain, and likely reasons."""
+    """Print the measured fields that the fitted model does not explain, and likely reasons."""
     for field, (rms, change) in found.unexplained.items():
         text = f"not explained: {field}, error {rms:.3g} over {HORIZON:g} s, in which it changes by {change:.3g};"
         click.echo(

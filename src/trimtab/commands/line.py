@@ -49,7 +49,7 @@ def is_local(uri: str) -> bool:
 
 
 def live_settings(scenario: str, names: Sequence[str] = tuple(LIVE_CHOICES)) -> dict[str, str]:
-    """Return the settings of LIVE_CHOICES, a supervisor and a pilot's stick, that the scenario offers."""
+    """Return the settings in LIVE_CHOICES (supervisor and pilot's stick) that the scenario offers."""
     offered = catalogue.scenario_choices(scenario)
     return {name: LIVE_CHOICES[name] for name in names if LIVE_CHOICES[name] in offered.get(name, ())}
 

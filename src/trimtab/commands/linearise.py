@@ -1,4 +1,4 @@
-"""`trimtab linearise`: poles, modes, zeros and Gramians of a vehicle about a trim; its matrices in a file."""
+"""`trimtab linearise`: poles, modes, zeros, Gramians and matrices of a vehicle's linear model about a trim."""
 
 from pathlib import Path
 from typing import Any
@@ -175,7 +175,7 @@ def zeros_json(zeros: Zeros) -> list[dict[str, Any]]:
 
 
 def zero_limit(zeros: Zeros) -> float:
-    """Return the real part (1/s) up to which a zero counts as on the imaginary axis."""
+    """Return the absolute real part (1/s) up to which a zero counts as on the imaginary axis."""
     return ON_AXIS * max(zeros.size, np.finfo(float).tiny)
 
 

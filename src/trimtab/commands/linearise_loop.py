@@ -31,7 +31,7 @@ def print_loop(
     picture: Path | None,
     as_json: bool,
 ) -> None:
-    """Linearise the loop of a scenario, and print or draw the results."""
+    """Linearise the closed loop of a scenario, and print or draw its poles and margins."""
     if plant.scenario is None:
         fix = "name a scenario, e.g.  trimtab linearise hovercraft/forward --closed-loop"
         raise InputError("--closed-loop", f"{plant.name} is a vehicle without a loop", fix=fix)
@@ -47,7 +47,7 @@ def print_loop(
         )  # margins hold for a fundamental, which a closed path couples to its harmonics
     files: list[Path] = []
     if picture is not None:
-        from trimtab.plots.bode import plot_bode  # matplotlib is imported when something is drawn
+        from trimtab.plots.bode import plot_bode  # matplotlib is imported only to draw a picture
 
         files = draw_plot(picture, plot_bode, loop, title=plant.name)
     if as_json:

@@ -65,7 +65,7 @@ REQUESTS_MIN = 10
 @click.option("--rate", type=float, default=10.0, show_default=True, help="Requests per second.")
 @SEED
 @PLOT("Draw histograms of the delays to this picture.")
-@OUT("DIR", "Write table, picture, recordings and settings to this folder.")
+@OUT("DIR", "Write the table of delays, its picture, recordings and settings to this folder.")
 @JSON
 def command(
     uri: str,
@@ -80,9 +80,9 @@ def command(
 ) -> None:
     """Measure a link's one-way delays, up and down, under load.
 
-    One end echoes, the other measures. The result is a table, histograms, recordings that `run` can replay, and a model
-    of the link as settings for `trimtab run`. On one machine both ends share a clock. Otherwise the split of the round
-    trip into up and down is estimated.
+    One end of the link echoes packets, the other end measures. The result is a table, histograms, recordings that
+    `trimtab run` can replay, and a model of the link as settings for `trimtab run`. On one machine both ends share a
+    clock. Otherwise the split of the round trip into up and down is estimated.
 
     \b
     trimtab link-test 'serial:///dev/ttyUSB0?baud=115200' --echo          on one end
@@ -195,7 +195,7 @@ def _measure_delays(link: Link, uri: str, plans: list[LinkTestPlan]) -> list[Del
 
 
 def _delays_json(delays: Delays) -> dict[str, Any]:
-    """Return the delays as JSON data, in ms as in the thesis's table."""
+    """Return the delays as data for JSON, in ms as in the table of the thesis."""
     plan = delays.plan
     numbers: dict[str, Any] = {"load_up_kbps": plan.up, "load_down_kbps": plan.down}
     numbers |= {"sent_kbps": delays.data_rates[0], "received_kbps": delays.data_rates[1]}

@@ -1,4 +1,4 @@
-"""`trimtab live-faults`: flights of a vehicle and an autopilot under faults of link, processes and machine."""
+"""`trimtab live-faults`: flights of a vehicle and an autopilot with faults in link, processes and computer."""
 
 import sys
 from collections.abc import Sequence
@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.option(
-    "--only", multiple=True, metavar="CASE", help="Fly only this case. May be repeated.  [default: all cases]"
+    "--only",
+    multiple=True,
+    metavar="CASE",
+    help="Restrict the flights to this case. May be repeated.  [default: all cases]",
 )
 @click.option("--draw", type=click.IntRange(1), metavar="N", help="Fly N flights drawn at random instead of the cases.")
 @click.option(
@@ -34,7 +37,7 @@ if TYPE_CHECKING:
     "--real-time",
     "is_real",
     is_flag=True,
-    help="Fly with real processes in real time, instead of one process in virtual time.",
+    help="Ask for flights of real processes in real time, instead of one process in virtual time.",
 )
 @click.option(
     "--jobs",
@@ -43,7 +46,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Number of flights that run at the same time.",
 )
-@OUT("DIR", "Write logs and printed text to this folder, one folder per case.")
+@OUT("DIR", "Write logs and printed texts to a subfolder of this folder for each case.")
 @click.option(
     "--page",
     type=FILE,
@@ -140,7 +143,7 @@ def _choose_names(only: tuple[str, ...], draw: int | None, seed: int, page: Path
 
 
 def _count_kinds(outcomes: "Sequence[CaseOutcome]") -> dict[str, dict[str, int]]:
-    """Return kind of a random flight -> counts by name; the last kind is the total."""
+    """Return kind of random flights -> name of a count -> count; the last kind is the total."""
     counts = _import_module("draw").count_kinds({one.name: one for one in outcomes})
     kinds = {kind: count._asdict() for kind, count in counts.items()}
     return kinds | {"all": {name: sum(k[name] for k in kinds.values()) for name in next(iter(kinds.values()))}}

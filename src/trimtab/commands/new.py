@@ -1,4 +1,4 @@
-"""`trimtab new`: write a working template of a new part, with its test and its page.
+"""`trimtab new`: write a working template of a new part, with a test and a docs page.
 
 The files are copies of the tested templates in `trimtab.templates`, with the given name in place of theirs.
 """
@@ -50,11 +50,11 @@ UNCERTAIN = {
 }
 """Kind -> a parameter of its template that may vary between runs."""
 LONGEST = 24
-"""Maximum length of a name, so that lines with it stay within 120 characters."""
+"""Maximum length of a part's name, so that lines with the name stay within 120 characters."""
 
 
 def complete_kinds(context: click.Context, parameter: click.Parameter, start: str) -> list[CompletionItem]:
-    """Complete kinds of parts."""
+    """Return shell completions for kinds of parts."""
     return [CompletionItem(kind) for kind in KINDS if kind.startswith(start)]
 
 

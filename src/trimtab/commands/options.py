@@ -23,7 +23,7 @@ CHOICES = "trimtab.choices"
 
 
 def parse_settings(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """Parse path=value texts into a mapping, and add the file of ``--calibration``."""
+    """Parse the texts PATH=VALUE of ``--set`` into a mapping, and add the file of ``--calibration``."""
     fix = "--set world.vehicle.mass=3.2; trimtab list SCENARIO shows paths"
     settings: dict[str, str] = {}
     for path, value in _split_pairs("--set", "path=value", fix, values):
@@ -37,13 +37,13 @@ def parse_settings(context: click.Context, parameter: click.Parameter, values: t
 
 
 def parse_parts(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """Parse part=choice texts into a mapping."""
+    """Parse the texts PART=CHOICE of ``--with`` into a mapping."""
     pairs = _split_pairs("--with", "PART=CHOICE", "--with estimator=ins-coupled", values)
     return {part: choice.strip() for part, choice in pairs}
 
 
 def keep_references(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> None:
-    """Parse ``--reference``: a path becomes the setting "reference", a schedule the setting of its gain."""
+    """Store ``--reference``: a path as the setting "reference", a schedule as the setting of its gain."""
     references: dict[str, str] = {}
     for text in values:
         path, equals, schedule = (word.strip() for word in text.partition("="))
@@ -55,7 +55,7 @@ def keep_references(context: click.Context, parameter: click.Parameter, values: 
 
 
 def parse_spreads(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """Parse path=distribution texts into a mapping; the name of a calibration file maps to an empty text."""
+    """Parse the texts PATH=DISTRIBUTION of ``--spread`` into a mapping; a calibration file maps to an empty text."""
     fix = "--spread 'world.vehicle.mass=normal(100%, 5%)'; trimtab list SCENARIO shows every path"
     spread: dict[str, str] = {text: "" for text in values if is_calibration(text)}
     paths = tuple(text for text in values if not is_calibration(text))
@@ -81,13 +81,13 @@ def _split_pairs(option: str, form: str, fix: str, values: tuple[str, ...]) -> I
 
 
 def complete_scenarios(context: click.Context, parameter: click.Parameter, start: str) -> list[CompletionItem]:
-    """Complete scenarios of the catalogue; without a match, files."""
+    """Return shell completions for scenarios of the catalogue, or for files if no scenario matches."""
     names = [name for name in catalogue.scenario_files() if name.startswith(start)]
     return [CompletionItem(name) for name in names] or [CompletionItem(start, type="file")]
 
 
 def complete_settings(context: click.Context, parameter: click.Parameter, start: str) -> list[CompletionItem]:
-    """Complete paths of the scenario's settings; the first time takes as long as `trimtab list SCENARIO`."""
+    """Return shell completions for paths of settings. The first call takes as long as `trimtab list SCENARIO`."""
     typed = (str(context.params.get("scenario")), *context.args)
     scenario = next((word for word in typed if word in catalogue.scenario_files()), None)
     if scenario is None:
@@ -150,7 +150,7 @@ def PLOT(help: str, name: str = "plot") -> Callable[..., Any]:
 
 SEED = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random numbers.")
 MOST_RUNS = 10_000_000
-"""Maximum number of runs of one search or campaign, so that the results fit in memory."""
+"""Maximum number of runs of a search or a campaign, so that the results fit in memory."""
 
 
 class Count(click.IntRange):
@@ -174,11 +174,11 @@ class Count(click.IntRange):
 
 
 def RUNS(default: int, help: str, least: int = 1) -> Callable[..., Any]:
-    """Return the option ``--runs``, the number of runs."""
+    """Return a decorator that adds ``--runs``, the number of runs."""
     return click.option("--runs", type=Count(least, MOST_RUNS), default=default, show_default=True, help=help)
 
 
-# the loop and its settings
+# options for the loop and its settings
 
 
 def SET(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -209,7 +209,7 @@ def SET(function: Callable[..., Any]) -> Callable[..., Any]:
         metavar="PATH=VALUE",
         callback=parse_settings,
         shell_complete=complete_settings,
-        help="Change a setting. May be repeated.",
+        help="Change a setting of the scenario. May be repeated.",
     )
     return change(reference(calibration(function)))
 
@@ -255,7 +255,7 @@ FAULT = click.option(
     help="Fault to inject, e.g. 'sensor:imu off @ 3 s for 1 s'. May be repeated.",
 )
 
-# thousands of runs
+# options for many runs
 SPREAD = click.option(
     "--spread",
     multiple=True,
@@ -301,7 +301,7 @@ STORE = click.option(
     help="Store the runs in this folder. The same command started again flies only missing runs.",
 )
 
-# links
+# options for links
 LINK = click.option("--link", required=True, metavar="URI", help="Link to the vehicle, e.g. udp://127.0.0.1:14550.")
 KEY = click.option("--key", type=FILE, metavar="FILE", help="Signing key of the link.  [default: the vehicle's]")
 UNSIGNED = click.option(
@@ -350,4 +350,6 @@ def PLACE(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-LOCKSTEP = click.option("--lockstep", is_flag=True, help="Run in virtual time: each end waits for the other.")
+LOCKSTEP = click.option(
+    "--lockstep", is_flag=True, help="Run in virtual time: each end of the link waits for the other end."
+)

@@ -47,7 +47,7 @@ def compose_answer(verb: str, result: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _running_verb() -> str:
-    """Return the verb that was typed, the word after the program's name."""
+    """Return the name of the verb that runs, the word after the program's name."""
     context = click.get_current_context()
     while context.parent is not None and context.parent.parent is not None:
         context = context.parent

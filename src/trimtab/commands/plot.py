@@ -15,7 +15,7 @@ from trimtab.core.time import parse_time, to_seconds
 @click.command()
 @click.argument("file", type=FILE, metavar="LOG")
 @click.argument("signals", nargs=-1, metavar="[PATH…]")
-@PLOT("Draw the signals to this picture (PNG, SVG or PDF, by its ending).  [default: the log's name with .png]")
+@PLOT("Draw the signals to this picture (.png, .svg or .pdf).  [default: the log's name with .png]")
 @click.option("--since", metavar="TIME", help="Start of the plot, e.g. '2 s'.")
 @click.option("--until", metavar="TIME", help="End of the plot.")
 @JSON
@@ -42,7 +42,7 @@ def command(
         log = log.between(ends[0] or 0.0, float("inf") if ends[1] is None else ends[1])
     if not len(log):
         fix = "leave --since and --until out"
-        raise InputError(f"log file '{file}'", "no row in this interval", fix=fix)
+        raise InputError(f"log file '{file}'", "the log has no row in this interval", fix=fix)
     name = str(log.metadata.get("scenario", file.name))
     if signals:
         paths = select_paths(log, signals)

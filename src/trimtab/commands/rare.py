@@ -39,14 +39,14 @@ FEW = 20
 @FAULT_RANGE
 @VARY
 @SUCCESS
-@RUNS(100_000, "Approximate number of runs.")
+@RUNS(100_000, "Number of runs (approximate).")
 @FLIGHT
 @WITHOUT
 @SEED
 @THREADS
 @OUT(
     "DIR",
-    "Write finished runs and scenario files of two failures to this folder. The same command continues from there.",
+    "Write finished runs, and scenario files of two failures, to this folder. The same command continues from there.",
 )
 @JSON
 def command(scenario: str, runs: int, out: Path | None, as_json: bool, **options: Any) -> None:

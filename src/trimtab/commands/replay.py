@@ -38,7 +38,7 @@ PARTS = ("estimator", "law", "allocation")
 @click.option(
     "--scenario",
     metavar="SCENARIO",
-    help="Scenario of the log, if it is not in the catalogue. With --map: scenario whose estimator is run.",
+    help="Scenario of the log, if not in the catalogue. With --map: scenario whose estimator is run.",
 )
 @click.option(
     "--set",
@@ -46,7 +46,7 @@ PARTS = ("estimator", "law", "allocation")
     multiple=True,
     metavar="PATH=VALUE",
     callback=parse_settings,
-    help="With --map: change a setting of the scenario of --scenario. May be repeated.",
+    help="Change a setting of the scenario given by --scenario, with --map. May be repeated.",
 )
 @click.option(
     "--with",
@@ -54,7 +54,7 @@ PARTS = ("estimator", "law", "allocation")
     multiple=True,
     metavar="PART=CHOICE",
     callback=parse_settings,
-    help="Replace estimator or law. May be repeated.",
+    help="Replace estimator or law of the recorded autopilot. May be repeated.",
 )
 @click.option(
     "--estimator",

@@ -33,7 +33,9 @@ GroupRows = list[tuple[StudyGroup, list[Row]]]
 
 @click.command()
 @click.argument("study", metavar="[STUDY]", required=False)
-@click.option("--only", multiple=True, metavar="GROUP", help="Recompute only this group of figures. May be repeated.")
+@click.option(
+    "--only", multiple=True, metavar="GROUP", help="Restrict the computation to this group of figures. May be repeated."
+)
 @OUT("DIR", "Write the study's pictures to this folder.")
 @click.option(
     "--report", type=FILE, metavar="DIR", help="Folder for a one-page report: rows, pictures, errata, environment."
@@ -42,7 +44,7 @@ GroupRows = list[tuple[StudyGroup, list[Row]]]
 def command(study: str | None, only: tuple[str, ...], out: Path | None, report: Path | None, as_json: bool) -> None:
     """Recompute a publication's figures, and compare printed with computed values.
 
-    Exit code 1 if a figure that should be reproduced is not. Without STUDY the studies and their groups are listed.
+    Exit code 1 if a value that should be reproduced is not. Without STUDY the studies and their groups are listed.
 
     \b
     trimtab reproduce
@@ -109,7 +111,7 @@ def _compute_groups(groups: list[StudyGroup], out: Path | None) -> tuple[GroupRo
 def _write_page(
     report: Path, study: str, results: GroupRows, pictures: dict[str, list[Path]], took: tuple[str, float]
 ) -> Path:
-    """Write the page of `--report`. took: start time, and duration (s)."""
+    """Write the page of `--report`. took: start time (UTC) and duration (s) of the computation."""
     from trimtab.commands.reproduce_page import build_page, describe_environment, read_errata
 
     folder = find_study(study)
@@ -177,7 +179,7 @@ def _print_groups(study: str, results: GroupRows) -> None:
 
 
 def _print_rows(title: str, rows: list[Row]) -> None:
-    """Print rows of a study with printed and computed values, and the reason for each that does not hold."""
+    """Print rows of a study with printed and computed values, and a reason for each row that does not hold."""
     headings = ("figure", ">printed", ">computed", "accepted", "unit", "verdict", "where")
     table = new_table(*headings, title=title.replace("[", r"\["), unwrapped=("verdict",))
     styles = {"differs": "bold red", "not reproduced": "yellow"}

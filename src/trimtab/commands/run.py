@@ -53,7 +53,14 @@ class RunReport(NamedTuple):
 @FLIGHT
 @WITHOUT
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random numbers.")
-@click.option("--run", "number", type=int, default=0, show_default=True, help="Number of a run within a campaign.")
+@click.option(
+    "--run",
+    "number",
+    type=int,
+    default=0,
+    show_default=True,
+    help="Number of the run within a campaign of the same seed.",
+)
 @click.option(
     "--ideal/--no-ideal",
     default=True,
@@ -62,7 +69,7 @@ class RunReport(NamedTuple):
 )
 @BACKEND
 @PLOT("Draw all signals to this picture.")
-@OUT("DIR", "Write log (MCAP) and picture to this folder.")
+@OUT("DIR", "Write the log (MCAP) and the picture of the run to this folder.")
 @click.option(
     "--log-period", metavar="TIME", default="1 ms", show_default=True, help="Time between two rows of the log."
 )
@@ -180,7 +187,7 @@ def _compile_and_fly(scenario: "Scenario", ideal: bool, backend: str, flight: di
             twin = compile_scenario(scenario.ideal()) if ideal else None
             return real.result(), twin
         finally:
-            other.shutdown(wait=False)  # Ctrl-C ends the command without waiting for the trace
+            other.shutdown(wait=False)  # after Ctrl-C the command ends without waiting for the trace
 
     with show_spinner(f"compiling {name}"):
         programs = choose_c(backend, compile_both)

@@ -81,7 +81,7 @@ def parse_gains(context: click.Context, parameter: click.Parameter, values: tupl
 @SEED
 @THREADS
 @STORE
-@OUT("FILE", "Write a scenario file with the gains, e.g. tuned.py.")
+@OUT("FILE", "Write a scenario file with the tuned gains, e.g. tuned.py.")
 @PLOT("Draw the progress of the tuning to this picture.")
 @JSON
 def command(

@@ -83,7 +83,7 @@ SHORTEST_WATCHDOG = ms(20)
     type=click.Choice([STORED_CLOCK, COMPUTER_CLOCK]),
     default=STORED_CLOCK,
     show_default=True,
-    help="Clock for signatures: continue the stored one, or reset it from this computer's.",
+    help="Clock for signatures: continue the stored clock, or reset it from this computer's.",
 )
 @click.option(
     "--watchdog",

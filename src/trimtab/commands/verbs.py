@@ -90,13 +90,13 @@ class Verbs(click.Group):
                 sys.exit(1)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return the verb of that name; None if it is unknown."""
+        """Import and return the verb of this name; None if the name is unknown."""
         if cmd_name not in self.commands:
             return None
         return importlib.import_module(f"{__package__}.{cmd_name.replace('-', '_')}").command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the verbs with their help, read from the files; importing all of them would take seconds."""
+        """List the verbs with help texts read from their files, because importing all verbs would take seconds."""
         listed = click.Group(commands={name: click.Command(name, help=read_help(name)) for name in self.commands})
         listed.format_commands(ctx, formatter)
 

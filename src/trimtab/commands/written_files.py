@@ -1,4 +1,4 @@
-"""Record of the files that trimtab wrote, which it may replace; any other file is the user's and is kept.
+"""Record of the files that trimtab wrote and may replace. Any other file belongs to the user and is kept.
 
 The cache's folder `written` stores the path of each file that a verb wrote, and the SHA-256 of its content. A file with
 that content may be replaced. A file that was edited since, or came from elsewhere, is refused before anything runs,
@@ -37,7 +37,7 @@ def with_overwrite(function: Callable[..., Any]) -> Callable[..., Any]:
         is_eager=True,
         expose_value=False,
         callback=lambda context, parameter, value: context.meta.update({OVERWRITE: value}),
-        help="Replace existing files even if trimtab did not write them or they were edited since.",
+        help="Replace existing files, even if trimtab did not write them or they were edited since.",
     )(function)
 
 

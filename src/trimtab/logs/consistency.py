@@ -30,7 +30,8 @@ WINDOW = 6
 class Consistency(NamedTuple):
     """Verdict on the average of NIS or NEES over runs.
 
-    mean: average of NIS or NEES.  expected: its degrees of freedom.  low, high: bounds for a consistent filter.
+    mean: average of NIS or NEES.  expected: average of a consistent filter, the degrees of freedom.
+    low, high: bounds of the average for a consistent filter.
     inside: share of the instants at which the average over runs lies within the bounds for one instant.
     verdict: consistent, optimistic or pessimistic.
     """
@@ -252,6 +253,8 @@ def _consistency(at_each: Any, dof: int, low: float, high: float) -> Consistency
 def _check_finite(name: str, values: Any, dimensions: int | None = None) -> Any:
     array = np.asarray(values, float)
     if not array.size or not np.isfinite(array).all() or (dimensions is not None and array.ndim != dimensions):
-        problem = f"{name} of shape {array.shape} has no numbers, some that are not finite, or the wrong axes"
-        raise InputError("consistency", problem, fix="leave out instants without a measurement; runs come first")
+        problem = f"{name} must have finite numbers and the right axes, got an array of shape {array.shape}"
+        raise InputError(
+            "consistency", problem, fix="leave out instants without a measurement; the first axis is that of the runs"
+        )
     return array

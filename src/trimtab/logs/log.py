@@ -160,7 +160,7 @@ class Log:
     def __getitem__(self, path: str) -> np.ndarray:
         """Return the signal at a path: a read-only array (n,) or (n, k); "truth.velocity[2]" is one element, (n,)."""
         if not isinstance(path, str):  # pyright: ignore[reportUnnecessaryIsInstance]
-            fix = f'write log["{self.paths[0]}"][:10]; a part of the time is log.between(t0, t1)'
+            fix = f'write log["{self.paths[0]}"][:10]; for an interval of time, log.between(t0, t1)'
             raise InputError("log", f"a signal is read by its path, got {path!r}", fix=fix)
         if path not in self.signals:
             component = self._component(path)
@@ -257,7 +257,7 @@ class Log:
         lines += [f"  {p}" + (f" [{self.unit(p)}]" if self.unit(p) not in ("", "1") else "") for p in self.paths[:6]]
         if count > 6:
             lines.append(f"  ... {count - 6} more in log.paths")
-        lines.append(f'Read one: log["{self.paths[0]}"]; in seconds: log.t; a part: log.between(t0, t1)')
+        lines.append(f'Read a signal: log["{self.paths[0]}"]; its times in s: log.t; an interval: log.between(t0, t1)')
         return "\n".join(lines)
 
 
@@ -299,7 +299,7 @@ def _other_spelling(log: Log, name: str) -> str:
 
 
 def check_log(log: Any, call: str) -> None:
-    """Raise InputError for a value that is not a log. call: the call to suggest, with {} in place of the log."""
+    """Raise InputError for a value that is not a log. call: call to suggest, with {} in place of the log."""
     if not isinstance(log, Log):
         source = "read_log({!r})" if str(log).endswith(".mcap") else "simulate({!r})"
         own = source.format(log) if isinstance(log, str) else 'read_log("run.mcap")'
@@ -345,7 +345,7 @@ def _freeze(array: np.ndarray) -> np.ndarray:
 def _check_ticks(ticks: Any) -> np.ndarray:
     values = np.asarray(ticks)
     if values.ndim != 1 or values.dtype.kind not in "iu":
-        problem = f"got ticks of shape {values.shape} and type {values.dtype}"
+        problem = f"ticks must be integers of shape (n,), got shape {values.shape} and type {values.dtype}"
         raise InputError("log", problem, fix="pass whole numbers of 100 ns, int64, shape (n,)")
     array = _freeze(values.astype(np.int64))
     if len(array) and (array[0] < 0 or (np.diff(array) <= 0).any()):

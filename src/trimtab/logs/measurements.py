@@ -250,7 +250,7 @@ def _refuse_small(where: str, column: MeasuredColumn, data: Measurements) -> Non
     values, about = data[column.name], f"column {column.name!r} ({column.meaning})"
     if float(np.max(np.abs(values))) < column.most:
         problem = f"{about}: no value is above {np.max(np.abs(values)):.3g} {column.unit}"
-        fix = f"check if the unit is really [{column.unit}] or the heading's; otherwise measure larger values"
+        fix = f"check the unit in the heading (are the values in [{column.unit}]?), or measure larger values"
         raise InputError(where, problem, fix=fix)
 
 

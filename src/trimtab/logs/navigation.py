@@ -28,7 +28,7 @@ BY_HEADING = ("heading", "gyro_bias")
 
 
 SETTLED = 1.5
-"""A sigma has settled below this multiple of its largest value in the second half of the run."""
+"""Multiple of a sigma's largest value in the second half of the run below which the sigma has settled."""
 LAGS = 20
 GROUPS = {
     "heading": ("heading",),
@@ -261,7 +261,7 @@ def _assess_aiding(u: AidingUpdates, tail: float) -> Aiding:
 
 
 def _normalised_errors(s: Series, since: float) -> Any:
-    """Return errors over sigmas, only where both are finite."""
+    """Return errors divided by sigmas; NaN where an error is not finite or a sigma is 0."""
     ok = (s.t >= since) & np.isfinite(s.error) & (s.sigma > 0)
     return np.where(ok, s.error / np.where(s.sigma > 0, s.sigma, 1.0), np.nan)[s.t >= since]
 

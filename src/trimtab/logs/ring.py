@@ -73,7 +73,7 @@ class Ring:
             events: capacity in texts.
         """
         if min(columns, rows, events) < 1:
-            problem = f"got {columns} columns, {rows} rows, {events} events"
+            problem = f"must have at least 1 column, row and event, got {columns} columns, {rows} rows, {events} events"
             raise InputError("ring", problem, fix="give at least one of each")
         size = HEAD + 8 * rows * (columns + 1) + TEXT * events
         if SHARED.is_dir() and shutil.disk_usage(SHARED).free < size:

@@ -4,7 +4,7 @@ A vehicle's attitude is a quaternion, and its position is a vector. Both are har
 signals are found by the declarations:
 
     attitude   (4,), unit 1, frame WB or IB: a quaternion, scalar first
-    position   (3,), m, frame W or I: the attitude's       velocity  (3,), m/s, frame W, I or B
+    position   (3,), m, frame of the attitude, W or I      velocity  (3,), m/s, frame W, I or B
     rate       (3,), rad/s, frame B
 
 A state with angles as numbers is found by the names `roll` and `pitch`. Its other signals are then found by their names
@@ -96,7 +96,7 @@ class FlightSource(NamedTuple):
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Paths of the source signals."""
+        """Paths of the source signals of the flight."""
         return tuple(p for p in (self.signals[:4] if self.signals else self.named.values()) if p)
 
     def work_out(

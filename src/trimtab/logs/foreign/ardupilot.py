@@ -99,7 +99,7 @@ def _open(path: Path) -> Iterator[Any]:
         refuse_damage(where, "a .BIN of ArduPilot", error)
     try:
         if not getattr(reader, "name_to_id", None):
-            raise InputError(where, "holds no message of ArduPilot", fix="copy the file again from the card")
+            raise InputError(where, "contains no message of ArduPilot", fix="copy the file again from the card")
         yield reader
     finally:
         reader.data_map.close()

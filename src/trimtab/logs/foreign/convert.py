@@ -71,7 +71,7 @@ def _column(where: str, table: Table, name: str, key: str) -> Any:
     column = np.asarray(table.columns[name])
     if column.dtype.kind not in "biuf":
         choices = [n for n, c in table.columns.items() if np.asarray(c).dtype.kind in "biuf"]
-        problem = table.problems.get(name, f"the column {name!r} holds no numbers")
+        problem = table.problems.get(name, f"the column {name!r} contains no numbers")
         raise InputError(where, problem, choices=choices, fix=f"name another column in {key}")
     return column
 

@@ -232,7 +232,9 @@ def _components(where: str, key: str, value: Any, size: int) -> Any:
     numbers = _numbers(where, key, value if isinstance(value, list) else [value])  # pyright: ignore[reportUnknownArgumentType]
     if len(numbers) not in (1, size):
         raise InputError(
-            where, f"{key} has {len(numbers)} numbers, but there are {size} columns", fix="give one for each"
+            where,
+            f"{key} has {len(numbers)} numbers, but there are {size} columns",
+            fix="give one number for each column",
         )
     return numbers[0] if len(numbers) == 1 else np.array(numbers)
 

@@ -85,7 +85,7 @@ def detect_format(path: str | os.PathLike[str]) -> LogFormat:
     if file.is_dir():
         if (file / "metadata.yaml").is_file():
             return ROSBAG2
-        fix = "give a log file in that folder, or the folder of a rosbag2, which holds metadata.yaml"
+        fix = "give a log file in that folder, or the folder of a rosbag2, which contains metadata.yaml"
         raise InputError(where, "is a folder without metadata.yaml", fix=fix)
     try:
         with open_user_file(file) as stream:
