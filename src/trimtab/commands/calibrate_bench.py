@@ -128,7 +128,7 @@ def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: b
         )
         report = report._replace(notes=(*report.notes, text))
     if not fit.follows_formula():
-        text = f"thrust does not fall with the rudder as cos(theta - offset) (chance {fit.chance:.1e}):"
+        text = f"thrust does not fall with the rudder as cos(theta - offset) (p = {fit.chance:.1e}):"
         report = report._replace(notes=(*report.notes, f"{text} tables of the measured values are used"))
     finish_calibration("thrust", thrust.thrust_calibration(rows, fit), report, out, plot, as_json)
 

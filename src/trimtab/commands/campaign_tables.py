@@ -106,7 +106,7 @@ def print_sensitivity(campaign: Campaign, result: CampaignResult) -> None:
 
 
 def sensitivities(campaign: Campaign, result: CampaignResult) -> dict[str, Sensitivity | Morris]:
-    """Return the sensitivities of success and of each metric. A metric that is not finite in all runs is ranked."""
+    """Return the sensitivities of success and of each metric; of its ranks if a metric is not finite in all runs."""
     parameters = [f.text for f in campaign.ready.spread.factors]
     matters: dict[str, Any] = {}
     for name in [*metric_names(result), "success"]:

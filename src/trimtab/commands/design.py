@@ -200,7 +200,7 @@ def _rebuild_system(certificate: Certificate, system: str | None) -> CertifiedSy
     lacking = [name for name in wanted if name not in certificate.about]
     if lacking:
         fix = f"trimtab design {certificate.system} --out FILE  writes a new one"
-        raise InputError("--check", f"the file lacks about.{lacking[0]}", fix=fix)
+        raise InputError("--check", f"the certificate lacks the entry about.{lacking[0]}", fix=fix)
     given = {name: certificate.about[name] for name in wanted}
     return function(**system_settings(function, given, "--check"))
 

@@ -2,7 +2,7 @@
 
 The handler raises an exception in the main thread. Two things can stop that exception. Python drops an exception in a
 garbage-collection callback, and JAX has such a callback. Native code, such as a compiler, delays the handler. A thread
-therefore watches each signal: it repeats a dropped one, and ends the program if the handler does not run in time.
+therefore watches each signal. It repeats a dropped signal, and ends the program if the handler does not run in time.
 """
 
 import contextlib

@@ -31,8 +31,8 @@ from trimtab.run.command_pulses import describe_outputs
 class FlightStack(NamedTuple):
     """Flight stack whose autopilot flies the simulated vehicle, e.g. ArduPilot.
 
-    maker: its name.  scheme, place: URI scheme and default address at which the autopilot expects the simulator.
-    begin: command that starts the autopilot.  channels: its number of output channels.
+    maker: name of the stack.  scheme, place: URI scheme and default address at which it expects the simulator.
+    begin: command that starts the autopilot.  channels: maximum number of output channels.
     open_line: function that opens the listening socket.  physics: class that simulates the vehicle for the autopilot.
     """
 

@@ -99,7 +99,7 @@ def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
 
 
 def assess_targets(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
-    """Return on_target, True if a flight ended on its targets, and says, the verdict in words.
+    """Return "on_target", True if a flight ended on its targets, and "says", the verdict in words.
 
     Return None for a scenario without targets. A diverged flight is never on target.
     """
@@ -236,7 +236,7 @@ def divergence_time(log: Log) -> float | None:
 
 
 def metric_units(log: Log, names: Iterable[str]) -> dict[str, str]:
-    """Return signal -> unit, for the signals of a summary as they are named there."""
+    """Return signal -> unit, for the signals of a summary by their names in it."""
     log = with_flight(log)
     return {name: log.unit(name if name in log else f"truth.{name}") for name in names}
 

@@ -63,7 +63,7 @@ def _print_topics(title: str, topics: list[TopicSummary]) -> None:
 
 
 def scenario_estimator(name: str, settings: Mapping[str, str]) -> Any:
-    """Return the estimator of a scenario with its settings."""
+    """Return the estimator of a scenario that is built with these settings."""
     return build(name, settings).autopilot.estimator
 
 

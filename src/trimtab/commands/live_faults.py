@@ -167,5 +167,5 @@ def _print_kinds(kinds: dict[str, dict[str, int]]) -> None:
 
 
 def _import_module(name: str) -> Any:
-    """Import a module of the study that makes these flights; it is part of a clone of trimtab."""
+    """Import a module of the study that makes these flights. The study is part of a clone of trimtab."""
     return import_study(find_study("live_faults") / f"{name}.py")

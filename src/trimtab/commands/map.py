@@ -144,7 +144,7 @@ def _name_axis(axes: Mapping[str, Axis]) -> Iterator[None]:
 
 
 def _estimate_points(x: Axis, y: Axis, depth: int) -> int:
-    """Estimate the number of points to fly: the coarse grid, and cells along a boundary across the map."""
+    """Estimate the number of points to fly: the coarse grid, and the cells along a boundary that crosses the map."""
     return len(x.values) * len(y.values) + 4 * max(len(x.values), len(y.values)) * (2**depth - 1)
 
 

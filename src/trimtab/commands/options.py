@@ -291,7 +291,7 @@ BACKEND = click.option(
     type=click.Choice(("auto", "c", "jax")),
     default="auto",
     show_default=True,
-    help="Simulation backend; c is compiled, jax is slower.",
+    help="Simulation backend: c (compiled), or jax (slower).",
 )
 
 STORE = click.option(
@@ -303,7 +303,7 @@ STORE = click.option(
 
 # options for links
 LINK = click.option("--link", required=True, metavar="URI", help="Link to the vehicle, e.g. udp://127.0.0.1:14550.")
-KEY = click.option("--key", type=FILE, metavar="FILE", help="Signing key of the link.  [default: the vehicle's]")
+KEY = click.option("--key", type=FILE, metavar="FILE", help="Signing key of the link.  [default: key of the vehicle]")
 UNSIGNED = click.option(
     "--unsigned", is_flag=True, help="Disable signatures; allowed only on links within this computer."
 )
@@ -325,7 +325,7 @@ LOG_LIMIT = click.option(
     show_default=True,
     metavar="SIZE",
     callback=lambda context, parameter, text: parse_size(text),
-    help="Maximum size of the log. `vehicle` then drops the oldest part; `fly` stops logging.",
+    help="Maximum size of the log. At this size, `vehicle` deletes the oldest part, and `fly` stops logging.",
 )
 
 

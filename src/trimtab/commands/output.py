@@ -86,7 +86,7 @@ def console() -> "Console":
 
 
 def new_table(*headings: str, title: str | None = None, unwrapped: Sequence[str] = ()) -> "Table":
-    """Return an empty table in the house style. A heading that begins with > marks a right-aligned column of numbers.
+    """Return an empty table in trimtab's style. A heading that begins with > marks a right-aligned column of numbers.
 
     unwrapped: headings of the columns whose cells stay on one line.
     """

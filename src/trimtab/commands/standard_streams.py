@@ -29,7 +29,7 @@ def flush_output() -> bool:
 
 
 def report_failure(error: OSError) -> None:
-    """Report output that cannot be written, and stop writing to it. A closed pipe is not reported."""
+    """Report that output cannot be written, and stop writing to it. A closed pipe is not reported."""
     if error.errno != errno.EPIPE:
         where = f" ({error.filename})" if error.filename else ""
         with contextlib.suppress(OSError):

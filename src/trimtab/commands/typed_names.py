@@ -1,8 +1,8 @@
-"""Check of typed names, of the scenario and its settings, before a verb is imported.
+"""Check of the typed names of a scenario and its settings, before a verb is imported.
 
 Importing a verb takes a second or more; a typo is reported without that delay. The paths of a scenario's settings are
 cached by `trimtab list`, by `trimtab run`, by completion, or after a wrong path. Until then only the first word of a
-path is checked. Uncertain names are left to the verb, which gives the same message.
+path is checked. Names that cannot be checked are left to the verb, which gives the same message.
 """
 
 import re
