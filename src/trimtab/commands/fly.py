@@ -80,7 +80,7 @@ from trimtab.scenarios.build import build
     "accepts",
     multiple=True,
     metavar="PATH",
-    help="Fly although the vehicle's value of this setting or group differs from the scenario's. May be repeated.",
+    help="Fly although this setting or group has another value in the vehicle than in the scenario. May be repeated.",
 )
 @click.option("--take-over", is_flag=True, help="Take over the vehicle if another autopilot flies it.")
 @click.option("--rearm", is_flag=True, help="Confirm arming again after a failsafe. The vehicle must be at rest.")

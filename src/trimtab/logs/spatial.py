@@ -34,7 +34,9 @@ DECLARED: Mapping[str, Quantity] = {
     "roll_rate": Quantity("rad/s", "Roll rate, about the axis to the nose.", "B"),
     "pitch_rate": Quantity("rad/s", "Pitch rate, about the axis to starboard.", "B"),
     "yaw_rate": Quantity("rad/s", "Yaw rate, about the axis down.", "B"),
-    "altitude": Quantity("m", "Altitude above the origin of W, or over the rotating earth above the ellipsoid.", "W"),
+    "altitude": Quantity(
+        "m", "Altitude above the origin of W; over the rotating earth, altitude above the ellipsoid.", "W"
+    ),
     "north": Quantity("m", "Distance north of the origin of W.", "W"),
     "east": Quantity("m", "Distance east of the origin of W.", "W"),
     "ground_speed": Quantity("m/s", "Horizontal speed over the ground."),

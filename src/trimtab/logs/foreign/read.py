@@ -120,7 +120,7 @@ def is_own_log(path: str | os.PathLike[str]) -> bool:
 
 
 def list_topics(path: str | os.PathLike[str]) -> list[TopicSummary]:
-    """List the topics of a foreign log, with fields, counts and rates.
+    """List the topics of a log of another system, with their fields, numbers of rows, and rates.
 
     Raises:
         InputError: a file that can't be read.
