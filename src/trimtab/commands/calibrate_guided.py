@@ -184,7 +184,7 @@ def _ask_number(column: MeasuredColumn) -> str:
 
 
 def _stands_out(guide: GuidedProcedure, lines: Sequence[str]) -> bool:
-    """Return True if the last entry is far below an entry that it should exceed, in the same round and setting."""
+    """Return True if the last entry is far out of order with another entry of the same round and setting."""
     if guide.rises is None:
         return False
     names = [c.name for c in guide.columns]

@@ -173,7 +173,7 @@ def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
 def _verify_check_sum(data: bytes, start: int) -> None:
     (wanted,) = struct.unpack_from("<I", data, start)
     if wanted and wanted != zlib.crc32(memoryview(data)[: start - RECORD.size]):
-        raise _DamagedFileError("the check sum of the chunk is wrong")
+        raise _DamagedFileError("the check sum of the data section is wrong")
 
 
 def _decompress_chunk(content: bytes) -> bytes:

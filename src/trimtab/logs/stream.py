@@ -88,9 +88,7 @@ class LogStream:
             return LogFileSummary(**json.loads(said.splitlines()[-1]), gone=not self.path.exists())
         except (OSError, ValueError, IndexError, subprocess.TimeoutExpired):
             self._process.kill()
-            with contextlib.suppress(
-                OSError, subprocess.TimeoutExpired
-            ):  # a disk that does not respond delays the end of the process
+            with contextlib.suppress(OSError, subprocess.TimeoutExpired):  # a slow disk delays the process's end
                 self._process.communicate(timeout=KILL_S)
         return None
 
