@@ -31,7 +31,7 @@ OPTIONS = ("outputs", "inputs", "to", "seconds_long", "picture")
 FADES = math.log(1e4)
 """Duration of the motion before and after the course, in time constants, for a decay to 1/10000."""
 LONGEST = 10.0
-"""Maximum time before and after the course, relative to its duration."""
+"""Maximum time before and after the course, relative to the duration of the course."""
 SLOW = 0.1
 """Duration of the course, in time constants of a mode, below which the mode is slow and gets no lead time."""
 NODES = 1200

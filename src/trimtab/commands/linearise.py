@@ -41,7 +41,7 @@ OUTPUT = click.option(
     help="Output to keep; all others are left out. May be repeated.",
 )
 ON_AXIS = 1e-7
-"""Real part of a zero or pole, relative to the largest, below which it counts as on the imaginary axis."""
+"""Absolute real part of a zero, relative to `Zeros.size`, up to which the zero counts as on the imaginary axis."""
 
 
 @click.command()
@@ -180,7 +180,7 @@ def zero_limit(zeros: Zeros) -> float:
 
 
 def print_zeros(zeros: Zeros, linear: LinearModel) -> None:
-    """Print a table of zeros; those in the right half plane are marked."""
+    """Print a table of zeros, in which zeros in the right half plane are marked."""
     pair = f"from {', '.join(linear.inputs)} to {', '.join(linear.outputs)}"
     if not len(zeros.zeros):
         click.echo(f"no zeros {pair}")

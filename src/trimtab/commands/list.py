@@ -28,7 +28,7 @@ def command(scenario: str | None, as_toml: bool, as_schema: bool, as_answers: bo
     trimtab list hovercraft/spin --toml > my.toml      a scenario file to be changed and flown
     """
     if as_schema:
-        from trimtab.scenarios.toml_text import scenario_schema  # imports all parts
+        from trimtab.scenarios.toml_text import scenario_schema  # imports all parts of the package
 
         print_schema(scenario_schema())
     elif as_answers:

@@ -39,7 +39,7 @@ ROOTS = (
     "duration",
     "name",
 )
-"""First words of the paths of a catalogue scenario."""
+"""First words of the paths of settings, for scenarios of the catalogue."""
 RESHAPING = ("--navigation", "--calibration", "--reference")
 """Options that replace parts of a scenario, and thereby change the paths of its settings."""
 FOLDER = "setting-paths"
