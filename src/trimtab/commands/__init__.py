@@ -1,1 +1,1 @@
-"""Implementation of the verbs of the command line; each is imported only when it runs."""
+"""Verbs of the command line, one module each. A module is imported only when its verb runs."""

@@ -28,7 +28,7 @@ from trimtab.scenarios.build import build
     "--only",
     multiple=True,
     metavar="FAULT",
-    help="Only the cost of this imperfection. May be repeated.  [default: all]",
+    help="Restrict the budget to this imperfection. May be repeated.  [default: all]",
 )
 @RUNS(20, "Number of flights for each combination of imperfections.")
 @SEED
@@ -49,7 +49,7 @@ def command(
 
     Flies the same flights with all imperfections, without each one, with each one alone, and with none. Reports the
     deviation from the targets and the navigation error in the second half of the flight. With --navigation ins there
-    are two dozen imperfections, and the first time takes some minutes; --only selects a few of them.
+    are two dozen imperfections, and the first run takes some minutes. Use --only to select a few of them.
 
     \b
     trimtab budget hovercraft/forward
@@ -100,11 +100,11 @@ def _budget_json(budget: ErrorBudget) -> dict[str, Any]:
 
 
 def _print_budget(title: str, budget: ErrorBudget) -> None:
-    """Print each imperfection's share of the mean square errors, and the rms errors with this imperfection alone."""
+    """Print the share of each imperfection in the mean square errors, and the rms errors with it alone."""
     measures = list(budget.units)
     first, names = "imperfection", {m: m.replace("_", " ") for m in measures}
     headings = [f">{name} ({budget.units[m]})" for m, name in names.items()]
-    table = new_table(first, *headings, title=f"{title}: rms over the second half", unwrapped=(first,))
+    table = new_table(first, *headings, title=f"{title}: rms over the second half of each flight", unwrapped=(first,))
     for name, row in (("all", budget.whole), ("none", budget.least)):
         table.add_row(name, *(_format_rms(*row[m]) for m in measures), end_section=name == "none")
     for cost in budget.costs:

@@ -13,8 +13,8 @@ from trimtab.commands.calibrate_noise import calibrate_noise
 def command() -> None:
     """Calibrate the parameters of a loop from measured data, with their uncertainty.
 
-    Each procedure reads a CSV file with units in its headings, and adds to one calibration file. Every verb accepts
-    that file with --calibration.
+    Each procedure reads a CSV file with units in its headings, and adds its results to a calibration file. Verbs that
+    simulate, analyse or fly a scenario use this file with --calibration.
 
     \b
     trimtab calibrate rudder servo.csv --out boat.toml       servo table, from pulses and angles
@@ -26,9 +26,9 @@ def command() -> None:
     trimtab calibrate gyro sweep.csv --out boat.toml         gyro dynamics, and their inverse
     trimtab calibrate link up.csv --way up --out boat.toml   link delays, recorded by trimtab link-test
     trimtab calibrate noise still.csv --out boat.toml        noise of a sensor at rest; Q and R of a filter
-    trimtab calibrate measure thrust thrust.csv              guided measurement; saves each line
+    trimtab calibrate measure thrust thrust.csv              guided measurement; saves each value
     trimtab calibrate simulate bench                         simulated data of all procedures, for practice
-    trimtab calibrate show boat.toml                         numbers of the file, with their sources
+    trimtab calibrate show boat.toml                         parameters in the file, with their sources
     trimtab calibrate compare old.toml boat.toml --scenario hovercraft/forward
     trimtab run hovercraft/forward --calibration boat.toml
     """

@@ -30,15 +30,15 @@ from trimtab.vehicles.hovercraft import Friction, Hovercraft
 
 SLIP = {"torque": float(Friction().slip_rate), "force": float(Friction().slip_speed)}
 ASSUMED = (Hovercraft(), RudderGeometry(), Thruster())
-"""The thesis's craft: defaults for values that neither an option nor the calibration gives."""
+"""Craft, rudder and thruster of the thesis: defaults for parameters that no option and no calibration file gives."""
 
 DATA = click.argument("data", type=FILE)
-ADD = OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
+ADD = OUT("FILE.toml", "Write the parameters to this calibration file. Its other parameters are kept.")
 DRAW = PLOT("Draw the fit and its residuals to this picture.")
 
 
 def parse_amount(context: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
-    """Parse a number with its unit, e.g. '1.1 N', into SI; the option's name determines the quantity."""
+    """Parse a number with its unit, e.g. '1.1 N', and return it in SI. The option's name determines the quantity."""
     if text is None:
         return None
     kept = AMOUNTS[str(parameter.name)]
@@ -89,7 +89,7 @@ def calibrate_rudder(data: Path, out: Path | None, plot: Path | None, as_json: b
 def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
     """Calibrate the force direction: DATA has columns rudder [deg] and hull [deg].
 
-    Let the craft pull on a string: the angle from its nose to the string is the angle of the force.
+    Let the craft pull on a string. The angle hull, from the nose to the string, is the angle of the force.
     """
     rows = read_measurements(data, rudder.HULL_COLUMNS)
     hull = rudder.fit_hull_angle(rows)
@@ -100,7 +100,7 @@ def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: boo
     )
     curve = curve._replace(band=_band(A, hull.fit) / DEG)
     note = f"correlation {hull.correlation:.4f}"
-    panel = FitPanel("Rudder against force", "force angle (°)", "rudder angle (°)", [curve], note)
+    panel = FitPanel("Rudder angle over force angle", "force angle (°)", "rudder angle (°)", [curve], note)
     finish_calibration(
         "hull", rudder.hull_calibration(rows, hull), _report(rows, hull.fit, "rudder", panel), out, plot, as_json
     )
@@ -112,7 +112,7 @@ def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: boo
 @DRAW
 @JSON
 def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Calibrate thrust by speed and rudder: DATA has columns rudder [deg], speed [rpm] and force [N] (or gf, ozf).
+    """Calibrate the fan's thrust: DATA has columns rudder [deg], speed [rpm] and force [N] (or gf, ozf).
 
     The rudder angle of full thrust is read from the calibration in --out, if `trimtab calibrate hull` wrote it there.
     """
@@ -128,7 +128,7 @@ def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: b
         )
         report = report._replace(notes=(*report.notes, text))
     if not fit.follows_formula():
-        text = f"thrust does not fall with the rudder as cos(theta - offset) (chance {fit.chance:.1e}):"
+        text = f"thrust does not fall with the rudder as cos(theta - offset) (p = {fit.chance:.1e}):"
         report = report._replace(notes=(*report.notes, f"{text} tables of the measured values are used"))
     finish_calibration("thrust", thrust.thrust_calibration(rows, fit), report, out, plot, as_json)
 
@@ -142,7 +142,7 @@ def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: b
 @DRAW
 @JSON
 def calibrate_reverse(data: Path, division: float, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Calibrate reverse over forward thrust: DATA has columns speed [rpm], forward [N] and reverse [N]."""
+    """Calibrate the ratio of reverse to forward thrust: DATA has columns speed [rpm], forward [N] and reverse [N]."""
     rows = read_measurements(data, thrust.REVERSE_COLUMNS)
     fit = thrust.fit_reverse(rows, division / np.sqrt(12))
     n = np.linspace(rows["speed"].min(), rows["speed"].max(), 100) * 1e-3
@@ -150,7 +150,7 @@ def calibrate_reverse(data: Path, division: float, out: Path | None, plot: Path 
     ratio, krpm = rows["reverse"] / rows["forward"], rows["speed"] * 1e-3
     fitted = np.polyval(fit.coefficients, krpm)
     curve = FitCurve(krpm, ratio, fitted, fit.fit.kept, n, A @ fit.coefficients, _band(A, fit.fit))
-    panel = FitPanel("Reverse over forward thrust", "speed (krpm)", "ratio", [curve])
+    panel = FitPanel("Ratio of reverse to forward thrust", "speed (krpm)", "ratio", [curve])
     report = CalibrationReport(
         rows.file, len(rows), _describe_outliers(rows, fit.fit, "reverse", ratio - fitted), (panel,)
     )
@@ -159,9 +159,14 @@ def calibrate_reverse(data: Path, division: float, out: Path | None, plot: Path 
 
 @click.command(name="inertia")
 @DATA
-@click.option("--force", callback=parse_amount, metavar="'1.1 N'", help="Constant thrust, if DATA is a spin-up.")
 @click.option(
-    "--rudder", callback=parse_amount, metavar="'-20 deg'", help="Constant rudder angle, if DATA is a spin-up."
+    "--force", callback=parse_amount, metavar="'1.1 N'", help="Constant thrust, if DATA is the log of a spin-up."
+)
+@click.option(
+    "--rudder",
+    callback=parse_amount,
+    metavar="'-20 deg'",
+    help="Constant rudder angle, if DATA is the log of a spin-up.",
 )
 @click.option("--arm", callback=parse_amount, metavar="'0.32 m'", help="Distance from centre of mass to rudder pivot.")
 @ADD
@@ -176,10 +181,10 @@ def calibrate_inertia(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Calibrate the moment of inertia: DATA is a table of trials, or the log of one with --force and --rudder.
+    """Calibrate the moment of inertia: DATA is a table of spin-ups, or the log of one with --force and --rudder.
 
-    A table has columns rudder [deg], force [N] and slope [rad/s^2]. The log of a trial has columns time [s] and
-    yaw_rate [deg/s] and begins before the release; the linear part of its rise is found automatically.
+    A table has columns rudder [deg], force [N] and slope [rad/s^2]. The log of a spin-up has columns time [s] and
+    yaw_rate [deg/s]. It begins before the craft is released. The linear rise of the yaw rate is found automatically.
     """
     geometry = _find_geometry(out, arm)
     if (force is None) != (rudder is None):
@@ -217,12 +222,14 @@ def calibrate_inertia(
 
 @click.command(name="friction")
 @DATA
-@click.option("--mass", callback=parse_amount, metavar="'2.6 kg'", help="Mass of the craft, for a glide.")
+@click.option(
+    "--mass", callback=parse_amount, metavar="'2.6 kg'", help="Mass of the craft, if DATA has the speed of a glide."
+)
 @ADD
 @DRAW
 @JSON
 def calibrate_friction(data: Path, mass: float | None, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Calibrate friction from coast-downs: DATA has time [s], yaw_rate [rad/s] or speed [m/s], optionally trial."""
+    """Calibrate friction from coast-downs: DATA has time [s], yaw_rate [rad/s] or speed [m/s], and optionally trial."""
     head = data.read_text(encoding="utf-8-sig").splitlines()[:1] if data.is_file() else []
     kind, speed = ("force", "speed") if head and "speed" in head[0] else ("torque", "yaw_rate")
     columns = coast_down.GLIDE_COLUMNS if kind == "force" else coast_down.SPIN_COLUMNS
@@ -255,7 +262,7 @@ def calibrate_friction(data: Path, mass: float | None, out: Path | None, plot: P
 @DRAW
 @JSON
 def calibrate_gyro(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Calibrate the gyro's dynamics: DATA has columns time [s], reference [rad/s] and gyro [rad/s], of a sweep."""
+    """Calibrate the dynamics of a gyro from a sweep: DATA has columns time [s], reference [rad/s] and gyro [rad/s]."""
     rows = read_measurements(data, gyro_response.COLUMNS, series=True)
     fit = gyro_response.fit_gyro(rows)
     t, good = rows["time"] - rows["time"][0], np.ones(len(rows), bool)
@@ -266,11 +273,9 @@ def calibrate_gyro(data: Path, out: Path | None, plot: Path | None, as_json: boo
     note = f"delay {fit.delay} samples, rms {fit.deviation:.2g} rad/s"
     panels = (
         FitPanel("Gyro and its model", "time (s)", "rate (rad/s)", [curve], note),
-        FitPanel("Reference and the inverse", "time (s)", "rate (rad/s)", [inverse]),
+        FitPanel("Reference, and output of the inverse model", "time (s)", "rate (rad/s)", [inverse]),
     )
-    notes = (
-        f"{note}; gain at rest {fit.gain():.4f}; the sweep reaches {fit.highest:.3g} Hz; the model is unknown beyond",
-    )
+    notes = (f"{note}; gain at rest {fit.gain():.4f}; valid up to {fit.highest:.3g} Hz, the end of the sweep",)
     report = CalibrationReport(rows.file, len(rows), (), panels, notes)
     finish_calibration("gyro", gyro_response.gyro_calibration(rows, fit), report, out, plot, as_json)
 
@@ -287,7 +292,7 @@ PROCEDURES = (
 
 
 def _find_number(out: Path | None, name: str) -> float:
-    """Return a parameter from the calibration in --out; if it is missing there, the thesis's value."""
+    """Return the value of a parameter from the calibration file of --out, or the thesis's value if it is missing."""
     if out is not None and out.exists():
         entries = read_calibration(out).entries
         if name in entries:
@@ -297,13 +302,13 @@ def _find_number(out: Path | None, name: str) -> float:
 
 
 def _find_error(out: Path | None, name: str) -> float:
-    """Return the standard error of a parameter in the calibration; 0 if the calibration does not have the parameter."""
+    """Return the standard error of a parameter in the calibration file of --out; 0 if the parameter is missing."""
     flat = flat_entries(read_calibration(out)) if out is not None and out.exists() else {}
     return flat[name][1] if name in flat else 0.0
 
 
 def _find_geometry(out: Path | None, arm: float | None) -> spin_up.ForceGeometry:
-    """Return the geometry of the force, with its covariance."""
+    """Return the geometry of the thrust force, with the covariance of its ratio and offset."""
     names = ("RudderGeometry.ratio", "RudderGeometry.offset")
     known = read_calibration(out) if out is not None and out.exists() else Calibration({})
     covariance = joint_covariance(known, names) if names[0] in known.entries else np.zeros((2, 2))
@@ -316,7 +321,7 @@ def _report(rows: Measurements, fit: LinearFit, column: str, *panels: FitPanel) 
 
 
 def _describe_outliers(rows: Measurements, fit: LinearFit, column: str, rest: Any) -> tuple[str, ...]:
-    """Describe the rejected readings: line, column, value and deviation."""
+    """Describe each rejected reading with its line, column, value and deviation from the fit."""
     return tuple(
         f"line {rows.lines[i]}, column {column!r}: {rows[column][i]:.6g} deviates by {abs(rest[i]):.3g} from the fit"
         for i in np.flatnonzero(~fit.kept)
@@ -328,7 +333,7 @@ def _curve(x: Any, y: Any, fit: LinearFit, line: tuple[Any, Any], scale: float) 
 
 
 def _band(A: Any, fit: LinearFit) -> Any:
-    """Return half the 95 % confidence interval of a fit's value at each row of A."""
+    """Return half the width of the 95 % confidence interval of the fitted value at each row of A."""
     P = fit.covariance[: A.shape[1], : A.shape[1]]
     return student_reach(fit.freedom) * np.sqrt(np.einsum("ij,jk,ik->i", A, P, A))
 

@@ -1,4 +1,4 @@
-"""`trimtab calibrate show|compare|simulate`, and the output of every procedure: numbers, calibration file, picture."""
+"""`trimtab calibrate show|compare|simulate`, and the output of all procedures: table, calibration file, picture."""
 
 import math
 from pathlib import Path
@@ -34,11 +34,15 @@ from trimtab.loop.calibration import (
 from trimtab.plots.calibration import FitPanel, plot_fits
 
 SHOWN = 12
-"""Maximum size of an array that a table shows in full."""
+"""Maximum number of elements of an array that a table shows in full."""
 
 
 class CalibrationReport(NamedTuple):
-    """Report of a procedure. readings: number.  left_out: descriptions of rejected readings.  notes: remarks."""
+    """Report of a calibration procedure.
+
+    readings: number of measured readings.  left_out: descriptions of rejected readings.  panels: plots of the fit.
+    notes: remarks for the user.
+    """
 
     file: str
     readings: int
@@ -55,7 +59,7 @@ def finish_calibration(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Print the results, add them to the calibration file, and draw them."""
+    """Print the results of a calibration procedure, add them to the calibration file, and draw the fit."""
     check_picture(plot, None)
     whole, files = add_to_file(out, calibration)
     files += draw_plot(plot, plot_fits, report.panels, title=f"calibrate {procedure}: {report.file}")
@@ -80,7 +84,7 @@ def finish_calibration(
 
 
 def add_to_file(out: Path | None, calibration: Calibration) -> tuple[Calibration, list[Path]]:
-    """Merge the calibration into its file; return the result and the files written."""
+    """Merge a calibration into the file; return the merged calibration and the files written."""
     if out is None:
         return calibration, []
     check_calibration_file(out)
@@ -101,7 +105,7 @@ def check_calibration_file(out: Path | None) -> None:
 
 
 def print_entries(title: str, calibration: Calibration) -> None:
-    """Print each number with its 95 % interval and unit."""
+    """Print each parameter of a calibration with its 95 % interval, unit and source."""
     table = new_table("number", ">value", ">95 % interval", "unit", "from", title=title, unwrapped=("number",))
     flat, more = flat_entries(calibration), dict[str, int]()
     for name, (value, error, freedom) in flat.items():
@@ -124,7 +128,7 @@ def print_entries(title: str, calibration: Calibration) -> None:
 @click.argument("file", type=FILE)
 @JSON
 def show(file: Path, as_json: bool) -> None:
-    """Show the numbers of a calibration file, their intervals and their sources."""
+    """Show the parameters in a calibration file, with their intervals and sources."""
     calibration = read_calibration(file)
     if as_json:
         print_json({"sha256": calibration.content_hash(), "entries": entries_json(calibration)})
@@ -141,7 +145,7 @@ def show(file: Path, as_json: bool) -> None:
 @SEED
 @JSON
 def compare(a: Path, b: Path, scenario: str | None, seed: int, as_json: bool) -> None:
-    """Show the differences of two calibration files, and their effect on a scenario."""
+    """Show the differences between two calibration files, and their effect on the flight of a scenario."""
     one, two = read_calibration(a), read_calibration(b)
     changes = compare_calibrations(one, two)
     flown = {} if scenario is None else _fly_both(scenario, a, b, seed)
@@ -173,7 +177,7 @@ def compare(a: Path, b: Path, scenario: str | None, seed: int, as_json: bool) ->
 @SEED
 @JSON
 def simulate_bench(folder: Path, seed: int, as_json: bool) -> None:
-    """Simulate an afternoon at the bench: write the data of every procedure, and the truth in truth.toml, to FOLDER.
+    """Simulate bench measurements: write the data of every procedure, and the truth in truth.toml, to FOLDER.
 
     \b
     trimtab calibrate simulate bench --seed 3
@@ -202,7 +206,7 @@ def _same(x: float | None, y: float | None) -> bool:
 
 
 def _fly_both(name: str, a: Path, b: Path, seed: int) -> dict[str, dict[str, list[float | None]]]:
-    """Return signal -> metric -> its values with calibration a and with calibration b."""
+    """Fly a scenario with calibrations a and b; return signal -> metric -> the two values."""
     from trimtab.run.simulate import simulate
     from trimtab.scenarios.build import build
 

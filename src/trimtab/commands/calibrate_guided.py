@@ -16,14 +16,15 @@ from trimtab.logs.measurements import TRIAL as TRIAL_COLUMN
 from trimtab.logs.measurements import MeasuredColumn, read_measurements
 
 FAR = 0.25
-"""Deviation from the neighbouring entries, as a fraction of the largest entry, above which an entry is questioned."""
+"""Deviation from neighbouring entries, as a fraction of the largest entry, above which the user must confirm it."""
 
 
 class GuidedProcedure(NamedTuple):
     """Procedure of a guided measurement.
 
-    columns: of the file, in the order of the questions.  given: number of leading columns that the plan sets.  plan:
-    their values.  before: preparations, one step a line.  rises: two columns, the second rising with the first.
+    columns: columns of the file, in the order in which the user is asked.  given: number of leading columns whose
+    values the plan sets.  plan: these values and the trial number, for each measurement.
+    before: preparations, one step on each line.  rises: two columns, of which the second increases with the first.
     """
 
     columns: tuple[MeasuredColumn, ...]
@@ -62,7 +63,7 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
         [(theta, trial) for trial in range(1, 7) for theta in range(-30, 31, 10)],
         (
             "Gauge between string and hull, lift on, battery full. Six rounds: about 6, 7.5, 9, 10, 11 and 12 krpm.",
-            "Set the rudder, wait until the hull is at rest, then read speed and force together.",
+            "Set the rudder, wait until the hull is at rest, then read speed and force at the same time.",
         ),
         ("speed", "force"),
     ),
@@ -70,7 +71,7 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
         thrust.REVERSE_COLUMNS,
         1,
         [(n, trial) for trial in (1, 2) for n in range(6000, 12001, 1000)],
-        ("Rudder straight. At each speed read the force forward, then in reverse, as sizes.",),
+        ("Rudder straight. At each speed read the force forward, then in reverse, both as positive numbers.",),
         ("speed", "reverse"),
     ),
     "inertia": GuidedProcedure(
@@ -89,7 +90,7 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
 @click.argument("procedure", type=click.Choice(tuple(PROCEDURES)))
 @click.argument("file", type=FILE)
 def measure(procedure: str, file: Path) -> None:
-    """Measure with guidance: FILE gets a line after each entry, and the next call continues where this one stopped.
+    """Guide a series of measurements: each is saved in FILE, and the next call continues where the last one stopped.
 
     Type a number, u to undo the last line, or q to stop.
 
@@ -123,7 +124,7 @@ def measure(procedure: str, file: Path) -> None:
 
 
 def _read_lines(file: Path, heading: str, columns: Sequence[MeasuredColumn]) -> list[str]:
-    """Read and check the lines of an earlier call."""
+    """Read and check the measurements that an earlier call saved, one on each line."""
     if not file.exists():
         return []
     lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
@@ -136,7 +137,7 @@ def _read_lines(file: Path, heading: str, columns: Sequence[MeasuredColumn]) -> 
 
 
 def _ask_row(guide: GuidedProcedure, setting: tuple[float, ...], number: int, lines: Sequence[str]) -> str:
-    """Ask for the next line of the file; return it, or "u" or "q"."""
+    """Ask for the next measurement; return its line for the file, or "u" (undo) or "q" (quit)."""
     given, trial = setting[:-1], setting[-1]
     names = [
         f"{c.name} {v:g} {c.usual or c.unit}".removesuffix(" 1") for c, v in zip(guide.columns, given, strict=False)
@@ -160,7 +161,7 @@ def _ask_row(guide: GuidedProcedure, setting: tuple[float, ...], number: int, li
 
 
 def _ask_number(column: MeasuredColumn) -> str:
-    """Ask for a number within the column's range, in its usual unit; return it, or "u" or "q"."""
+    """Ask for a number within the column's range, in the usual unit; return its text, or "u" (undo) or "q" (quit)."""
     unit = column.usual or column.unit
     factor = UNITS[column.unit][unit]
     while True:
@@ -183,7 +184,7 @@ def _ask_number(column: MeasuredColumn) -> str:
 
 
 def _stands_out(guide: GuidedProcedure, lines: Sequence[str]) -> bool:
-    """Return True if the last entry is far below an entry that it should exceed, in the same round and setting."""
+    """Return True if the last entry is far out of order with another entry of the same round and setting."""
     if guide.rises is None:
         return False
     names = [c.name for c in guide.columns]

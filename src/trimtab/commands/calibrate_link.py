@@ -18,11 +18,11 @@ from trimtab.loop.calibration import Calibration, Covariance, Entry
 from trimtab.plots.calibration import FitCurve, FitPanel
 
 PACKETS_MIN = 50
-"""Minimum number of received packets."""
+"""Minimum number of received packets for a latency table."""
 LONGEST = 5.0
 """Maximum plausible median latency (s)."""
 FAR = 10.0
-"""Latencies above this multiple of the 99 % quantile are reported."""
+"""Multiple of the 99 % quantile above which a latency is reported as an outlier."""
 
 
 @click.command(name="link")
@@ -51,7 +51,7 @@ def calibrate_link(data: Path, way: str, out: Path | None, plot: Path | None, as
 
 
 def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
-    """Return notes on outliers; raise InputError for an implausible recording."""
+    """Return notes on outliers of the recorded latencies; raise InputError for an implausible recording."""
     received = trace.latency_s[~trace.lost]
     if len(received) < PACKETS_MIN:
         problem = f"{len(received)} packets arrived, too few for a distribution"
@@ -75,7 +75,7 @@ def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
 
 
 def _calibrate_link(file: str, way: str, trace: Trace, model: DelayModel) -> Calibration:
-    """Return the latency table, its parameters with their errors, and the packet loss."""
+    """Return a calibration with the latency table of a link, its parameters with their errors, and the packet loss."""
     received = trace.latency_s[~trace.lost]
     n, packets, spread = len(received), len(trace.lost), max(float(np.std(received)), 1e-300)
     about: dict[str, Any] = {"source": f"{file}: {packets} packets", "procedure": f"{way}link"}

@@ -35,13 +35,15 @@ from trimtab.plots.allan import plot_allan
 AT_REST = 1e-6
 """Speed (m/s) or rate (rad/s) in a simulated log's truth above which the vehicle counts as moving."""
 SAMPLES_MIN = 1024
-"""Minimum number of samples of an axis for its Allan deviation."""
+"""Minimum number of samples from which the Allan deviation of an axis is computed."""
 
 
 class SensorAxis(NamedTuple):
-    """One axis of a sensor: the fit, the filter's noise, and the length of the log (samples, s).
+    """Noise of one axis of a sensor.
 
-    place: "gyro" or "accelerometer" and 0, 1 or 2 for x, y, z; None for another sensor, or if the name is unclear.
+    unit: SI unit.  fit: fit of the Allan deviation.  noise: noise parameters of a filter.
+    samples, duration: length of the log in samples and in s.
+    place: "gyro" or "accelerometer", and 0, 1 or 2 for x, y, z; None for another sensor, or if the name is unclear.
     """
 
     unit: str
@@ -63,7 +65,7 @@ class SensorAxis(NamedTuple):
 @click.option("--tick", metavar="TIME", help="Time step of the filter.  [default: period of the sensor]")
 @click.option("--time", metavar="NAME", help="Time column of a CSV file, e.g. 'stamp [us]'.  [default: t, time, …]")
 @PLOT("Draw the Allan deviations to this picture.")
-@OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
+@OUT("FILE.toml", "Write the parameters to this calibration file. Its other parameters are kept.")
 @JSON
 def calibrate_noise(
     log: Path,
@@ -75,11 +77,11 @@ def calibrate_noise(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Estimate noise coefficients of a sensor at rest: white, flicker, walk, with intervals; and a filter's Q and R.
+    """Estimate white noise, flicker and random walk of a sensor at rest, with intervals, and a filter's Q and R.
 
     DATA is a log of `trimtab run … --out`, or a CSV file with a time column and units in its headings. Axes of an
     inertial unit are recognised by unit and name (gyro_z [deg/s], accel_x [g]), and are written as parameters of the
-    sensor and of the filter. --tick is the step of that filter, its setting noise.tick.
+    sensor and of the filter. --tick is the time step of that filter, which is its setting noise.tick.
 
     \b
     trimtab run navigation/still --out still
@@ -145,7 +147,7 @@ def _calibrate_units(
 
 
 def _find_place(path: str, unit: str) -> tuple[str, int] | None:
-    """Return triad and axis of a signal, by its unit and by [0] to [2] or x, y, z at the end of its name."""
+    """Return triad and axis of a signal, from its unit and from [0] to [2] or x, y, z at the end of its name."""
     triad = next((n for n, t in TRIADS.items() if t.unit == unit), None)
     match = re.search(r"\[([012])\]$|([xyzXYZ])$", path)
     if triad is None or match is None:
@@ -154,7 +156,7 @@ def _find_place(path: str, unit: str) -> tuple[str, int] | None:
 
 
 def _parse_times(shortest: str | None, tick: str | None) -> tuple[float, float | None]:
-    """Parse the shortest average and the filter's step, in s; raise InputError if out of range."""
+    """Parse the shortest averaging time and the filter's time step; return them in s. Raise InputError if invalid."""
     least = 0 if shortest is None else parse_time(shortest)
     step = None if tick is None else parse_time(tick)
     if least < 0:
@@ -178,7 +180,7 @@ def _refuse_moving(log: Log) -> None:
 
 
 def _chosen_signals(log: Log, names: tuple[str, ...]) -> list[str]:
-    """Return the paths of the named signals; without names, of all that change."""
+    """Return the paths of the named signals, or without names, of all signals that change."""
     return [p for n in names for p in _matching_signals(log, n)] if names else _candidate_signals(log)
 
 
@@ -195,7 +197,7 @@ def _read_samples(log: Log, path: str) -> Samples:
 
 
 def _iterate_axes(measured: Mapping[str, Samples]) -> Iterator[tuple[str, str, Any, float]]:
-    """Yield name, path, samples (n,) and period (s) of each axis."""
+    """Yield name, path, samples (n,) and sampling period (s) of each axis of the measured signals."""
     for path, one in measured.items():
         values = one.values if one.values.ndim > 1 else one.values[:, None]
         for i, y in enumerate(values.T):
@@ -203,7 +205,7 @@ def _iterate_axes(measured: Mapping[str, Samples]) -> Iterator[tuple[str, str, A
 
 
 def _left_out(log: Log) -> dict[str, str]:
-    """Return name -> reason for each column of a CSV file that the log leaves out."""
+    """Return the columns of a CSV file that were not read: name -> reason."""
     left = log.metadata.get("left_out", {})
     return dict(left) if isinstance(left, dict) else {}
 
@@ -227,7 +229,7 @@ def _matching_signals(log: Log, name: str) -> list[str]:
 
 
 def _candidate_signals(log: Log) -> list[str]:
-    """Return the paths of changing sensor samples; of all changing columns in a log without samples."""
+    """Return the paths of all sensor samples that change, or of all changing columns if the log has no samples."""
     sampled = [p for p in log.paths if p.startswith("sensors.") and sample_path(log, p)]
     noisy = [p for p in sampled or log.paths if _is_noisy(log, p)]
     if not noisy:
@@ -257,7 +259,7 @@ def _fit_axis(name: str, unit: str, y: Any, dt: float, shortest: float, tick: fl
 
 
 def _si_unit(text: str) -> tuple[str, float]:
-    """Return the SI unit of a heading's unit, and the factor to it; an unknown unit is kept."""
+    """Return the SI unit for a unit in a heading, and the conversion factor; keep an unknown unit."""
     try:
         unit = find_unit("heading", text)
     except InputError:
@@ -278,7 +280,7 @@ def _axis_json(axis: SensorAxis) -> dict[str, Any]:
 
 
 def _print_noise(name: str, axes: Mapping[str, SensorAxis]) -> None:
-    """Print the noise coefficients of each axis with their intervals, and the filter's Q and R."""
+    """Print the noise coefficients of each axis with their intervals, and Q and R for a filter."""
     any_axis = next(iter(axes.values()))
     dt = any_axis.fit.sampling_period
     headings = ("axis", "U", ">white N (U/√Hz)", ">flicker B (U)", ">walk K (U/√s)", ">misfit")

@@ -1,4 +1,4 @@
-"""`trimtab campaign`: thousands of runs of one scenario, their statistics, and the repetition of one run."""
+"""`trimtab campaign`: fly thousands of runs of one scenario, compute statistics, or repeat a single run."""
 
 import importlib.util
 import math
@@ -47,7 +47,7 @@ Correlations = dict[tuple[str, str], float]
 
 
 def parse_correlations(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> Correlations:
-    """Parse path,path=number texts into a mapping."""
+    """Parse the texts PATH,PATH=NUMBER of --correlate into a mapping."""
     correlations = {}
     for text in values:
         names, _, number = text.rpartition("=")
@@ -84,7 +84,9 @@ def parse_correlations(context: click.Context, parameter: click.Parameter, value
     metavar="TEXT",
     help="Requirement, e.g. 'success >= 0.99 @ 95%'. Exit code 1 if not met. May be repeated.",
 )
-@click.option("--stop", metavar="TEXT", help="Stop early at a condition, e.g. 'width(success) <= 0.01 @ 95%'.")
+@click.option(
+    "--stop", metavar="TEXT", help="Stop early when this condition holds, e.g. 'width(success) <= 0.01 @ 95%'."
+)
 @click.option(
     "--sampling",
     default="random",
@@ -93,7 +95,10 @@ def parse_correlations(context: click.Context, parameter: click.Parameter, value
 )
 @STORE
 @click.option(
-    "--rerun", type=click.IntRange(0), metavar="RUN", help="Repeat one run and compare it with its stored row."
+    "--rerun",
+    type=click.IntRange(0),
+    metavar="RUN",
+    help="Repeat the run of this number and compare it with its stored row.",
 )
 @FLIGHT
 @WITHOUT
@@ -106,11 +111,13 @@ def parse_correlations(context: click.Context, parameter: click.Parameter, value
     help="Device that computes the runs.",
 )
 @THREADS
-@click.option("--cluster", metavar="URI", help="Fly on the workers of a Dask scheduler, tls://HOST:8786.")
-@click.option("--tls-ca", type=FILE, metavar="FILE", help="CA certificate.")
+@click.option(
+    "--cluster", metavar="URI", help="Fly the runs on the workers of this Dask scheduler, e.g. tls://HOST:8786."
+)
+@click.option("--tls-ca", type=FILE, metavar="FILE", help="CA certificate for the Dask scheduler.")
 @click.option("--tls-cert", type=FILE, metavar="FILE", help="TLS certificate of this client.")
 @click.option("--tls-key", type=FILE, metavar="FILE", help="TLS key of this client.")
-@OUT("DIR", "Write pictures and table (Parquet) to this folder.")
+@OUT("DIR", "Write pictures and the table of runs (Parquet) to this folder.")
 @JSON
 def command(
     scenario: str,
@@ -180,7 +187,7 @@ def command(
 
 
 def _expand_calibrations(scenario: str, plan: dict[str, Any]) -> list[str]:
-    """Replace a calibration file by distributions of its parameters; return notes on parameters that stay constant."""
+    """Replace a calibration file by distributions of its parameters; return notes on parameters left constant."""
     notes: list[str] = []
     for file in [text for text in plan["spread"] if is_calibration(text)]:
         calibration = read_calibration(file)
@@ -194,7 +201,7 @@ def _expand_calibrations(scenario: str, plan: dict[str, Any]) -> list[str]:
 
 
 def _typed_command() -> str:
-    """Return the command as it was typed."""
+    """Return the command line as the user typed it."""
     return shlex.join(["trimtab", *sys.argv[1:]])
 
 
@@ -249,7 +256,7 @@ def _fly_campaign(campaign: Campaign, store: Path | None, **flight: Any) -> Camp
 
 
 def _announcing(store: Path, runs: int, tell: Callable[[int], None]) -> Callable[[int], None]:
-    """Return a progress function that calls `tell`, and once prints the expected size of a large store."""
+    """Return a progress function that calls `tell`, and that prints the expected size of a large store once."""
     is_known = False
 
     def tell_size(done: int) -> None:
@@ -298,7 +305,7 @@ def _result_json(
 
 
 def _rerun_row(campaign: Campaign, run: int, store: Path | None, out: Path | None, as_json: bool) -> bool:
-    """Repeat a run with its whole log; return False if it differs from its row in the store."""
+    """Repeat a run and record its whole log; return False if the run differs from its row in the store."""
     scenario = campaign.scenario(run)
     log = campaign.rerun(run)
     row = campaign.row(run, log)
@@ -327,7 +334,7 @@ def _rerun_row(campaign: Campaign, run: int, store: Path | None, out: Path | Non
 
 
 def _differing_columns(store: Path | None, run: int, row: dict[str, Any]) -> list[str] | None:
-    """Return the names of the columns that differ from the stored row; None without such a row."""
+    """Return the names of the columns that differ from the stored row; None if the run has no stored row."""
     if store is None:
         return None
     from trimtab.analysis.campaign.store.store import read_store

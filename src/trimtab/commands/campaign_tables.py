@@ -19,10 +19,10 @@ from trimtab.core.quantity import Quantity, leaves
 
 SHOWN_QUANTILES = {"p5": 0.05, "median": 0.5, "p95": 0.95}
 BANDS = ("median", "p95")
-"""Quantiles that are shown with their confidence bands."""
+"""Quantiles of a metric that a table shows with their confidence bands."""
 SOBOL_COLUMNS = (("total", "total order"), ("first", "first order"))
 MORRIS_COLUMNS = (("mu_star", "mu*"), ("sigma", "sigma"))
-"""Fields of a sensitivity analysis, with their headings."""
+"""Fields of a Sobol or Morris sensitivity analysis, with their table headings."""
 TABLE_WIDTH = 105
 """Minimum terminal width (characters) at which the table shows confidence bands."""
 MOST_FAILED_RUNS = 8
@@ -30,13 +30,13 @@ MOST_FAILED_RUNS = 8
 
 
 def metric_names(result: CampaignResult) -> list[str]:
-    """Return the names of the metrics of a result."""
+    """Return the names of the metrics in a campaign's result."""
     spread = {path for path, _ in result.plan.spread}
     return [n for n in result.columns if n not in spread and n not in ("run", "success", "lost")]
 
 
 def summarise_metrics(result: CampaignResult) -> dict[str, dict[str, float]]:
-    """Return for each metric: quantiles with their bands, largest value, number of runs without a finite value."""
+    """Return metric -> quantiles with their bands, largest value, and number of runs without a finite value."""
     summary: dict[str, dict[str, float]] = {}
     for name in metric_names(result):
         x = result.columns[name]
@@ -106,7 +106,7 @@ def print_sensitivity(campaign: Campaign, result: CampaignResult) -> None:
 
 
 def sensitivities(campaign: Campaign, result: CampaignResult) -> dict[str, Sensitivity | Morris]:
-    """Return the sensitivities of each metric and of success; by rank if a metric was not always finite."""
+    """Return the sensitivities of success and of each metric; of its ranks if a metric is not finite in all runs."""
     parameters = [f.text for f in campaign.ready.spread.factors]
     matters: dict[str, Any] = {}
     for name in [*metric_names(result), "success"]:
@@ -121,7 +121,7 @@ def sensitivities(campaign: Campaign, result: CampaignResult) -> dict[str, Sensi
 
 
 def write_pictures(campaign: Campaign, result: CampaignResult, folder: Path) -> list[Path]:
-    """Draw histograms, convergence and parallel coordinates; for a design, the sensitivities."""
+    """Draw histograms, convergence and parallel coordinates, or the results of a sensitivity analysis."""
     from trimtab.plots.campaign import plot_convergence, plot_histogram, plot_parallel, plot_sensitivity
 
     title, files = result.plan.scenario, []

@@ -25,7 +25,7 @@ from trimtab.logs.difference import LogDifference, find_difference
 from trimtab.logs.log import Log
 
 SHOWN = 8
-"""Maximum number of differing signals in the table and the picture."""
+"""Maximum number of differing signals that the table and the picture show."""
 MERITS = ("tail_mean", "tail_rms")
 AGAIN = "flown again"
 
@@ -33,12 +33,12 @@ AGAIN = "flown again"
 @click.command()
 @click.argument("one", type=FILE, metavar="LOG")
 @click.argument("other", type=FILE, metavar="[LOG]", required=False)
-@PLOT("Draw the signals that differ first to this picture.")
+@PLOT("Draw the earliest differing signals to this picture.")
 @JSON
 def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Find where two logs first differ, and print their values; with one log, compare it with its rerun.
+    """Find the first difference between two logs, or between a log and a rerun of its flight.
 
-    Compares the instants and signals that both logs have, exactly. Exit code 1 if they differ.
+    Compares exactly, at the instants and for the signals that both logs have. Exit code 1 if they differ.
 
     \b
     trimtab compare before/run.mcap after/run.mcap --plot both.png
@@ -67,7 +67,7 @@ def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> 
 
 
 def _fly_again(log: Log) -> Log:
-    """Repeat the run of a log with its scenario, settings, seed and number."""
+    """Repeat the run of a log with its scenario, settings, seed and run number."""
     from trimtab.core.record import replace
     from trimtab.core.time import ms, seconds
     from trimtab.run.simulate import simulate
@@ -119,7 +119,7 @@ def _print_difference(names: tuple[str, str], difference: LogDifference, summari
 
 
 def _print_metrics(names: tuple[str, str], summaries: list[dict[str, Any]]) -> None:
-    """Print final values and tail metrics of the signals that both logs have."""
+    """Print final value, tail mean and tail rms of the signals that both logs have."""
     table = new_table("signal", "log", ">final", ">tail mean", ">tail rms", unwrapped=("signal",))
     for signal in [name for name in summaries[0]["metrics"] if name in summaries[1]["metrics"]]:
         for i, (name, summary) in enumerate(zip(names, summaries, strict=True)):

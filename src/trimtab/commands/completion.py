@@ -10,7 +10,7 @@ VARIABLE = "_TRIMTAB_COMPLETE"
 @click.command()
 @click.argument("shell", type=click.Choice(SHELLS))
 def command(shell: str) -> None:
-    """Print the completion script of a shell: verbs, options, scenarios, paths of settings.
+    """Print a shell's completion script, for verbs, options, scenarios and paths of settings.
 
     \b
     trimtab completion bash >> ~/.bashrc

@@ -30,15 +30,15 @@ from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
 from trimtab.scenarios.recorded import rebuild_scenario
 
-if TYPE_CHECKING:  # the extra "console" may be missing
+if TYPE_CHECKING:  # the packages of the extra "console" may not be installed
     from trimtab.console.recordings import Recording
 
 START_S = 180.0
-"""Maximum time for the vehicle to compile and start (s)."""
+"""Maximum time (s) for the simulated vehicle to compile and start."""
 LONGEST = "28800 s"
-"""Duration of a flight that the pilot ends; a flight whose law follows a table ends with the table."""
+"""Maximum duration of a flight that the pilot ends. A flight whose law follows a table ends with the table."""
 POSITION = {"navigation": "ins"}
-"""Navigation that estimates the position, so that the page can draw the craft on a map."""
+"""Choice of a navigation system that estimates the position, so that the page can draw the craft on a map."""
 
 
 @click.command()
@@ -54,7 +54,7 @@ POSITION = {"navigation": "ins"}
     multiple=True,
     metavar="PART=CHOICE",
     callback=parse_parts,
-    help="Replace estimator or law, and show the replay beside the log, as in trimtab replay.",
+    help="Replace estimator or law of a log, and show the replay beside the log, as in trimtab replay.",
 )
 @PLACE
 @click.pass_context
@@ -74,9 +74,9 @@ def command(
 ) -> None:
     """Fly a scenario's simulated craft from a page in a browser, or view recorded flights or a campaign.
 
-    Starts the simulated vehicle, its autopilot and the page's server, and prints the page's address; Ctrl-C ends all.
-    Stick: arrow keys, a gamepad, or the pad on the page; the space bar stops. For a real vehicle: trimtab fly
-    --console.
+    Starts the simulated vehicle, its autopilot and the page's server, and prints the page's address. Ctrl-C stops all
+    three. Steer with the arrow keys, a gamepad, or the pad on the page; the space bar stops the flight. For a real
+    vehicle use trimtab fly --console.
 
     \b
     trimtab console hovercraft/pilot
@@ -108,12 +108,12 @@ def command(
 
 
 def _end(number: int, _: object) -> NoReturn:
-    """Handle SIGTERM like Ctrl-C, so that the vehicle's process ends too."""
+    """Handle SIGTERM like Ctrl-C, so that the process of the simulated vehicle ends too."""
     sys.exit(128 + number)
 
 
 def _show_recorded(subjects: Sequence[str], parts: Mapping[str, str], address: ConsoleAddress) -> bool:
-    """Serve a store or logs until interrupted; return False for anything else."""
+    """Serve a campaign's store or logs until interrupted; return False if the subjects are neither."""
     from trimtab.console.campaigns import CampaignFeed
     from trimtab.console.recordings import RecordingFeed, describe_recordings, load_recording
     from trimtab.console.server import serve_here
@@ -146,7 +146,7 @@ def _show_recorded(subjects: Sequence[str], parts: Mapping[str, str], address: C
 
 
 def _replay(file: Path, parts: Mapping[str, str]) -> "list[Recording]":
-    """Return a recorded flight, and its replay with other parts of the autopilot."""
+    """Return the recording of a log, and that of its replay with other parts of the autopilot."""
     from trimtab.console.recordings import load_recording, record_flight
 
     log = read_own_log(file)
@@ -159,14 +159,14 @@ def _replay(file: Path, parts: Mapping[str, str]) -> "list[Recording]":
 
 
 def _choose(scenario: str, settings: Mapping[str, str]) -> dict[str, str]:
-    """Return the settings, with a supervisor, a stick and a position estimate if the scenario offers them."""
+    """Return the settings, and add supervisor, stick and position estimate if the scenario offers these choices."""
     offered = catalogue.scenario_choices(scenario)
     position = {name: value for name, value in POSITION.items() if value in offered.get(name, ())}
     return position | live_settings(scenario) | dict(settings)
 
 
 def _duration(scenario: str, settings: Mapping[str, str]) -> list[str]:
-    """Return the duration option for `fly`; empty, for the scenario's own, if a part does not last that long."""
+    """Return the option --duration for `trimtab fly`; empty, for the scenario's own, if a part ends before LONGEST."""
     built = build(scenario, settings)
     try:
         replace(built, duration=parse_time(LONGEST)).check()
@@ -179,7 +179,7 @@ def _duration(scenario: str, settings: Mapping[str, str]) -> list[str]:
 def _vehicle(
     scenario: str, settings: Mapping[str, str], faults: Sequence[str], seed: int, out: Path | None
 ) -> Iterator[str]:
-    """Run a simulated vehicle in its own process, and yield the link to it."""
+    """Run a simulated vehicle in a process of its own, and yield the URI of the link to it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         link = f"udp://127.0.0.1:{free.getsockname()[1]}"
@@ -201,7 +201,7 @@ def _vehicle(
 
 
 def _await_vehicle(process: "subprocess.Popen[bytes]", said: IO[str]) -> None:
-    """Wait until the vehicle listens; raise InputError with its output if it ends instead."""
+    """Wait until the vehicle listens on its link; raise InputError with the process's output if it ends instead."""
     end = time.monotonic() + START_S
     while True:
         said.seek(0)
@@ -214,7 +214,7 @@ def _await_vehicle(process: "subprocess.Popen[bytes]", said: IO[str]) -> None:
 
 
 def _refuse_start(said: str) -> InputError:
-    """Return an InputError with the output of the vehicle's process, and its fix if there is one."""
+    """Return an InputError with the problem and the fix that the vehicle's process printed."""
     problem, _, fix = said.strip().partition("\nFix: ")
     problem = problem.rpartition("error: ")[2] or "no output"
     return InputError(

@@ -14,20 +14,20 @@ from trimtab.core.time import parse_time
 from trimtab.logs.messages import EPOCH
 
 ENDING = ".rrd"
-"""Suffix of Rerun recordings."""
+"""File name suffix of Rerun recordings."""
 
 
 @click.command()
 @click.argument("file", type=FILE, metavar="LOG")
 @click.option("--as", "kind", type=click.Choice(["ros2", "rerun"]), required=True, help="Format to write.")
 @OUT("PATH", "Write a ROS 2 bag to this new folder, or a Rerun recording to this .rrd file.", required=True)
-@click.option("--scenario", metavar="SCENARIO", help="Scenario of the log, if it is not in the catalogue.")
-@click.option("--period", metavar="TIME", default="10 ms", show_default=True, help="Period of the written motion.")
+@click.option("--scenario", metavar="SCENARIO", help="Scenario of the log, if the scenario is not in the catalogue.")
+@click.option("--period", metavar="TIME", default="10 ms", show_default=True, help="Time between two written poses.")
 @JSON
 def command(file: Path, kind: str, out: Path, scenario: str | None, period: str, as_json: bool) -> None:
     """Convert a flight for other viewers: a ROS 2 bag with Odometry, Imu and tf, or a Rerun recording.
 
-    Converts the axes to east, north, up and forward, left, up. Foxglove opens trimtab logs directly, and ROS 2 bags.
+    A bag has the axes of ROS: east, north, up, and forward, left, up. Foxglove opens bags, and trimtab logs directly.
 
     \b
     trimtab convert flight/run.mcap --as ros2 --out bag          and then:  ros2 bag play bag

@@ -13,21 +13,21 @@ from trimtab.commands import options
 
 
 class _Names(dict[str, Any]):
-    """Names that a verb's file uses. A name that only an import would define is an empty text."""
+    """Names that a verb's file uses. A name that only an import would define has an empty text as its value."""
 
     def __missing__(self, name: str) -> Any:
         return getattr(builtins, name, "")
 
 
 def parse_words(file: Path, verb: str, help: str, words: list[str], parent: click.Context) -> list[str] | None:
-    """Return the words that are not options; None if an option can only be known from an import.
+    """Return the typed words that are not options, or None if the options are known only after an import.
 
     Args:
-        file: source of the verb, with its function `command`.
+        file: source file of the verb, with its function `command`.
         verb: name of the verb.
-        help: its help, whose examples an error shows.
+        help: help text of the verb, whose examples an error shows.
         words: words typed after the verb.
-        parent: context of the program.
+        parent: click context of the program.
 
     Raises: click.UsageError for an unknown option, an option without its value, or a value that is not a number.
     """
@@ -48,7 +48,7 @@ def parse_words(file: Path, verb: str, help: str, words: list[str], parent: clic
 
 
 def _is_number(kind: Any) -> bool:
-    """Return True for the type of a number whose limits are known without an import."""
+    """Return True if an option's type is a number whose limits are known without an import."""
     limits = getattr(kind, "min", None), getattr(kind, "max", None)
     is_known = all(limit is None or isinstance(limit, int | float) for limit in limits)
     return is_known and isinstance(kind, (type(click.INT), type(click.FLOAT)))
@@ -56,7 +56,7 @@ def _is_number(kind: Any) -> bool:
 
 @cache
 def _read_command(file: Path, verb: str, help: str) -> click.Command | None:
-    """Return a command with the declared parameters, which cannot run; None for a group or an unknown decorator."""
+    """Return a click command that only parses the declared options; None for a group or an unknown decorator."""
     tree = ast.parse(file.read_text(encoding="utf-8"))
     own = next((n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == "command"), None)
     if own is None or ast.unparse(own.decorator_list[0]) != "click.command()":
@@ -67,7 +67,7 @@ def _read_command(file: Path, verb: str, help: str) -> click.Command | None:
         for decorator in reversed(own.decorator_list[1:]):
             code = compile(ast.Expression(decorator), str(file), "eval")
             declare = eval(code, {}, names)(declare)
-    except (TypeError, ValueError, AttributeError):  # it needs a name that is empty here
+    except (TypeError, ValueError, AttributeError):  # the file needs an imported name, which is empty here
         return None
     parameters: list[click.Parameter] = getattr(declare, "__click_params__", [])
     return click.Command(verb, params=parameters[::-1], help=help)

@@ -1,4 +1,4 @@
-"""`trimtab demo`: the first flight."""
+"""`trimtab demo`: a first flight for new users."""
 
 import sys
 from pathlib import Path
@@ -26,7 +26,7 @@ other scenarios:            trimtab list"""
 def command(context: click.Context, seed: int, out: Path | None, as_json: bool) -> None:
     """Fly the hovercraft to a position over its radio link, ideal and real.
 
-    Uses the thesis's craft with its measured Bluetooth latencies; writes trimtab-demo.png and explains it.
+    Uses the craft of the thesis with its measured Bluetooth latencies. Writes trimtab-demo.png and explains it.
     """
     picture = (out or Path()) / "trimtab-demo.png"
     settings = {"links": "measured"}
@@ -35,5 +35,5 @@ def command(context: click.Context, seed: int, out: Path | None, as_json: bool) 
     finally:
         if (
             not as_json and picture.is_file() and sys.exc_info()[0] is SystemExit
-        ):  # the flight ran, and no input was refused
+        ):  # print the explanation only if the flight ran without an input error
             click.echo(LOOK_AT.format(picture=picture, scenario=SCENARIO))

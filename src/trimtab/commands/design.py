@@ -55,12 +55,12 @@ FUNCTION = "certified_system"
     callback=parse_settings,
     help="Change a setting of the system, e.g. h_ft=90000. May be repeated.",
 )
-@OUT("FILE", "Write the certificate (JSON).")
-@click.option("--check", type=FILE, metavar="FILE", help="Prove the certificate in this file again.")
+@OUT("FILE", "Write the certificate to this file (JSON).")
+@click.option("--check", type=FILE, metavar="FILE", help="Prove the certificate in this existing file again.")
 @click.option(
     "--stabilisability",
     is_flag=True,
-    help="Analyse if smooth feedback can stabilise SYSTEM, and where inputs can steer it.",
+    help="Analyse if smooth feedback can stabilise SYSTEM, and in which directions its inputs can steer it.",
 )
 @GAIN
 @INVERSION
@@ -81,17 +81,17 @@ def command(
     as_json: bool,
     **gain: Any,
 ) -> None:
-    """Design a feedback gain, with a certificate that proves it; or prove a certificate again.
+    """Design a feedback gain with a certificate that proves its stability, or prove an existing certificate again.
 
     A certificate belongs to a named system with settings. --check rebuilds that system from scratch, compares every
     matrix, weight and number in the file with it, and proves each condition in exact arithmetic, without the solver
     that found the gain. Exit code 1 if a condition fails, with the number that violates it. SYSTEM is a name of the
     package, or a file or folder of your own (docs, Certificate).
 
-    A law of the package has a theorem instead of a gain: the set to which its loop converges, the region from which it
-    does, and a Lyapunov function (docs, Theorem). It is derived from the law's own code, run on polynomials.
-    --stabilisability tests if smooth feedback can exist for a vehicle (Brockett; Byrnes and Isidori), and where its
-    inputs can steer it, by Lie brackets (docs, Stabilisability).
+    A law of the package has a theorem instead of a gain: the set to which its loop converges, the region of attraction,
+    and a Lyapunov function (docs, Theorem). The theorem is derived from the law's own code, run on polynomials.
+    --stabilisability tests if smooth feedback can stabilise a vehicle (Brockett; Byrnes and Isidori), and in which
+    directions its inputs can steer it, by Lie brackets (docs, Stabilisability).
 
     \b
     trimtab design hypersonic                        gain, poles and every condition
@@ -102,9 +102,9 @@ def command(
     trimtab design --check gain.json --export-coq gain.v     then: coqc gain.v
     trimtab design my_boat.py --check gain.json              for a system in your own file
     trimtab design hovercraft/forward --out law.json         a theorem about a law; --check law.json proves it again
-    trimtab design hovercraft/reverse --set k1=2             a region from which it comes to rest
+    trimtab design hovercraft/reverse --set k1=2             a region from which the craft comes to rest
     trimtab design my_law.py:theorem                         for your own law
-    trimtab design hovercraft --stabilisability              can smooth feedback stabilise it; where can it be steered
+    trimtab design hovercraft --stabilisability              test if smooth feedback can stabilise it
     trimtab design my_boat.py:system --stabilisability       for your own model
     trimtab design my_cart.py:scenario --lqr --limit force=20 --limit angle='5 deg' --out gain.json     a gain
     trimtab design vessel/path --lqr --fast rudder …         then:  trimtab run vessel/path --set gain=gain.json
@@ -150,13 +150,13 @@ def command(
 
 
 def design_systems() -> tuple[str, ...]:
-    """Return the systems with a design: the folders of scenarios that contain one."""
+    """Return the names of the systems with a built-in design: the folders of scenarios that contain one."""
     files = sorted(Path(scenarios.__file__).parent.glob("*/_design.py"))
     return tuple(file.parent.name for file in files)
 
 
 def _find_function(system: str | None) -> SystemFunction:
-    """Return the function of a system of the package, or of a file or folder."""
+    """Return the function that builds a system of the package, or of the user's file or folder."""
     if system is None:
         fix = f"trimtab design {design_systems()[0]}, or trimtab design --check FILE"
         raise InputError("design", "no system is named", choices=design_systems(), fix=fix)
@@ -200,7 +200,7 @@ def _rebuild_system(certificate: Certificate, system: str | None) -> CertifiedSy
     lacking = [name for name in wanted if name not in certificate.about]
     if lacking:
         fix = f"trimtab design {certificate.system} --out FILE  writes a new one"
-        raise InputError("--check", f"the file lacks about.{lacking[0]}", fix=fix)
+        raise InputError("--check", f"the certificate lacks the entry about.{lacking[0]}", fix=fix)
     given = {name: certificate.about[name] for name in wanted}
     return function(**system_settings(function, given, "--check"))
 

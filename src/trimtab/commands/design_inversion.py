@@ -29,21 +29,21 @@ from trimtab.run.plant import load_plant
 
 OPTIONS = ("outputs", "inputs", "to", "seconds_long", "picture")
 FADES = math.log(1e4)
-"""Duration of the motion before and after the course, in time constants: a decay to 1/10000."""
+"""Duration of the motion before and after the course, in time constants, for a decay to 1/10000."""
 LONGEST = 10.0
-"""Maximum time before and after the course, relative to its duration."""
+"""Maximum time before and after the course, relative to the duration of the course."""
 SLOW = 0.1
-"""Relative change of a mode during the course below which the mode is slow. The course does not wait for its decay."""
+"""Duration of the course, in time constants of a mode, below which the mode is slow and gets no lead time."""
 NODES = 1200
 
 
 def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add ``--inversion`` and its options."""
+    """Add ``--inversion`` and its options to a command."""
     options = (
         click.option(
             "--inversion",
             is_flag=True,
-            help="Compute states and inputs along a course of outputs, given by --output, --to and --in.",
+            help="Compute states and inputs so that outputs follow a course, given by --output, --to and --in.",
         ),
         click.option(
             "--output",
@@ -57,7 +57,7 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
             "inputs",
             multiple=True,
             metavar="NAME",
-            help="Input to use, with --inversion; others stay at their trim values. May be repeated.  [default: all]",
+            help="Input to use, with --inversion; others keep their trim values. May be repeated.  [default: all]",
         ),
         click.option(
             "--to",
@@ -89,7 +89,7 @@ def invert_vehicle(
 ) -> None:
     """Compute an inversion of a vehicle's outputs, and print, write or draw it.
 
-    words: options of a gain and OPTIONS, as typed.  settings: of the scenario.
+    words: values of the options of --lqr and of --inversion, as typed.  settings: settings of the scenario.
     """
     for name in ("lqr", "limit", "integrate"):
         if words[name]:
@@ -128,7 +128,7 @@ def invert_vehicle(
     data |= {"u": found.u.tolist()}
     files = [write_text(out, json.dumps(data) + "\n")] if out is not None else []
     if words["picture"] is not None:
-        from trimtab.plots.inversion import plot_inversion  # matplotlib is imported when something is drawn
+        from trimtab.plots.inversion import plot_inversion  # matplotlib is imported only to draw a picture
 
         span = (before, before + length)
         shown = {"outputs": outputs, "title": vehicle, "units": plant.units}
@@ -141,7 +141,7 @@ def invert_vehicle(
 
 
 def find_lead_times(modes: tuple[InternalMode, ...], length: float) -> tuple[float, float]:
-    """Return the time for unstable internal modes before a course, and for stable ones after it (s)."""
+    """Return the time (s) needed before a course for unstable internal modes, and after it for stable modes."""
     real = np.array([m.pole.real for m in modes if not _is_slow(m, length)])
     right, left = real[real > 0], -real[real < 0]
     times = [FADES / side.min() if len(side) else 0.1 * length for side in (right, left)]
@@ -153,7 +153,7 @@ def _is_slow(mode: InternalMode, length: float) -> bool:
 
 
 def _hold_inputs(inputs: tuple[str, ...], u: Any, kept: tuple[str, ...]) -> list[str]:
-    """Return conditions ``--at`` that hold the unused inputs at their initial values."""
+    """Return texts for ``--at`` that hold the unused inputs at their initial values."""
     unknown = [n for n in kept if n not in inputs]
     if unknown:
         near = closest(unknown[0], inputs, 1) or list(inputs)[:1]

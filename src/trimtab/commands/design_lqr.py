@@ -28,11 +28,11 @@ from trimtab.scenarios import catalogue
 from trimtab.scenarios.gain_file import vehicle_settings
 
 LISTS = ("at", "limit", "integrate", "believed", "fast")
-"""Options that may be repeated; a certificate stores them as lists."""
+"""Options of ``--lqr`` that may be repeated; a certificate stores their values as lists."""
 
 
 def GAIN(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add ``--lqr`` and the options LISTS."""
+    """Add ``--lqr`` and the options in LISTS to a command."""
     options = (
         click.option(
             "--lqr",
@@ -61,7 +61,7 @@ def GAIN(function: Callable[..., Any]) -> Callable[..., Any]:
             "--fast",
             multiple=True,
             metavar="NAME",
-            help="With --lqr: fast state that is not fed back. May be repeated.",
+            help="With --lqr: fast state that the gain does not feed back. May be repeated.",
         ),
         AT,
     )
@@ -85,9 +85,9 @@ def design_gain(
     check: Path | None,
     as_json: bool,
 ) -> bool:
-    """Design a gain and prove it, or check an existing one; return True if every condition holds.
+    """Design a gain and prove its certificate, or check an existing file; return True if every condition holds.
 
-    words: values of the options in LISTS, as typed.  settings: of the scenario.
+    words: values of the options in LISTS, as typed.  settings: settings of the scenario.
     """
     if vehicle is None:
         raise InputError("design --lqr", "no vehicle is named", fix="trimtab design hovercraft/forward --lqr …")
@@ -118,7 +118,7 @@ def design_gain(
 
 
 def gain_vehicle(system: str | None, check: Path | None) -> str | None:
-    """Return the vehicle of a gain file: as typed, else the scenario that it names; None if it is not a gain file."""
+    """Return the vehicle as typed, or else the scenario named in the gain file; None if it is not a gain file."""
     try:
         certificate = None if check is None else read_certificate(check)[0]
     except InputError:
@@ -137,9 +137,9 @@ def gain_vehicle(system: str | None, check: Path | None) -> str | None:
 def build_gain_system(vehicle: str, words: Mapping[str, Iterable[str]], settings: Mapping[str, str]) -> CertifiedSystem:
     """Return the certified system of a vehicle at a trim, with weights from limits.
 
-    words: "at", conditions of the trim; "limit", largest acceptable values of states and inputs; "integrate", likewise
-    of the integrals of errors; "believed", settings of the vehicle model for the design; "fast", fast states that are
-    not fed back.  settings: of the scenario.
+    words: "at", conditions of the trim; "limit", largest acceptable values of states and inputs; "integrate", largest
+    acceptable integrals of errors; "believed", settings of the vehicle model for the design; "fast", fast states that
+    are not fed back.  settings: settings of the scenario.
     """
     lists = {n: tuple(words.get(n, ())) for n in LISTS}
     plant = load_plant(vehicle, dict(settings), believed=vehicle_settings(_pairs("--believed", lists["believed"])))
@@ -167,7 +167,7 @@ def build_gain_system(vehicle: str, words: Mapping[str, Iterable[str]], settings
 def fast_numbers(
     whole: LinearModel, slow: Sequence[str], fast: Sequence[str], integrals: Iterable[str], K: Any
 ) -> dict[str, LimitedNumber]:
-    """Return the slowest pole of the loop that includes the fast states, which the gain (m, n) does not feed back."""
+    """Return the slowest pole of the loop including the fast states, which the gain K (m, n) does not feed back."""
     linear = whole.part(states=[*slow, *fast])
     A, B = augment_integrals(linear.A, linear.B, [linear.states.index(n) for n in integrals])
     gain = np.hstack([K[:, : len(slow)], np.zeros((len(K), len(fast))), K[:, len(slow) :]])
@@ -188,7 +188,7 @@ def _amounts(
 
 
 def _refuse_lacking_limits(names: Iterable[str], limits: Mapping[str, float]) -> None:
-    """Raise InputError for missing limits; a field without any limit is named as a whole."""
+    """Raise InputError for states and inputs without a limit; an array without any limit is named as a whole."""
     names = tuple(names)
     fields = {n: re.sub(r"(\[\d+\]|\.\w+)$", "", n) for n in names if not n.startswith("u.")}
     lacking: list[str] = []
@@ -204,10 +204,7 @@ def _refuse_lacking_limits(names: Iterable[str], limits: Mapping[str, float]) ->
 
 
 def _expand(known: Iterable[str], option: str, words: Iterable[str]) -> list[str]:
-    """Return the states and inputs that the words name; the name of an array, e.g.
-
-    ``rate``, stands for all its numbers.
-    """
+    """Return the states and inputs that the words name. The name of an array, as ``rate``, means all its elements."""
     names: list[str] = []
     for word in words:
         meant = [n for n in known if n == word] or [n for n in known if n.startswith((f"{word}[", f"{word}."))]

@@ -20,18 +20,18 @@ from trimtab.scenarios.catalogue import load_function
 
 FUNCTION = "system"
 UNSTABLE = 1e-9
-"""Real part (1/s) above which a pole counts as unstable; a double pole at zero has rounding errors."""
+"""Real part (1/s) above which a pole counts as unstable, chosen above the rounding errors of a double pole at zero."""
 EXCLUDES = "EXCLUDED: no continuously differentiable feedback of the state makes this point asymptotically stable"
 
 
 def model_names() -> tuple[str, ...]:
-    """Return the vehicles of the package: the folders of scenarios that have a model."""
+    """Return the names of the package's vehicles: the folders of scenarios that contain a model."""
     files = sorted(Path(scenarios.__file__).parent.glob("*/_models.py"))
     return tuple(file.parent.name for file in files)
 
 
 def print_stabilisability(system: str | None, as_json: bool) -> None:
-    """Print the verdicts on a vehicle or a model in a file: Brockett, Byrnes and Isidori, Lie brackets."""
+    """Print the verdicts of Brockett, of Byrnes and Isidori, and of Lie brackets on a vehicle or a model in a file."""
     model = _find_model(system)()
     if not isinstance(model, StateSpaceModel):
         problem = f"{system} returns a {type(model).__name__}, not a model"
@@ -77,9 +77,9 @@ def _print_smooth(model: StateSpaceModel, smooth: SmoothFeedback) -> None:
     if not b.is_onto:
         for target in b.missed_targets[:1]:
             way = format_combination(target / np.linalg.norm(target), model.states)
-            click.echo(f"    no small state and input give rates along {way}, however small")
+            click.echo(f"    no state and input near this point give rates along {way}, however small")
     elif not b.is_excluded:
-        click.echo("    every small rate of the states can be produced by some small state and input")
+        click.echo("    every small rate of the states can be produced by some state and input near this point")
     if ranks is None or cascade is None:
         click.echo("  Byrnes, Isidori: does not apply: no subset of the states depends only on itself and the inputs")
         return

@@ -39,7 +39,7 @@ def theorem_functions() -> dict[str, TheoremFunction]:
 
 
 def is_theorem(system: str | None, check: Path | None) -> bool:
-    """Return True if a theorem is requested: by the file's format, or by the system's name."""
+    """Return True if the file's format or the system's name requests a theorem, not a gain."""
     if check is not None:
         return check.is_file() and f'"format": "{FORMAT}"' in check.read_bytes()[:200].decode(errors="replace")
     return system is not None and (".py:" in system or system in theorem_functions())
@@ -48,7 +48,7 @@ def is_theorem(system: str | None, check: Path | None) -> bool:
 def run_theorem(
     system: str | None, settings: Mapping[str, str], out: Path | None, check: Path | None, as_json: bool
 ) -> bool:
-    """Make or check a certificate, print and write it; return True if every condition holds."""
+    """Make or check the certificate of a theorem, print and write it; return True if every condition holds."""
     if check is None:
         theorem = _build_theorem(system or "", settings)
         certificate = _make_certificate(theorem)
@@ -81,7 +81,7 @@ def refuse_options(options: Mapping[str, Any], beside: str) -> None:
 
 
 def print_unwritten(files: Iterable[Path | None], proof: CertificateProof) -> None:
-    """Print the files that were not written because the proof fails."""
+    """Print the names of the files that were not written because the proof fails."""
     for file in files:
         if file is not None and not proof.holds:
             click.echo(f"not written: {file}, because a condition fails")
@@ -114,7 +114,7 @@ def _build_theorem(name: str, settings: Mapping[str, Any]) -> LawTheorem:
 
 
 def _make_certificate(theorem: LawTheorem) -> TheoremCertificate:
-    """Make a certificate with the law's Lyapunov function, or with one that a search for the largest region finds."""
+    """Make a certificate with the law's Lyapunov function, or search for the function with the largest region."""
     if not theorem.field or theorem.lyapunov is not None:
         return design_theorem(theorem)
     region = find_region(theorem)

@@ -2,7 +2,7 @@
 
 The handler raises an exception in the main thread. Two things can stop that exception. Python drops an exception in a
 garbage-collection callback, and JAX has such a callback. Native code, such as a compiler, delays the handler. A thread
-therefore watches each signal: it repeats a dropped one, and ends the program if the handler does not run in time.
+therefore watches each signal. It repeats a dropped signal, and ends the program if the handler does not run in time.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ class TerminatedError(KeyboardInterrupt):
 class EndSignals:
     """Handler of the signals that end a command, and the thread that watches them.
 
-    asked: number of the last signal, or 0.  raised: True while the signal's exception passes through the main thread.
+    asked: number of the last signal received, or 0.  raised: True while its exception passes through the main thread.
     """
 
     def __init__(self, end_program: Callable[[int], None]) -> None:
@@ -52,7 +52,7 @@ class EndSignals:
         raise TerminatedError(number)
 
     def note_dropped(self, unraisable: Any) -> None:
-        """Let the thread repeat a signal whose exception Python dropped; report other dropped exceptions as usual."""
+        """Make the thread repeat a signal whose exception Python dropped; report other dropped exceptions as usual."""
         if self.asked and issubclass(unraisable.exc_type, KeyboardInterrupt):
             self.raised = False
             os.write(self._writer, bytes((self.asked,)))
@@ -73,7 +73,7 @@ class EndSignals:
 
     @contextlib.contextmanager
     def watch(self, numbers: list[int]) -> Iterator[None]:
-        """Handle these signals until the block ends."""
+        """Handle the signals with these numbers until the block ends."""
         before = {number: signal.signal(number, self.handle) for number in numbers}
         wakeup = signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
         sys.unraisablehook = self.note_dropped
@@ -91,9 +91,9 @@ class EndSignals:
 
 @contextlib.contextmanager
 def end_on_signals(is_program: bool = False) -> Iterator[None]:
-    """End the command on Ctrl-C, SIGTERM and SIGHUP, except where they are ignored or handled already.
+    """End the command on Ctrl-C, SIGTERM and SIGHUP, except for signals that are ignored or have another handler.
 
-    is_program: True if the process is the command line's own. It is then ended without waiting for other threads.
+    is_program: True if the process runs only this command. It is then ended without waiting for other threads.
     """
     handlers = {"SIGINT": signal.default_int_handler, "SIGTERM": signal.SIG_DFL, "SIGHUP": signal.SIG_DFL}
     usual = {getattr(signal, name): handler for name, handler in handlers.items() if hasattr(signal, name)}
@@ -125,7 +125,7 @@ def _end_program(number: int) -> None:
 
 
 def _leave(code: int) -> None:
-    """End the program at once; the interpreter would wait for other threads, which may compile for seconds."""
+    """End the process at once, without waiting for other threads, which may compile for seconds."""
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):
             stream.flush()

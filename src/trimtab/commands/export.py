@@ -39,10 +39,10 @@ BOARDS = ("cortex-m4", "cortex-m7")
     type=click.Choice(("autopilot", "loop", "vehicle")),
     default="autopilot",
     show_default=True,
-    help="Part to write: the autopilot, the whole loop with its world, or, as an FMU only, the vehicle.",
+    help="Part to write: the autopilot, the whole loop with its world, or the vehicle (only as an FMU).",
 )
-@click.option("--fmu", type=click.Choice(("2", "3")), help="Write an FMU for co-simulation, FMI 2.0 or 3.0.")
-@OUT("DIR", "Write the C code, its test and its test vectors to this folder; an FMU to this file.")
+@click.option("--fmu", type=click.Choice(("2", "3")), help="Write an FMU for co-simulation by FMI 2.0 or 3.0.")
+@OUT("DIR", "Write C code, its test and its test vectors to this folder, or an FMU to this file.")
 @click.option("--steps", type=click.IntRange(1), default=2000, show_default=True, help="Number of test vectors.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the test vectors.")
 @click.option("--fly", is_flag=True, help="Run the code on the emulated board of --target.")
@@ -59,7 +59,7 @@ BOARDS = ("cortex-m4", "cortex-m7")
     "check",
     type=FILE,
     metavar="DIR",
-    help="Compile this exported folder, and check that its results are equal.",
+    help="Compile this exported folder, and check that its results equal those of the simulation.",
 )
 @SET
 @NAVIGATION
@@ -157,8 +157,8 @@ def _write_fmu(
     without: tuple[str, ...],
     **rest: Any,
 ) -> None:
-    """Write an FMU, and print its contents."""
-    from trimtab.export.fmu import export_fmu  # these import JAX, which --verify does not need
+    """Write an FMU, and print its numbers of parameters, inputs and outputs."""
+    from trimtab.export.fmu import export_fmu  # these modules import JAX, which --verify does not need
     from trimtab.scenarios.build import build
 
     if target != "c" or fly:
@@ -201,7 +201,7 @@ def _write_fmu(
 
 
 def _refuse_choices_of_verify() -> None:
-    """Raise InputError for options of writing a folder together with --verify."""
+    """Raise InputError if --verify is combined with an option that applies to writing a folder."""
     context = click.get_current_context()
     for parameter in context.command.params:
         name = str(parameter.name)
@@ -224,14 +224,14 @@ def _write_export(
     settings: Mapping[str, str],
     without: tuple[str, ...],
 ) -> tuple[dict[str, Any], list[Path]]:
-    """Export a scenario; return its sizes and the files."""
-    from trimtab.export.export_c import export_c  # these import JAX, which --verify does not need
+    """Export a scenario as C; return the sizes of the code, and the files written."""
+    from trimtab.export.export_c import export_c  # these modules import JAX, which --verify does not need
     from trimtab.scenarios.build import build
 
     built = build(scenario, settings, without)
     enable_cache()
     real = real or (TARGETS[target].real if target in BOARDS else "double")
-    # a board has one entry point, the autopilot's
+    # the program of a board calls the functions of the autopilot
     name = "autopilot" if target in BOARDS else None
     written = export_c(built, folder, part=part, real=real, steps=steps, seed=seed, name=name)
     exported = written.block
@@ -253,7 +253,7 @@ def _write_export(
 def _export_function(
     name: str, function: Callable[..., Any], example: tuple[Any, ...], out: Path | None, as_json: bool, fly: bool
 ) -> None:
-    """Write any function as C, and print the sizes."""
+    """Write a JAX function as C, and print the size of the code."""
     from trimtab.compiler.compiled_function import export_callable
 
     if fly or out is None:
@@ -288,7 +288,7 @@ def _print_files(files: Sequence[Any], out: Path) -> None:
 
 
 def _fly_on_board(folder: Path, target: str) -> tuple[dict[str, Any], bool]:
-    """Run the test vectors on the emulated board; return the cost, and True if the outputs agree."""
+    """Run the test vectors on the emulated board; return instructions and memory, and True if the outputs agree."""
     flight = emulate(folder, target)
     about = json.loads((folder / "export.json").read_text())
     tolerance = np.array([about["tolerance"][n] for n in about["outputs"]])
@@ -371,7 +371,7 @@ def find_function(name: str) -> tuple[Callable[..., Any], tuple[Any, ...]] | Non
     """Return the function ``file.py:function`` and its example arguments, or None if it is a scenario.
 
     The example is the tuple `example` of the file, or a dict of such tuples by function name; else the parameters'
-    defaults. A function without either is taken as one that returns a scenario.
+    defaults. A function without example and defaults is taken as one that returns a scenario.
 
     Raises:
         InputError: an `example` that is neither a tuple nor a dict of tuples.

@@ -32,8 +32,8 @@ def write_web_flight(
     without: tuple[str, ...],
     **_: Any,
 ) -> None:
-    """Write the page, its WebAssembly program and its description, and print their sizes."""
-    from trimtab.export.web_assembly import export_web, write_web_page  # these import JAX
+    """Write the page of a closed loop, its WebAssembly program and its description, and print their sizes."""
+    from trimtab.export.web_assembly import export_web, write_web_page  # these modules import JAX
     from trimtab.scenarios.build import build
 
     _refuse_other_choices()
@@ -75,7 +75,7 @@ def _refuse_other_choices() -> None:
 
 
 def _parse_slider(scenario: "Scenario", text: str) -> "tuple[Scenario, Slider]":
-    """Parse a slider `name=low:high`; return the scenario prepared for it, and the slider."""
+    """Parse a slider `name=low:high`; return the scenario prepared for the slider, and the slider."""
     from trimtab.core.record import leaves
     from trimtab.export.web_assembly import Slider, delay_slider
 
@@ -90,7 +90,7 @@ def _parse_slider(scenario: "Scenario", text: str) -> "tuple[Scenario, Slider]":
     if kind == "delay" and link in ("", "uplink", "downlink"):
         if low != 0:
             raise InputError(
-                "--slider", f"delay is added to the link's own and must start at 0, got {low:g}", fix=EXAMPLE
+                "--slider", f"delay is added to the link's own delay and must start at 0, got {low:g}", fix=EXAMPLE
             )
         return delay_slider(scenario, high, link or "uplink")
     path = f"world.{link or 'uplink'}.loss" if kind == "loss" and link in ("", "uplink", "downlink") else name

@@ -1,4 +1,4 @@
-"""`trimtab falsify`: search for the worst case within given bounds, and a file that repeats it."""
+"""`trimtab falsify`: search for the worst run within given bounds, and write a file that repeats it."""
 
 import shlex
 import sys
@@ -39,7 +39,7 @@ from trimtab.core.cache_folder import enable_cache
 @FAULT_RANGE
 @VARY
 @SUCCESS
-@RUNS(5000, "Number of runs, at most.")
+@RUNS(5000, "Number of runs (maximum).")
 @click.option(
     "--words",
     type=click.IntRange(1),
@@ -52,7 +52,7 @@ from trimtab.core.cache_folder import enable_cache
     type=click.Choice(("worst", "mean")),
     default="worst",
     show_default=True,
-    help="Judge a candidate by its worst or its mean run.",
+    help="Judge a candidate by the worst or by the mean of its runs.",
 )
 @click.option("--until-first", is_flag=True, help="Stop at the first failure.")
 @FLIGHT
@@ -66,10 +66,10 @@ from trimtab.core.cache_folder import enable_cache
 def command(
     scenario: str, runs: int, store: Path | None, out: Path | None, plot: Path | None, as_json: bool, **options: Any
 ) -> None:
-    """Search for the parameters within given bounds for which a scenario fails worst.
+    """Search within given bounds for the parameters with which a scenario performs worst.
 
-    The bounds are those of the distributions. Exit code 1 if a failure was found, 0 if none was found. Finding no
-    failure does not prove that there is none.
+    The bounds are those of the distributions. Exit code 1 if a failure was found, 0 if none was found. A search without
+    a failure does not prove that the scenario never fails.
 
     \b
     trimtab falsify hovercraft/zero-velocity --spread 'world.vehicle.mass=uniform(80%, 120%)' \\

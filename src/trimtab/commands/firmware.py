@@ -48,7 +48,7 @@ def command(
 ) -> None:
     """Write a scenario's vehicle as C firmware for a microcontroller: world, failsafe, protocol.
 
-    On the emulated board the exported world replaces the hardware; the rest is the code that a craft would run.
+    On the emulated board the exported world replaces the hardware. All other code is that of a real craft.
 
     \b
     trimtab firmware hovercraft/forward --out board --emulate 5760
@@ -64,7 +64,7 @@ def command(
         if not shutil.which("make"):
             raise InputError("--emulate", "needs make, which was not found", fix="apt-get install make")
     built = build(scenario, settings)
-    firmware_outputs(built, board)  # refuse outputs that the firmware cannot drive before a key is created
+    firmware_outputs(built, board)  # raises for outputs that the firmware cannot drive, before a key is created
     check_folder("--out", out)
     line = f"tcp://127.0.0.1:{emulate or 5760}"
     signing_key = find_key(scenario, key, False, line, create=True)

@@ -29,10 +29,11 @@ from trimtab.run.command_pulses import describe_outputs
 
 
 class FlightStack(NamedTuple):
-    """Flight stack whose autopilot flies the vehicle. place: default address at which it expects the simulator.
+    """Flight stack whose autopilot flies the simulated vehicle, e.g. ArduPilot.
 
-    open_line: opens the listening socket.  physics: class that simulates the vehicle for it. begin: command that starts
-    it.
+    maker: name of the stack.  scheme, place: URI scheme and default address at which it expects the simulator.
+    begin: command that starts the autopilot.  channels: maximum number of output channels.
+    open_line: function that opens the listening socket.  physics: class that simulates the vehicle for the autopilot.
     """
 
     maker: str
@@ -56,7 +57,7 @@ STACKS: Mapping[str, FlightStack] = {
     ),
     "px4": FlightStack("PX4", "tcp", "127.0.0.1:4560", "make px4_sitl none_iris", PX4_CHANNELS, open_tcp, Px4Simulator),
 }
-"""Option without its dashes -> flight stack."""
+"""Name of an option of `trimtab vehicle`, without dashes -> flight stack."""
 PLACE, PX4_PLACE = (stack.place for stack in STACKS.values())
 SIGNED = (
     "listen",
@@ -87,13 +88,13 @@ ARDUPILOT = click.option(
     is_flag=False,
     flag_value=PLACE,
     metavar="[HOST:PORT]",
-    help=f"Simulate the vehicle for ArduPilot's SITL (--model JSON), at this address; without one, at {PLACE}.",
+    help=f"Simulate the vehicle for ArduPilot's SITL (--model JSON), at this address or by default {PLACE}.",
 )
 CHANNELS = click.option(
     "--channels",
     metavar="N,N,…",
     callback=_parse_channels,
-    help="ArduPilot channel or PX4 output for each number of a command.  [default: 1,2,… in order]",
+    help="ArduPilot channel or PX4 output for each element of a command.  [default: 1,2,… in order]",
 )
 RELEASE = click.option(
     "--release",
@@ -108,7 +109,7 @@ PX4 = click.option(
     is_flag=False,
     flag_value=PX4_PLACE,
     metavar="[HOST:PORT]",
-    help=f"Simulate the vehicle for PX4's SITL, at this address; without one, at {PX4_PLACE}.",
+    help=f"Simulate the vehicle for PX4's SITL, at this address or by default {PX4_PLACE}.",
 )
 
 
@@ -120,7 +121,7 @@ def choose_line(
     channels: Sequence[int],
     release: float | None,
 ) -> str:
-    """Return the URI to listen on; raise InputError for conflicting options or an address beyond this machine."""
+    """Return the URI to listen on; raise InputError for conflicting options or an address outside this machine."""
     if ardupilot is None and px4 is None:
         for option, value in (("--channels", channels), ("--release", release)):
             if value not in ((), None):
@@ -156,7 +157,7 @@ def serve_stack(
     tell: Callable[[str], None],
     as_json: bool,
 ) -> None:
-    """Serve one of STACKS until it ends, print the result, and exit with the verb's code."""
+    """Simulate the vehicle for one of STACKS until its duration ends or Ctrl-C; print the result, and exit."""
     stack = STACKS[option]
     link = stack.open_line(parse_uri(line), listen=True)
     try:
@@ -181,7 +182,7 @@ def _compile_vehicle(
     most_channels: int,
     tell: Callable[[str], None],
 ) -> PulsedVehicle:
-    """Compile the vehicle for a flight stack, and print the meaning of its channels."""
+    """Compile the vehicle for a flight stack, and print the meaning of each channel."""
     width = None if release is None else release * 1e-6
     with show_spinner(f"compiling {scenario.name}"):
         vehicle = PulsedVehicle(
@@ -193,7 +194,7 @@ def _compile_vehicle(
 
 
 def _end(scenario: Scenario, seed: int, summary: PhysicsSummary, maker: str, out: Path | None, as_json: bool) -> None:
-    """Print the result, and exit."""
+    """Print the result of the flights, and exit."""
     result = _describe_result(scenario, seed, summary)
     result |= summarise_truth(summary.file, summary.release_time, scenario.targets)
     if as_json:
@@ -204,7 +205,7 @@ def _end(scenario: Scenario, seed: int, summary: PhysicsSummary, maker: str, out
 
 
 def _describe_vehicle(vehicle: PulsedVehicle) -> list[str]:
-    """Return a line of text for each channel, and a line for the IMU."""
+    """Return one line of text about each channel, and one about the source of the IMU's data."""
     lines = [text.partition(": ")[2] for text in describe_outputs(vehicle.outputs)]
     told = [f"channel {c}: {text}" for c, text in zip(vehicle.channels, lines, strict=True)]
     return [*told, f"gyro and accelerometer: {f'its sensor {vehicle.imu}' if vehicle.imu else 'true motion'}"]

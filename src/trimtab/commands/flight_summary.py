@@ -1,4 +1,4 @@
-"""Summary of a flight: metrics, last state, flags, and their table. Needs only the log, and no JAX."""
+"""Summary of a flight: metrics, last state and flags, and a table of them. It is computed from the log without JAX."""
 
 from collections.abc import Iterable, Mapping
 from math import degrees, isfinite
@@ -21,11 +21,11 @@ from trimtab.loop.beliefs import describe_mismatches
 
 ERROR = "world.integration_error"
 MOTIONS = ("velocity", "rate", "speed", "velocity[0]", "velocity[1]", "velocity[2]")
-"""Endings of the paths of signals that are zero at rest."""
+"""Last parts of the paths of signals that are zero at rest."""
 FEW = 6
-"""Maximum number of elements of a signal in the summary; larger signals, as of a large swarm, are left out."""
+"""Maximum number of elements of a signal in the summary. Larger signals, e.g. of a large swarm, are left out."""
 MOST_SUMMARISED = 200_000_000
-"""Maximum size (bytes) of a log whose metrics are computed; a flight of a quarter of an hour."""
+"""Maximum size (bytes) of a log whose metrics are computed: the log of a flight of about 15 minutes."""
 METRICS = {
     "first_reach_s": ("first in band", "s"),
     "settling_s": ("settled", "s"),
@@ -33,13 +33,16 @@ METRICS = {
     "tail_mean": ("tail mean", ""),
     "tail_rms": ("tail rms", ""),
 }
-"""Metric -> heading and unit of its column; an empty unit stands for the unit of the signal."""
+"""Metric -> heading and unit of its column. An empty unit means that the metric has the unit of the signal."""
 
 
 def summarise_truth(
     file: Path | None, release: int | None, targets: Iterable[Target], end: int | None = None
 ) -> dict[str, Any]:
-    """Summarise a vehicle's log from its release to its end (100 ns), as `real`; None if the log is too large."""
+    """Return the summary of a vehicle's log under the key "real"; it is None without a log, or if the log is too large.
+
+    release, end: first and last time (100 ns) that are summarised.
+    """
     whole = None if release is None else _read_flight_log(file)
     if whole is None or release is None:
         return {"real": None}
@@ -95,7 +98,7 @@ def assess_estimate(file: Path | None, release: int | None, targets: Iterable[Ta
 
 
 def print_truth(result: dict[str, Any], out: Path | None, never: str) -> None:
-    """Print the result of `summarise_truth`. never: text for a vehicle that was not released."""
+    """Print the result of `summarise_truth`. never: text to print for a vehicle that was not released."""
     if result["real"] is None and result.get("released_s", 0) is None:
         click.echo(never)
     elif result["real"] is None:
@@ -134,9 +137,9 @@ def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
 
 
 def assess_targets(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
-    """Return whether a flight ended on its targets (on_target), and the verdict in words (says).
+    """Return "on_target", True if a flight ended on its targets, and "says", the verdict in words.
 
-    None for a scenario without targets. A diverged flight is never on target.
+    Return None for a scenario without targets. A diverged flight is never on target.
     """
     targets, lost = tuple(targets), divergence_time(log)
     if lost is not None:
@@ -154,7 +157,7 @@ def assess_targets(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None
 
 
 def _describe_miss(log: Log, target: Target) -> str:
-    """Describe a target's signal at the end, with the target band."""
+    """Describe the final value of a signal that misses its target, and the target band."""
     path = full_path(target.path)
     unit, factor = display_unit(path, log.unit(path))
     value, wanted = float(log[path][-1]) * factor, nearest_target_value(log, target) * factor
@@ -167,7 +170,7 @@ def _describe_miss(log: Log, target: Target) -> str:
 
 
 def _choose_signals(log: Log) -> list[str]:
-    """Return the signals to show besides the targets; for a vehicle in space, angles instead of a quaternion."""
+    """Return the signals to show in addition to the targets; for a vehicle in space, angles instead of a quaternion."""
     signals = [p.removeprefix("truth.") for p in log.paths if p.startswith("truth.") and np.size(log[p][:1]) <= FEW]
     flight, said = [p for p in log.paths if p.startswith(FLIGHT)], flight_sources(log)
     preferred = ["surge_velocity", "sway_velocity", "yaw_rate", "heading"]
@@ -178,10 +181,10 @@ def _choose_signals(log: Log) -> list[str]:
 
 
 def summarise_flight(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
-    """Return least and greatest height (m), greatest ground speed (m/s) and tilt (rad) of a vehicle in space.
+    """Return minimum and maximum height (m), maximum ground speed (m/s) and tilt (rad) of a vehicle in space.
 
-    Tilt is the angle from upright. settled_s is the settling time of each target. None for any other vehicle; unknown
-    values are left out.
+    Tilt is the angle between the vehicle's vertical axis and the vertical. settled_s is the settling time of each
+    target. Return None for a vehicle without roll and pitch. Unknown values are left out.
     """
     if f"{FLIGHT}roll" not in log or not len(log):
         return None
@@ -211,7 +214,7 @@ def closest_approach(log: Log) -> dict[str, float] | None:
 
 
 def flag_times(log: Log) -> dict[str, dict[str, float]]:
-    """Return for each raised flag of law and actuators its total time and its first time, in s."""
+    """Return flag -> total time and first time (s) at which the law or an actuator raised this flag."""
     times: dict[str, dict[str, float]] = {}
     signals = [p for p in log.paths if p.startswith(("law.", "actuators.")) and p in log.declarations]
     for path in [p for p in signals if log.declarations[p].kind == "flag" and log[p].ndim == 1]:
@@ -223,20 +226,20 @@ def flag_times(log: Log) -> dict[str, dict[str, float]]:
 
 
 def worst_step(log: Log) -> dict[str, float | None] | None:
-    """Return the largest estimated error of an integration step, relative to its tolerance, and when it exceeds 1.
+    """Return the largest estimated error of an integration step over its tolerance, and the first time it exceeds 1.
 
     None if the integration does not estimate its error.
     """
     if ERROR not in log:
         return None
-    errors = np.append(log[ERROR], log.final.get(ERROR, 0.0))  # a row holds the error of the step that ended there
+    errors = np.append(log[ERROR], log.final.get(ERROR, 0.0))  # each row has the error of the step before it
     too_large = ~(errors <= 1)
     first = float(np.append(log.t, log.metadata.get("duration_s", np.nan))[too_large.argmax()])
     return {"worst": float(errors.max()), "first_s": first if too_large.any() else None}
 
 
 def summarise_monitor(log: Log) -> dict[str, dict[str, Any]]:
-    """Return for each monitored formula its final verdict, least robustness, and first violation (s)."""
+    """Return monitored formula -> final verdict, minimum robustness, and time of the first violation (s)."""
     found: dict[str, dict[str, Any]] = {}
     for path in [p for p in log.paths if p.startswith("monitor.") and p.endswith(".verdict") and len(log)]:
         name, verdict = path.split(".")[1], log[path]
@@ -250,7 +253,7 @@ def summarise_monitor(log: Log) -> dict[str, dict[str, Any]]:
 
 
 def non_finite_times(log: Log) -> dict[str, float]:
-    """Return the demands and commands that are not finite at a valid estimate, each with its first time (s)."""
+    """Return the demands and commands that are not finite although the estimate is valid -> first time (s) of each."""
     shown = log["estimate.valid"].astype(bool) if "estimate.valid" in log else np.ones(len(log), bool)
     times: dict[str, float] = {}
     for path in [p for p in log.paths if p.startswith(("law.demand", "command.value"))]:
@@ -262,7 +265,7 @@ def non_finite_times(log: Log) -> dict[str, float]:
 
 
 def divergence_time(log: Log) -> float | None:
-    """Return the time at which the truth stopped being finite (s), or None."""
+    """Return the time (s) at which the truth stopped being finite, or None if it stayed finite."""
     truth = [log[p] for p in log.paths if p.startswith("truth.")]
     if not truth or not len(log):
         return None
@@ -271,7 +274,7 @@ def divergence_time(log: Log) -> float | None:
 
 
 def metric_units(log: Log, names: Iterable[str]) -> dict[str, str]:
-    """Return the unit of each signal of a summary, by the summary's name for the signal."""
+    """Return signal -> unit, for the signals of a summary by their names in it."""
     log = with_flight(log)
     return {name: log.unit(name if name in log else f"truth.{name}") for name in names}
 
@@ -301,7 +304,7 @@ def _describe_flight(summary: Mapping[str, Any]) -> str:
 
 
 def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
-    """Print the metrics of a run, ideal and real."""
+    """Print the metrics of the ideal and of the real run."""
     sides = {side: result[side] for side in ("ideal", "real") if result[side] is not None}
     for side in [one for one in ("real", "ideal") if "verdict" in sides.get(one, {})]:
         click.echo(f"{f'{side}:':<7}{sides[side]['verdict']['says']}")

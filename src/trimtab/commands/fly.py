@@ -74,14 +74,14 @@ from trimtab.scenarios.build import build
     type=click.Choice([STORED_CLOCK, COMPUTER_CLOCK, VEHICLE_CLOCK]),
     default=STORED_CLOCK,
     show_default=True,
-    help="Clock for signatures: continue the stored one, reset it from this computer's, or follow the vehicle's.",
+    help="Clock for signatures: continue the stored clock, reset it from this computer's, or follow the vehicle's.",
 )
 @click.option(
     "--accept",
     "accepts",
     multiple=True,
     metavar="PATH",
-    help="Fly although the vehicle's value of this setting or group differs from the scenario's. May be repeated.",
+    help="Fly although this setting or group has another value in the vehicle than in the scenario. May be repeated.",
 )
 @click.option("--take-over", is_flag=True, help="Take over the vehicle if another autopilot flies it.")
 @click.option("--rearm", is_flag=True, help="Confirm arming again after a failsafe. The vehicle must be at rest.")
@@ -96,7 +96,9 @@ from trimtab.scenarios.build import build
 @OUT("DIR", "Write the flight's log, flight.mcap, to this folder.")
 @PARAMETERS
 @LOG_LIMIT
-@click.option("--console", "with_console", is_flag=True, help="Serve a pilot's page and print its address.")
+@click.option(
+    "--console", "with_console", is_flag=True, help="Serve a pilot's page for a browser, and print its address."
+)
 @PLACE
 @JSON
 def command(
@@ -127,7 +129,7 @@ def command(
 ) -> None:
     """Fly a vehicle over a real link with a scenario's compiled autopilot, in real time.
 
-    Waits for the vehicle, synchronises with its clock, arms it once there is an estimate, flies for the scenario's
+    Waits for the vehicle, synchronises with its clock, arms it when the estimate is valid, flies for the scenario's
     duration and disarms. A supervisor monitors speeds, the link and the estimate's age; --set supervisor=none disables
     it. Exit code 0: the flight was completed; 1: never armed, aborted, halted by an overrun, taken over, in failsafe,
     link lost, or log rows lost; 2: invalid input, or no answer.
@@ -201,7 +203,10 @@ def _fly_real_time(
     follows_clock: bool,
     address: ConsoleAddress | None,
 ) -> tuple[dict[str, Any], str]:
-    """Fly, and return the result and the granted scheduling. address: of the console; None: no console."""
+    """Fly a vehicle in real time; return the result, and the scheduling that the operating system granted.
+
+    address: address of the console's server; None: no console.
+    """
 
     def echo(text: str) -> None:
         click.echo(show_controls(text, KEPT), err=quiet)
@@ -271,7 +276,7 @@ def _print_flight(result: Mapping[str, Any], granted: str) -> None:
 
 
 def _print_deadlines(deadlines: Mapping[str, Any], granted: str) -> None:
-    """Print the timing of the periods, and the overruns."""
+    """Print the timing of the control periods, and the number of overruns."""
     n = deadlines["work"]["n"]
     title, first = f"{n} periods of {deadlines['period']}, {granted}", "time (us)"
     table = new_table(first, ">median", ">99 %", ">99.9 %", ">longest", title=title, unwrapped=(first,))

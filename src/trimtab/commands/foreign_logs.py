@@ -1,4 +1,4 @@
-"""Logs of other systems: reading with a mapping, listing without one, and the estimator to run on them."""
+"""Reading of other systems' logs with a mapping, lists of their topics, and choice of the estimator to run on them."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,11 +16,11 @@ from trimtab.logs.mcap import read_mcap
 from trimtab.scenarios.build import build
 
 FIELDS_SHOWN = 8
-"""Maximum number of fields of a topic in the table."""
+"""Maximum number of fields of a topic that the table shows."""
 
 
 def read_own_log(file: Path) -> Log:
-    """Read a log of trimtab. Print a warning for each gap in it."""
+    """Read a log of trimtab, and print a warning for each gap in the log."""
     log = read_mcap(file)
     for gap in log.metadata.get("gaps", ()):
         click.echo(show_controls(f"warning: {file.name}: {gap['text']}"), err=True)
@@ -28,12 +28,12 @@ def read_own_log(file: Path) -> Log:
 
 
 def read_any_log(file: Path, mapping: Path | None, *, quiet: bool = False) -> Log:
-    """Read a log of trimtab, or a foreign one with its mapping.
+    """Read a log of trimtab, or a foreign log with its mapping.
 
     Args:
-        file: to read.
-        mapping: None for a log of trimtab; without a mapping the topics of a foreign log are printed.
-        quiet: print nothing.
+        file: log file.
+        mapping: mapping file of a foreign log. None for a log of trimtab, or to print the topics of a foreign log.
+        quiet: True to print nothing.
 
     Raises:
         InputError: a foreign log without a mapping, or an unreadable log.
@@ -63,12 +63,12 @@ def _print_topics(title: str, topics: list[TopicSummary]) -> None:
 
 
 def scenario_estimator(name: str, settings: Mapping[str, str]) -> Any:
-    """Return the estimator of a scenario with its settings."""
+    """Return the estimator of a scenario that is built with these settings."""
     return build(name, settings).autopilot.estimator
 
 
 def check_choice(mapping: Path | None, scenario: str | None, estimator: str | None, settings: Any, parts: Any) -> None:
-    """Check the combination of options of `trimtab replay`.
+    """Check that options of `trimtab replay` are not in conflict.
 
     Raises:
         InputError: conflicting or missing options, with the fix.
@@ -89,4 +89,4 @@ def check_choice(mapping: Path | None, scenario: str | None, estimator: str | No
             "--with", "applies to a replay of a trimtab log, without --map", fix="change the scenario: --set PATH=VALUE"
         )
     if settings and scenario is None:
-        raise InputError("--set", "needs a scenario", fix="name one with --scenario, or set it in the factory")
+        raise InputError("--set", "needs a scenario", fix="name one with --scenario, or set the value in the factory")

@@ -22,7 +22,7 @@ from trimtab.run.fit_parameters import DELAY
 from trimtab.scenarios.build import build
 
 CHANGED = 3.0
-"""Distance from the calibration, in standard errors, beyond which a number counts as changed."""
+"""Difference from the calibration, in standard errors, above which a parameter counts as changed."""
 
 
 @click.command()
@@ -43,7 +43,7 @@ CHANGED = 3.0
     "--sensor", metavar="NAME", help="Sensor that measured the vehicle's state.  [default: the only such sensor]"
 )
 @MAP
-@OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
+@OUT("FILE.toml", "Write the parameters to this calibration file. Its other parameters are kept.")
 @SET
 @NAVIGATION
 @JSON
@@ -60,9 +60,9 @@ def command(
 ) -> None:
     """Identify parameters of a vehicle from flights, by maximum likelihood, with 95 % intervals.
 
-    The logs must contain commands, and measured states of the vehicle, e.g. north, east and heading of a motion
-    capture, at any rate and with gaps. Parameters that the data cannot separate are reported. Logs of other systems
-    need --map, as in trimtab replay, in which [sensor.command] maps the commands.
+    The logs must contain commands and measured states of the vehicle, e.g. north, east and heading from motion
+    capture, at any rate. Gaps are allowed. Parameters that the data cannot separate are reported. Logs of other systems
+    need --map, as in trimtab replay. In the mapping, [sensor.command] maps the commands.
 
     \b
     trimtab identify hovercraft/spin flight.mcap --fit world.vehicle.mass --fit world.vehicle.inertia --fit delay
@@ -93,7 +93,7 @@ def command(
 
 def _read(file: Path, scenario: Scenario, sensor: str | None, mapping: Path | None) -> FlightData:
     if mapping is not None:
-        detect_format(file)  # reports an unknown format
+        detect_format(file)  # raises InputError for an unknown format
     own = is_own_log(file)
     if not own and mapping is None:
         fix = f"--map MAP.toml, which maps its columns; list them with  trimtab replay {file}"
@@ -117,7 +117,7 @@ def _as_calibration(scenario: Scenario, found: Identified, logs: list[str]) -> C
 
 
 def _entry_name(scenario: Scenario, path: str) -> str:
-    """Return the name in a calibration, e.g. ``Hovercraft.mass`` for world.vehicle.mass."""
+    """Return the name of a parameter in a calibration, e.g. ``Hovercraft.mass`` for world.vehicle.mass."""
     if path == DELAY:
         return "uplink.delay"
     owner, _, field = path.rpartition(".")
@@ -127,7 +127,7 @@ def _entry_name(scenario: Scenario, path: str) -> str:
 
 
 def _changes(calibration: Calibration, file: str | None) -> dict[str, float]:
-    """Return entry -> difference from the calibration that was flown with, in standard errors."""
+    """Return parameter -> difference between fit and given calibration file, in standard errors of the difference."""
     if file is None:
         return {}
     new, old = flat_entries(calibration), flat_entries(read_calibration(file))
@@ -164,7 +164,7 @@ def _as_json(scenario: str, found: Identified, changes: dict[str, float]) -> dic
 
 
 def _print_unexplained(found: Identified) -> None:
-    """Print what the fitted model does not explain, and likely reasons."""
+    """Print the measured fields that the fitted model does not explain, and likely reasons."""
     for field, (rms, change) in found.unexplained.items():
         text = f"not explained: {field}, error {rms:.3g} over {HORIZON:g} s, in which it changes by {change:.3g};"
         click.echo(

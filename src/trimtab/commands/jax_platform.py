@@ -1,4 +1,4 @@
-"""Platform on which JAX computes: the CPU, unless the user asks for another one."""
+"""Platform on which JAX computes: the CPU, unless the user selects another platform."""
 
 import os
 import sys
@@ -8,16 +8,16 @@ from itertools import pairwise
 from trimtab.core.errors import InputError, install_command
 
 VARIABLES = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME")
-"""Environment variables of JAX that ask for a platform."""
+"""Environment variables of JAX that select a platform."""
 
 
 def choose_platform(words: Sequence[str]) -> None:
-    """Select the CPU if the user asks for no other platform.
+    """Select the CPU if the user selects no other platform.
 
-    Raises: InputError if JAX cannot compute on the platform that an environment variable asks for.
+    Raises: InputError if JAX cannot compute on the platform that an environment variable selects.
     """
     asked = [name for name in VARIABLES if os.environ.get(name)]
-    if not asked and not _asks_for_gpu(words) and "jax" not in sys.modules:  # read when JAX is imported
+    if not asked and not _asks_for_gpu(words) and "jax" not in sys.modules:  # JAX reads this when imported
         os.environ[VARIABLES[0]] = "cpu"
     others = [name for name in asked if os.environ[name] != "cpu"]
     if others:
@@ -29,7 +29,7 @@ def _asks_for_gpu(words: Sequence[str]) -> bool:
 
 
 def _check_platform(name: str) -> None:
-    """Raise InputError if JAX cannot compute on the platform that this variable asks for."""
+    """Raise InputError if JAX cannot compute on the platform that this environment variable selects."""
     import jax
 
     try:

@@ -1,4 +1,4 @@
-"""Storage of a search's runs, so that Ctrl-C loses none: the folder of ``--store``, else one in the cache.
+"""Storage of a search's runs in the folder of ``--store``, or else in the cache, so that Ctrl-C loses none.
 
 The cached folder belongs to the typed command, and is deleted when the command has finished. Runs of a scenario in the
 user's own file are stored only with ``--store``, because changes in modules that the file imports would go unnoticed.
@@ -16,7 +16,7 @@ from trimtab.core.cache_folder import cache_folder
 
 FOLDER = "searches"
 LIMIT = 20
-"""Maximum number of stopped searches in the cache; beyond it, the oldest are deleted."""
+"""Maximum number of stopped searches in the cache. The oldest ones beyond this number are deleted."""
 
 
 @contextmanager

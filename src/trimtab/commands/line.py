@@ -22,15 +22,15 @@ from trimtab.scenarios import catalogue
 VEHICLE, AUTOPILOT, INJECTOR = (1, 1), (1, 191), (1, 192)
 """MAVLink system and component IDs of vehicle, autopilot and injector."""
 LIVE_CHOICES = {"supervisor": "automatic", "stick": "console"}
-"""Settings that a scenario in real time has unless the user gives others."""
+"""Default settings of a scenario in real time, which the user may change."""
 DATAGRAMS = ("udp",)
 QUICK_LINES = ("udp", "tcp", "loopback")
 QUICK_TRANSFER, SLOW_TRANSFER = 200e3, 4e3
-"""Maximum rates of a file transfer (bytes/s): over a network; over radio or serial, a third of 115200 baud."""
+"""Maximum rates of a file transfer (bytes/s): over a network, and over radio or serial (a third of 115200 baud)."""
 
 
 def current_machine() -> Machine:
-    """Return the machine that the command runs on: this computer, unless the context holds another."""
+    """Return the machine on which the command runs: this computer, or the machine stored in the click context."""
     context = click.get_current_context(silent=True)
     return (None if context is None else context.find_object(Machine)) or SYSTEM_MACHINE
 
@@ -49,7 +49,7 @@ def is_local(uri: str) -> bool:
 
 
 def live_settings(scenario: str, names: Sequence[str] = tuple(LIVE_CHOICES)) -> dict[str, str]:
-    """Return the settings for real time, a supervisor and a pilot's stick, if the scenario offers them."""
+    """Return the settings in LIVE_CHOICES (supervisor and pilot's stick) that the scenario offers."""
     offered = catalogue.scenario_choices(scenario)
     return {name: LIVE_CHOICES[name] for name in names if LIVE_CHOICES[name] in offered.get(name, ())}
 
@@ -60,7 +60,7 @@ def transfer_rate(uri: str) -> float:
 
 
 def vehicle_name(scenario: str) -> str:
-    """Return the name of a scenario's key: the catalogue's folder, or the name of a file or module."""
+    """Return the name of the vehicle's signing key: the catalogue's folder, or the name of a file or module."""
     where, own, _ = scenario.partition(":")
     if where.endswith(".fmu"):
         return Path(where).stem
@@ -68,14 +68,14 @@ def vehicle_name(scenario: str) -> str:
 
 
 def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, create: bool) -> SigningKey | None:
-    """Return the key that both ends sign with; None if unsigned on a link within this machine.
+    """Return the key with which both ends sign; None for an unsigned link within this machine.
 
     Args:
-        scenario: determines the vehicle, see `vehicle_name`; each vehicle has one key.
-        file: of the key, if it is not in the usual place.
-        unsigned: use no key.
-        uri: of the link; InputError if it is invalid.
-        create: create a new key if it is missing.
+        scenario: name of the scenario, which determines the vehicle, see `vehicle_name`. Each vehicle has one key.
+        file: path of the key; None: the usual path.
+        unsigned: True to use no key.
+        uri: URI of the link; InputError if it is invalid.
+        create: True to create a new key if the file is missing.
     """
     parse_uri(uri)
     if unsigned:
@@ -104,7 +104,7 @@ def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, crea
 def endpoint_factory(
     line: str, who: tuple[int, int], key: SigningKey | None, clock: str = STORED_CLOCK
 ) -> Callable[[Dialect], Endpoint]:
-    """Return a function that makes one end's endpoint of a link. clock: for its signatures."""
+    """Return a function that creates the MAVLink endpoint of one end of a link. clock: clock of its signatures."""
     datagrams, machine = parse_uri(line).scheme in DATAGRAMS, current_machine()
 
     def make(dialect: Dialect) -> Endpoint:
@@ -124,7 +124,7 @@ def endpoint_factory(
 
 @contextlib.contextmanager
 def open_line(uri: str, *, listen: bool) -> Iterator[Link]:
-    """Open a link, and close it at the end."""
+    """Open a link, and close it at the end of the block."""
     link = current_machine().open_link(uri, listen=listen)
     try:
         yield link

@@ -1,4 +1,4 @@
-"""`trimtab linearise`: poles, modes, zeros and Gramians of a vehicle about a trim; its matrices in a file."""
+"""`trimtab linearise`: poles, modes, zeros, Gramians and matrices of a vehicle's linear model about a trim."""
 
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ OUTPUT = click.option(
     help="Output to keep; all others are left out. May be repeated.",
 )
 ON_AXIS = 1e-7
-"""Real part of a zero or pole, relative to the largest, below which it counts as on the imaginary axis."""
+"""Absolute real part of a zero, relative to `Zeros.size`, up to which the zero counts as on the imaginary axis."""
 
 
 @click.command()
@@ -99,7 +99,7 @@ def command(
     """Linearise a vehicle about a trim: poles with frequency, damping and participating states, zeros, Gramians.
 
     VEHICLE and --at are as in `trimtab trim`. For a vehicle with a quaternion, the attitude states are the three
-    angles of rotation from steady flight. --state, --input and --output keep only those; the other states are held.
+    angles of rotation from steady flight. --state, --input and --output keep only the named ones; the rest is held.
 
     \b
     trimtab linearise hovercraft/forward --at surge_velocity=1
@@ -108,7 +108,7 @@ def command(
     trimtab linearise hovercraft/forward --closed-loop --direct --plot bode.png     poles and margins of the whole loop
 
     --closed-loop differentiates the loop's own step, noise off, over one period of all its parts: vehicle, actuators,
-    sensors, links with the packets in transit, estimator and law. Margins are computed exactly from its poles.
+    sensors, links with the packets in transit, estimator and law. Margins are computed exactly from the loop's poles.
     """
     open_loop = {"--at": at, "--state": states, "--input": inputs, "--output": outputs, "--out": out}
     own = {"--direct": direct, "--plot": picture, "--without": without, "--round": round_time}
@@ -167,7 +167,7 @@ def _result_json(linear: LinearModel, zeros: Zeros, gramians: Gramians, about: d
 
 
 def zeros_json(zeros: Zeros) -> list[dict[str, Any]]:
-    """Return zeros as plain data."""
+    """Return the zeros of a vehicle as plain data for JSON."""
     return [
         {"zero": [float(z.real), float(z.imag)], "is_right": bool(z.real > zero_limit(zeros)), "states": words}
         for z, words in zip(zeros.zeros, zeros.dominant, strict=True)
@@ -175,12 +175,12 @@ def zeros_json(zeros: Zeros) -> list[dict[str, Any]]:
 
 
 def zero_limit(zeros: Zeros) -> float:
-    """Return the real part (1/s) up to which a zero counts as on the imaginary axis."""
+    """Return the absolute real part (1/s) up to which a zero counts as on the imaginary axis."""
     return ON_AXIS * max(zeros.size, np.finfo(float).tiny)
 
 
 def print_zeros(zeros: Zeros, linear: LinearModel) -> None:
-    """Print a table of zeros; those in the right half plane are marked."""
+    """Print a table of zeros, in which zeros in the right half plane are marked."""
     pair = f"from {', '.join(linear.inputs)} to {', '.join(linear.outputs)}"
     if not len(zeros.zeros):
         click.echo(f"no zeros {pair}")

@@ -16,7 +16,7 @@ from trimtab.run.loop_linearisation import linearise_loop
 from trimtab.run.plant import Plant
 
 SHOWN = 0.05
-"""Smallest participation in a mode for which a state is shown."""
+"""Minimum participation of a state in a mode for the state to be shown."""
 CUT = 1e-5
 """Distance between two poles of the sampled loop below which both belong to one group."""
 
@@ -31,7 +31,7 @@ def print_loop(
     picture: Path | None,
     as_json: bool,
 ) -> None:
-    """Linearise the loop of a scenario, and print or draw the results."""
+    """Linearise the closed loop of a scenario, and print or draw its poles and margins."""
     if plant.scenario is None:
         fix = "name a scenario, e.g.  trimtab linearise hovercraft/forward --closed-loop"
         raise InputError("--closed-loop", f"{plant.name} is a vehicle without a loop", fix=fix)
@@ -44,10 +44,10 @@ def print_loop(
     if margins is not None and round_time is not None:
         margins = margins._replace(
             crossings={}
-        )  # they hold for the fundamental, which a closed path couples to its harmonics
+        )  # margins hold for a fundamental, which a closed path couples to its harmonics
     files: list[Path] = []
     if picture is not None:
-        from trimtab.plots.bode import plot_bode  # matplotlib is imported when something is drawn
+        from trimtab.plots.bode import plot_bode  # matplotlib is imported only to draw a picture
 
         files = draw_plot(picture, plot_bode, loop, title=plant.name)
     if as_json:

@@ -1,4 +1,4 @@
-"""`trimtab link-test`: measure one-way delays of a link under load; with --echo, be its other end."""
+"""`trimtab link-test`: measure one-way delays of a link under load, or with --echo, act as the far end."""
 
 import contextlib
 import json
@@ -42,7 +42,7 @@ from trimtab.links.latency_trace import write_trace
 from trimtab.plots.link_delays import plot_link_delays
 
 LOADS = ("2.9/41.0", "2.9/22.0", "2.9/16.2")
-"""Loads up/down in kb/s, from table 5.1 of the thesis."""
+"""Data rates up/down in kb/s, from table 5.1 of the thesis."""
 MOST_KBPS = 1000.0
 REQUESTS_MIN = 10
 
@@ -65,7 +65,7 @@ REQUESTS_MIN = 10
 @click.option("--rate", type=float, default=10.0, show_default=True, help="Requests per second.")
 @SEED
 @PLOT("Draw histograms of the delays to this picture.")
-@OUT("DIR", "Write table, picture, recordings and settings to this folder.")
+@OUT("DIR", "Write the table of delays, its picture, recordings and settings to this folder.")
 @JSON
 def command(
     uri: str,
@@ -80,9 +80,9 @@ def command(
 ) -> None:
     """Measure a link's one-way delays, up and down, under load.
 
-    One end echoes, the other measures. The result is a table, histograms, recordings that `run` can replay, and a model
-    of the link as settings for `trimtab run`. On one machine both ends share a clock; otherwise the split of the round
-    trip is estimated.
+    One end of the link echoes packets, the other end measures. The result is a table, histograms, recordings that
+    `trimtab run` can replay, and a model of the link as settings for `trimtab run`. On one machine both ends share a
+    clock. Otherwise the split of the round trip into up and down is estimated.
 
     \b
     trimtab link-test 'serial:///dev/ttyUSB0?baud=115200' --echo          on one end
@@ -138,7 +138,7 @@ def _choose_port(uri: str) -> str:
 def _address_from_elsewhere(uri: str) -> str:
     """Return the address at which another program reaches a listener at `uri`.
 
-    Without a host, this machine is meant.
+    A URI without a host means this machine.
     """
     scheme, separator, rest = uri.partition("://")
     host, colon, port = rest.rpartition(":")
@@ -150,7 +150,7 @@ def _address_from_elsewhere(uri: str) -> str:
         try:
             asking.connect(
                 ("192.0.2.1", 9)
-            )  # an address for documentation: nothing is sent, but an interface is chosen
+            )  # an address reserved for documentation: nothing is sent, but a network interface is chosen
             own = asking.getsockname()[0]
         except OSError:
             own = socket.gethostname()
@@ -158,7 +158,7 @@ def _address_from_elsewhere(uri: str) -> str:
 
 
 def _plan_loads(loads: tuple[str, ...], requests: int, rate: float, seed: int) -> list[LinkTestPlan]:
-    """Return the measurements to make; raise InputError for an invalid load, or too few or too frequent requests."""
+    """Return the planned measurements; raise InputError for an invalid load, or too few or too frequent requests."""
     if requests < REQUESTS_MIN:
         problem = f"must be at least 10, got {requests}"
         raise InputError(
@@ -178,7 +178,7 @@ def _plan_loads(loads: tuple[str, ...], requests: int, rate: float, seed: int) -
 
 
 def _measure_delays(link: Link, uri: str, plans: list[LinkTestPlan]) -> list[Delays]:
-    """Measure one load after the other; print an error and return an empty list without an answer."""
+    """Measure one load after the other; print an error and return an empty list if the far end does not answer."""
     seconds = sum(plan.requests / plan.rate for plan in plans)
     first = format_wait(plans[0].first_patience)
     click.echo(f"takes about {format_wait(seconds)}; the other end must answer within {first}", err=True)
@@ -195,7 +195,7 @@ def _measure_delays(link: Link, uri: str, plans: list[LinkTestPlan]) -> list[Del
 
 
 def _delays_json(delays: Delays) -> dict[str, Any]:
-    """Return the delays as JSON data, in ms as in the thesis's table."""
+    """Return the delays as data for JSON, in ms as in the table of the thesis."""
     plan = delays.plan
     numbers: dict[str, Any] = {"load_up_kbps": plan.up, "load_down_kbps": plan.down}
     numbers |= {"sent_kbps": delays.data_rates[0], "received_kbps": delays.data_rates[1]}
@@ -217,7 +217,7 @@ def _load_name(delays: Delays) -> str:
 
 
 def _write_recordings(result: dict[str, Any], measured: list[Delays], out: Path) -> list[Path]:
-    """Write results, recordings and settings; each file is written atomically."""
+    """Write results, recordings and settings of a link test, each file atomically."""
     files = []
     out.mkdir(parents=True, exist_ok=True)
     for delays in measured:
@@ -231,7 +231,7 @@ def _write_recordings(result: dict[str, Any], measured: list[Delays], out: Path)
 
 
 def _scenario_settings(delays: Delays) -> list[str]:
-    """Return the options for `trimtab run SCENARIO` to simulate a link like this one."""
+    """Return the options for `trimtab run SCENARIO` that simulate the measured link."""
     both = [text for path, trace in link_traces(delays).items() for text in fit_delay_model(trace).settings(path)]
     return [word for text in ("links=measured", *both) for word in ("--set", text)]
 
@@ -256,7 +256,7 @@ def _print_delays(measured: list[Delays]) -> None:
 
 
 def _print_settings(delays: Delays, out: Path | None) -> None:
-    """Print the commands to simulate a link like this one."""
+    """Print the commands that simulate the measured link."""
     fly = "trimtab run hovercraft/zero-velocity"
     if out is None:
         words = " ".join(f"'{w}'" if "[" in w else w for w in _scenario_settings(delays))

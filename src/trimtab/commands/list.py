@@ -28,7 +28,7 @@ def command(scenario: str | None, as_toml: bool, as_schema: bool, as_answers: bo
     trimtab list hovercraft/spin --toml > my.toml      a scenario file to be changed and flown
     """
     if as_schema:
-        from trimtab.scenarios.toml_text import scenario_schema  # imports all parts
+        from trimtab.scenarios.toml_text import scenario_schema  # imports all parts of the package
 
         print_schema(scenario_schema())
     elif as_answers:
@@ -81,7 +81,7 @@ def print_settings(
 ) -> None:
     """Print every setting of a scenario (path, value, unit, meaning), and its imperfections.
 
-    arguments: choices of each argument.  lines: descriptions of the choices that have one.
+    arguments: argument of the scenario -> its choices.  lines: argument -> choice -> description, where known.
     """
     from trimtab.core.record import absent_parts, leaves  # imports numpy, which a list of names does not need
     from trimtab.loop.beliefs import belief_mismatches, describe_mismatches

@@ -1,4 +1,4 @@
-"""`trimtab live-faults`: flights of a vehicle and an autopilot under faults of link, processes and machine."""
+"""`trimtab live-faults`: flights of a vehicle and an autopilot with faults in link, processes and computer."""
 
 import sys
 from collections.abc import Sequence
@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.option(
-    "--only", multiple=True, metavar="CASE", help="Only this case is flown. May be repeated.  [default: all cases]"
+    "--only",
+    multiple=True,
+    metavar="CASE",
+    help="Restrict the flights to this case. May be repeated.  [default: all cases]",
 )
 @click.option("--draw", type=click.IntRange(1), metavar="N", help="Fly N flights drawn at random instead of the cases.")
 @click.option(
@@ -34,7 +37,7 @@ if TYPE_CHECKING:
     "--real-time",
     "is_real",
     is_flag=True,
-    help="Ask for flights of real processes, in real time instead of virtual time.",
+    help="Ask for flights of real processes in real time, instead of one process in virtual time.",
 )
 @click.option(
     "--jobs",
@@ -43,8 +46,13 @@ if TYPE_CHECKING:
     show_default=True,
     help="Number of flights that run at the same time.",
 )
-@OUT("DIR", "Write logs and printed text to this folder, one folder per case.")
-@click.option("--page", type=FILE, metavar="FILE", help="Write the docs page with the results; with --only, add to it.")
+@OUT("DIR", "Write logs and printed texts to a subfolder of this folder for each case.")
+@click.option(
+    "--page",
+    type=FILE,
+    metavar="FILE",
+    help="Write the docs page with the results. With --only, add the results to the page.",
+)
 @JSON
 def command(
     only: tuple[str, ...],
@@ -83,7 +91,7 @@ def command(
                 )
     if page is not None:
         check_folder("--page", page.parent)
-        if not only:  # with --only the page is extended
+        if not only:  # with --only, results are added to an existing page
             check_new("--page", page)
     began = monotonic()
 
@@ -126,7 +134,7 @@ def command(
 
 
 def _choose_names(only: tuple[str, ...], draw: int | None, seed: int, page: Path | None) -> tuple[str, ...]:
-    """Return the names of the cases that the options ask for; empty: all cases."""
+    """Return the names of the cases that the options select; empty: all cases."""
     if draw is not None:
         if only or page is not None:
             raise InputError("--draw", "cannot be combined with --only or --page", fix=f"--draw {draw} alone")
@@ -135,14 +143,14 @@ def _choose_names(only: tuple[str, ...], draw: int | None, seed: int, page: Path
 
 
 def _count_kinds(outcomes: "Sequence[CaseOutcome]") -> dict[str, dict[str, int]]:
-    """Return kind of a random flight -> counts by name; the last kind is the total."""
+    """Return kind of random flights -> name of a count -> count; the last kind is the total."""
     counts = _import_module("draw").count_kinds({one.name: one for one in outcomes})
     kinds = {kind: count._asdict() for kind, count in counts.items()}
     return kinds | {"all": {name: sum(k[name] for k in kinds.values()) for name in next(iter(kinds.values()))}}
 
 
 def _longest_times(outcomes: "Sequence[CaseOutcome]") -> dict[str, float]:
-    """Return reason for safe outputs -> longest virtual time (s) for which outputs acted despite that reason."""
+    """Return reason for safe outputs -> longest virtual time (s) for which the outputs acted despite this reason."""
     return {
         what: max(one.acted_s.get(what, 0.0) for one in outcomes)
         for what in dict.fromkeys(what for one in outcomes for what in one.acted_s)
@@ -159,5 +167,5 @@ def _print_kinds(kinds: dict[str, dict[str, int]]) -> None:
 
 
 def _import_module(name: str) -> Any:
-    """Import a module of the study that makes these flights; it is part of a clone of trimtab."""
+    """Import a module of the study that makes these flights. The study is part of a clone of trimtab."""
     return import_study(find_study("live_faults") / f"{name}.py")

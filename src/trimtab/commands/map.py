@@ -25,7 +25,7 @@ COARSE = 5
 """Default number of values on an axis of the coarse grid."""
 EXAMPLE = "delay=0:0.6"
 KNOWS_NO = "the theory holds for the linear loop without packet loss"
-"""Limitation of the theory shown beside a map."""
+"""Text about the limits of the theory, shown beside a map."""
 
 Criteria = tuple[StabilityCriterion, ...]
 
@@ -47,7 +47,7 @@ Criteria = tuple[StabilityCriterion, ...]
     type=click.IntRange(0, 8),
     default=4,
     show_default=True,
-    help="Number of times that a cell on the boundary is halved.",
+    help="Number of times that each cell on the boundary is halved.",
 )
 @click.option(
     "--threshold", type=click.FloatRange(0, 1), default=0.5, show_default=True, help="Success rate at the boundary."
@@ -87,7 +87,7 @@ def command(
 
     Flies a coarse grid, then halves only the cells that contain the boundary. Axes: delay, jitter or loss of the link,
     or any parameter by its path. Without --success, every target must stay in its band for the last third of the
-    flight, and its oscillation must be below a tenth of the band (--swing) or decrease: a limit cycle is a failure.
+    flight, and its oscillation must be below a tenth of the band (--swing) or decrease. A limit cycle is a failure.
 
     \b
     trimtab map hovercraft/zero-velocity --x delay=0:0.6 --y loss=0:0.9 --success 'error_rms:yaw_rate <= 0.6'
@@ -132,7 +132,7 @@ def command(
 
 @contextlib.contextmanager
 def _name_axis(axes: Mapping[str, Axis]) -> Iterator[None]:
-    """Let an error about a value of an axis name the option that gives the axis."""
+    """Change an error about a value of an axis so that it names the option of this axis."""
     try:
         yield
     except InputError as error:
@@ -144,7 +144,7 @@ def _name_axis(axes: Mapping[str, Axis]) -> Iterator[None]:
 
 
 def _estimate_points(x: Axis, y: Axis, depth: int) -> int:
-    """Estimate the number of points to fly: the coarse grid, and cells along a boundary across the map."""
+    """Estimate the number of points to fly: the coarse grid, and the cells along a boundary that crosses the map."""
     return len(x.values) * len(y.values) + 4 * max(len(x.values), len(y.values)) * (2**depth - 1)
 
 
@@ -186,7 +186,7 @@ def parse_axis(option: str, text: str) -> Axis:
 
 
 def _find_criteria(diagram: StabilityMap) -> tuple[Criteria, str]:
-    """Return the criteria that apply, or the reason why none does."""
+    """Return the theoretical stability criteria that apply to a map, or the reason why none applies."""
     try:
         return stability_criteria(diagram), ""
     except InputError as error:

@@ -1,6 +1,6 @@
-"""`trimtab new`: write a working template of a new part, with its test and its page.
+"""`trimtab new`: write a working template of a new part, with a test and a docs page.
 
-The files are those of `trimtab.templates`, which are tested, with the given name in place of theirs.
+The files are copies of the tested templates in `trimtab.templates`, with the given name in place of theirs.
 """
 
 import ast
@@ -50,11 +50,11 @@ UNCERTAIN = {
 }
 """Kind -> a parameter of its template that may vary between runs."""
 LONGEST = 24
-"""Maximum length of a name, so that lines with it stay within 120 characters."""
+"""Maximum length of a part's name, so that lines with the name stay within 120 characters."""
 
 
 def complete_kinds(context: click.Context, parameter: click.Parameter, start: str) -> list[CompletionItem]:
-    """Complete kinds of parts."""
+    """Return shell completions for kinds of parts."""
     return [CompletionItem(kind) for kind in KINDS if kind.startswith(start)]
 
 
@@ -65,7 +65,7 @@ def complete_kinds(context: click.Context, parameter: click.Parameter, start: st
 @JSON
 @click.pass_context
 def command(context: click.Context, kind: str, name: str, out: Path | None, as_json: bool) -> None:
-    """Write a working template of your own part, with its test and its page, for you to change.
+    """Write a working template of your own part, with a test and a docs page, for you to change.
 
     KIND is vehicle, law, sensor, estimator, link, actuator or scenario. NAME.py contains a complete scenario: a vehicle
     with all that it needs, or another part in a scenario of the catalogue. For a scenario the file is NAME.toml.
@@ -95,7 +95,7 @@ def command(context: click.Context, kind: str, name: str, out: Path | None, as_j
 
 
 def check_kind(kind: str, name: str) -> None:
-    """Raise InputError for an unknown kind, with the likely one."""
+    """Raise InputError for an unknown kind of part, and suggest the likely kind."""
     if kind not in KINDS:
         near = OTHERS.get(kind.lower()) or next(iter(closest(kind.lower(), KINDS, 1)), KINDS[0])
         raise InputError(f"trimtab new {kind}", "no such kind", choices=KINDS, fix=f"trimtab new {near} {name}")
@@ -125,7 +125,7 @@ def check_name(kind: str, name: str) -> None:
 
 
 def check_unused(kind: str, name: str, folder: Path) -> None:
-    """Raise InputError for the name of an existing module, which the new file would hide."""
+    """Raise InputError if the name is that of an existing module, which the new file would hide."""
     own = {Path().resolve(), folder.resolve()}
     places = [place for place in sys.path if Path(place).resolve() not in own]
     found = None if name in sys.stdlib_module_names else PathFinder.find_spec(name, places)
@@ -149,7 +149,7 @@ def class_name(name: str) -> str:
 
 
 def read_words(kind: str) -> set[str]:
-    """Return the Python names used in a kind's template."""
+    """Return the Python names used in the template of a kind of part."""
     if kind == "scenario":
         return set()
     nodes = list(ast.walk(ast.parse((TEMPLATES / main_file(kind)).read_text(encoding="utf-8"))))
@@ -158,12 +158,12 @@ def read_words(kind: str) -> set[str]:
 
 
 def main_file(kind: str) -> str:
-    """Return the name of a kind's main template file."""
+    """Return the file name of the main template of a kind of part."""
     return f"my_{kind}.{'toml' if kind == 'scenario' else 'py'}"
 
 
 def read_files(kind: str, name: str) -> dict[str, str]:
-    """Return file name -> text of a new part's files, with its name in place of the template's."""
+    """Return file name -> text of the files of a new part, with the part's name in place of the template's."""
     own = {
         f"my_{kind}": name,
         f"My{kind.capitalize()}": class_name(name),

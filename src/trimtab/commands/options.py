@@ -23,7 +23,7 @@ CHOICES = "trimtab.choices"
 
 
 def parse_settings(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """Parse path=value texts into a mapping, and add the file of ``--calibration``."""
+    """Parse the texts PATH=VALUE of ``--set`` into a mapping, and add the file of ``--calibration``."""
     fix = "--set world.vehicle.mass=3.2; trimtab list SCENARIO shows paths"
     settings: dict[str, str] = {}
     for path, value in _split_pairs("--set", "path=value", fix, values):
@@ -37,13 +37,13 @@ def parse_settings(context: click.Context, parameter: click.Parameter, values: t
 
 
 def parse_parts(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """Parse part=choice texts into a mapping."""
+    """Parse the texts PART=CHOICE of ``--with`` into a mapping."""
     pairs = _split_pairs("--with", "PART=CHOICE", "--with estimator=ins-coupled", values)
     return {part: choice.strip() for part, choice in pairs}
 
 
 def keep_references(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> None:
-    """Parse ``--reference``: a path becomes the setting "reference", a schedule the setting of its gain."""
+    """Store ``--reference``: a path as the setting "reference", a schedule as the setting of its gain."""
     references: dict[str, str] = {}
     for text in values:
         path, equals, schedule = (word.strip() for word in text.partition("="))
@@ -55,7 +55,7 @@ def keep_references(context: click.Context, parameter: click.Parameter, values: 
 
 
 def parse_spreads(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """Parse path=distribution texts into a mapping; the name of a calibration file maps to an empty text."""
+    """Parse the texts PATH=DISTRIBUTION of ``--spread`` into a mapping; a calibration file maps to an empty text."""
     fix = "--spread 'world.vehicle.mass=normal(100%, 5%)'; trimtab list SCENARIO shows every path"
     spread: dict[str, str] = {text: "" for text in values if is_calibration(text)}
     paths = tuple(text for text in values if not is_calibration(text))
@@ -67,7 +67,7 @@ def parse_spreads(context: click.Context, parameter: click.Parameter, values: tu
 
 
 def is_calibration(text: str) -> bool:
-    """Return True if a spread is a calibration file, whose own uncertainties are sampled."""
+    """Return True if a value of ``--spread`` is a calibration file, whose own uncertainties are sampled."""
     return text.endswith(".toml") and "=" not in text
 
 
@@ -81,13 +81,13 @@ def _split_pairs(option: str, form: str, fix: str, values: tuple[str, ...]) -> I
 
 
 def complete_scenarios(context: click.Context, parameter: click.Parameter, start: str) -> list[CompletionItem]:
-    """Complete scenarios of the catalogue; without a match, files."""
+    """Return shell completions for scenarios of the catalogue, or for files if no scenario matches."""
     names = [name for name in catalogue.scenario_files() if name.startswith(start)]
     return [CompletionItem(name) for name in names] or [CompletionItem(start, type="file")]
 
 
 def complete_settings(context: click.Context, parameter: click.Parameter, start: str) -> list[CompletionItem]:
-    """Complete paths of the scenario's settings; the first time takes as long as `trimtab list SCENARIO`."""
+    """Return shell completions for paths of settings. The first call takes as long as `trimtab list SCENARIO`."""
     typed = (str(context.params.get("scenario")), *context.args)
     scenario = next((word for word in typed if word in catalogue.scenario_files()), None)
     if scenario is None:
@@ -122,7 +122,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON obje
 
 
 def OUT(metavar: str, help: str, required: bool = False, name: str = "out") -> Callable[..., Any]:
-    """Return the option ``--out``, the file or folder that the verb writes, together with ``--overwrite``."""
+    """Return a decorator that adds ``--out``, the file or folder that the verb writes, and ``--overwrite``."""
 
     def add_options(function: Callable[..., Any]) -> Callable[..., Any]:
         check = _refuse_picture if metavar == "DIR" else None
@@ -133,14 +133,14 @@ def OUT(metavar: str, help: str, required: bool = False, name: str = "out") -> C
 
 
 def _refuse_picture(context: click.Context, parameter: click.Parameter, folder: Path | None) -> Path | None:
-    """Return the folder. Raise InputError for the name of a picture."""
+    """Return the folder of ``--out``. Raise InputError if it is the name of a picture."""
     if folder is not None and folder.suffix.lower() in PICTURES:
         raise InputError("--out", f"must name a folder, got {str(folder)!r}", fix=f"--out {folder.with_suffix('')}")
     return folder
 
 
 def PLOT(help: str, name: str = "plot") -> Callable[..., Any]:
-    """Return the option ``--plot``, a picture, together with ``--overwrite``."""
+    """Return a decorator that adds ``--plot``, the picture that the verb writes, and ``--overwrite``."""
 
     def add_options(function: Callable[..., Any]) -> Callable[..., Any]:
         return click.option("--plot", name, type=FILE, metavar="FILE", help=help)(with_overwrite(function))
@@ -150,18 +150,18 @@ def PLOT(help: str, name: str = "plot") -> Callable[..., Any]:
 
 SEED = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random numbers.")
 MOST_RUNS = 10_000_000
-"""Maximum number of runs of one search or campaign, so that the results fit in memory."""
+"""Maximum number of runs of a search or a campaign, so that the results fit in memory."""
 
 
 class Count(click.IntRange):
-    """Whole number of runs; 1e4 is 10000."""
+    """Option type of a whole number of runs, which may be written as 1e4 for 10000."""
 
     def __init__(self, least: int, most: int) -> None:
         super().__init__(least, most)
         self.least, self.most = least, most
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Return the number. Raise InputError if it is not whole or out of range."""
+        """Return the number of runs. Raise InputError if it is not whole or out of range."""
         try:
             number = float(value)
         except ValueError:
@@ -174,15 +174,15 @@ class Count(click.IntRange):
 
 
 def RUNS(default: int, help: str, least: int = 1) -> Callable[..., Any]:
-    """Return the option ``--runs``, the number of runs."""
+    """Return a decorator that adds ``--runs``, the number of runs."""
     return click.option("--runs", type=Count(least, MOST_RUNS), default=default, show_default=True, help=help)
 
 
-# the loop and its settings
+# options for the loop and its settings
 
 
 def SET(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add ``--set``, ``--calibration`` and ``--reference``; all three arrive in the argument `settings`."""
+    """Add ``--set``, ``--calibration`` and ``--reference``. The argument `settings` gets the values of all three."""
     calibration = click.option(
         "--calibration",
         type=FILE,
@@ -209,13 +209,13 @@ def SET(function: Callable[..., Any]) -> Callable[..., Any]:
         metavar="PATH=VALUE",
         callback=parse_settings,
         shell_complete=complete_settings,
-        help="Change a setting. May be repeated.",
+        help="Change a setting of the scenario. May be repeated.",
     )
     return change(reference(calibration(function)))
 
 
 def keep_choice(context: click.Context, parameter: click.Parameter, value: str | None) -> None:
-    """Store the value of an option that is a setting of the same name."""
+    """Store the value of an option that changes the setting of the same name."""
     if value is not None:
         context.meta.setdefault(CHOICES, {})[str(parameter.name)] = value
 
@@ -255,7 +255,7 @@ FAULT = click.option(
     help="Fault to inject, e.g. 'sensor:imu off @ 3 s for 1 s'. May be repeated.",
 )
 
-# thousands of runs
+# options for many runs
 SPREAD = click.option(
     "--spread",
     multiple=True,
@@ -291,7 +291,7 @@ BACKEND = click.option(
     type=click.Choice(("auto", "c", "jax")),
     default="auto",
     show_default=True,
-    help="Simulation backend; c is compiled, jax is slower.",
+    help="Simulation backend: c (compiled), or jax (slower).",
 )
 
 STORE = click.option(
@@ -301,9 +301,9 @@ STORE = click.option(
     help="Store the runs in this folder. The same command started again flies only missing runs.",
 )
 
-# links
+# options for links
 LINK = click.option("--link", required=True, metavar="URI", help="Link to the vehicle, e.g. udp://127.0.0.1:14550.")
-KEY = click.option("--key", type=FILE, metavar="FILE", help="Signing key of the link.  [default: the vehicle's]")
+KEY = click.option("--key", type=FILE, metavar="FILE", help="Signing key of the link.  [default: key of the vehicle]")
 UNSIGNED = click.option(
     "--unsigned", is_flag=True, help="Disable signatures; allowed only on links within this computer."
 )
@@ -325,7 +325,7 @@ LOG_LIMIT = click.option(
     show_default=True,
     metavar="SIZE",
     callback=lambda context, parameter, text: parse_size(text),
-    help="Maximum size of the log. `vehicle` then drops the oldest part; `fly` stops logging.",
+    help="Maximum size of the log. At this size, `vehicle` deletes the oldest part, and `fly` stops logging.",
 )
 
 
@@ -350,4 +350,6 @@ def PLACE(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-LOCKSTEP = click.option("--lockstep", is_flag=True, help="Run in virtual time: each end waits for the other.")
+LOCKSTEP = click.option(
+    "--lockstep", is_flag=True, help="Run in virtual time: each end of the link waits for the other end."
+)

@@ -31,9 +31,9 @@ ANSWER_VERSION = 1
 
 
 def print_json(result: Mapping[str, Any], files: Iterable[str | Path] = (), verb: str = "") -> None:
-    """Print the answer of a verb: one object on one line, as `ANSWERS` describes it, with the files written, if any.
+    """Print the answer of a verb: one JSON object on one line, as `ANSWERS` describes it, with any files written.
 
-    verb: name of the verb; empty for the running one.
+    verb: name of the verb; empty for the running verb.
     """
     names = [str(file) for file in files]
     note_written(names)
@@ -42,12 +42,12 @@ def print_json(result: Mapping[str, Any], files: Iterable[str | Path] = (), verb
 
 
 def compose_answer(verb: str, result: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the answer: its name with version, then its fields; non-finite numbers become null."""
+    """Return the answer of a verb: its name with version, then its fields. Non-finite numbers become null."""
     return {"answer": f"{verb}/{ANSWER_VERSION}"} | _to_json(result)
 
 
 def _running_verb() -> str:
-    """Return the verb that was typed, the word after the program's name."""
+    """Return the name of the verb that runs, the word after the program's name."""
     context = click.get_current_context()
     while context.parent is not None and context.parent.parent is not None:
         context = context.parent
@@ -68,7 +68,7 @@ def _to_json(value: Any) -> Any:
 
 
 def print_files(files: Iterable[str | Path]) -> None:
-    """Print the files written, and record that trimtab wrote them."""
+    """Print the paths of the written files, and record that trimtab wrote them."""
     files = list(files)
     note_written(files)
     for file in files:
@@ -86,7 +86,7 @@ def console() -> "Console":
 
 
 def new_table(*headings: str, title: str | None = None, unwrapped: Sequence[str] = ()) -> "Table":
-    """Return an empty table in the house style. A heading that begins with > marks a right-aligned column of numbers.
+    """Return an empty table in trimtab's style. A heading that begins with > marks a right-aligned column of numbers.
 
     unwrapped: headings of the columns whose cells stay on one line.
     """
@@ -126,11 +126,11 @@ def print_table(table: "Table") -> None:
 
 
 GAPS = ((0, 1), (0, 0))
-"""Padding of the cells (lines, characters): normal, and for a narrow terminal."""
+"""Padding of table cells (lines, characters): normal, and for a narrow terminal."""
 
 
 def _fit_columns(table: "Table", screen: "Console") -> bool:
-    """Set the width of each column, widest need first; return False if they do not fit."""
+    """Set the widths of the columns so that the table fits the terminal; return False if it cannot fit."""
     least, longest = zip(*(_column_widths(column, screen) for column in table.columns), strict=True)
     for padding in GAPS:
         edges = 2 + (1 + 2 * padding[1]) * (len(least) - 1)
@@ -148,7 +148,7 @@ def _fit_columns(table: "Table", screen: "Console") -> bool:
 
 
 def _column_widths(column: "Column", screen: "Console") -> tuple[int, int]:
-    """Return the minimum and the natural width of a column; unwrapped cells are never broken."""
+    """Return the minimum and the natural width of a table's column. Cells of an unwrapped column are not broken."""
     heading, *cells = (screen.render_str(str(cell)) for cell in (column.header, *column.cells))
     words = [len(word) for text in (heading, *cells) for word in text.plain.split()]
     whole = [cell.cell_len for cell in cells if column.no_wrap]
@@ -156,7 +156,7 @@ def _column_widths(column: "Column", screen: "Console") -> tuple[int, int]:
 
 
 def format_number(value: float | None) -> str:
-    """Format a number for a table with few digits; a dash for None."""
+    """Format a number with few digits for a table; return a dash for None."""
     if value is None:
         return "-"
     if abs(value) >= 1e7:
@@ -166,7 +166,7 @@ def format_number(value: float | None) -> str:
 
 
 def check_picture(picture: Path | None, out: Path | None) -> None:
-    """Raise InputError for a folder or a picture that cannot be written."""
+    """Raise InputError if the folder of --out or the picture of --plot cannot be written."""
     if out is not None:
         check_folder("--out", out)
     if picture is not None:
@@ -181,7 +181,7 @@ def check_picture(picture: Path | None, out: Path | None) -> None:
 
 
 def check_out(option: str, file: Path, example: str = "") -> None:
-    """Raise InputError for a file that cannot be written or that trimtab did not write. example: a valid name."""
+    """Raise InputError if a file cannot be written, or exists and is not trimtab's. example: valid file name."""
     check_folder(option, file.parent)
     if file.is_dir():
         raise InputError(option, f"{str(file)!r} is a folder", fix=f"{option} {file / (example or 'result.json')}")
@@ -189,7 +189,7 @@ def check_out(option: str, file: Path, example: str = "") -> None:
 
 
 def check_folder(part: str, folder: Path) -> None:
-    """Raise InputError for a folder that is not writable; tries it, and leaves nothing behind."""
+    """Raise InputError for a folder that is not writable. Tests this with a temporary file."""
     missing = [p for p in (folder, *folder.parents) if not p.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -17,7 +17,7 @@ from trimtab.core.cache_folder import enable_cache
 @click.option("--speed", type=click.FloatRange(0.05, 1.0), default=0.5, show_default=True, help="Maximum speed, m/s.")
 @JSON
 def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_json: bool) -> None:
-    """Plan a path between obstacles within the craft's limits, or explain why there is none.
+    """Plan a path between obstacles within the craft's limits, or explain why no path was found.
 
     The file gives the size of the floor, circles and polygons as obstacles, the width of the craft, start and goal. A
     path is searched and smoothed. Then the hovercraft's model flies it within the limits of fan and rudder, and that

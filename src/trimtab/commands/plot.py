@@ -15,14 +15,14 @@ from trimtab.core.time import parse_time, to_seconds
 @click.command()
 @click.argument("file", type=FILE, metavar="LOG")
 @click.argument("signals", nargs=-1, metavar="[PATH…]")
-@PLOT("Draw the signals to this picture (PNG, SVG or PDF, by its ending).  [default: the log's name with .png]")
+@PLOT("Draw the signals to this picture (.png, .svg or .pdf).  [default: the log's name with .png]")
 @click.option("--since", metavar="TIME", help="Start of the plot, e.g. '2 s'.")
 @click.option("--until", metavar="TIME", help="End of the plot.")
 @JSON
 def command(
     file: Path, signals: tuple[str, ...], plot: Path | None, since: str | None, until: str | None, as_json: bool
 ) -> None:
-    """Plot a log: the signals named by their paths, one panel each; or the main signals, as `trimtab run` does.
+    """Plot signals of a log by their paths, one panel each; without paths, plot the main signals as `trimtab run` does.
 
     In a path, * stands for any characters. Without --plot the picture is written beside the log.
 
@@ -42,7 +42,7 @@ def command(
         log = log.between(ends[0] or 0.0, float("inf") if ends[1] is None else ends[1])
     if not len(log):
         fix = "leave --since and --until out"
-        raise InputError(f"log file '{file}'", "no row in this interval", fix=fix)
+        raise InputError(f"log file '{file}'", "the log has no row in this interval", fix=fix)
     name = str(log.metadata.get("scenario", file.name))
     if signals:
         paths = select_paths(log, signals)

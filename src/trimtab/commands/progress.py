@@ -1,4 +1,4 @@
-"""Progress, remaining time and expected output size of a verb, on standard error."""
+"""Display of progress, remaining time and expected output size of a verb on standard error."""
 
 import math
 import os
@@ -15,11 +15,11 @@ import click
 from trimtab.logs.log_limit import round_size
 
 LARGE = 10_000_000
-"""Minimum size (bytes) of a file whose size is announced."""
+"""Minimum size (bytes) of an output file for its expected size to be printed."""
 EACH = 10.0
-"""Time (s) between two lines of progress without a terminal."""
+"""Time (s) between two lines of progress if standard error is not a terminal."""
 HOUR = 3600.0
-"""Remaining time (s) from which it is also printed on a permanent line on a terminal."""
+"""Minimum remaining time (s) that is also printed on a permanent line on a terminal."""
 
 
 def announce_size(what: str, size: float) -> None:
@@ -29,12 +29,12 @@ def announce_size(what: str, size: float) -> None:
 
 
 def warn_of_room(what: str, most: float, folder: Path) -> None:
-    """Warn if the disk may be too small. It may suffice, because the compression is not known in advance.
+    """Warn if the free space on the disk may be too small. The final size depends on the compression.
 
     Args:
-        what: object that is written, e.g. "store".
+        what: name of the output, e.g. "store".
         most: bytes still to be written, before compression.
-        folder: that is written to; need not exist yet.
+        folder: folder of the output, which need not exist yet.
     """
     there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
     free = shutil.disk_usage(there).free
@@ -44,17 +44,17 @@ def warn_of_room(what: str, most: float, folder: Path) -> None:
 
 
 def _can_redraw() -> bool:
-    """Return True if standard error is a terminal, but not the one of a notebook's `!` command."""
+    """Return True if standard error is a terminal with lines that can be redrawn, unlike a notebook's `!` command."""
     in_notebook = "JPY_PARENT_PID" in os.environ or "matplotlib_inline" in os.environ.get("MPLBACKEND", "")
     return sys.stderr.isatty() and not in_notebook and os.environ.get("TERM") != "dumb"
 
 
 @contextmanager
 def show_progress(total: int) -> Iterator[Callable[[str, int], None]]:
-    """Show a transient progress bar on standard error; yield a function of a text and the number newly done.
+    """Show a transient progress bar on standard error; yield a function to call with a text and newly finished items.
 
-    If more than an hour remains, that is printed once on a permanent line. Without a terminal, progress is printed as
-    a line every ten seconds.
+    If more than an hour remains, the remaining time is printed once on a permanent line. Without a terminal, a line of
+    progress is printed every ten seconds.
     """
     if not _can_redraw():
         without_bar = _ProgressLines(total, lambda line: click.echo(line, err=True))
@@ -86,7 +86,7 @@ def show_progress(total: int) -> Iterator[Callable[[str, int], None]]:
 
 @contextmanager
 def show_spinner(text: str) -> Iterator[None]:
-    """Show a transient spinner with a text; without a terminal a line every ten seconds."""
+    """Show a transient spinner with a text. Without a terminal, print the text every ten seconds."""
     if not _can_redraw():
         with _reminders(lambda waited: click.echo(f"{text}: {waited:.0f} s so far", err=True)):
             yield
@@ -99,7 +99,7 @@ def show_spinner(text: str) -> Iterator[None]:
 
 @contextmanager
 def _reminders(say: Callable[[float], None]) -> Iterator[None]:
-    """Call a function with the time waited (s) every ten seconds, in a thread of its own."""
+    """Call a function every ten seconds with the time waited (s), from a separate thread."""
     ended, began = threading.Event(), time.monotonic()
 
     def remind() -> None:
@@ -117,7 +117,10 @@ def _reminders(say: Callable[[float], None]) -> Iterator[None]:
 
 @contextmanager
 def show_count(total: int, before: str) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar with runs per second; yield a function of the total done. Shows `before` at first."""
+    """Show a progress bar with runs per second; yield a function to call with the number of finished runs.
+
+    before: text shown until the first runs are finished.
+    """
     with show_progress(total) as tell:
         tell(before, 0)
         rate = _Rate()
@@ -130,13 +133,13 @@ def show_count(total: int, before: str) -> Iterator[Callable[[int], None]]:
 
 
 class _Rate:
-    """Runs per second since the first runs, without the compilation before them."""
+    """Rate of runs per second since the first runs finished, without the compilation before."""
 
     def __init__(self) -> None:
         self.since, self.first, self.most = 0.0, -1, 0
 
     def add(self, done: int) -> tuple[int, str]:
-        """Return the number of newly finished runs, and the rate as text. A run that is reported twice counts once."""
+        """Return the number of newly finished runs, and the rate as text. A run reported twice counts once."""
         now, more = time.monotonic(), max(done - self.most, 0)
         self.most = max(self.most, done)
         if self.first < 0:
@@ -146,15 +149,15 @@ class _Rate:
 
 
 class _ProgressLines:
-    """Progress as lines on standard error; none for a short task.
+    """Progress as printed lines; a short task prints none.
 
-    The first line extrapolates the remaining time from the part done, without the compilation before it.
+    The remaining time is extrapolated from the items done, without the time for compilation.
 
     Args:
         total: number of items.
-        say: prints a line.
-        long: minimum remaining time for a line (s).
-        each: time between two lines (s).
+        say: function that prints a line.
+        long: minimum remaining time (s) for which a line is printed.
+        each: time (s) between two lines.
     """
 
     def __init__(self, total: int, say: Callable[[str], None], long: float = 5.0, each: float = EACH) -> None:
@@ -163,7 +166,7 @@ class _ProgressLines:
         self.began, self.said = 0.0, -math.inf
 
     def add(self, text: str, more: int) -> None:
-        """Report `more` items as done."""
+        """Count `more` items as done, and print a line of progress if it is time."""
         now = time.monotonic()
         self.text = text
         self.done += more
@@ -179,7 +182,7 @@ class _ProgressLines:
             self.say(f"{text}: {self.done} of {self.total}, about {format_wait(left)} left on {_cores()}")
 
     def remind(self, waited: float) -> None:
-        """Report the time waited (s), unless another line was printed meanwhile."""
+        """Print the time waited (s), unless another line of progress was printed meanwhile."""
         now = time.monotonic()
         if now - self.said >= self.each:
             self.said = now
@@ -187,7 +190,7 @@ class _ProgressLines:
 
 
 def _cores() -> str:
-    """Return the number of usable cores in words."""
+    """Return the number of usable processor cores as text, e.g. "4 cores"."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return f"{count} core{'s' if count > 1 else ''}"
 

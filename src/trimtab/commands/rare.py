@@ -1,4 +1,4 @@
-"""`trimtab rare`: estimate the probability of a rare failure, and write files that repeat one."""
+"""`trimtab rare`: estimate the probability of a rare failure, and write files that repeat two failures."""
 
 import shlex
 from pathlib import Path
@@ -30,7 +30,7 @@ from trimtab.commands.written_files import check_new_in
 from trimtab.core.cache_folder import enable_cache
 
 FEW = 20
-"""Minimum number of failing roots for a trustworthy confidence interval."""
+"""Minimum number of roots (initial runs) that led to failures, for a trustworthy confidence interval."""
 
 
 @click.command()
@@ -39,14 +39,14 @@ FEW = 20
 @FAULT_RANGE
 @VARY
 @SUCCESS
-@RUNS(100_000, "Number of runs, approximately.")
+@RUNS(100_000, "Number of runs (approximate).")
 @FLIGHT
 @WITHOUT
 @SEED
 @THREADS
 @OUT(
     "DIR",
-    "Write finished runs and scenario files of two failures to this folder. The same command continues from there.",
+    "Write finished runs, and scenario files of two failures, to this folder. The same command continues from there.",
 )
 @JSON
 def command(scenario: str, runs: int, out: Path | None, as_json: bool, **options: Any) -> None:
@@ -86,7 +86,7 @@ def command(scenario: str, runs: int, out: Path | None, as_json: bool, **options
 
 
 def _pilot_line(pilot: PilotReport) -> str:
-    """Describe the estimates of the pilot runs, before most of the runs fly."""
+    """Describe the estimates from the pilot runs, which fly before all other runs."""
     of = pilot.ladder
     return (
         f"pilot, {of.flown} runs: {len(of.levels)} levels, probability about {of.estimate:.1e}; {pilot.runs} more runs,"
@@ -96,12 +96,12 @@ def _pilot_line(pilot: PilotReport) -> str:
 
 
 def plain_runs(probability: float, width: float) -> float:
-    """Return the number of runs of a plain campaign for an interval of that half width, relative to the probability."""
+    """Return the number of runs of a plain campaign for an interval of this half width, relative to the probability."""
     return 4 / (probability * width**2)
 
 
 def _write_failures(scenario: str, out: Path, options: dict[str, Any], found: RareResult) -> dict[str, str]:
-    """Write a file for the worst and one for the likeliest failure; return the commands that repeat them."""
+    """Write one file for the worst and one for the likeliest failure; return the commands that repeat the failures."""
     conditions = "; ".join(options["success"]) or "each target reached for good"
     commands = {}
     for name, failure in (("worst", found.worst), ("likeliest", found.likeliest)):

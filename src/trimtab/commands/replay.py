@@ -1,4 +1,4 @@
-"""`trimtab replay`: run the autopilot of a log, or another one, on its recorded frames, and compare."""
+"""`trimtab replay`: run the recorded or another autopilot on the frames of a log, and compare the outputs."""
 
 import importlib
 import sys
@@ -38,7 +38,7 @@ PARTS = ("estimator", "law", "allocation")
 @click.option(
     "--scenario",
     metavar="SCENARIO",
-    help="Scenario of the log, if it is not in the catalogue. With --map: scenario whose estimator is run.",
+    help="Scenario of the log, if not in the catalogue. With --map: scenario whose estimator is run.",
 )
 @click.option(
     "--set",
@@ -46,7 +46,7 @@ PARTS = ("estimator", "law", "allocation")
     multiple=True,
     metavar="PATH=VALUE",
     callback=parse_settings,
-    help="Change a setting of the scenario that --scenario names, with --map. May be repeated.",
+    help="Change a setting of the scenario given by --scenario, with --map. May be repeated.",
 )
 @click.option(
     "--with",
@@ -54,14 +54,14 @@ PARTS = ("estimator", "law", "allocation")
     multiple=True,
     metavar="PART=CHOICE",
     callback=parse_settings,
-    help="Replace estimator or law. May be repeated.",
+    help="Replace estimator or law of the recorded autopilot. May be repeated.",
 )
 @click.option(
     "--estimator",
     metavar="MODULE:FACTORY",
     help="Estimator to run alone on the samples of any log, without a scenario.",
 )
-@OUT("FILE", "Write the log with the estimates added (MCAP), with --estimator.")
+@OUT("FILE", "Write the log with the estimates added (MCAP), with --estimator or --map.")
 @BACKEND
 @PLOT("Draw the recorded and the replayed signals to this picture.")
 @JSON
@@ -80,7 +80,7 @@ def command(
     """Replay a recorded flight's frames through its autopilot; its outputs must be identical, bit for bit.
 
     Exit code 1, with the first difference, if they are not. --with replays the frames with another part instead, and
-    prints the errors of both against the truth, if the log has it.
+    prints the errors of both autopilots against the truth, if the log has the truth.
 
     \b
     trimtab run hovercraft/forward --navigation ins --out forward
@@ -134,7 +134,7 @@ def _step_estimator(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Run an estimator alone, by its own name or a scenario's; print its errors and their consistency."""
+    """Run an estimator alone, given by its own name or by a scenario; print its errors and their consistency."""
     enable_cache()
     with show_spinner(f"compiling {name or scenario}"):
         if name is None:
@@ -175,7 +175,7 @@ def _state_error(estimated: Log, name: str, truth: Any) -> Any:
 
 
 def replay_json(replay: Replay) -> dict[str, Any]:
-    """Return the outcome as plain data for JSON."""
+    """Return the outcome of a replay as plain data for JSON."""
     first = None
     if replay.first is not None:
         first = {name: v if isinstance(v, str) else float(v) for name, v in replay.first._asdict().items()}
@@ -196,9 +196,9 @@ def replace_parts(scenario: Scenario, choices: Mapping[str, str]) -> Any:
     """Return the recorded autopilot with some parts replaced.
 
     Args:
-        scenario: as recorded.
+        scenario: scenario of the log.
         choices: ``estimator``, ``law`` or ``allocation`` -> a choice of the scenario's function, e.g. ins-coupled, or
-            ``module:factory``; or the path of a setting below them -> its value.
+            ``module:factory``; or the path of a setting of these parts -> its value.
     """
     autopilot = scenario.autopilot
     for name in PARTS:
@@ -209,7 +209,7 @@ def replace_parts(scenario: Scenario, choices: Mapping[str, str]) -> Any:
 
 
 def _load_part(name: str, choice: str, scenario: str) -> Any:
-    """Return a part by name: from a choice of the scenario, or from a factory."""
+    """Return a part of an autopilot: from a choice of the scenario, or from a factory."""
     if ":" in choice:
         return _build_part(name, choice)
     offered = catalogue.scenario_choices(scenario) if scenario in catalogue.scenario_names() else {}
@@ -239,7 +239,7 @@ def _build_part(name: str, choice: str) -> Any:
 
 
 def rms_errors(log: Log, replay: Replay) -> dict[str, dict[str, float]]:
-    """Return state -> RMS error as recorded and as replayed, for states with a truth in the log."""
+    """Return state -> RMS errors as recorded and as replayed, for the states whose truth is in the log."""
     errors = {}
     for path in [p for p in replay.recorded_log.paths if p in replay.replayed_log]:
         truth = interpolate_truth(log, path, replay.recorded_log.ticks)

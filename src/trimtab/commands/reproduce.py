@@ -34,7 +34,7 @@ GroupRows = list[tuple[StudyGroup, list[Row]]]
 @click.command()
 @click.argument("study", metavar="[STUDY]", required=False)
 @click.option(
-    "--only", multiple=True, metavar="GROUP", help="Only this group of figures is computed again. May be repeated."
+    "--only", multiple=True, metavar="GROUP", help="Restrict the computation to this group of figures. May be repeated."
 )
 @OUT("DIR", "Write the study's pictures to this folder.")
 @click.option(
@@ -44,7 +44,7 @@ GroupRows = list[tuple[StudyGroup, list[Row]]]
 def command(study: str | None, only: tuple[str, ...], out: Path | None, report: Path | None, as_json: bool) -> None:
     """Recompute a publication's figures, and compare printed with computed values.
 
-    Exit code 1 if a figure that should be reproduced is not. Without STUDY the studies and their groups are listed.
+    Exit code 1 if a value that should be reproduced is not. Without STUDY the studies and their groups are listed.
 
     \b
     trimtab reproduce
@@ -77,7 +77,7 @@ def command(study: str | None, only: tuple[str, ...], out: Path | None, report: 
 
 
 def _list_studies(as_json: bool) -> None:
-    """Print every study with its groups."""
+    """Print every study with its groups of figures."""
     studies = {name: (read_study_title(folder), list_groups(name)) for name, folder in find_studies().items()}
     if as_json:
         content = {n: {"title": doc, "groups": {g.name: g.title for g in gs}} for n, (doc, gs) in studies.items()}
@@ -91,7 +91,7 @@ def _list_studies(as_json: bool) -> None:
 
 
 def _compute_groups(groups: list[StudyGroup], out: Path | None) -> tuple[GroupRows, dict[str, list[Path]]]:
-    """Return each group with its rows, and its pictures by group name if there is a folder for them."""
+    """Return each group with its rows, and group name -> pictures if a folder for pictures is given."""
     results: GroupRows = []
     pictures: dict[str, list[Path]] = {}
     with show_progress(len(groups)) as tell:
@@ -111,7 +111,7 @@ def _compute_groups(groups: list[StudyGroup], out: Path | None) -> tuple[GroupRo
 def _write_page(
     report: Path, study: str, results: GroupRows, pictures: dict[str, list[Path]], took: tuple[str, float]
 ) -> Path:
-    """Write the page of `--report`. took: start time, and duration (s)."""
+    """Write the page of `--report`. took: start time (UTC) and duration (s) of the computation."""
     from trimtab.commands.reproduce_page import build_page, describe_environment, read_errata
 
     folder = find_study(study)
@@ -127,13 +127,13 @@ def _write_page(
 
 
 def verdict_counts(rows: Iterable[Row]) -> dict[str, int]:
-    """Return verdict -> number of rows."""
+    """Return verdict -> number of rows with this verdict."""
     counts = Counter(row.verdict for row in rows)
     return {verdict: counts[verdict] for verdict in ("holds", "differs", "not reproduced")}
 
 
 def basis_counts(rows: Iterable[Row]) -> dict[str, tuple[int, int]]:
-    """Return basis -> number of rows that hold, and number of all rows. Bases without rows are left out."""
+    """Return basis of comparison -> numbers of rows that hold and of all rows. A basis without rows is left out."""
     holds, all_rows = Counter[str](), Counter[str]()
     for row in rows:
         all_rows[row.basis] += 1
@@ -179,7 +179,7 @@ def _print_groups(study: str, results: GroupRows) -> None:
 
 
 def _print_rows(title: str, rows: list[Row]) -> None:
-    """Print rows of a study with printed and computed values, and the reason for each that does not hold."""
+    """Print rows of a study with printed and computed values, and a reason for each row that does not hold."""
     headings = ("figure", ">printed", ">computed", "accepted", "unit", "verdict", "where")
     table = new_table(*headings, title=title.replace("[", r"\["), unwrapped=("verdict",))
     styles = {"differs": "bold red", "not reproduced": "yellow"}

@@ -44,15 +44,15 @@ def build_page(
     errata: str,
     environment: Mapping[str, str],
 ) -> str:
-    """Return the whole page as text.
+    """Return the whole HTML page as text.
 
     Args:
-        title: first line of the study.
-        results: groups with their rows.
-        summary: "sentence", and "verdicts" and "bases" as in the command's JSON.
-        pictures: group's name -> its files.
+        title: title of the study.
+        results: groups of figures with their rows.
+        summary: "sentence", "verdicts" and "bases", as in the JSON output of `trimtab reproduce`.
+        pictures: name of a group -> files of its pictures.
         errata: errata in Markdown; empty if there are none.
-        environment: facts about the run, by name.
+        environment: name -> fact about the run, e.g. version and machine.
     """
     groups = list(results)
     links = "".join(f'<li><a href="#{escape(g.name)}">{escape(g.name)}</a></li>' for g, _ in groups)
@@ -75,7 +75,7 @@ def build_page(
 
 
 def describe_environment(arguments: Iterable[str], begin: str, seconds: float) -> dict[str, str]:
-    """Return versions, machine, command and time of this run; no host name, user name or path."""
+    """Return versions, machine, command and time of this run, without host name, user name and paths."""
     system = f"{platform.system()} {platform.release()}, {platform.machine()}, {os.cpu_count()} processors"
     return {
         "command": shlex.join(("trimtab", *arguments)),
@@ -88,7 +88,7 @@ def describe_environment(arguments: Iterable[str], begin: str, seconds: float) -
 
 
 def read_errata(study: Path) -> str:
-    """Return the errata pages of a study: `errata*.md` in its folder, and pages in `docs` that link to it."""
+    """Return the errata of a study in Markdown: `errata*.md` in its folder, and in `docs` if they link to the study."""
     own = sorted(study.glob("errata*.md"))
     pages = sorted((study.parents[1] / "docs").glob("errata*.md"))
     named = [p for p in pages if f"[study](studies/{study.name}.md)" in p.read_text(encoding="utf-8")]
@@ -125,7 +125,7 @@ def _row_cells(row: Row) -> tuple[str, ...]:
 def _table(
     headings: Iterable[str], lines: Iterable[Iterable[str]], numeric: tuple[int, ...] = (), kinds: Iterable[str] = ()
 ) -> str:
-    """Return a table from cells in HTML. kinds: CSS class of each line."""
+    """Return an HTML table of the cells. kinds: CSS class of each row."""
     classes = iter(kinds)
     head = "".join(f"<th>{escape(h)}</th>" for h in headings)
     body = []
@@ -146,7 +146,7 @@ def _figure(picture: Path) -> str:
 
 
 def _errata_html(markdown: str) -> str:
-    """Convert Markdown to HTML: raw HTML is escaped, links to other documentation pages are removed."""
+    """Convert Markdown to HTML. Raw HTML is escaped, and links to other documentation pages are removed."""
     text = MarkdownIt("commonmark", {"html": False}).enable("table").render(markdown)
     text = re.sub(r'<a href="(?!https?:)[^"]*">(.*?)</a>', r"\1", text, flags=re.DOTALL)
     return re.sub(r"<(/?)h(\d)>", lambda m: f"<{m[1]}h{min(int(m[2]) + 1, 6)}>", text)

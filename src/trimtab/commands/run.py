@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 
 PICTURES = ("tracking", "swarm", "navigation")
-"""Additional pictures, drawn beside the picture of --plot if the run has data for them."""
+"""Names of additional pictures, drawn beside the picture of --plot if the run has data for them."""
 
 
 class RunReport(NamedTuple):
-    """Logs of the real and the ideal run, with targets and computing time."""
+    """Result of `trimtab run`: logs of the real and the ideal run, targets, and computing time (s)."""
 
     name: str
     real: Log
@@ -53,7 +53,14 @@ class RunReport(NamedTuple):
 @FLIGHT
 @WITHOUT
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random numbers.")
-@click.option("--run", "number", type=int, default=0, show_default=True, help="Number of a run within a campaign.")
+@click.option(
+    "--run",
+    "number",
+    type=int,
+    default=0,
+    show_default=True,
+    help="Number of the run within a campaign of the same seed.",
+)
 @click.option(
     "--ideal/--no-ideal",
     default=True,
@@ -62,7 +69,7 @@ class RunReport(NamedTuple):
 )
 @BACKEND
 @PLOT("Draw all signals to this picture.")
-@OUT("DIR", "Write log (MCAP) and picture to this folder.")
+@OUT("DIR", "Write the log (MCAP) and the picture of the run to this folder.")
 @click.option(
     "--log-period", metavar="TIME", default="1 ms", show_default=True, help="Time between two rows of the log."
 )
@@ -150,7 +157,7 @@ def command(
 
 
 def _estimate_steps(scenario: "Scenario") -> "Scenario":
-    """Return the scenario with error estimates of its integration; a plain step stays bit-identical."""
+    """Return the scenario with estimates of its integration error, which leave the result of a plain step unchanged."""
     from trimtab.core.record import replace
     from trimtab.loop.integration import PLAIN_STEP
     from trimtab.run.blocks import has_stepped_vehicle
@@ -174,13 +181,13 @@ def _compile_and_fly(scenario: "Scenario", ideal: bool, backend: str, flight: di
         return RunReport(name, real, twin, targets, time.perf_counter() - started)
 
     def compile_both() -> "tuple[Program, Program | None]":
-        other = ThreadPoolExecutor(1)  # trace one while the compiler works on the other
+        other = ThreadPoolExecutor(1)  # trace one program while the compiler works on the other
         try:
             real = other.submit(compile_scenario, scenario)
             twin = compile_scenario(scenario.ideal()) if ideal else None
             return real.result(), twin
         finally:
-            other.shutdown(wait=False)  # Ctrl-C ends the command without waiting for the trace
+            other.shutdown(wait=False)  # after Ctrl-C the command ends without waiting for the trace
 
     with show_spinner(f"compiling {name}"):
         programs = choose_c(backend, compile_both)
@@ -209,7 +216,7 @@ def _summarise_report(scenario: str, report: RunReport) -> dict[str, Any]:
 
 
 def _summarise_navigation(log: Log) -> "Navigation | None":
-    """Assess the aided INS of a run; None without one. scipy is imported only if needed."""
+    """Assess the aided INS of a run; return None if the run has no aided INS. scipy is imported only if needed."""
     if not any(p.startswith("estimate.") and p.endswith("_fix.nis") for p in log.paths):
         return None
     from trimtab.logs.navigation import assess_navigation
@@ -257,7 +264,7 @@ def _draw_run(report: RunReport, file: Path | None, with_navigation: bool) -> li
 
 
 def print_navigation(navigation: "Navigation", units: Mapping[str, str]) -> None:
-    """Print how well the filter's sigmas describe its errors, and the states that it learned."""
+    """Print how well the sigmas of the navigation filter match its errors, and the convergence of its states."""
     headings = ("quantity", ">of", ">draws", ">mean", ">bounds", ">error / sigma", "white", "verdict")
     table = new_table(*headings, title="Navigation: errors against the filter's own sigmas")
     rows: list[tuple[str, str, Any, str]] = []

@@ -1,7 +1,7 @@
 """Standard output and error of the command line.
 
-A character that the terminal cannot show is replaced. Output that cannot be written, on a full disk for example, is one
-line and exit code 1.
+A character that the terminal cannot show is replaced. If output cannot be written, for example on a full disk, the
+command prints one line and ends with exit code 1.
 """
 
 import contextlib
@@ -12,14 +12,14 @@ import sys
 
 
 def replace_unprintable() -> None:
-    """Replace characters that the encoding of standard output or error lacks."""
+    """Replace characters that the encoding of standard output or standard error does not have."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
 
 
 def flush_output() -> bool:
-    """Write the buffered output. If this fails, report it on standard error and return False."""
+    """Write the buffered standard output. If this fails, report the error on standard error and return False."""
     try:
         sys.stdout.flush()
     except OSError as error:
@@ -29,11 +29,11 @@ def flush_output() -> bool:
 
 
 def report_failure(error: OSError) -> None:
-    """Report output that cannot be written, and stop writing to it. A closed pipe is not reported."""
+    """Report that output cannot be written, and stop writing to it. A closed pipe is not reported."""
     if error.errno != errno.EPIPE:
         where = f" ({error.filename})" if error.filename else ""
         with contextlib.suppress(OSError):
             sys.stderr.write(f"error: cannot write{where}: {error.strerror or error}\n")
             sys.stderr.flush()
-    with contextlib.suppress(OSError, ValueError):  # the interpreter would try to write it again at its end
+    with contextlib.suppress(OSError, ValueError):  # else the interpreter would write again at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

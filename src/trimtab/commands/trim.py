@@ -16,14 +16,14 @@ from trimtab.run.design_point import find_point, format_value
 from trimtab.run.plant import Plant, load_plant
 
 RESTS = 1e-9
-"""Rate of a state (unit of the state per second) below which the state counts as constant."""
+"""Rate of change of a state (unit of the state per second) below which the state counts as constant."""
 
 
 @click.command()
 @VEHICLE
 @AT
 @SET
-@OUT("FILE", "Write the trim point (JSON).")
+@OUT("FILE", "Write the trim point to this file (JSON).")
 @JSON
 def command(vehicle: str, at: tuple[str, ...], settings: dict[str, str], out: Path | None, as_json: bool) -> None:
     """Find the states and inputs of a steady motion: at rest, in level flight, in a steady turn.
@@ -32,7 +32,7 @@ def command(vehicle: str, at: tuple[str, ...], settings: dict[str, str], out: Pa
     returns a Scenario, (vehicle, x, u) or a model. By default all inputs and states are free, positions and lengths are
     fixed, and all derivatives are zero, except those of positions and of states that nothing depends on. --at changes
     this. A vehicle with a quaternion has attitude.roll, .pitch, .yaw and velocities in body axes instead, and the
-    outputs speed, angle_of_attack, sideslip and climb. Exit code 1, with the reasons, if there is no such point.
+    outputs speed, angle_of_attack, sideslip and climb. Exit code 1, with the reasons, if no such point was found.
 
     \b
     trimtab trim hovercraft/forward --at surge_velocity=1 --at yaw_rate=0
@@ -55,7 +55,7 @@ def command(vehicle: str, at: tuple[str, ...], settings: dict[str, str], out: Pa
 
 
 def point_json(plant: Plant, point: Trim) -> dict[str, Any]:
-    """Return a trim as plain data, in SI and radians, or in the vehicle's own units."""
+    """Return a trim as plain data for JSON, in SI and radians, or in the vehicle's own units."""
     model = plant.model
     rates, measured = model.evaluate(point.x, point.u)
     outputs = dict(zip(model.outputs, measured.tolist(), strict=True))
@@ -74,7 +74,7 @@ def point_json(plant: Plant, point: Trim) -> dict[str, Any]:
 
 
 def print_point(plant: Plant, point: Trim) -> None:
-    """Print a table of states, inputs and other outputs; without a trim, the reasons."""
+    """Print a table of states, inputs and other outputs; if no trim was found, print the reasons."""
     model = plant.model
     rates, measured = model.evaluate(point.x, point.u)
     click.echo(f"{plant.name}: {'trim' if point.is_found else 'NO trim'}")
@@ -107,7 +107,7 @@ def print_point(plant: Plant, point: Trim) -> None:
 
 
 def _motion_text(plant: Plant, point: Trim, rates: Any) -> str:
-    """Describe the motion at a trim, and how to request another one."""
+    """Describe the motion at a trim, and how to request another motion."""
     moving = [(n, r) for n, r in zip(plant.model.states, rates.tolist(), strict=True) if abs(r) > RESTS]
     if not moving:  # a vehicle without a position moves if its velocities are not zero
         velocities = [n for n in plant.model.states if plant.units.get(n) == "m/s" or n.endswith("_rate")]

@@ -22,7 +22,7 @@ from trimtab.scenarios.build import build
 
 
 def parse_gains(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """Parse path=low:high texts into a mapping."""
+    """Parse the texts PATH=LOW:HIGH of --gain into a mapping."""
     gains = {}
     for text in values:
         path, equals, span = text.partition("=")
@@ -81,7 +81,7 @@ def parse_gains(context: click.Context, parameter: click.Parameter, values: tupl
 @SEED
 @THREADS
 @STORE
-@OUT("FILE", "Write a scenario file with the gains, e.g. tuned.py.")
+@OUT("FILE", "Write a scenario file with the tuned gains, e.g. tuned.py.")
 @PLOT("Draw the progress of the tuning to this picture.")
 @JSON
 def command(

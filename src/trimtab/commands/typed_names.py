@@ -1,8 +1,8 @@
-"""Check of typed names, of the scenario and its settings, before a verb is imported.
+"""Check of the typed names of a scenario and its settings, before a verb is imported.
 
-A verb takes a second or more to import; a typo is reported without that delay. The paths of a scenario's settings are
+Importing a verb takes a second or more; a typo is reported without that delay. The paths of a scenario's settings are
 cached by `trimtab list`, by `trimtab run`, by completion, or after a wrong path. Until then only the first word of a
-path is checked. Uncertain names are left to the verb, which gives the same message.
+path is checked. Names that cannot be checked are left to the verb, which gives the same message.
 """
 
 import re
@@ -24,9 +24,9 @@ TAKES_SCENARIO = frozenset(
 )
 """Verbs whose first argument is a scenario."""
 TAKES_VEHICLE = frozenset(("trim", "linearise", "zeros", "export", "console"))
-"""Verbs whose first argument is a scenario, or a vehicle, a function in a file, or a log."""
+"""Verbs whose first argument may be a scenario, a vehicle, a function in a file, or a log."""
 PATHS = {"--set": "settings", "--spread": "spread", "--gain": "gains"}
-"""Options whose value begins with a setting's path -> the argument in Python."""
+"""Option whose value begins with the path of a setting -> name of the same argument in Python."""
 ROOTS = (
     "world",
     "autopilot",
@@ -39,9 +39,9 @@ ROOTS = (
     "duration",
     "name",
 )
-"""First words of the paths of a catalogue scenario."""
+"""First words of the paths of settings, for scenarios of the catalogue."""
 RESHAPING = ("--navigation", "--calibration", "--reference")
-"""Options that replace parts of a scenario, and thereby its paths."""
+"""Options that replace parts of a scenario, and thereby change the paths of its settings."""
 FOLDER = "setting-paths"
 
 
@@ -49,8 +49,8 @@ def check_names(words: Sequence[str], plain: Sequence[str] | None) -> None:
     """Check the scenario and the settings of a command line.
 
     Args:
-        words: as typed, beginning with the verb.
-        plain: those after the verb that are not options; None if unknown.
+        words: words as typed, beginning with the verb.
+        plain: words after the verb that are not options; None if unknown.
 
     Raises: InputError with the nearest names, for an unknown scenario or setting.
     """
@@ -70,7 +70,7 @@ def check_names(words: Sequence[str], plain: Sequence[str] | None) -> None:
     if not known or any(word.partition("=")[0] in RESHAPING for word in rest):
         return
     if any(option == "--set" and ("." not in path or value[:1].isupper()) for option, path, value in typed):
-        return  # a choice or the class of a part may add other paths
+        return  # another choice or class of a part may add paths
     links = ("uplink.", "downlink.")
     for option, path, _ in typed:
         plain = re.sub(r"\[.*", "", path)
@@ -81,7 +81,7 @@ def check_names(words: Sequence[str], plain: Sequence[str] | None) -> None:
 
 
 def _near_roots(path: str) -> list[str]:
-    """Return the path with likely first words, the likeliest first."""
+    """Return the path with its first word replaced by similar valid words, the likeliest first."""
     root, _, rest = path.partition(".")
     return [f"{near}.{rest}" for near in closest(root, ROOTS, 1) or ROOTS[:2]]
 
@@ -100,7 +100,7 @@ def _iter_paths(words: Sequence[str]) -> Iterator[tuple[str, str, str]]:
 
 
 def read_paths(scenario: str) -> list[str]:
-    """Return the cached paths of a scenario's settings; empty if not cached, or the package has changed."""
+    """Return the cached paths of a scenario's settings; empty if not cached, or if the package has changed."""
     with suppress(OSError, UnicodeError):
         stamp, *paths = (cache_folder(FOLDER) / _file_name(scenario)).read_text("utf-8").split("\n")
         return paths if stamp == package_stamp() else []
@@ -108,7 +108,7 @@ def read_paths(scenario: str) -> list[str]:
 
 
 def keep_paths(scenario: str, paths: Iterable[str]) -> None:
-    """Cache the paths of a scenario of the catalogue."""
+    """Cache the paths of the settings of a scenario of the catalogue."""
     if scenario in catalogue.scenario_files():
         with suppress(OSError):
             text = "\n".join((package_stamp(), *paths))
@@ -116,7 +116,7 @@ def keep_paths(scenario: str, paths: Iterable[str]) -> None:
 
 
 def learn_paths(words: Sequence[str]) -> None:
-    """Cache the paths of the typed scenario after a wrong path, so that the next one is reported at once."""
+    """Cache the paths of a scenario after a wrong path was typed, so that the next wrong path is reported at once."""
     if "jax" in sys.modules and len(words) > 1 and words[1] in catalogue.scenario_files():
         from trimtab.loop.settings import setting_paths
 

@@ -60,7 +60,7 @@ from trimtab.run.blocks import refuse_swarm
 from trimtab.scenarios.build import build
 
 SHORTEST_WATCHDOG = ms(20)
-"""Shortest watchdog time: four heartbeats of the process that drives the outputs."""
+"""Minimum of the watchdog's time: four heartbeats of the process that drives the outputs."""
 
 
 @click.command()
@@ -83,7 +83,7 @@ SHORTEST_WATCHDOG = ms(20)
     type=click.Choice([STORED_CLOCK, COMPUTER_CLOCK]),
     default=STORED_CLOCK,
     show_default=True,
-    help="Clock for signatures: continue the stored one, or reset it from this computer's.",
+    help="Clock for signatures: continue the stored clock, or reset it from this computer's.",
 )
 @click.option(
     "--watchdog",
@@ -137,9 +137,10 @@ def command(
 
     Simulates the scenario's vehicle, sensors and actuators, and acts as its firmware: failsafe, arming, takeover by a
     safety pilot, parameters. The real link replaces the scenario's simulated delays. The vehicle is held until it is
-    armed. It speaks signed MAVLink 2, so ground stations can connect. Exit code 1: a failsafe acted, the outputs went
-    safe on their own, or the log is lost or incomplete; 2: invalid input. With --ardupilot it is the physics backend of
-    ArduPilot's SITL, in virtual time and with ArduPilot's protocol; with --px4 it is PX4's simulator.
+    armed. It speaks signed MAVLink 2, so ground stations can connect. Exit code 1: a failsafe acted, the watchdog
+    switched the outputs to safe values, or the log is lost or incomplete; 2: invalid input. With --ardupilot it is the
+    physics backend of ArduPilot's SITL, in virtual time and with ArduPilot's protocol. With --px4 it is PX4's
+    simulator.
 
     \b
     trimtab vehicle hovercraft/forward --listen udp://:14550 --out there
@@ -185,7 +186,7 @@ def command(
 def _build_vehicle(
     scenario: Scenario, line: Link, endpoint: Callable[[Dialect], Endpoint], seed: int, options: StationOptions
 ) -> LiveVehicle:
-    """Return the real-time vehicle of a scenario, with an inactive fault in every part for later injection."""
+    """Return the real-time vehicle of a scenario. Every part has an inactive fault, which can be injected in flight."""
     idle, machine = add_idle_faults(scenario), current_machine()
     return LiveVehicle(idle, line, endpoint, seed=seed, station_options=options, machine=machine)
 
@@ -199,7 +200,7 @@ def _serve(live: LiveVehicle, tell: Callable[[str], None], **options: Any) -> Ve
 
 
 def _build_one(name: str, settings: Mapping[str, str], faults: Iterable[str]) -> Scenario:
-    """Build the scenario without an end in time; raise InputError for a swarm."""
+    """Build a scenario for real time, where faults may begin after its duration; raise InputError for a swarm."""
     built = build(name, settings, faults=faults, in_virtual_time=False)
     refuse_swarm(built, "a link")
     return built
@@ -214,7 +215,7 @@ def _lead_lockstep(
     tell: Callable[[str], None],
     other: str,
 ) -> None:
-    """Run in lockstep. other: the command to type at the other end."""
+    """Run the vehicle in lockstep. other: command to type at the other end of the link."""
     with show_spinner(f"compiling {scenario.name}"):
         virtual = LockstepVehicle(scenario, endpoint, seed=seed)
     tell(f"{scenario.name} waits on its link for  {other}")
@@ -225,7 +226,7 @@ def _lead_lockstep(
 
 
 def _parse_watchdog(text: str) -> int:
-    """Parse the watchdog's time (100 ns)."""
+    """Parse the watchdog's time, and return it in units of 100 ns."""
     silence = parse_time(text)
     if silence < SHORTEST_WATCHDOG:
         raise InputError("--watchdog", f"must be at least 20 ms, four heartbeats, got {text}", fix="--watchdog '50 ms'")
@@ -233,7 +234,7 @@ def _parse_watchdog(text: str) -> int:
 
 
 def _describe_service(service: VehicleSummary, live: LiveVehicle, line: Link) -> dict[str, Any]:
-    """Return the part of the result that describes how the vehicle was run."""
+    """Return the fields of the result that describe the vehicle's service: mode, cause, frames and problems."""
     return {
         "released_s": None if service.release_time is None else to_seconds(service.release_time),
         "mode": service.mode,

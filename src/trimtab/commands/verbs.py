@@ -1,4 +1,4 @@
-"""Group of the verbs: each is a file of this folder with its click command, imported when the verb is typed.
+"""Group of the verbs. Each verb is a file of this folder with its click command, imported when the verb is typed.
 
 Exit code 0: success; 1: completed, but failed; 2: invalid input; 130: stopped by Ctrl-C; 143: stopped by SIGTERM. With
 ``--json`` an error is also printed as an object on standard output. Names are checked before a verb is imported, so
@@ -48,7 +48,7 @@ SYNONYMS = {
     "verify": "export --verify DIR",
     "version": "--version",
 }
-"""Other common names of a verb -> the words to type."""
+"""Other common name of a verb -> the words to type."""
 
 OPTIONS = {
     "settings": "--set",
@@ -66,7 +66,7 @@ OPTIONS = {
     "folder": "--out",
     "file": "--out",
 }
-"""Arguments of the library -> their options, where the names differ."""
+"""Argument of a library function -> name of its command-line option, where the names differ."""
 
 
 class Verbs(click.Group):
@@ -76,9 +76,9 @@ class Verbs(click.Group):
         super().__init__(commands={name: click.Command(name) for name in names}, **options)
 
     def main(self, *args: Any, **extra: Any) -> Any:
-        """Run the command line. Output that cannot be written ends it with a line and exit code 1."""
+        """Run the command line. If output cannot be written, print one line and end with exit code 1."""
         replace_unprintable()
-        is_program = not args and extra.get("args") is None  # its words are those of the process
+        is_program = not args and extra.get("args") is None  # the arguments are those of the process
         try:
             with end_on_signals(is_program):
                 return super().main(*args, **extra)
@@ -90,18 +90,18 @@ class Verbs(click.Group):
                 sys.exit(1)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return the verb of that name; None if it is unknown."""
+        """Import and return the verb of this name; None if the name is unknown."""
         if cmd_name not in self.commands:
             return None
         return importlib.import_module(f"{__package__}.{cmd_name.replace('-', '_')}").command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the verbs with their help, read from the files; importing all of them would take seconds."""
+        """List the verbs with help texts read from their files, because importing all verbs would take seconds."""
         listed = click.Group(commands={name: click.Command(name, help=read_help(name)) for name in self.commands})
         listed.format_commands(ctx, formatter)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse the words, and store them as typed."""
+        """Parse the typed words, and store them unchanged in the context."""
         ctx.meta[WORDS] = list(args)
         return super().parse_args(ctx, args)
 
@@ -119,14 +119,14 @@ class Verbs(click.Group):
         return super().resolve_command(ctx, args)
 
     def _parse_words(self, ctx: click.Context, args: list[str]) -> list[str] | None:
-        """Return the words after a verb that are not options; None if that takes an import of the verb."""
+        """Return the words after a verb that are not options; None if only an import of the verb can tell."""
         verb, *words = args
         if verb not in self.commands or not find_file(verb).is_file():
             return None
         return parse_words(find_file(verb), verb, read_help(verb), words, ctx)
 
     def _find_context(self, ctx: click.Context) -> click.Context:
-        """Return the context of the typed verb, which a click error about an option without its value lacks."""
+        """Return the click context of the typed verb, which click's error about a missing option value lacks."""
         name = ctx.invoked_subcommand or ""
         verb = self.get_command(ctx, name)
         return ctx if verb is None else click.Context(verb, parent=ctx, info_name=name)
@@ -188,7 +188,7 @@ def _quote(text: str) -> str:
 
 
 def _find_example(ctx: click.Context) -> tuple[str, str]:
-    """Return the command with the error, and the first example in its help."""
+    """Return the command that had an error, and the first example in its help."""
     where = f"trimtab{ctx.command_path.removeprefix(ctx.find_root().command_path)}"
     for line in (ctx.command.help or "").splitlines():
         words = re.split(r"\s{3,}", line.strip())[0]
@@ -210,17 +210,17 @@ def _unknown_verb(name: str, verbs: Sequence[str]) -> InputError:
 
 
 def read_help(name: str) -> str:
-    """Return the help of a verb: the docstring of `command` in its file."""
+    """Return the help text of a verb: the docstring of `command` in the verb's file."""
     docstring = re.search(r'^def command\(.*?"""(.*?)"""', read_source(name), re.DOTALL | re.MULTILINE)
     assert docstring, f"{name}: its `command` has no docstring"
     return inspect.cleandoc(docstring[1])
 
 
 def read_source(name: str) -> str:
-    """Return the source of a verb's file."""
+    """Return the source code of a verb's file."""
     return find_file(name).read_text(encoding="utf-8")
 
 
 def find_file(name: str) -> Path:
-    """Return the file of a verb."""
+    """Return the path of the file that contains a verb."""
     return Path(__file__).with_name(f"{name.replace('-', '_')}.py")

@@ -1,4 +1,4 @@
-"""Record of the files that trimtab wrote, which it may replace; any other file is the user's and is kept.
+"""Record of the files that trimtab wrote and may replace. Any other file belongs to the user and is kept.
 
 The cache's folder `written` stores the path of each file that a verb wrote, and the SHA-256 of its content. A file with
 that content may be replaced. A file that was edited since, or came from elsewhere, is refused before anything runs,
@@ -19,15 +19,15 @@ from trimtab.core.errors import InputError
 
 FOLDER = "written"
 PICTURES = (".png", ".pdf", ".svg")
-"""Formats of pictures."""
+"""File name suffixes of the supported picture formats."""
 OVERWRITE = "trimtab.overwrite"
 """Key of the click context's entry that is True after ``--overwrite``."""
 LIMIT = 5000
-"""Maximum number of recorded files; beyond it, the oldest are forgotten."""
+"""Maximum number of recorded files. The oldest records beyond this number are deleted."""
 
 
 def with_overwrite(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add ``--overwrite`` to a verb, once."""
+    """Add ``--overwrite`` to a verb, unless the verb already has it."""
     options = getattr(function, "__click_params__", ())
     if any("--overwrite" in option.opts for option in options):
         return function
@@ -37,14 +37,14 @@ def with_overwrite(function: Callable[..., Any]) -> Callable[..., Any]:
         is_eager=True,
         expose_value=False,
         callback=lambda context, parameter, value: context.meta.update({OVERWRITE: value}),
-        help="Replace existing files even if trimtab did not write them or they were edited since.",
+        help="Replace existing files, even if trimtab did not write them or they were edited since.",
     )(function)
 
 
 def check_new(option: str, *files: Path | None) -> None:
     """Raise InputError if a file exists that trimtab did not write, or that was edited since.
 
-    option: option that names the files, e.g. --out.
+    option: option with which the user named the files, e.g. --out.
     """
     context = click.get_current_context(silent=True)
     if context is not None and context.meta.get(OVERWRITE):
@@ -61,13 +61,13 @@ def check_new(option: str, *files: Path | None) -> None:
 
 
 def check_new_in(option: str, folder: Path | None, *patterns: str) -> None:
-    """Check like `check_new` the files of a folder that match patterns, e.g. "*.png"."""
+    """Apply `check_new` to the files of a folder that match patterns, e.g. "*.png"."""
     if folder is not None and folder.is_dir():
         check_new(option, *sorted({file for pattern in patterns for file in folder.glob(pattern)}))
 
 
 def note_written(files: Iterable[str | Path]) -> None:
-    """Record files that were just written; without a cache they count as the user's."""
+    """Record files that trimtab has just written. Without a cache they later count as the user's files."""
     with suppress(OSError):
         folder = cache_folder(FOLDER)
         for file in map(Path, files):
@@ -80,7 +80,7 @@ def note_written(files: Iterable[str | Path]) -> None:
 def place_files(option: str, scratch: Path, files: Iterable[Path], folder: Path) -> list[Path]:
     """Move all files of a scratch folder to the target folder, or none; return the new paths of `files`.
 
-    Raises: InputError if one would replace a user's file.
+    Raises: InputError if a file would replace a file of the user.
     """
     moves = [(file, folder / file.relative_to(scratch)) for file in sorted(scratch.rglob("*")) if file.is_file()]
     check_new(option, *(place for _, place in moves))

@@ -31,8 +31,8 @@ def command(
 ) -> None:
     """Find the zeros between inputs and outputs of a vehicle, and their consequences for tracking.
 
-    VEHICLE and --at are as in `trimtab trim`. With as many --output as --input there is also a verdict: minimum phase,
-    or not, with the states that diverge while the outputs are held.
+    VEHICLE and --at are as in `trimtab trim`. If the numbers of --output and --input are equal, a verdict is printed
+    too: minimum phase, or not, with the states that diverge while the outputs are held.
 
     \b
     trimtab zeros hypersonic --output h --output V
@@ -60,7 +60,7 @@ def command(
 
 
 def _find_dynamics(model: StateSpaceModel) -> ZeroDynamics | str:
-    """Return the zero dynamics, or the reason why there are none."""
+    """Return the zero dynamics of a model, or the reason why they cannot be computed."""
     if len(model.inputs) != len(model.outputs):
         return f"{len(model.inputs)} inputs and {len(model.outputs)} outputs; name as many --input as --output"
     try:

@@ -1,8 +1,8 @@
 """Consistency of a filter: averages of NIS and NEES against chi-square bounds, and whiteness of innovations.
 
-consistent: errors match the filter's sigmas.  optimistic: errors are larger.  pessimistic: errors are smaller. Errors
+A filter is consistent if its errors match its sigmas, optimistic if they are larger, and pessimistic if smaller. Errors
 of one run are correlated in time, so that a thousand samples may count as ten draws. An average over one run is judged
-by its effective number of independent draws. A factor is the ratio of errors to the filter's sigmas.
+by its effective number of independent draws. A factor is the ratio of the errors to the filter's sigmas.
 
 Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001, section
 5.4; [6] Ljung, Box, "On a measure of lack of fit in time series models", Biometrika 65 (1978); [9] Bayley, Hammersley,
@@ -20,18 +20,20 @@ from trimtab.core.errors import InputError
 
 CONSISTENT, OPTIMISTIC, PESSIMISTIC, UNDECIDED = "consistent", "optimistic", "pessimistic", "undecided"
 HONEST, TELLING = 1.1, 2.0
-"""Limits of a factor: up to the first it counts as 1; a verdict `consistent` excludes factors above the second."""
+"""Limits for the ratio of errors to sigmas: up to HONEST it counts as 1; `consistent` excludes ratios above TELLING."""
 FEW = 10
-"""Number of draws below which the verdict can only be `optimistic` or `undecided`."""
+"""Number of independent draws below which the verdict can only be `optimistic` or `undecided`."""
 WINDOW = 6
-"""Longest lag at which correlations are summed, in correlation times."""
+"""Longest lag up to which correlations are summed, in correlation times."""
 
 
 class Consistency(NamedTuple):
-    """Verdict on an average.
+    """Verdict on the average of NIS or NEES over runs.
 
-    mean: average of NIS or NEES.  expected: its degrees of freedom.  low, high: bounds for a consistent filter.
-    inside: share of the instants whose average over runs lies in the bounds for one instant.  verdict: one word.
+    mean: average of NIS or NEES.  expected: average of a consistent filter, the degrees of freedom.
+    low, high: bounds of the average for a consistent filter.
+    inside: share of the instants at which the average over runs lies within the bounds for one instant.
+    verdict: consistent, optimistic or pessimistic.
     """
 
     mean: float
@@ -43,12 +45,13 @@ class Consistency(NamedTuple):
 
 
 class SingleRunConsistency(NamedTuple):
-    """Verdict on an average of squared normalised numbers, against the bounds of a consistent filter.
+    """Verdict on the average of NIS, or of squared normalised errors, over one run.
 
-    mean: of NIS, or of squared errors over sigma squared, for one instant.  expected: for a consistent filter.
-    low, high: bounds of that average.  draws: effective number of independent squares.
-    factor: errors over sigmas.  factor_low, factor_high: its interval.  verdict: consistent, optimistic (sigmas too
-    small), pessimistic (too large), or undecided if a factor of two would not be detected.
+    mean: average over the instants.  expected: value of this average for a consistent filter.
+    low, high: bounds of the average for a consistent filter.  draws: effective number of independent squares.
+    factor: ratio of errors to sigmas.  factor_low, factor_high: confidence interval of this ratio.
+    verdict: consistent, optimistic (sigmas too small), pessimistic (sigmas too large), or undecided if a factor of two
+    would not be detected.
     """
 
     mean: float
@@ -63,11 +66,11 @@ class SingleRunConsistency(NamedTuple):
 
 
 class Whiteness(NamedTuple):
-    """Autocorrelation of innovations.
+    """Autocorrelation of innovations, and a test if they are white.
 
-    correlation: at lags 1, 2, … (lags,).  bound: for a white sequence at one lag.  inside: share of lags within it.
-    statistic: of Ljung and Box over all lags.  p: probability of a larger statistic for a white sequence.
-    white: True if p is above 1 - probability.
+    correlation: autocorrelation at lags 1, 2, … (lags,).  bound: bound of the autocorrelation of a white sequence at
+    one lag.  inside: share of the lags within the bound.  statistic: statistic of Ljung and Box over all lags.
+    p: probability of a larger statistic for a white sequence.  white: True if p is above 1 - probability.
     """
 
     correlation: Any
@@ -81,8 +84,8 @@ class Whiteness(NamedTuple):
 class Convergence(NamedTuple):
     """Convergence of an estimate to the truth.
 
-    time: time from which sigma stays below the wanted one, None if never.  final: last error in sigmas.
-    inside: share of the samples after that time with an error below two sigmas.
+    time: time (s) from which sigma stays below the wanted sigma, None if never.  final: last error in sigmas.
+    inside: share of the samples from this time on whose error is below two sigmas.
     """
 
     time: float | None
@@ -91,12 +94,12 @@ class Convergence(NamedTuple):
 
 
 def chi_square_bounds(dof: int, n: int, probability: float = 0.95) -> tuple[float, float]:
-    """Return bounds of the average of n independent chi-square numbers, with equal tails outside.
+    """Return bounds of the average of n independent chi-square numbers, with equal probabilities below and above.
 
     Args:
-        dof: degrees of freedom of each.
+        dof: degrees of freedom of each number.
         n: number of values in the average.
-        probability: above 0, below 1.
+        probability: probability within the bounds, above 0 and below 1.
 
     Source: [4] section 5.4.2: n times the average is chi-square with n dof degrees of freedom.
     """
@@ -109,28 +112,28 @@ def chi_square_bounds(dof: int, n: int, probability: float = 0.95) -> tuple[floa
 
 
 def gate_threshold(dof: int, probability: float) -> float:
-    """Return the NIS that a consistent filter's measurement of this dimension exceeds with 1 - probability."""
+    """Return the NIS that a measurement of dimension dof exceeds with 1 - probability if the filter is consistent."""
     return float(chi_square_quantile(probability, dof))
 
 
 def chi_square_quantile(probability: Any, dof: Any) -> Any:
     """Return the chi-square quantile of a probability; dof may be a fraction.
 
-    It uses the underlying functions, because the import of scipy.stats would take longer than a run.
+    scipy.special is used, because importing scipy.stats takes longer than a run.
     """
     return 2 * special.gammaincinv(np.asarray(dof) / 2, probability)
 
 
 def nees_verdict(nees: Any, dof: int, probability: float = 0.95) -> Consistency:
-    """Judge NEES over independent runs: its average over runs and time, against the bounds of one instant's average.
+    """Judge the NEES of independent runs: compare its average over runs and time with chi-square bounds.
 
-    Errors of one run are correlated in time, so that more instants do not count as more draws. The bounds of the whole
-    average are those of one instant, which are too wide rather than too narrow.
+    Errors of one run are correlated in time, so that more instants do not count as more draws. The bounds are therefore
+    those of the average over runs at one instant, which are rather too wide than too narrow.
 
     Args:
-        nees: (runs, instants).
+        nees: NEES (runs, instants).
         dof: dimension of the error.
-        probability: probability of the bounds.
+        probability: probability that the average of a consistent filter lies within the bounds.
     """
     values = _check_finite("nees", nees, 2)
     low, high = chi_square_bounds(dof, values.shape[0], probability)
@@ -138,12 +141,14 @@ def nees_verdict(nees: Any, dof: int, probability: float = 0.95) -> Consistency:
 
 
 def nis_verdict(nis: Any, dof: int, probability: float = 0.95) -> Consistency:
-    """Judge NIS of one or several runs: a consistent filter has white innovations, so each counts as a draw.
+    """Judge the NIS of one or several runs: compare its average over all updates with chi-square bounds.
+
+    The innovations of a consistent filter are white, so each update counts as an independent draw.
 
     Args:
-        nis: (updates,) or (runs, updates), one for each measurement, including rejected ones.
+        nis: NIS (updates,) or (runs, updates) of each measurement, including rejected measurements.
         dof: dimension of the measurement.
-        probability: probability of the bounds.
+        probability: probability that the average of a consistent filter lies within the bounds.
     """
     values = np.atleast_2d(_check_finite("nis", nis))
     low, high = chi_square_bounds(dof, values.size, probability)
@@ -157,9 +162,9 @@ def whiteness(innovations: Any, lags: int = 20, probability: float = 0.95) -> Wh
     """Test if normalised innovations are white: autocorrelation at lags 1 to `lags`, and Ljung and Box's test.
 
     Args:
-        innovations: (updates,) or (updates, m), in order of measurement, normalised.
-        lags: maximum lag; fewer than the number of updates.
-        probability: probability of the bounds.
+        innovations: normalised innovations (updates,) or (updates, m), in the order of the measurements.
+        lags: maximum lag, less than the number of updates.
+        probability: probability that a white sequence passes the test.
     """
     y = _check_finite("innovations", innovations)
     y = y[:, None] if y.ndim == 1 else y
@@ -168,7 +173,7 @@ def whiteness(innovations: Any, lags: int = 20, probability: float = 0.95) -> Wh
         raise InputError("whiteness", f"{lags} lags are too many for {n} updates", fix="use fewer lags, or fly longer")
     power = np.sum(y * y)
     rho = np.array([np.sum(y[:-k] * y[k:]) / power for k in range(1, lags + 1)])
-    effective = n * m - m * np.arange(1, lags + 1)  # products in each sum
+    effective = n * m - m * np.arange(1, lags + 1)  # number of products in each sum
     bound = float(special.ndtri((1 + probability) / 2) / np.sqrt(n * m))
     statistic = float(n * m * (n * m + 2) * np.sum(rho**2 / effective))
     p = float(special.gammaincc(lags / 2, statistic / 2))
@@ -182,7 +187,7 @@ def convergence(t: Any, error: Any, sigma: Any, wanted: float) -> Convergence:
         t: times in s (n,).
         error: estimate minus truth (n,).
         sigma: the filter's own sigma (n,).
-        wanted: sigma that counts as converged.
+        wanted: sigma below which the estimate counts as converged.
     """
     t, error, sigma = (_check_finite(name, x) for name, x in (("t", t), ("error", error), ("sigma", sigma)))
     above = np.flatnonzero(sigma >= wanted)
@@ -194,10 +199,11 @@ def convergence(t: Any, error: Any, sigma: Any, wanted: float) -> Convergence:
 
 
 def effective_draws(z: Any) -> Any:
-    """Return, for each column of z (n, m), the effective number of independent Gaussian squares in its mean (m,).
+    """Return the effective number of independent squares in the mean square of each column of z (n, m), shape (m,).
 
-    The number is n over 1 + 2 sum (1 - k/n) rho_k², summed until rho is lost in its own noise. Correlations are about
-    zero, so that a lasting error is one draw. A column of zeros is one draw, too.
+    The number is n / (1 + 2 sum (1 - k/n) rho_k²) with the autocorrelation rho_k of Gaussian numbers, summed up to
+    WINDOW correlation times. The mean is not subtracted, so that a constant error counts as one draw. A column of zeros
+    also counts as one draw.
     """
     n = len(z)
     spectrum = np.fft.rfft(z, 2 * n, axis=0)
@@ -212,13 +218,13 @@ def effective_draws(z: Any) -> Any:
 
 
 def assess_average(mean: Any, draws: Any, dof: int, tail: float) -> SingleRunConsistency:
-    """Judge the average of a sum of squared normalised numbers.
+    """Judge the average of a sum of squared normalised errors or innovations.
 
     Args:
         mean: average of the sum.
         draws: effective number of draws of each square (dof,).
         dof: number of squares in the sum.
-        tail: probability of each side outside the bounds.
+        tail: probability below the lower bound, and above the upper bound, each.
     """
     N = float(np.sum(draws))
     low, high = chi_square_quantile(np.array([tail, 1 - tail]), N) / N
@@ -247,6 +253,8 @@ def _consistency(at_each: Any, dof: int, low: float, high: float) -> Consistency
 def _check_finite(name: str, values: Any, dimensions: int | None = None) -> Any:
     array = np.asarray(values, float)
     if not array.size or not np.isfinite(array).all() or (dimensions is not None and array.ndim != dimensions):
-        problem = f"{name} of shape {array.shape} has no numbers, some that are not finite, or the wrong axes"
-        raise InputError("consistency", problem, fix="leave out instants without a measurement; runs come first")
+        problem = f"{name} must have finite numbers and the right axes, got an array of shape {array.shape}"
+        raise InputError(
+            "consistency", problem, fix="leave out instants without a measurement; the first axis is that of the runs"
+        )
     return array

@@ -1,7 +1,7 @@
-"""Content of an MCAP file, which may be truncated. Damaged chunks are left out and named.
+"""Reader of the content of an MCAP file, which may be truncated. Damaged chunks are left out and reported.
 
-A cut chunk is decompressed as far as possible. After a damaged part, reading goes on at the next chunk that is
-compressed by zstd, as all chunks of trimtab's own logs are.
+A truncated chunk is decompressed as far as possible. After a damaged part, reading continues at the next chunk that
+is compressed by zstd. All chunks of trimtab's own logs are compressed by zstd.
 
 Source: MCAP format specification 0 (mcap.dev/spec), section "Records".
 """
@@ -16,19 +16,19 @@ from typing import Any, NamedTuple
 from trimtab.core.errors import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
-"""Bytes at both ends of a file."""
+"""Bytes at the start and at the end of every MCAP file."""
 FOOTER, CHANNEL, MESSAGE, CHUNK, METADATA, DATA_END = 0x02, 0x04, 0x05, 0x06, 0x0C, 0x0F
 KNOWN, PRIVATE = range(0x01, 0x10), range(0x80, 0x100)
-"""Opcodes of the format, and those that programs may use for records of their own."""
+"""Opcodes of records of the MCAP format, and opcodes that programs may use for private records."""
 RECORD, MESSAGE_HEAD, CHUNK_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ"), struct.Struct("<QQQI")
 ZSTD = b"\x04\x00\x00\x00zstd"
-"""Bytes of a chunk that follow its head."""
+"""Bytes that follow the head of a chunk compressed by zstd."""
 LARGEST_CHUNK = 1 << 28
 """Largest accepted size of a decompressed chunk, so that a small file cannot fill the memory."""
 
 
 class Damage(NamedTuple):
-    """Damaged part of a file. after: time (ns) of the last message before it; None: it is before all messages."""
+    """Damaged part of a file. why: reason.  after: time (ns) of the last message before it, or None."""
 
     why: str
     after: int | None
@@ -36,7 +36,11 @@ class Damage(NamedTuple):
 
 @dataclasses.dataclass
 class Contents:
-    """Metadata records by name, times (ns) and texts of messages by topic. is_truncated: True without an end."""
+    """Content of an MCAP file.
+
+    is_truncated: True if the file has no end.  metadata: name -> metadata record.  times, texts: topic -> times (ns)
+    and contents of its messages.  damages: damaged parts of the file.
+    """
 
     is_truncated: bool
     metadata: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
@@ -46,16 +50,16 @@ class Contents:
 
 
 class _DamagedFileError(Exception):
-    """The file contains bytes that no writer produces."""
+    """Error for a file with bytes that no writer produces."""
 
 
 def parse_contents(path: Any, data: bytes) -> Contents:
-    """Parse a file that begins as MCAP; raise InputError if it is damaged outside of its chunks, not merely cut."""
+    """Parse the bytes of an MCAP file, which may be truncated; raise InputError if it is damaged outside its chunks."""
     contents = Contents(is_truncated=len(data) < 2 * len(MAGIC) or not data.endswith(MAGIC))
     reader = _ContentsReader(contents)
     try:
         reader.read(data)
-    except Exception as error:  # a cut file may end anywhere; decoders raise any type
+    except Exception as error:  # a truncated file may end anywhere; decoders raise errors of any type
         if not contents.is_truncated:
             problem = f"is damaged: {error or type(error).__name__}"
             raise InputError(f"log file '{path}'", problem, fix="make or copy the file again") from None
@@ -64,7 +68,7 @@ def parse_contents(path: Any, data: bytes) -> Contents:
 
 
 class _ContentsReader:
-    """Reader of one file. Messages are kept by channel: the names of channels may follow at the end of the file."""
+    """Reader of one MCAP file. Messages are stored by channel, as the topics of channels may follow at the end."""
 
     def __init__(self, contents: Contents) -> None:
         self._contents = contents
@@ -73,7 +77,7 @@ class _ContentsReader:
         self._newest: int | None = None
 
     def read(self, data: bytes) -> None:
-        """Read all records. After a damaged part, go on at the next chunk."""
+        """Read all records of the file. After a damaged part, continue at the next chunk."""
         at = len(MAGIC)
         while at + RECORD.size <= len(data):
             opcode, length = RECORD.unpack_from(data, at)
@@ -88,7 +92,7 @@ class _ContentsReader:
             elif opcode == CHUNK and not is_cut:
                 try:
                     inner = _decompress_chunk(data[start:stop])
-                except Exception as error:  # decoders raise any type
+                except Exception as error:  # decoders raise errors of any type
                     at = self._skip_damage(data, at, f"a chunk is damaged: {error or type(error).__name__}", stop)
                 else:
                     self._add_inner(inner)
@@ -103,7 +107,7 @@ class _ContentsReader:
                 at = stop
 
     def sort_by_topic(self) -> None:
-        """Give the messages to the contents, by the topics of their channels."""
+        """Store the messages of each channel under the channel's topic."""
         contents = self._contents
         for topic in self._topics.values():
             contents.times.setdefault(topic, [])
@@ -114,7 +118,7 @@ class _ContentsReader:
                 contents.texts[self._topics[channel]] += texts
 
     def _skip_damage(self, data: bytes, at: int, why: str, stop: int) -> int:
-        """Note a damaged part. Return the place of the next chunk, or `stop`."""
+        """Record a damaged part. Return the position of the next chunk, or `stop` if none follows."""
         self._contents.damages.append(Damage(why, self._newest))
         found = data.find(ZSTD, at + RECORD.size + CHUNK_HEAD.size + 1)
         while found >= 0:
@@ -126,7 +130,7 @@ class _ContentsReader:
         return max(stop, at + 1)
 
     def _add_inner(self, inner: bytes) -> None:
-        """Add the records of a chunk."""
+        """Add the records of a decompressed chunk."""
         for opcode, start, stop in _records(inner):
             if opcode not in KNOWN and opcode not in PRIVATE:
                 return
@@ -157,7 +161,7 @@ class _ContentsReader:
 
 
 def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, start and stop of each record's content; the last may stop beyond the end."""
+    """Yield opcode, start and stop of the content of each record. The last stop may lie beyond the end of the data."""
     at = 0
     while at + RECORD.size <= len(data):
         opcode, length = RECORD.unpack_from(data, at)
@@ -169,11 +173,11 @@ def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
 def _verify_check_sum(data: bytes, start: int) -> None:
     (wanted,) = struct.unpack_from("<I", data, start)
     if wanted and wanted != zlib.crc32(memoryview(data)[: start - RECORD.size]):
-        raise _DamagedFileError("the check sum of the chunk is wrong")
+        raise _DamagedFileError("the check sum of the data section is wrong")
 
 
 def _decompress_chunk(content: bytes) -> bytes:
-    """Return the records in a chunk."""
+    """Return the decompressed records of a chunk; raise an error if its check sum is wrong."""
     from mcap.data_stream import ReadDataStream
     from mcap.records import Chunk
     from mcap.stream_reader import get_chunk_data_stream

@@ -1,11 +1,11 @@
-"""Columns of the CSV files of other loggers, with the units in their headings and the units of their times.
+"""Reader of CSV files of other loggers: columns of numbers, units in the headings, and the unit of the times.
 
     # a comment
     timestamp [us],gyro[0] [rad/s],gyro[1] [rad/s],mode
     1000000,0.011,-0.003,AUTO
 
-The first line that is not a comment holds the names. If that line holds numbers, the last comment before it holds the
-names. A number in brackets is an index and part of the name; other text in brackets is a unit.
+The first line that is not a comment contains the names. If it contains numbers, the last comment before it contains
+the names. A number in brackets is an index and part of the name; other text in brackets is a unit.
 """
 
 import csv
@@ -33,23 +33,23 @@ _UNITS = {
     "nsec": "ns",
     "nanos": "ns",
 }
-"""Units of time as they end a column's name -> unit."""
+"""Ending of a column's name that gives a unit of time, e.g. "us" -> the unit."""
 _SUFFIXES = "|".join(_UNITS)
 _TIME = re.compile(
     rf"(?i:t|time|timestamp|stamp)(?i:_boot|_sample|_unix|_utc)?(?:_(?i:({_SUFFIXES}))|(S|MS|US|NS))?"
     rf"|(?i:(seconds|millis|micros|nanos))"
 )
 ROS_TIME = "%time"
-"""Column of times, in ns, of `rostopic echo -p`."""
+"""Name of the column of times (ns) in the output of `rostopic echo -p`."""
 SHOWN = 24
-"""Maximum number of characters of a cell in an error."""
+"""Maximum number of characters of a cell that an error shows."""
 
 
 class CsvColumn(NamedTuple):
-    """Column of a file.
+    """Column of a CSV file.
 
-    name: without the unit.  unit: from the heading, or empty.  values: numbers (n,); text if there is a problem.
-    problem: line and cell that is not a number, or empty.
+    name: name without the unit.  unit: unit from the heading, or empty.  values: numbers (n,), or texts if there is a
+    problem.  problem: line and cell that is not a number, or empty.
     """
 
     name: str
@@ -59,18 +59,18 @@ class CsvColumn(NamedTuple):
 
 
 class CsvTable(NamedTuple):
-    """Columns of a file in their order. lines: number of each row's line (n,)."""
+    """Columns of a CSV file, in the file's order. lines: line number of each row (n,)."""
 
     columns: Sequence[CsvColumn]
     lines: Sequence[int]
 
     def column(self, name: str) -> CsvColumn:
-        """Return the first column of that name."""
+        """Return the first column with this name."""
         return next(column for column in self.columns if column.name == name)
 
 
 def time_unit(name: str) -> str | None:
-    """Return the unit in the name of a column of times: "" if the name has none; None for another column."""
+    """Return the unit in the name of a column of times, "" without a unit; None if the column is not one of times."""
     if name.lower() == ROS_TIME:
         return "ns"
     match = _TIME.fullmatch(name)
@@ -80,17 +80,17 @@ def time_unit(name: str) -> str | None:
 
 
 def split_heading(heading: str) -> tuple[str, str]:
-    """Return name and unit of a heading, e.g. "gyro[0]" and "rad/s" of "gyro[0] [rad/s]"."""
+    """Split a heading into name and unit, e.g. "gyro[0] [rad/s]" into "gyro[0]" and "rad/s"."""
     match = re.search(r"\s*[\[(](?!\s*\d+\s*[\])])(.*)[\])]", heading)
     return (heading[: match.start()], match[1].strip()) if match else (heading, "")
 
 
 def read_table(path: str | os.PathLike[str], *, gaps: bool = False) -> CsvTable:
-    """Read the columns of a CSV file; a column with text in it has a problem instead of numbers.
+    """Read the columns of a CSV file. A column that contains text has a `problem` and no numbers.
 
     Args:
-        path: the file.
-        gaps: True to read empty and non-finite cells as NaN; False to count them as a problem.
+        path: path of the file.
+        gaps: True to read empty and non-finite cells as NaN; False to report them as a problem of the column.
 
     Raises:
         InputError: a file that can't be read, without rows, or with rows of different lengths.
@@ -117,7 +117,7 @@ def read_table(path: str | os.PathLike[str], *, gaps: bool = False) -> CsvTable:
 
 
 def _read_cells(where: str, path: str | os.PathLike[str]) -> tuple[list[str], list[list[str]], list[int]]:
-    """Return the names, the cells of each row, and the number of each row's line."""
+    """Return the names of the columns, the cells of each row, and the line number of each row."""
     try:
         text = read_user_text(path, "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:

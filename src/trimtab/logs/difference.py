@@ -1,7 +1,7 @@
 """Comparison of two logs: first difference, and largest difference of each signal.
 
-Common instants are compared exactly; NaN equals NaN. Use it for two flights, which may differ in anything.
-`run.replay.compare_logs` checks if two backends computed the same flight, within rounding.
+Values at common instants are compared exactly; NaN equals NaN. The two logs may come from different flights.
+`run.replay.compare_logs` instead checks if two backends computed the same flight, within rounding.
 """
 
 from typing import Any, NamedTuple
@@ -13,7 +13,10 @@ from trimtab.logs.log import Log
 
 
 class SignalDifference(NamedTuple):
-    """Difference of one signal. first_s, one, other: first time, and both values there.  largest: difference."""
+    """Difference of one signal between two logs.
+
+    first_s: time (s) of the first difference.  one, other: values at this time.  largest: largest difference.
+    """
 
     path: str
     first_s: float
@@ -23,9 +26,10 @@ class SignalDifference(NamedTuple):
 
 
 class LogDifference(NamedTuple):
-    """Differences of two logs. instants, compared: numbers of common instants, signals.  signals: differing, in time.
+    """Differences of two logs.
 
-    only_one, only_other: paths that the other log lacks.
+    instants, compared: numbers of common instants and of common signals.  signals: signals that differ, the earliest
+    first.  only_one, only_other: paths of signals that only the first or only the second log has.
     """
 
     instants: int

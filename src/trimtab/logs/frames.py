@@ -1,10 +1,10 @@
-"""Poses of a vehicle, as messages that Foxglove and Lichtblick show on a map and in a 3-D scene.
+"""Poses of a vehicle as messages that Foxglove and Lichtblick show on a map and in a 3-D scene.
 
     /tf        foxglove.FrameTransform   the vehicle's frame in W (north, east, down), and W in "map" (east, north, up)
     /scene     foxglove.SceneUpdate      a box and an arrow fixed in the vehicle's frame, once
-    /location  foxglove.LocationFix      the place on the globe, if W's place is known
+    /location  foxglove.LocationFix      latitude, longitude and height, if the origin of W on the earth is known
 
-Poses come with the rows of a log and are thinned to 20 transforms and 5 places a second.
+Poses are taken from the rows of a log and reduced to 20 transforms and 5 locations per second.
 Source: Foxglove's message schemas (docs.foxglove.dev), and JSON Schema 2020-12.
 """
 
@@ -19,16 +19,16 @@ from trimtab.core.time import ms
 from trimtab.logs.messages import NS_PER_SECOND, NS_PER_TICK, Topic
 
 POSE_COLUMNS = 9
-"""Columns of a pose: position in W (m), roll, pitch, yaw (rad), latitude, longitude (rad), height (m); NaN: unknown."""
+"""Number of columns of a pose: position in W (m), roll, pitch, yaw, latitude, longitude (rad), height (m) or NaN."""
 TRANSFORM_PERIOD, PLACE_PERIOD = ms(50), ms(200)
 MAP, WORLD = "map", "world"
 HALF = math.sqrt(0.5)
 NED_IN_ENU = (0.0, HALF, HALF, 0.0)
-"""Quaternion w, x, y, z that rotates north, east, down to east, north, up."""
+"""Quaternion w, x, y, z that rotates the axes north, east, down to east, north, up."""
 NO_TURN = (1.0, 0.0, 0.0, 0.0)
 BODY_COLOR, NOSE_COLOR = (0.2, 0.5, 0.9, 1.0), (0.9, 0.3, 0.1, 1.0)
 BODY_SIZE, NOSE_LENGTH = (0.6, 0.35, 0.15), 0.5
-"""Size of the vehicle's mark (m), chosen for visibility, not the vehicle's own size."""
+"""Size (m) of the box and length of the arrow that show the vehicle, chosen for visibility."""
 
 
 def _numbers(*names: str) -> dict[str, Any]:
@@ -89,17 +89,17 @@ PLACE_SCHEMA = _object(
     "foxglove.LocationFix",
 )
 TRANSFORMS, SCENE, PLACES = range(3)
-"""Indices of the topics in the list of topics."""
+"""Indices of the topics in the result of `frame_topics`."""
 
 
 def frame_topics() -> list[Topic]:
-    """Return the topics, in order."""
+    """Return the topics of the messages, in the order of TRANSFORMS, SCENE, PLACES."""
     named = {"/tf": TRANSFORM_SCHEMA, "/scene": SCENE_SCHEMA, "/location": PLACE_SCHEMA}
     return [Topic(name, {}, schema["title"], json.dumps(schema).encode()) for name, schema in named.items()]
 
 
 class FrameMessage(NamedTuple):
-    """Message. topic: index of its topic.  time: ns."""
+    """Message about a pose. topic: index of its topic.  time: time in ns.  text: JSON content."""
 
     topic: int
     time: int
@@ -107,7 +107,7 @@ class FrameMessage(NamedTuple):
 
 
 class FrameWriter:
-    """Converter of the poses in a log's rows to messages."""
+    """Converter of the poses in the rows of a log to messages."""
 
     def __init__(self, child: str) -> None:
         """Create a converter. child: name of the vehicle's frame."""
@@ -116,11 +116,11 @@ class FrameWriter:
         self._has_scene = False
 
     def begin_file(self) -> None:
-        """Repeat the fixed messages at the start of another file."""
+        """Prepare for another file, at whose start the fixed messages are repeated."""
         self._has_scene = False
 
     def messages(self, ticks: Any, poses: Any, epoch: int) -> list[FrameMessage]:
-        """Return messages for rows at integer times (n,), poses (n, POSE_COLUMNS); epoch: time of day at zero (ns)."""
+        """Return messages of rows: times (n,) in 100 ns, poses (n, POSE_COLUMNS). epoch: time of day at zero (ns)."""
         messages = list[FrameMessage]()
         for t, pose in zip(ticks.tolist(), poses.tolist(), strict=True):
             if t - self._transform_time < TRANSFORM_PERIOD or not all(map(math.isfinite, pose[:6])):
@@ -151,7 +151,7 @@ def quaternion(attitude: Any) -> tuple[float, float, float, float]:
 
 
 def roll_pitch_yaw(q: Any) -> tuple[float, float, float]:
-    """Return the angles (3-2-1) of a quaternion w, x, y, z of any length; NaN without a length."""
+    """Return roll, pitch, yaw (3-2-1) of a quaternion w, x, y, z of any length; NaN for a quaternion of zeros."""
     w, x, y, z = q
     n = w * w + x * x + y * y + z * z
     if not n > 0:
@@ -165,7 +165,7 @@ def roll_pitch_yaw(q: Any) -> tuple[float, float, float]:
 
 
 def no_pose() -> Any:
-    """Return a pose with all values unknown."""
+    """Return a pose whose values are all unknown (NaN)."""
     return np.full(POSE_COLUMNS, np.nan)
 
 

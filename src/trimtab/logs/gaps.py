@@ -1,4 +1,4 @@
-"""Rows of a log from the messages of its topics, joined by time, and words about the instants that are missing."""
+"""Rows of a log, joined by time from the messages of its topics, and descriptions of the missing instants."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -12,9 +12,9 @@ SECONDS_PER_NS = 1e-9
 
 
 class JoinedRows(NamedTuple):
-    """Rows of a log. times: of the rows (n,), ns.  places: topic -> index of each row's message (n,).
+    """Rows of a log. times: times of the rows (n,) in ns.  places: topic -> index of the message of each row (n,).
 
-    missing: times (ns) before the last row at which some topic has no message.
+    missing: times (ns) before the last row at which at least one topic has no message.
     """
 
     times: Any
@@ -23,7 +23,7 @@ class JoinedRows(NamedTuple):
 
 
 def join_by_time(times: Mapping[str, Sequence[int]]) -> JoinedRows:
-    """Join the messages of all topics that have the same time, in the order of time.
+    """Join the messages of all topics with equal times to rows, in the order of time.
 
     times: topic -> time (ns) of each message.
     """
@@ -44,14 +44,14 @@ def join_by_time(times: Mapping[str, Sequence[int]]) -> JoinedRows:
 
 
 def describe_gaps(damages: Sequence[Damage], joined: JoinedRows, epoch: int) -> list[dict[str, Any]]:
-    """Return a dictionary for each damaged part of a file, and one for instants that lack a message.
+    """Return a dictionary for each damaged part of a file, and one for the instants that lack a message.
 
-    Its keys: "after_s", time of the last instant before the gap, or None; "text", a line for the user.
+    Keys of a dictionary: "after_s", time (s) of the last instant before the gap, or None; "text", a line for the user.
 
     Args:
         damages: damaged parts of the file.
         joined: rows of the log.
-        epoch: time zero of the log (ns).
+        epoch: time of day at time zero of the log (ns).
     """
 
     def seconds(time: int) -> float:

@@ -1,6 +1,6 @@
-"""MCAP file that grows chunk by chunk: each chunk is written completely, or the file stays as it was.
+"""MCAP file that grows by chunks: each chunk is written completely, or the file remains unchanged.
 
-A chunk that was not written, for lack of space, leaves no trace, so that a file with a gap is still valid.
+A chunk that does not fit on the disk leaves no trace, so a file with such a gap is still valid.
 
 Source: MCAP format specification 0 (mcap.dev/spec).
 """
@@ -20,19 +20,19 @@ from trimtab.logs.messages import Topic
 MESSAGE_INDEX = 0x07
 MESSAGE_RECORD = struct.Struct("<BQHIQQ")
 LEVEL = 1
-"""Compression level of zstd: a third of the time of its default level, and hardly larger for numbers."""
+"""Compression level of zstd: takes a third of the default level's time, and files of numbers are hardly larger."""
 
 Message = tuple[int, int, int, bytes]
-"""Channel, sequence number, time (ns), text."""
+"""Message of a log's file: channel, sequence number, time (ns), text."""
 
 
 class GrowingFile:
-    """File of a log while it is written.
+    """MCAP file of a log while the log is being written.
 
     Args:
         file: descriptor of an empty file, open for writing.
-        metadata: records by name, written first and uncompressed, so that a text search finds them.
-        topics: topics of the messages; the channel of the k-th is k + 1.
+        metadata: name -> metadata record. They are written first and uncompressed, so that a text search finds them.
+        topics: topics of the messages. Channel k + 1 belongs to topic k.
     """
 
     def __init__(self, file: int, metadata: dict[str, dict[str, str]], topics: Sequence[Topic]) -> None:
@@ -99,7 +99,7 @@ class GrowingFile:
             self._counts[channel] = self._counts.get(channel, 0) + 1
 
     def finish(self) -> None:
-        """Write the summary and the end; raise OSError if the disk is full."""
+        """Write the summary and the end of the file; raise OSError if the disk is full."""
         from mcap import records
         from mcap.opcode import Opcode
 
@@ -136,11 +136,11 @@ class GrowingFile:
         self._append(end + text + footer + MAGIC)
 
     def close(self) -> None:
-        """Close the descriptor."""
+        """Close the file descriptor."""
         os.close(self._file)
 
     def _append(self, data: bytes) -> None:
-        """Write bytes to the disk, all of them or none."""
+        """Append bytes to the file, either all of them or none."""
         try:
             rest = memoryview(data)
             while rest:
@@ -169,8 +169,9 @@ def _encode_record(items: Sequence[Any]) -> bytes:
 
 
 def _message_indices(messages: Sequence[Message], parts: list[bytes], at: int) -> tuple[list[bytes], dict[int, int]]:
-    """Return the index of each channel in a chunk, and its future position in the file; at: position of the first
-    index.
+    """Return the message index of each channel in a chunk, and channel -> position of its index in the file.
+
+    at: position of the first index in the file.
     """
     channels = np.array([m[0] for m in messages])
     starts = np.cumsum([0, *map(len, parts[:-1])])

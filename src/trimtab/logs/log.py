@@ -1,4 +1,4 @@
-"""Log of a run as arrays over time: every signal under its dotted path, with its unit and meaning."""
+"""Log of a run as arrays over time. Every signal has a dotted path, a unit and a meaning."""
 
 import dataclasses
 import json
@@ -25,11 +25,11 @@ T = TypeVar("T")
 
 
 class LazyMapping(Mapping[str, T], Generic[T]):
-    """Read-only mapping that computes its values when they are first read, and keeps them.
+    """Read-only mapping that computes each value when it is first read, and then stores it.
 
     Args:
-        names: the keys, in order.
-        make: function from a name to its value; released when all values are made.
+        names: keys in their order.
+        make: function that computes the value of a key; released when all values are computed.
     """
 
     def __init__(self, names: Mapping[str, Any], make: Callable[[str], T]) -> None:
@@ -63,16 +63,16 @@ class LazyMapping(Mapping[str, T], Generic[T]):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Log:
-    """Log of a run as arrays over time; immutable: it holds read-only copies.
+    """Log of a run as arrays over time. It is immutable and contains read-only copies of the arrays.
 
     A path consists of block and field, e.g. ``truth.heading`` or ``sensors.navigation.value.yaw_rate``.
 
     Args:
         t: instants in seconds, shape (n,).
-        ticks: the same instants in integer units of 100 ns, int64 (n,), strictly rising, from 0 on. They are
-            authoritative: t is kept as exactly ``core.time.to_seconds(ticks)``.
-        signals: path -> array (n,) or (n, k), boolean, integer or float, kept in its own type.
-        declarations: path -> declared quantity: unit, meaning, frame, kind, names of the modes.
+        ticks: the same instants in integer units of 100 ns, int64 (n,), strictly rising, from 0 on. They
+            determine t, which is exactly ``core.time.to_seconds(ticks)``.
+        signals: path -> array (n,) or (n, k) of booleans, integers or floats. The type of each array is preserved.
+        declarations: path -> declared quantity, with unit, meaning, frame, kind and names of the modes.
         metadata: JSON-compatible values: version, scenario, seed, run, backend, duration_s, parameters, ...
         final: path -> value at the end of the run, after the last step, for signals that end one step earlier.
     """
@@ -160,7 +160,7 @@ class Log:
     def __getitem__(self, path: str) -> np.ndarray:
         """Return the signal at a path: a read-only array (n,) or (n, k); "truth.velocity[2]" is one element, (n,)."""
         if not isinstance(path, str):  # pyright: ignore[reportUnnecessaryIsInstance]
-            fix = f'write log["{self.paths[0]}"][:10]; a part of the time is log.between(t0, t1)'
+            fix = f'write log["{self.paths[0]}"][:10]; for an interval of time, log.between(t0, t1)'
             raise InputError("log", f"a signal is read by its path, got {path!r}", fix=fix)
         if path not in self.signals:
             component = self._component(path)
@@ -176,11 +176,11 @@ class Log:
         return self.signals[path]
 
     def declaration(self, path: str) -> Quantity | None:
-        """Return the declared quantity of a signal, or of one element of it; None without a declaration."""
+        """Return the declared quantity of a signal or of one of its elements; None without a declaration."""
         return self.declarations.get(split_component(path)[0] if path not in self.declarations else path)
 
     def unit(self, path: str) -> str:
-        """Return the declared unit of a signal: "1" without a unit, "" without a declaration."""
+        """Return the declared unit of a signal: "1" if it is dimensionless, "" without a declaration."""
         self[path]
         declared = self.declaration(path)
         return "" if declared is None else declared.unit
@@ -190,7 +190,7 @@ class Log:
         return component_paths(path, self[path].shape[1:])
 
     def between(self, t0: float, t1: float) -> "Log":
-        """Return the instants t0 <= t < t1 (seconds, rounded to ticks); metadata and final stay those of the run."""
+        """Return the log at t0 <= t < t1 (s, rounded to ticks), with metadata and final values of the whole run."""
         low, high = (float(np.clip(t, -1e11, 1e11)) for t in (t0, t1))
         first, last = (int(np.searchsorted(self.ticks, round(t * UNITS_PER_SECOND))) for t in (low, high))
         window = slice(first, max(first, last))
@@ -198,7 +198,7 @@ class Log:
         return dataclasses.replace(self, t=self.t[window], ticks=self.ticks[window], signals=signals)
 
     def to_xarray(self) -> Any:
-        """Return an ``xarray.Dataset`` over the coordinate ``time`` (s): units, long_name, flag meanings as in CF."""
+        """Return an ``xarray.Dataset`` over ``time`` (s), with units, long_name, flag_meanings (CF convention)."""
         try:
             import xarray
         except ImportError:
@@ -213,7 +213,7 @@ class Log:
         return xarray.Dataset(variables, coords={"time": time}, attrs=attributes)
 
     def to_dataframe(self) -> Any:
-        """Return a ``pandas.DataFrame`` over time (s): a column for each number, e.g. "truth.velocity[2]"."""
+        """Return a ``pandas.DataFrame`` over time (s) with a column for each number, e.g. "truth.velocity[2]"."""
         try:
             import pandas
         except ImportError:
@@ -257,7 +257,7 @@ class Log:
         lines += [f"  {p}" + (f" [{self.unit(p)}]" if self.unit(p) not in ("", "1") else "") for p in self.paths[:6]]
         if count > 6:
             lines.append(f"  ... {count - 6} more in log.paths")
-        lines.append(f'Read one: log["{self.paths[0]}"]; in seconds: log.t; a part: log.between(t0, t1)')
+        lines.append(f'Read a signal: log["{self.paths[0]}"]; its times in s: log.t; an interval: log.between(t0, t1)')
         return "\n".join(lines)
 
 
@@ -277,7 +277,7 @@ OTHER_SPELLINGS = {
     "states": 'log["truth.NAME"]',
     "shape": "len(log), len(log.paths)",
 }
-"""Attribute that users of other libraries expect of a log -> the expression to write instead."""
+"""Attribute that users of other libraries expect a log to have -> expression to write instead."""
 
 
 def _other_spelling(log: Log, name: str) -> str:
@@ -299,7 +299,7 @@ def _other_spelling(log: Log, name: str) -> str:
 
 
 def check_log(log: Any, call: str) -> None:
-    """Raise InputError for a value that is not a log. call: the call to suggest, with {} in place of the log."""
+    """Raise InputError for a value that is not a log. call: call to suggest, with {} in place of the log."""
     if not isinstance(log, Log):
         source = "read_log({!r})" if str(log).endswith(".mcap") else "simulate({!r})"
         own = source.format(log) if isinstance(log, str) else 'read_log("run.mcap")'
@@ -307,7 +307,7 @@ def check_log(log: Any, call: str) -> None:
 
 
 def provenance() -> dict[str, str]:
-    """Return the version, and the class of machine with bit-equal compiled code: processor and system."""
+    """Return version and machine (processor, operating system). Equal machines run bit-equal compiled code."""
     return {"version": __version__, "machine": f"{platform.machine()} {platform.system()}"}
 
 
@@ -316,7 +316,7 @@ def to_plain(part: str, value: Any) -> Any:
     if isinstance(value, Mapping):
         return {_check_key(part, k): to_plain(f"{part}.{k}", v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        if set(map(type, value)) <= PLAIN:  # a long table of numbers
+        if set(map(type, value)) <= PLAIN:  # quick path for a long table of numbers
             return list(value)
         return [to_plain(f"{part}[{i}]", v) for i, v in enumerate(value)]
     if value is None or (isinstance(value, str | bool | int | float) and not isinstance(value, np.generic)):
@@ -345,7 +345,7 @@ def _freeze(array: np.ndarray) -> np.ndarray:
 def _check_ticks(ticks: Any) -> np.ndarray:
     values = np.asarray(ticks)
     if values.ndim != 1 or values.dtype.kind not in "iu":
-        problem = f"got ticks of shape {values.shape} and type {values.dtype}"
+        problem = f"ticks must be integers of shape (n,), got shape {values.shape} and type {values.dtype}"
         raise InputError("log", problem, fix="pass whole numbers of 100 ns, int64, shape (n,)")
     array = _freeze(values.astype(np.int64))
     if len(array) and (array[0] < 0 or (np.diff(array) <= 0).any()):

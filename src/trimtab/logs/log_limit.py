@@ -1,9 +1,9 @@
 """Limit of a log's size on the disk, and the behaviour at the limit.
 
-A log that may "roll" continues in numbered files, vehicle.mcap, vehicle-2.mcap, …, each a complete log, and the oldest
-are deleted when the total is too large; it keeps the end of a flight. A log that may not roll stops at the limit: its
-rows are counted as unwritten, and the flight goes on; it keeps the start of a flight, from which it can be replayed.
-Source: docs page, Stream.
+A log that rolls continues in numbered files, vehicle.mcap, vehicle-2.mcap, …, each a complete log. The oldest files are
+deleted when all files together are too large, so the end of a flight is kept. A log that does not roll stops at the
+limit. Later rows are counted as unwritten, and the flight continues. The start of the flight is kept, from which it can
+be replayed. Source: docs page, Stream.
 """
 
 import re
@@ -20,19 +20,19 @@ DEFAULT_LIMIT = 2 * UNITS["GB"]
 
 
 class LogLimit(NamedTuple):
-    """Limit of a log. size: bytes of all its files.  rolls: True to delete the oldest files and continue."""
+    """Limit of a log's size. size: bytes of all its files.  rolls: True to delete the oldest files and continue."""
 
     size: int
     rolls: bool
 
     @property
     def file_size(self) -> int:
-        """Size of a full file in bytes."""
+        """Size (bytes) at which a file of the log is full."""
         return self.size // FILES if self.rolls else self.size
 
 
 def parse_size(text: str) -> int:
-    """Read a size in bytes from e.g. "500 MB"; raise InputError if it is invalid or too small for a log."""
+    """Parse a size, e.g. "500 MB", and return bytes; raise InputError if it is invalid or too small for a log."""
     found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([kMGT]B)\s*", text)
     size = round(float(found[1]) * UNITS[found[2]]) if found else 0
     if size < SMALLEST:
@@ -53,7 +53,7 @@ def round_size(size: float) -> str:
 
 
 def numbered_file(first: Path, number: int) -> Path:
-    """Return the path of the n-th file of a log; n starts at 1."""
+    """Return the path of a log's file by its number, which starts at 1."""
     return first if number == 1 else first.with_name(f"{first.stem}-{number}{first.suffix}")
 
 

@@ -1,7 +1,7 @@
 """Logs as MCAP files, which Foxglove and the mcap command line tool open directly.
 
-One topic for each block, JSON messages, schemas from the declared quantities. Only this module reads and writes
-finished files; such a file is written atomically. `logs.stream` writes logs during a flight.
+Each block of the loop has a topic with JSON messages. The schemas are made from the declared quantities. This module
+reads and writes finished files, and writes each file atomically. `logs.stream` writes logs during a flight.
 
 Source: MCAP format specification 0 (mcap.dev/spec), well-known encodings "json" and "jsonschema".
 """
@@ -45,17 +45,17 @@ from trimtab.logs.messages import (
 )
 from trimtab.logs.spatial import spatial_poses
 
-if TYPE_CHECKING:  # the library is imported only to read or write a file, not to draw
+if TYPE_CHECKING:  # the library is imported only where a file is read or written
     from mcap.writer import Writer
 
 CHUNK_BYTES = 64 * 1024
-"""Size of a chunk before compression; a truncated file may lose the chunk at the cut."""
+"""Size (bytes) of a chunk before compression. A truncated file may lose its last chunk."""
 VEHICLE = "vehicle"
-"""Name of the frame of a vehicle whose poses are in a log."""
+"""Name of the frame of the vehicle, for the poses in a log."""
 BLOCK_ROWS = 4096
 """Number of rows that are converted to text at a time."""
 SAMPLE_ROWS, SAMPLES = 250, 4
-"""Number of consecutive rows in a sample, and number of samples, for an estimate of a log's size."""
+"""Numbers of consecutive rows in a sample, and of samples, from which the size of a log's file is estimated."""
 
 
 @explain_call()
@@ -67,7 +67,7 @@ def write_mcap(log: Log, path: str | os.PathLike[str]) -> Path:
     >>> write_log(simulate("hovercraft/spin", duration="100 ms"), f"{tempfile.mkdtemp()}/run.mcap").name
     'run.mcap'
 
-    For a vehicle in space it also writes poses, for maps and 3-D scenes: `logs.frames`.
+    For a vehicle in space, poses for maps and 3-D scenes are written too, see `logs.frames`.
     """
     with replace_file(path) as stream:
         _write_blocks(log, stream, [slice(first, first + BLOCK_ROWS) for first in range(0, len(log), BLOCK_ROWS)])
@@ -77,7 +77,7 @@ def write_mcap(log: Log, path: str | os.PathLike[str]) -> Path:
 def estimate_size(log: Log) -> int:
     """Estimate the size in bytes of a log's file from a few of its rows, before it is written.
 
-    The rows come from all parts of the flight, because rows at rest are compressed more than rows in motion.
+    The rows are taken from all parts of the flight, because rows at rest compress better than rows in motion.
     """
     few = min(SAMPLE_ROWS, len(log))
     starts = np.linspace(0, len(log) - few, SAMPLES).astype(int).tolist()
@@ -89,7 +89,7 @@ def estimate_size(log: Log) -> int:
 
 
 def _write_blocks(log: Log, stream: IO[bytes], blocks: Iterable[slice]) -> None:
-    """Write a file with these rows of a log."""
+    """Write the given blocks of rows of a log as a file to a stream."""
     from mcap.writer import CompressionType, Writer
 
     writer = Writer(stream, CHUNK_BYTES, CompressionType.ZSTD, enable_data_crcs=True)
@@ -121,9 +121,9 @@ def read_mcap(path: str | os.PathLike[str]) -> Log:
     >>> read_log(write_log(log, f"{tempfile.mkdtemp()}/run.mcap")).paths == log.paths
     True
 
-    A truncated file (full disk, interrupted copy) gives the instants before the cut, with ``metadata["truncated"]``
-    True; `final` is still that of the whole run. Rows are joined by time: an instant that lacks a message, or whose
-    chunk is damaged, is left out, and ``metadata["gaps"]`` says which instants are missing and why.
+    From a truncated file (full disk, interrupted copy) the instants before the cut are read, and
+    ``metadata["truncated"]`` is True; `final` is still that of the whole run. Rows are joined by time. An instant that
+    lacks a message, or whose chunk is damaged, is left out, and ``metadata["gaps"]`` describes the missing instants.
     """
     contents = parse_contents(path, _read_bytes(Path(path)))
     if LAYOUT not in contents.metadata or RUN not in contents.metadata:
@@ -136,14 +136,14 @@ def read_mcap(path: str | os.PathLike[str]) -> Log:
         raise InputError(f"log file '{path}'", problem, fix="read the file with the version of trimtab that wrote it")
     try:
         return _build_log(contents)
-    except Exception as error:  # foreign tools may change anything; the answer names the file
+    except Exception as error:  # other tools may have changed anything; the error must name the file
         problem = f"is damaged: {getattr(error, 'problem', error)}"
         raise InputError(f"log file '{path}'", problem, fix="write the log again") from None
 
 
 @contextmanager
 def replace_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
-    """Open a stream to a file that gets its name when all is written; after an error the old file is still there."""
+    """Open a stream to a new file, which replaces `path` when it is complete. After an error the old file remains."""
     target = Path(path)
     beside = target.with_name(f".{target.name}.{uuid.uuid4().hex[:8]}.part")
     try:
@@ -185,7 +185,7 @@ def _write_rows(writer: "Writer", log: Log, channels: list[tuple[int, Fields]], 
 
 
 def _missing_content(contents: Contents) -> str:
-    """Describe what is wrong with a file that lacks the metadata records of a trimtab log."""
+    """Describe the problem of a file without the metadata records of a trimtab log."""
     if not contents.is_truncated:
         return "is an MCAP file, but not a log of trimtab"
     known = {key: load_json(text) for key, text in contents.metadata.get(RUN, {}).items()}

@@ -1,11 +1,11 @@
-"""Measurements written by hand: CSV files with a unit in each heading; errors name the line and column.
+"""Reader of hand-written measurements: CSV files with a unit in each heading.
 
     speed [rpm],force [gf]
     6000,41
     8000,72
 
-Columns may stand in any order, and other columns are ignored. ``trial`` numbers repeated measurements. Errors are
-reported with line and column: text instead of a number, a wrong unit, values outside the range of the column (wrong
+Columns may be in any order, and unknown columns are ignored. The column ``trial`` numbers repeated measurements. Errors
+are reported with line and column: text instead of a number, a wrong unit, values outside the range of the column (wrong
 unit, swapped columns), and duplicate lines.
 """
 
@@ -25,20 +25,20 @@ from trimtab.core.units import UNITS, find_size
 from trimtab.core.user_file import read_user_text
 
 TRIAL = "trial"
-"""Column that numbers repeated measurements, so that equal lines are accepted."""
+"""Name of the column that numbers repeated measurements, so that otherwise equal lines are accepted."""
 
 
 NEIGHBOURS = 2
-"""Number of readings on each side with which a reading is compared, to find spikes."""
+"""Number of readings before and after a reading with which it is compared, to find spikes."""
 SPIKE = 12.0
-"""A reading is a spike if its deviation from the surrounding readings exceeds this multiple of the usual deviation."""
+"""Multiple of the usual deviation from surrounding readings above which a reading counts as a spike."""
 
 
 class MeasuredColumn(NamedTuple):
-    """Column of a procedure.
+    """Column in the file of a calibration procedure.
 
-    low, high: valid range, in its unit.  most: smallest plausible maximum of the column. usual: unit in which the
-    quantity is usually written.
+    low, high: valid range, in the column's unit.  most: smallest plausible maximum of the column.
+    needed: True if the file must have the column.  usual: unit in which the quantity is usually written.
     """
 
     name: str
@@ -51,15 +51,15 @@ class MeasuredColumn(NamedTuple):
     usual: str = ""
 
     def heading(self) -> str:
-        """Heading in a file, e.g. ``angle [deg]``."""
+        """Return the heading of the column in a file, e.g. ``angle [deg]``."""
         return f"{self.name} [{self.usual or self.unit}]"
 
 
 @dataclass(frozen=True)
 class Measurements:
-    """Rows of a file.
+    """Rows of a file of measurements.
 
-    file: its name.  lines: (n,), line of each row.  values: column -> (n,), in the column's unit.
+    file: name of the file.  lines: line number of each row (n,).  values: column -> values (n,) in the column's unit.
     """
 
     file: str
@@ -71,7 +71,7 @@ class Measurements:
         return self.values[name]
 
     def __contains__(self, name: object) -> bool:
-        """Return True if the file has that column."""
+        """Return True if the file has this column."""
         return name in self.values
 
     def __len__(self) -> int:
@@ -79,7 +79,7 @@ class Measurements:
         return len(self.lines)
 
     def select(self, chosen: Any) -> "Measurements":
-        """Return the rows of a mask or of indices."""
+        """Return the measurements in the rows that a mask or indices select."""
         return Measurements(self.file, self.lines[chosen], {n: v[chosen] for n, v in self.values.items()})
 
     def name_lines(self, chosen: Any) -> str:
@@ -88,7 +88,7 @@ class Measurements:
 
 
 def name_lines(lines: Sequence[int], most: int = 6) -> str:
-    """Format line numbers in words."""
+    """Format line numbers as text, e.g. "lines 4, 7 and 12"."""
     if len(lines) == 1:
         return f"line {lines[0]}"
     if len(lines) > most:
@@ -100,9 +100,9 @@ def read_measurements(path: str | Path, columns: Iterable[MeasuredColumn], *, se
     """Read a CSV file of measurements.
 
     Args:
-        path: the file, text in UTF-8.
-        columns: columns of the procedure; all without `needed=False` are required.
-        series: True if the first column is time, which must rise; otherwise duplicate lines are rejected.
+        path: path of the file, a text in UTF-8.
+        columns: columns of the procedure. Columns without `needed=False` are required.
+        series: True if the first column is time, which must rise. Otherwise duplicate lines are rejected.
 
     Raises: InputError with file, line and column, and the text to write.
     """
@@ -130,7 +130,7 @@ def read_measurements(path: str | Path, columns: Iterable[MeasuredColumn], *, se
 
 
 def refuse_spikes(data: Measurements, name: str) -> None:
-    """Raise InputError for a series of speeds with single readings far from their neighbours."""
+    """Raise InputError if a series of speeds has single readings far from their neighbours."""
     values = np.asarray(data[name], np.float64)
     if len(values) < 2 * NEIGHBOURS + 1:
         return
@@ -153,7 +153,7 @@ def describe_columns(columns: Iterable[MeasuredColumn]) -> str:
 
 
 def _read_rows(where: str, path: Path, columns: Sequence[MeasuredColumn]) -> list[tuple[int, list[str]]]:
-    """Return line and cells of each row, the headings first, without comments (#) and empty lines."""
+    """Return line number and cells of each row, the headings first. Comments (#) and empty lines are left out."""
     wanted = f"first line {describe_columns(columns)}, then a line of numbers for each measurement"
     try:
         text = read_user_text(path, "utf-8-sig")
@@ -183,7 +183,7 @@ def _read_rows(where: str, path: Path, columns: Sequence[MeasuredColumn]) -> lis
 def _match_headings(
     where: str, line: int, head: Sequence[str], columns: Sequence[MeasuredColumn]
 ) -> tuple[dict[str, int], dict[str, float]]:
-    """Return the index of each column, and the factor of the unit in its heading."""
+    """Return column -> index in a row, and column -> conversion factor of the unit in its heading."""
     at: dict[str, int] = {}
     factors: dict[str, float] = {}
     names = [re.split(r"\s*[\[(]", cell)[0].strip().lower().replace(" ", "_") for cell in head]
@@ -234,7 +234,7 @@ def _read_column(where: str, column: MeasuredColumn, cells: Sequence[tuple[int, 
 
 
 def _refuse_values(where: str, column: MeasuredColumn, data: Measurements) -> None:
-    """Raise InputError for values outside the column's range: another unit than the heading's, or swapped columns."""
+    """Raise InputError for values outside the column's range, e.g. from a wrong unit or swapped columns."""
     values = data[column.name]
     outside = (values < column.low) | (values > column.high)
     fits = f"{column.low:.6g} to {column.high:.6g} {column.unit}"
@@ -246,11 +246,11 @@ def _refuse_values(where: str, column: MeasuredColumn, data: Measurements) -> No
 
 
 def _refuse_small(where: str, column: MeasuredColumn, data: Measurements) -> None:
-    """Raise InputError if all values are implausibly small: another unit than the heading's."""
+    """Raise InputError if all values of a column are implausibly small, e.g. from a wrong unit in the heading."""
     values, about = data[column.name], f"column {column.name!r} ({column.meaning})"
     if float(np.max(np.abs(values))) < column.most:
         problem = f"{about}: no value is above {np.max(np.abs(values)):.3g} {column.unit}"
-        fix = f"check if the unit is really [{column.unit}] or the heading's; otherwise measure larger values"
+        fix = f"check the unit in the heading (are the values in [{column.unit}]?), or measure larger values"
         raise InputError(where, problem, fix=fix)
 
 

@@ -1,9 +1,9 @@
 """Text content of a log's file: topics and their signals, JSON Schemas, and one message for each instant.
 
-Numbers are exact: JSON texts of floats are the shortest that give the same bits, infinities are ``1e999`` and
-``-1e999`` (valid JSON, read as infinite everywhere), NaN is ``null``.
+Numbers are exact. A float is written as the shortest JSON text that is read as the same bits. Infinity is ``1e999`` or
+``-1e999``, which is valid JSON and is read as infinity. NaN is ``null``.
 
-Source: JSON Schema, draft 2020-12, as far as Foxglove reads it: one type a property, enumerations as oneOf of const.
+Source: JSON Schema, draft 2020-12, as far as Foxglove reads it: one type per property, enumerations as oneOf of const.
 """
 
 import dataclasses
@@ -17,16 +17,16 @@ from trimtab.core.quantity import Quantity
 from trimtab.logs.log import Log, to_plain
 
 Fields = dict[str, tuple[str, ...]]
-"""Map from the path of a signal to its keys in a message."""
+"""Mapping from the path of a signal to its keys in a message."""
 GROUPED = ("sensors", "downlink")
-"""Blocks with several members; each member has its own topic."""
+"""Blocks of the loop with several members, each of which has a topic."""
 NOTE = "One message an instant. In numbers null stands for NaN, 1e999 for infinity."
 RUN, LAYOUT, FORMAT = "trimtab", "trimtab.layout", "1"
-"""Names of two metadata records, and the version of the format."""
+"""Names of the metadata records of the run and of its signals, and version of the log's format."""
 CLOCK, EPOCH = "trimtab.clock", "epoch_ns"
-"""Name of the record with the time of day at time zero (ns since 1970), and name of its number."""
+"""Name of the metadata record with the time of day at time zero (ns since 1970), and key of that time."""
 EVENTS = "/events"
-"""Topic of texts with a time; Foxglove shows its schema as a log."""
+"""Topic of texts with times. Foxglove shows messages of its schema as a text log."""
 EVENT_SCHEMA = {
     "title": "foxglove.Log",
     "type": "object",
@@ -44,7 +44,7 @@ NS_PER_SECOND = 1_000_000_000
 
 
 class Topic(NamedTuple):
-    """Topic of a log's file: its fields, its schema, and the schema's JSON text."""
+    """Topic of a log's file. fields: its signals.  schema: name of its schema.  text: JSON text of the schema."""
 
     name: str
     fields: Fields
@@ -53,7 +53,7 @@ class Topic(NamedTuple):
 
 
 def group_by_topic(paths: tuple[str, ...]) -> dict[str, Fields]:
-    """Return topic -> path -> keys of the value in a message."""
+    """Return topic -> path of a signal -> keys of the signal in a message."""
     topics: dict[str, Fields] = {}
     for path in paths:
         names = path.split(".")
@@ -63,7 +63,7 @@ def group_by_topic(paths: tuple[str, ...]) -> dict[str, Fields]:
 
 
 def topic_schema(log: Log, topic: str, fields: Fields) -> dict[str, Any]:
-    """Return the JSON Schema of a topic: each property with its type, unit, meaning and, for a mode, the names."""
+    """Return the JSON Schema of a topic: each property with type, unit, meaning and, for a mode, names of the modes."""
     title = f"trimtab{topic.replace('/', '.')}"
     root: dict[str, Any] = {"title": title, "description": NOTE, "type": "object", "properties": {}}
     for path, keys in fields.items():
@@ -75,7 +75,7 @@ def topic_schema(log: Log, topic: str, fields: Fields) -> dict[str, Any]:
 
 
 def _property_schema(values: np.ndarray, declared: Quantity | None) -> dict[str, Any]:
-    """Return the schema of a property with one type, because viewers reject unions such as number or null."""
+    """Return the schema of a property with a single type, because viewers reject unions such as number or null."""
     kind = {"b": "boolean", "f": "number"}.get(values.dtype.kind, "integer")
     schema: dict[str, Any] = {"type": kind}
     if values.ndim == 2:
@@ -103,7 +103,7 @@ def log_topics(log: Log) -> list[Topic]:
 
 
 def run_record(log: Log) -> dict[str, str]:
-    """Return the metadata record of the run: each value as JSON text."""
+    """Return the metadata record of a run, in which each value is JSON text."""
     return {key: dump_json(value) for key, value in log.metadata.items()}
 
 
@@ -117,9 +117,9 @@ def layout_record(log: Log) -> dict[str, str]:
 
 
 def message_texts(log: Log, fields: Fields, rows: slice) -> list[bytes]:
-    """Return the messages of a topic, one for each instant: a template filled with the texts of the numbers.
+    """Return the messages of a topic, one for each instant. A template is filled with the texts of the numbers.
 
-    That is much faster than json.dumps, and a constant number is converted once.
+    This is much faster than json.dumps, and a constant number is converted only once.
     """
     columns: list[list[str]] = []
     template = _template(_tree(log, fields), rows, columns)
@@ -127,30 +127,30 @@ def message_texts(log: Log, fields: Fields, rows: slice) -> list[bytes]:
 
 
 def event_text(time: int, text: str) -> bytes:
-    """Return the message of an event, at a time (ns)."""
+    """Return the message of a text event at a time (ns)."""
     sec, nsec = divmod(time, NS_PER_SECOND)
     about = {"timestamp": {"sec": sec, "nsec": nsec}, "level": 2, "message": text, "name": "trimtab"}
     return json.dumps(about | {"file": "", "line": 0}, ensure_ascii=False).encode()
 
 
 def dump_json(value: Any) -> str:
-    """Return the JSON text of free-form values; a number that JSON lacks becomes {"$float": "nan"}, not None."""
+    """Return the JSON text of any plain value. A non-finite number becomes e.g. {"$float": "nan"}, not null."""
     return json.dumps(_mark_non_finite(value), allow_nan=False, ensure_ascii=False)
 
 
 def load_json(text: str) -> Any:
-    """Return the value of a text from `dump_json`."""
+    """Parse a JSON text from `dump_json`."""
     return json.loads(text, object_hook=lambda d: float(d["$float"]) if d.keys() == {"$float"} else d)
 
 
 def parse_quantity(fields: dict[str, Any]) -> Quantity:
-    """Return the declaration in a layout."""
+    """Return the declared quantity from its fields in the layout record."""
     plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()}
     return Quantity(**plain)
 
 
 def signal_values(messages: list[Any], keys: tuple[str, ...]) -> list[Any]:
-    """Return one signal from the decoded messages of its topic."""
+    """Return the values of one signal from the decoded messages of its topic."""
     for key in keys:
         messages = [message[key] for message in messages]
     return messages
@@ -165,7 +165,7 @@ def _mark_non_finite(value: Any) -> Any:
 
 
 def _tree(log: Log, fields: Fields) -> dict[str, Any]:
-    """Return the arrays of a topic, nested like its messages."""
+    """Return the arrays of a topic's signals, nested like its messages."""
     root: dict[str, Any] = {}
     for path, keys in fields.items():
         node = root
@@ -176,7 +176,7 @@ def _tree(log: Log, fields: Fields) -> dict[str, Any]:
 
 
 def _template(node: Any, rows: slice, columns: list[list[str]]) -> str:
-    """Return the JSON text of a node with %s for each number; append the numbers' texts to columns in that order."""
+    """Return the JSON text of a node with %s for each number; append the texts of the numbers to columns."""
     if isinstance(node, dict):
         inner = (json.dumps(k).replace("%", "%%") + ":" + _template(v, rows, columns) for k, v in node.items())
         return "{" + ",".join(inner) + "}"

@@ -11,12 +11,12 @@ from trimtab.core.explain_call import explain_call
 from trimtab.logs.log import Log
 
 SHORT = {name: f"truth.{name}" for name in ("surge_velocity", "sway_velocity", "yaw_rate", "heading")}
-"""Short names of common signals."""
+"""Short name of a common signal -> path of the signal."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Target:
-    """Target of a signal. `band` is absolute, in the signal's unit: |signal - value| <= band is inside.
+    """Target of a signal. The signal is on target if |signal - value| <= band; `band` is in the signal's unit.
 
     >>> from trimtab import Target
     >>> Target("truth.yaw_rate", 3.0, band=0.15).band
@@ -34,7 +34,7 @@ class Target:
 
 
 def full_path(name: str) -> str:
-    """Return the path of a signal by its short name, e.g. "heading" for "truth.heading"; other names are paths."""
+    """Return the path of a signal from its short name, e.g. "truth.heading" from "heading", or from its path."""
     return SHORT.get(name, name)
 
 
@@ -61,9 +61,9 @@ def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict
     True
 
     Args:
-        log: the run.
-        targets: at most one for each signal; without one, the first three are None.
-        signals: paths or short names; they are the keys of the result.
+        log: log of the run.
+        targets: at most one target for each signal. Without a target, the first three metrics are None.
+        signals: paths or short names of the signals, which are the keys of the result.
     """
     by_path: dict[str, Target] = {}
     for target in targets:
@@ -76,14 +76,14 @@ def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict
 
 
 def mode_switches(log: Log) -> int:
-    """Return how often the law switched its mode: the last ``law.switches``, or 0 for a law without this signal."""
+    """Return the number of mode switches of the law: the last ``law.switches``, or 0 without this signal."""
     if "law.switches" in log and len(log):
         return int(log["law.switches"][-1])
     return 0
 
 
 def nearest_target_value(log: Log, target: Target) -> float:
-    """Return the target's value; for an angle, its equivalent nearest to the end of the signal."""
+    """Return the target's value; for an angle, the equivalent value nearest to the last value of the signal."""
     path = full_path(target.path)
     x = log[path]
     ends = x[np.isfinite(x)]

@@ -1,6 +1,6 @@
-"""Consistency of the navigation of one run: a log with an aided INS, judged by the filter's own sigmas.
+"""Consistency of the navigation in one run: errors of an aided INS compared with the filter's own sigmas.
 
-Each sensor's updates are counted once; states that no sensor corrected are left out. One run holds few independent
+Each update by a sensor is counted once, and states that no sensor corrected are left out. One run has few independent
 draws. Every average is therefore judged by its effective number of draws (`logs.consistency`, with the sources), and
 the bounds of all rows together hold with the requested probability.
 """
@@ -28,7 +28,7 @@ BY_HEADING = ("heading", "gyro_bias")
 
 
 SETTLED = 1.5
-"""A sigma has settled below this multiple of its largest value in the second half of the run."""
+"""Multiple of a sigma's largest value in the second half of the run below which the sigma has settled."""
 LAGS = 20
 GROUPS = {
     "heading": ("heading",),
@@ -38,14 +38,14 @@ GROUPS = {
     "gyro bias": ("gyro_bias",),
     "force bias": ("forward_bias", "starboard_bias"),
 }
-"""Fields of a NavigationState that are judged together, if the log has their truth."""
+"""Name of a group -> fields of a NavigationState that are judged together, if the log has their truth."""
 
 
 class AidingUpdates(NamedTuple):
-    """Updates by one sensor: times (n,) s, NIS (n,), normalised innovations (n, dof).
+    """Updates of the filter by one aiding sensor.
 
-    refusals: number rejected by the gate.  missed_updates: number between two rows of the log, with another update
-    after them.
+    t: times (n,) (s).  nis: NIS (n,).  normalised_innovations: (n, dof).  refusals: number of updates that the gate
+    rejected.  missed_updates: number of updates that no row of the log shows, because another followed before the row.
     """
 
     t: Any
@@ -56,10 +56,12 @@ class AidingUpdates(NamedTuple):
 
 
 class Aiding(NamedTuple):
-    """Verdict on the measurements of one aiding sensor. updates: measurements in the log, including rejected ones.
-    refused: rejected by the gate.  unseen: between two rows of the log, with another update after them.  nis: verdict
-    on NIS.  white: True if its innovations are white, None if too few.  p: probability of such a correlation in a white
-    sequence.
+    """Verdict on the measurements of one aiding sensor.
+
+    updates: number of measurements in the log, including rejected ones.  refused: number that the gate rejected.
+    unseen: number that no row of the log shows, because another measurement followed before the row.
+    nis: verdict on NIS.  white: True if the innovations are white, None if they are too few.
+    p: probability of such a correlation in a white sequence.
     """
 
     updates: int
@@ -71,11 +73,11 @@ class Aiding(NamedTuple):
 
 
 class SigmaConvergence(NamedTuple):
-    """Convergence of a state's sigma in the run: observability along the trajectory.
+    """Convergence of a state's sigma in a run, which shows the state's observability along the trajectory.
 
-    first, last: sigma at the first valid estimate, and its largest in the last quarter.  settled_s: time from which it
-    stays below 1.5 times its largest of the second half, in s of the run.  trend: converged; converging (still falling
-    at the end); unseen (hardly below its start); growing.
+    first: sigma at the first valid estimate.  last: largest sigma in the last quarter of the run.
+    settled_s: time (s) from which sigma stays below 1.5 times its largest value in the second half of the run.
+    trend: converged, converging (still falling at the end), unseen (hardly below its first value), or growing.
     """
 
     first: float
@@ -85,11 +87,12 @@ class SigmaConvergence(NamedTuple):
 
 
 class Navigation(NamedTuple):
-    """Result of a run's navigation.
+    """Consistency of the navigation in a run.
 
-    verdict: on all rows together.  probability: with which a consistent filter stays within all bounds.
-    since_s: start of the judged errors and innovations, when the sigmas have settled.
-    where: path of the state in the log.  aiding, errors, learned: by sensor, by group of states, by state.
+    verdict: verdict on all rows together.  probability: probability that a consistent filter stays within all bounds.
+    since_s: time (s) from which errors and innovations are judged, when the sigmas have settled.
+    where: path of the state in the log.  aiding: sensor -> its verdict.  errors: group of states -> its verdict.
+    learned: state -> convergence of its sigma.
     """
 
     verdict: str
@@ -101,14 +104,14 @@ class Navigation(NamedTuple):
     learned: dict[str, SigmaConvergence]
 
     def plain(self) -> dict[str, Any]:
-        """Return dictionaries of plain numbers and words, for JSON."""
+        """Return the result as dictionaries of plain numbers and words, for JSON."""
         aiding = {name: a._asdict() | {"nis": a.nis._asdict()} for name, a in self.aiding.items()}
         rows = {part: {k: v._asdict() for k, v in getattr(self, part).items()} for part in ("errors", "learned")}
         return self._asdict() | {"aiding": aiding} | rows
 
 
 class Series(NamedTuple):
-    """A state at the times of its estimates: t (n,) s, error (n,) or None, sigma (n,)."""
+    """A state at the times of its estimates: t (n,) (s), estimate (n,), error (n,) or None, sigma (n,)."""
 
     t: Any
     estimate: Any
@@ -121,7 +124,7 @@ def assess_navigation(log: Log, probability: float = 0.95) -> Navigation | None:
 
     Args:
         log: log of a run, with the default signals.
-        probability: with which a consistent filter stays within the bounds of all rows.
+        probability: probability that a consistent filter stays within the bounds of all rows.
     """
     aids, states = fix_paths(log), state_series(log)
     if not aids or not states:
@@ -148,11 +151,11 @@ def assess_navigation(log: Log, probability: float = 0.95) -> Navigation | None:
 
 
 def state_series(log: Log) -> dict[str, Series]:
-    """Return every state with a sigma, by name, at new estimates; with its error if the log has truth.
+    """Return state -> series at new estimates, for states with a sigma; with errors if the log has the truth.
 
     States without aiding in this run are left out (`unaided_states`). The result is empty without a valid estimate. An
-    estimate refers to the time of its newest measurement, so it is compared with the truth of that time, except while
-    it coasts.
+    estimate is compared with the truth at the time of its newest measurement; while the filter coasts, with the truth
+    at the time of the row.
     """
     base = state_path(log)
     if base is None:
@@ -176,19 +179,19 @@ def state_series(log: Log) -> dict[str, Series]:
 
 
 def innovations(log: Log) -> dict[str, tuple[Any, Any, int]]:
-    """Return, by aiding sensor, times of updates (n,) s, their NIS (n,), and degrees of freedom; each range counts."""
+    """Return aiding sensor -> times of updates (n,) (s), NIS (n,), degrees of freedom. Each range is one update."""
     updates = {name: find_updates(log, path, -np.inf) for name, path in fix_paths(log).items()}
     return {name: (u.t, u.nis, u.normalised_innovations.shape[1]) for name, u in updates.items() if len(u.nis)}
 
 
 def state_path(log: Log) -> str | None:
-    """Return the path of the state with sigmas; None without one."""
+    """Return the path of the navigation state with sigmas in a log; None if the log has none."""
     sigmas = (p for p in log.paths if p.startswith("estimate.") and p.endswith(".sigma_heading"))
     return next((p.rpartition(".")[0] for p in sigmas), None)
 
 
 def fix_paths(log: Log) -> dict[str, str]:
-    """Return the name of each aiding sensor -> path of its fix; "range" if each range counts by itself."""
+    """Return aiding sensor -> path of its fix in the log. The sensor is "range" if each range is an update."""
     ends = ("nis", "normalised", "used", "rejected")
     fixes = [p[:-4] for p in log.paths if p.startswith("estimate.") and p.endswith(".nis")]
     whole = [p for p in fixes if all(f"{p}.{end}" in log for end in ends)]
@@ -196,15 +199,15 @@ def fix_paths(log: Log) -> dict[str, str]:
 
 
 def flag_signal(log: Log, path: str, otherwise: bool) -> Any:
-    """Return a signal (rows,) as booleans; `otherwise` in every row if the log lacks the signal."""
+    """Return a signal as booleans (rows,). If the log lacks the signal, every row is `otherwise`."""
     return log[path].astype(bool) if path in log else np.full(len(log), otherwise)
 
 
 def unaided_states(log: Log) -> frozenset[str]:
     """Return the states that no measurement corrected, although the estimate was valid.
 
-    Without a position sensor, the position is a guess with growing error. A run without a valid estimate gives no
-    states, because an expected aid may be missing.
+    Without a position sensor, the error of the position grows. The result is empty for a run without a valid estimate,
+    because an expected sensor may have failed there.
     """
     base = state_path(log)
     if not flag_signal(log, "estimate.valid", True).any():
@@ -216,7 +219,7 @@ def unaided_states(log: Log) -> frozenset[str]:
 
 
 def find_updates(log: Log, path: str, since: float) -> AidingUpdates:
-    """Return the updates: rows in which the number of used and rejected measurements rises."""
+    """Return the updates by a sensor: rows in which its number of used and rejected measurements rises."""
     refused = log[f"{path}.rejected"].astype(np.int64)
     more = np.diff(log[f"{path}.used"].astype(np.int64) + refused, prepend=0)
     new, nis = np.diff(refused, prepend=0), log[f"{path}.nis"]
@@ -230,10 +233,10 @@ def find_updates(log: Log, path: str, since: float) -> AidingUpdates:
 
 
 def _find_range_updates(log: Log, path: str, rows: Any, more: Any, new: Any) -> AidingUpdates:
-    """Return the updates of a RangeFix (rows, n): each predicted range is one with one degree of freedom, in order.
+    """Return the updates of a RangeFix (rows, n). Each predicted range is an update with one degree of freedom.
 
-    Not predicted are ranges that disagree with the rest, and all ranges of a ping at which the filter waited for a
-    start; then the last innovations remain.
+    A range is not predicted if it disagrees with the other ranges, or if the filter has not started; the log then still
+    has the last innovations.
     """
     nis, ran = log[f"{path}.nis"], flag_signal(log, f"{path}.tracking", True)
     rows = rows & np.append(ran[:1], ran[:-1])
@@ -258,7 +261,7 @@ def _assess_aiding(u: AidingUpdates, tail: float) -> Aiding:
 
 
 def _normalised_errors(s: Series, since: float) -> Any:
-    """Return errors over sigmas, only where both are finite."""
+    """Return errors divided by sigmas; NaN where an error is not finite or a sigma is 0."""
     ok = (s.t >= since) & np.isfinite(s.error) & (s.sigma > 0)
     return np.where(ok, s.error / np.where(s.sigma > 0, s.sigma, 1.0), np.nan)[s.t >= since]
 
@@ -275,5 +278,5 @@ def _assess_convergence(s: Series) -> SigmaConvergence:
 
 
 def _combine_verdicts(verdicts: list[str]) -> str:
-    """Combine verdicts: optimistic if any is; consistent if some verdict supports it and none contradicts."""
+    """Combine verdicts: optimistic if any is, else pessimistic if any is, else consistent if any is, else undecided."""
     return next((v for v in (OPTIMISTIC, PESSIMISTIC, CONSISTENT) if v in verdicts), UNDECIDED)

@@ -20,18 +20,18 @@ from trimtab.logs.log import Log
 NAME, TIMELINE = "trimtab", "time"
 SIGNALS, WORLD, BODY, WAY = "signals", "world", "world/vehicle", "world/way"
 AXIS_LENGTH = 0.5
-"""Length of the axes (m), chosen for visibility, not the vehicle's own size."""
+"""Length (m) of the drawn axes of the body, chosen for visibility."""
 MOST_NUMBERS = 64
-"""Maximum number of elements of a signal; larger ones, such as those of a swarm's craft, are left out."""
+"""Maximum number of elements of a signal in the recording. Larger signals, e.g. of a swarm, are left out."""
 
 
 def write_rerun(file: Path, log: Log, motion: Any) -> dict[str, int]:
-    """Write a recording; return the number of rows of its body, and the number of signals over time.
+    """Write a Rerun recording; return path in the recording -> number of rows of the body, or of signals.
 
     Args:
         file: path that ends in .rrd; an existing file is replaced.
         log: log with the signals.
-        motion: `run.log_motion.MotionRows`.
+        motion: motion of the body, `run.log_motion.MotionRows`.
 
     Raises:
         InputError: the package rerun-sdk is missing.
@@ -57,7 +57,7 @@ def write_rerun(file: Path, log: Log, motion: Any) -> dict[str, int]:
 
 
 def _send_body(rr: Any, recording: Any, motion: Any) -> None:
-    """Send the moving frame, its axes, and its path."""
+    """Add the moving frame of the body, its axes, and its path to the recording."""
     times = [rr.TimeColumn(TIMELINE, duration=to_seconds(motion.ticks))]
     pose = {"translation": motion.position, "quaternion": motion.attitude[:, [1, 2, 3, 0]]}
     recording.send_columns(BODY, indexes=times, columns=rr.Transform3D.columns(**pose))

@@ -1,8 +1,7 @@
-"""Bounded ring buffer in shared memory: rows of numbers, and short texts, from one process to another.
+"""Bounded ring buffer in shared memory, for rows of numbers and short texts from one process to another.
 
-The writing side never waits: when the ring is full, a row is dropped and counted, and a gap in the sequence numbers
-shows the reading side where rows are missing. Either side may end at any moment; rows already in the ring stay
-readable.
+The writing process never waits. When the ring is full, a row is dropped and counted, and a gap in the sequence numbers
+shows the reading process where rows are missing. Either process may end at any moment; rows in the ring stay readable.
 """
 
 import math
@@ -20,21 +19,22 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 COLUMNS, ROWS, EVENTS, ROWS_WRITTEN, ROWS_READ, ROWS_DROPPED, TEXTS_WRITTEN, TEXTS_READ = range(8)
-"""Indices in the head: the sizes, then the counters of the writing and the reading side."""
+"""Indices in the head of the ring: its sizes, then the counters of the writing and of the reading process."""
 HEAD = 128
 TEXT_HEAD = struct.Struct("<qqd")
-"""Start of an event: sequence number of the next row, bytes of the text, first number of the newest row."""
+"""Head of a text event: sequence number of the next row, length of the text (bytes), first number of the newest row."""
 TEXT_BYTES = 232
-"""Maximum number of bytes of a text."""
+"""Maximum length of a text in the ring (bytes)."""
 TEXT = TEXT_HEAD.size + TEXT_BYTES
 SETTLE = 1e-4
-"""Time (s) after which all cores see what one core has stored, in any memory order."""
+"""Time (s) after which a value that one core has written is visible to all cores, in any memory order."""
 SHARED = Path("/dev/shm")
 
 
 class TextEvent(NamedTuple):
-    """Text in the ring. before: sequence number of the first row put after the text.
-    newest: first number of the newest row when the text was put, such as its time; NaN before the first row.
+    """Text in the ring. before: sequence number of the first row written after the text.
+
+    newest: first number, e.g. the time, of the newest row when the text was written; NaN before the first row.
     """
 
     before: int
@@ -43,13 +43,13 @@ class TextEvent(NamedTuple):
 
 
 class Ring:
-    """One side of a ring; created by `Ring.create`, and joined from another process by `Ring.attach`.
+    """Ring as one process sees it: `Ring.create` creates it, and `Ring.attach` opens it in another process.
 
-    One thread may write, and one thread may read.
+    Only one thread may write, and only one thread may read.
     """
 
     def __init__(self, memory: shared_memory.SharedMemory, sizes: tuple[int, int, int]) -> None:
-        """Lay the ring out in memory; sizes: columns, rows, events."""
+        """Map the ring onto shared memory. sizes: numbers of columns, rows and events."""
         columns, rows, events = sizes
         places = rows * (columns + 1)
         start = HEAD + 8 * places
@@ -64,16 +64,16 @@ class Ring:
 
     @classmethod
     def create(cls, name: str = "", *, columns: int, rows: int = 4096, events: int = 256) -> "Ring":
-        """Create a ring, and touch its memory.
+        """Create a ring, and write to its memory so that all pages are allocated.
 
         Args:
-            name: name for the other side; chosen if empty.
-            columns: numbers in a row.
-            rows: capacity in rows, beyond which rows are dropped.
+            name: name of the ring for the other process; chosen automatically if empty.
+            columns: number of numbers in a row.
+            rows: capacity in rows. When the ring is full, rows are dropped.
             events: capacity in texts.
         """
         if min(columns, rows, events) < 1:
-            problem = f"got {columns} columns, {rows} rows, {events} events"
+            problem = f"must have at least 1 column, row and event, got {columns} columns, {rows} rows, {events} events"
             raise InputError("ring", problem, fix="give at least one of each")
         size = HEAD + 8 * rows * (columns + 1) + TEXT * events
         if SHARED.is_dir() and shutil.disk_usage(SHARED).free < size:
@@ -94,7 +94,7 @@ class Ring:
 
     @classmethod
     def attach(cls, name: str) -> "Ring":
-        """Attach to the ring of a name, from another process."""
+        """Open an existing ring by its name, from another process."""
         try:
             memory = _open_memory(name)
         except FileNotFoundError:
@@ -107,21 +107,21 @@ class Ring:
 
     @property
     def name(self) -> str:
-        """Name for the other side."""
+        """Name with which the other process opens the ring."""
         return self._memory.name
 
     @property
     def dropped_rows(self) -> int:
-        """Number of rows dropped for lack of space."""
+        """Number of rows that were dropped because the ring was full."""
         return self._head[ROWS_DROPPED]
 
     @property
     def waiting_rows(self) -> int:
-        """Number of rows written and not yet read."""
+        """Number of rows that are written and not yet read."""
         return self._head[ROWS_WRITTEN] - self._head[ROWS_READ]
 
     def write_row(self, row: Any) -> bool:
-        """Write a row, float64 (columns,), without waiting; return False if the row had to be dropped."""
+        """Write a row, float64 (columns,), without waiting; return False if the ring is full and the row is dropped."""
         head, n, sequence = self._head, self._written, self._sequence
         self._sequence = sequence + 1
         if n - head[ROWS_READ] >= self.rows:
@@ -134,7 +134,7 @@ class Ring:
         return True
 
     def write_text(self, text: str) -> bool:
-        """Write a text of at most TEXT_BYTES bytes, else its beginning; return False if the text had to be dropped."""
+        """Write a text, cut to TEXT_BYTES bytes; return False if the ring is full and the text was dropped."""
         head = self._head
         n = head[TEXTS_WRITTEN]
         if n - head[TEXTS_READ] >= self.events:
@@ -170,7 +170,7 @@ class Ring:
         return texts
 
     def close(self) -> None:
-        """Leave the ring; it stays until `unlink`, or until its creator has ended."""
+        """Detach from the ring. The ring remains until `unlink`, or until the process that created it has ended."""
         if self._memory.buf is None:
             return
         del self._sequences, self._numbers
@@ -179,7 +179,7 @@ class Ring:
         self._memory.close()
 
     def unlink(self) -> None:
-        """Remove the name; the memory is freed when no process uses the ring."""
+        """Remove the name of the ring. The memory is freed when no process uses the ring."""
         self._memory.unlink()
 
     def __enter__(self) -> "Ring":
@@ -194,7 +194,7 @@ def _buffer(memory: shared_memory.SharedMemory) -> Any:
 
 
 def _open_memory(name: str) -> shared_memory.SharedMemory:
-    """Open shared memory of another process, which alone will remove it."""
+    """Open shared memory that another process created. Only that process removes the memory."""
     if sys.version_info >= (3, 13):
         return shared_memory.SharedMemory(name, track=False)
     tracked: Callable[..., Any] = resource_tracker.register

@@ -1,16 +1,17 @@
 """Robustness of a formula of signal temporal logic at each row of a log; vectorised over runs.
 
-Time is that of the rows: the interval [a, b] of a row at t is the set of existing rows at t + a <= t' <= t + b, both
-ends included. With p the numbers compared, and min and max of no rows +inf and -inf:
+Only times of rows count: for a row at time t, the interval [a, b] is the set of rows at times t' with
+t + a <= t' <= t + b. The minimum over no rows is +inf, and the maximum is -inf. The robustness of a formula is:
 
     x <= c, x < c    c - x         x == c   -|x - c|       always[a, b] F       min of F over the interval
-    x >= c, x > c    x - c         x != c   |x - c|        F until[a, b] G      max over t' in it of
+    x >= c, x > c    x - c         x != c   |x - c|        F until[a, b] G      max over t' in the interval of
     not F  -F        F and G  min(F, G)                                            min(G(t'), min of F over [t, t'))
 
-The sign decides: above 0 the formula holds, below 0 it doesn't. A comparison of equal numbers is
-+EQUALITY_ROBUSTNESS if it holds and -EQUALITY_ROBUSTNESS otherwise, so that the sign always decides. A comparison with
-NaN is -inf, and so is its opposite. Minimum and maximum over a sliding window take time in proportion to the rows, for
-any length: rows are divided so that each window contains one boundary, from which it is looked up to either side.
+The formula holds if the robustness is above 0, and does not hold if it is below 0. A comparison of equal numbers has
+the robustness +EQUALITY_ROBUSTNESS if it holds and -EQUALITY_ROBUSTNESS otherwise, so that the sign always decides. A
+comparison with NaN and its negation both have the robustness -inf. Minimum and maximum over a sliding window take time
+in proportion to the number of rows, for any length of the window. Each window is split at a boundary, and the running
+extremes from the boundary to both sides are combined.
 
 Source: Donze, Maler, "Robust satisfaction of temporal logic over real-valued signals", FORMATS 2010; bounded until from
 an unbounded one: Donze, Ferrere, Maler, "Efficient robust monitoring for STL", CAV 2013, section 4; the windows: van
@@ -31,17 +32,17 @@ from trimtab.logs.log import Log
 from trimtab.logs.metrics import full_path
 
 EQUALITY_ROBUSTNESS = 1e-30
-"""Robustness of a comparison of equal numbers, so that the sign shows if it holds."""
+"""Absolute robustness of a comparison of equal numbers, so that its sign shows if the comparison holds."""
 EXTREMES = {"always": np.minimum, "historically": np.minimum, "eventually": np.maximum, "once": np.maximum}
 PENDING, HOLDS, VIOLATED = range(3)
 VERDICTS = ("pending", "holds", "violated")
-"""Verdicts on a formula in flight."""
+"""Possible verdicts on a formula during a flight."""
 OPPOSITE = {"historically": "always", "once": "eventually", "since": "until"}
-"""Operator about the past -> operator about the future, which is evaluated in reversed time."""
+"""Operator about the past -> operator about the future that is equivalent in reversed time."""
 
 
 class Assessment(NamedTuple):
-    """Verdict of a log on a formula. robustness: at the first row, in `unit`; the formula holds if it is above 0."""
+    """Verdict on a formula in a log. robustness: value at the first row, in `unit`; above 0 if the formula holds."""
 
     formula: str
     robustness: float
@@ -53,18 +54,18 @@ class Assessment(NamedTuple):
         return self.robustness > 0
 
     def __str__(self) -> str:
-        """Return one line, as in "holds, robustness 0.12 rad/s: always(…)"."""
+        """Return one line of text, e.g. "holds, robustness 0.12 rad/s: always(…)"."""
         return f"{'holds' if self.holds else 'VIOLATED'}, robustness {format_robustness(self)}: {self.formula}"
 
 
 def format_robustness(assessment: Assessment) -> str:
-    """Format the robustness with its unit. A comparison of equal numbers shows 0."""
+    """Format the robustness with its unit; 0 for a comparison of equal numbers."""
     value = 0.0 if abs(assessment.robustness) <= EQUALITY_ROBUSTNESS else assessment.robustness
     return f"{value:.4g}" + (f" {assessment.unit}" if assessment.unit != "1" else "")
 
 
 def fit_to_log(text: str, log: Log) -> Formula:
-    """Read a formula of the signals of a log; raise InputError if it does not fit them."""
+    """Parse a formula about the signals of a log; raise InputError if it does not fit these signals."""
     shapes = {path: values.shape[1:] for path, values in log.signals.items()}
     return fit_formula(text, shapes, {path: log.unit(path) for path in log.signals}, full_path)
 
@@ -84,7 +85,7 @@ def assess_formula(log: Log, text: str) -> Assessment:
 
 
 def check_length(formula: Formula, duration: int) -> None:
-    """Raise InputError for a formula that looks beyond the end of a run of this duration (100 ns)."""
+    """Raise InputError for a formula with an interval beyond the end of a run of this duration (100 ns)."""
     needed = least_length(formula.root)
     if needed > duration:
         problem = f"the formula looks {format_time(needed)} ahead, but the run lasts {format_time(duration)}"
@@ -93,12 +94,12 @@ def check_length(formula: Formula, duration: int) -> None:
 
 
 def robustness(formula: Formula, ticks: Any, read: Callable[[str], Any]) -> Any:
-    """Return the robustness at each row of each run, (n, m).
+    """Return the robustness of a formula at each of m rows of n runs, shape (n, m).
 
     Args:
-        formula: formula, fitted to the signals.
+        formula: formula that fits the signals.
         ticks: times of the rows, int64 (m,), strictly rising.
-        read: path -> values (n, m) or (n, m, k).
+        read: function that returns the values (n, m) or (n, m, k) of a path.
     """
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         rows = _Rows(np.asarray(ticks, np.int64), lambda path: np.swapaxes(np.asarray(read(path), np.float64), 0, 1))
@@ -106,7 +107,7 @@ def robustness(formula: Formula, ticks: Any, read: Callable[[str], Any]) -> Any:
 
 
 class _Rows:
-    """Rows of some runs, rows first: (m, n). Called with a formula and a sign: 1, or -1 for a negated one."""
+    """Evaluation of formulas on m rows of n runs, as arrays (m, n). The sign is -1 for a negated formula, else 1."""
 
     def __init__(self, ticks: Any, read: Callable[[str], Any]) -> None:
         self.ticks, self.read = ticks, read
@@ -128,7 +129,7 @@ class _Rows:
 
 
 def evaluate_number(tree: Any, read: Callable[[str], Any]) -> Any:
-    """Return the value of a number of a formula; read: path -> values, with the components of a signal last."""
+    """Return the value of a numeric expression in a formula. read: path -> values, with a signal's components last."""
     if isinstance(tree, Literal):
         return tree.value
     if isinstance(tree, SignalPath):
@@ -148,7 +149,7 @@ def evaluate_number(tree: Any, read: Callable[[str], Any]) -> Any:
 
 
 def compare(xp: Any, left: Any, relation: str, right: Any, sign: int) -> Any:
-    """Return the robustness of a comparison. xp: numpy, or jax.numpy.  sign: -1 if negated, so that NaN never holds."""
+    """Return the robustness of a comparison. xp: numpy or jax.numpy.  sign: -1 if negated, so that NaN never holds."""
     room = right - left if relation in ("<", "<=") else left - right
     if relation in ("==", "!="):
         room = -abs(room) if relation == "==" else abs(room)
@@ -158,7 +159,7 @@ def compare(xp: Any, left: Any, relation: str, right: Any, sign: int) -> Any:
 
 
 def join(xp: Any, word: str, below: list[Any]) -> Any:
-    """Return the robustness of not, and, or, implies."""
+    """Return the robustness of not, and, or, implies, applied to the robustness of the operands."""
     if word == "not":
         return -below[0]
     if word == "and":
@@ -167,7 +168,7 @@ def join(xp: Any, word: str, below: list[Any]) -> Any:
 
 
 def _look_ahead(ticks: Any, word: str, low: int, high: int | None, below: list[Any]) -> Any:
-    """Return the robustness of always, eventually or until, of formulas (m, n)."""
+    """Return the robustness of always, eventually or until, applied to the robustness of the operands (m, n)."""
     first = np.searchsorted(ticks, ticks + low, "left")
     last = np.full(len(ticks), len(ticks) - 1) if high is None else np.searchsorted(ticks, ticks + high, "right") - 1
     if word != "until":
@@ -185,9 +186,9 @@ def _look_ahead(ticks: Any, word: str, low: int, high: int | None, below: list[A
 
 
 def slide(x: Any, first: Any, last: Any, extreme: Any) -> Any:
-    """Return min or max of x (m, n) over the rows first[i] … last[i] of each i, both non-decreasing, (m, n).
+    """Return the minimum or maximum of x (m, n) over the rows first[i] … last[i] for each row i, shape (m, n).
 
-    extreme: np.minimum or np.maximum; for no rows the result is +inf or -inf.
+    first, last: non-decreasing.  extreme: np.minimum or np.maximum; for no rows the result is +inf or -inf.
     """
     result = np.full(x.shape, np.inf if extreme is np.minimum else -np.inf)
     full = np.flatnonzero(first <= last)
@@ -196,7 +197,7 @@ def slide(x: Any, first: Any, last: Any, extreme: Any) -> Any:
         return result
     first, last, k = first[full], last[full], 0
     while k < len(full):
-        middle = last[k]  # inside every window from here up to the first that begins after it
+        middle = last[k]  # in every window from window k up to the first that begins after this row
         end = int(np.searchsorted(first, middle, "right"))
         before = extreme.accumulate(x[first[k] : middle + 1][::-1])
         after = extreme.accumulate(x[middle : last[end - 1] + 1])

@@ -1,12 +1,12 @@
-"""Bag of ROS 2 from a flight: a folder for `ros2 bag play`, RViz and Foxglove, with standard messages.
+"""ROS 2 bag of a flight: a folder for `ros2 bag play`, RViz and Foxglove, with standard messages.
 
-    /odom          nav_msgs/msg/Odometry     place and attitude in `map`, velocities in `base_link`: the truth
-    /tf            tf2_msgs/msg/TFMessage    `base_link` in `map`
-    /imu           sensor_msgs/msg/Imu       measurement of an ideal IMU
-    /NAME/imu      the same                  of each three-axis IMU of the vehicle, as it measured
+    /odom          nav_msgs/msg/Odometry     true position and attitude in `map`, true velocities in `base_link`
+    /tf            tf2_msgs/msg/TFMessage    true pose of `base_link` in `map`
+    /imu           sensor_msgs/msg/Imu       measurements of an ideal IMU
+    /NAME/imu      sensor_msgs/msg/Imu       measurements of the three-axis IMU NAME of the vehicle
 
-ROS has east, north, up and forward, left, up (REP 103) where this package has north, east, down and forward,
-starboard, down. Source: REP 103, 105, 145; rosbag2, storage MCAP.
+The axes of ROS are east, north, up, and forward, left, up (REP 103). The axes of this package are north, east, down,
+and forward, starboard, down. Source: REP 103, 105, 145; rosbag2, storage MCAP.
 """
 
 import math
@@ -30,25 +30,25 @@ BAG_VERSION = 9
 
 
 class RosPose(NamedTuple):
-    """Position in `map` (n, 3), and attitude of `base_link` in it as x, y, z, w (n, 4)."""
+    """Position in `map` (n, 3), and attitude of `base_link` in `map` as quaternions x, y, z, w (n, 4)."""
 
     position: Any
     orientation: Any
 
 
 def convert_pose(position: Any, attitude: Any) -> RosPose:
-    """Convert positions in W (n, 3) and quaternions q_WB, scalar first (n, 4), to ROS axes."""
+    """Convert positions in W (n, 3) and quaternions q_WB (n, 4), scalar first, to the axes of ROS."""
     turned = multiply_quaternions(multiply_quaternions(np.array(NED_IN_ENU), attitude), np.array(FLU_IN_FRD))
     return RosPose(position[:, [1, 0, 2]] * [1, 1, -1], turned[:, [1, 2, 3, 0]])
 
 
 def convert_vector(in_body: Any) -> Any:
-    """Convert vectors in B (n, 3) to forward, left, up."""
+    """Convert vectors in B (n, 3) to the axes forward, left, up of ROS."""
     return in_body * [1, -1, -1]
 
 
 def multiply_quaternions(p: Any, q: Any) -> Any:
-    """Return p q, scalar first, row by row."""
+    """Return the product p q of quaternions (n, 4), scalar first, row by row."""
     a, b, c, d = np.moveaxis(np.asarray(p, float), -1, 0)
     w, x, y, z = np.moveaxis(np.asarray(q, float), -1, 0)
     rows = a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y
@@ -57,12 +57,12 @@ def multiply_quaternions(p: Any, q: Any) -> Any:
 
 
 def write_ros2_bag(folder: Path, motion: Any, imus: Mapping[str, Any], epoch: int = 0) -> dict[str, int]:
-    """Write a bag; return topic -> number of messages. Rows with NaN are left out.
+    """Write a ROS 2 bag; return topic -> number of messages. Rows with NaN are left out.
 
     Args:
-        folder: a folder that does not exist yet.
-        motion: `run.log_motion.MotionRows`.
-        imus: name of each sensor -> `run.log_motion.ImuRows`.
+        folder: path of a folder that does not exist yet.
+        motion: motion of the body, `run.log_motion.MotionRows`.
+        imus: name of an IMU -> its measurements, `run.log_motion.ImuRows`.
         epoch: time of day at time zero (ns).
 
     Raises:
@@ -89,21 +89,21 @@ def write_ros2_bag(folder: Path, motion: Any, imus: Mapping[str, Any], epoch: in
 
 
 def _keep_finite(rows: Any) -> Any:
-    """Return the rows with only finite numbers."""
+    """Return the rows in which all numbers are finite."""
     good = np.logical_and.reduce([np.isfinite(c).reshape(len(c), -1).all(axis=1) for c in rows])
     return type(rows)(*(c[good] for c in rows))
 
 
 class RosMessages:
-    """Encoder of rows as messages of ROS 2 Humble."""
+    """Encoder of rows of a log as messages of ROS 2 Humble."""
 
     def __init__(self, typesys: Any, epoch: int) -> None:
-        """Create an encoder. typesys: rosbags' module.  epoch: time of day at time zero (ns)."""
+        """Create an encoder. typesys: module `typesys` of rosbags.  epoch: time of day at time zero (ns)."""
         self.store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
         self._epoch = epoch
 
     def encode(self, kind: str, rows: Any, *, is_measured: bool) -> list[tuple[int, bytes]]:
-        """Return time (ns) and bytes of each message.
+        """Return time (ns) and bytes of the message of each row.
 
         is_measured: True for samples of an IMU, which have no attitude.
         """

@@ -1,7 +1,8 @@
-"""Samples of a sensor, from a log and into a log: each once, at the time of measurement, whatever the log's rows.
+"""Reading of a sensor's samples from a log, and creation of a log from samples.
 
-A log's rows hold the last sample until there is a new one; the sample's own time shows which. CSV files of other
-loggers become logs, with a signal for each column of numbers.
+The rows of a log repeat the last sample until a new sample arrives. The time of measurement in the row shows which
+sample it is, so that each sample is read once. CSV files of other loggers become logs with a signal for each column of
+numbers.
 """
 
 import os
@@ -20,25 +21,25 @@ from trimtab.logs.csv_table import CsvColumn, read_table, split_heading, time_un
 from trimtab.logs.log import Log
 
 BLOCK = "csv"
-"""Block name before each signal's name: ``csv.gyro_z``."""
+"""Name of the block of all signals read from a CSV file, as in ``csv.gyro_z``."""
 GAPS_MAX = 0.01
-"""Largest ratio of gaps to samples with which the longest stretch without gaps is used."""
+"""Maximum ratio of gaps to samples for which the longest stretch without gaps is used instead of an error."""
 PERIOD_MIN = 2e-5
-"""Shortest period of a sensor's samples (s) that is plausible."""
+"""Shortest plausible period of a sensor's samples (s)."""
 PERIOD_MAX = 2.0
-"""Longest period of a sensor's samples (s) that is accepted for times without a unit."""
+"""Longest accepted period of a sensor's samples (s) if the times have no unit."""
 PERIOD_LIKELY = 0.5
-"""Longest period (s) with which an error suggests a unit."""
+"""Longest likely period of a sensor's samples (s), with which an error suggests a unit of the times."""
 
 RECEIVED, TRUTH = "downlink", "truth"
-"""Blocks of a log: signals received by the autopilot, and the truth."""
+"""Names of two blocks of a log: signals received by the autopilot, and the truth."""
 
 
 class Samples(NamedTuple):
-    """Evenly spaced samples.
+    """Evenly spaced samples of a signal.
 
-    values: (n,) or (n, k).  ticks: int64 (n,), times of measurement.  period: s, between samples.
-    left_out: text about samples before and after gaps that are left out, or empty.
+    values: samples (n,) or (n, k).  ticks: times of measurement, int64 (n,), in 100 ns.  period: time between two
+    samples (s).  left_out: text about samples that are left out because of gaps, or empty.
     """
 
     values: Any
@@ -50,7 +51,7 @@ class Samples(NamedTuple):
 class SampleSeries(NamedTuple):
     """Samples of one sensor, or of the truth.
 
-    ticks: int64 (n,), rising, times of measurement.  values: field -> (n,) or (n, k).
+    ticks: times of measurement, int64 (n,), in 100 ns, rising.  values: field -> values (n,) or (n, k).
     declarations: field -> unit and meaning.
     """
 
@@ -62,15 +63,15 @@ class SampleSeries(NamedTuple):
 def log_samples(
     sensors: Mapping[str, SampleSeries], truth: SampleSeries | None = None, metadata: Mapping[str, Any] | None = None
 ) -> Log:
-    """Create a log from samples recorded elsewhere, for a replay and, with truth, for comparison.
+    """Create a log from samples recorded by another system, for a replay and, with truth, for comparison.
 
-    It has a row at each time of measurement, as if the sample had arrived at once; each row holds the newest sample of
-    each sensor. Times may begin anywhere; the first row is at 0.
+    The log has a row at each time of measurement, as if each sample had arrived without delay. Each row contains the
+    newest sample of each sensor. Times of the samples may begin anywhere; the first row of the log is at 0.
 
     Args:
-        sensors: by their names in the estimator.
-        truth: interpolated to the rows; exact at its own instants.
-        metadata: further metadata of the log.
+        sensors: name of a sensor in the estimator -> its samples.
+        truth: samples of the truth, which are interpolated to the rows.
+        metadata: metadata to add to the log.
 
     Raises:
         InputError: no sensor, ticks that do not rise, or a field of another length than the ticks.
@@ -103,7 +104,9 @@ def log_samples(
         signals[f"{TRUTH}.{field}"] = np.stack(rows, axis=1).reshape(len(instants), *np.shape(values)[1:])
     declared |= {f"{TRUTH}.{f}": d for f, d in ({} if truth is None else truth.declarations).items()}
     signals["log.dropped"] = np.zeros(len(ticks), np.int64)
-    declared["log.dropped"] = Quantity("1", "Number of rows lost before this row; a row is a step.", kind="count")
+    declared["log.dropped"] = Quantity(
+        "1", "Number of rows lost before this row. Each row is one step of the autopilot.", kind="count"
+    )
     return Log(to_seconds(ticks), ticks, signals, declared, dict(metadata or {}))
 
 
@@ -123,7 +126,8 @@ def samples(log: Log, path: str, *, longest: bool = False) -> Samples:
 
     Args:
         log: log of a run or of a sensor.
-        path: a signal of a sample, e.g. ``sensors.imu.value.angular_rate``; for other signals each row is a sample.
+        path: path of a signal in a sample, e.g. ``sensors.imu.value.angular_rate``. For other signals each row is a
+            sample.
         longest: True to return the longest stretch without gaps if few samples are missing.
     """
     values, ticks = log[path], log.ticks
@@ -138,8 +142,8 @@ def samples(log: Log, path: str, *, longest: bool = False) -> Samples:
     gaps = np.diff(ticks)
     settings = log.metadata.get("parameters", {})
     period = settings.get(f"world.{sample}.period") if isinstance(settings, dict) else None
-    usual = float(period or np.median(gaps))  # from the run's settings, or the usual gap
-    loose = 0.01 if sample else 0.5  # a sensor keeps its period; rows of other loggers vary
+    usual = float(period or np.median(gaps))  # period in the run's settings, or the median gap
+    loose = 0.01 if sample else 0.5  # samples of a sensor are periodic; rows of other loggers vary
     uneven = np.flatnonzero(np.abs(gaps - usual) > loose * usual)
     left_out = ""
     if len(uneven):
@@ -157,7 +161,7 @@ def samples(log: Log, path: str, *, longest: bool = False) -> Samples:
 
 
 def sample_path(log: Log, path: str) -> str | None:
-    """Return the path of the sample of a signal, e.g. ``sensors.imu``; None for other signals."""
+    """Return the path of the sample to which a signal belongs, e.g. ``sensors.imu``; None for other signals."""
     before, value, _ = path.partition(".value.")
     return before if value and f"{before}.t" in log else None
 
@@ -177,15 +181,15 @@ def _refuse_gaps(log: Log, path: str, ticks: Any, uneven: Any, usual: float, *, 
 
 
 def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
-    """Read a CSV file; times start at 0 in the log and are rounded to 100 ns.
+    """Read a CSV file as a log. Its times are shifted to start at 0 and rounded to 100 ns.
 
     Columns with a cell that is not a finite number are left out. The metadata of the log give the reason for each
     under ``left_out``.
 
     Args:
-        path: the file.
+        path: path of the file.
         time: name of the column of times, with its unit if neither the heading nor the name gives it, e.g.
-            ``stamp [us]``; None: the first column whose name is that of a time.
+            ``stamp [us]``; None: the first column whose name is one of a time, such as t or stamp.
     """
     where = f"log file '{path}'"
     table = read_table(path)
@@ -219,9 +223,9 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
 
 
 def _time_scale(where: str, clock: CsvColumn, unit: str) -> float:
-    """Return the length in seconds of the unit of the column of times.
+    """Return the length in seconds of one unit of the column of times.
 
-    unit: as given by the user, or empty. Without any unit the times are seconds if a sensor can have that period.
+    unit: unit that the user gave, or empty. Without any unit, the times are in seconds if their period is plausible.
     """
     said = unit or clock.unit or time_unit(clock.name) or ""
     scale = find_size(said or "s", "s")
@@ -241,12 +245,12 @@ def _time_scale(where: str, clock: CsvColumn, unit: str) -> float:
 
 
 def usual_period(times: Any) -> float:
-    """Return the median difference of times (n,), in their unit; NaN for fewer than two."""
+    """Return the median difference of successive times (n,), in their unit; NaN for fewer than two times."""
     return float(np.median(np.diff(times))) if len(times) > 1 else np.nan
 
 
 def _signal_paths(where: str, names: list[str], time: str) -> dict[str, str]:
-    """Return the signal of each column except the times; raise InputError if two columns have the same signal."""
+    """Return column -> path of its signal, except for times; raise InputError if two columns have the same path."""
     paths: dict[str, str] = {}
     for i, name in enumerate(names):
         whole, index = re.fullmatch(r"(.*?)((?:\[\d+\])?)", name).groups()  # pyright: ignore[reportOptionalMemberAccess]

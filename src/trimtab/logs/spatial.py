@@ -1,17 +1,18 @@
-"""Flight in three dimensions in readable form: roll, pitch, yaw, altitude, speeds, from a log's truth.
+"""Readable signals of a flight in three dimensions: roll, pitch, yaw, altitude and speeds, from a log's truth.
 
-A vehicle has its attitude as a quaternion and its position as three numbers; neither is readable in a table or a plot.
-The declarations show which signals they are:
+A vehicle's attitude is a quaternion, and its position is a vector. Both are hard to read in a table or a plot. Their
+signals are found by the declarations:
 
     attitude   (4,), unit 1, frame WB or IB: a quaternion, scalar first
-    position   (3,), m, frame W or I: the attitude's       velocity  (3,), m/s, frame W, I or B
+    position   (3,), m, frame of the attitude, W or I      velocity  (3,), m/s, frame W, I or B
     rate       (3,), rad/s, frame B
 
-or, for a state with angles as numbers, by the names `roll` and `pitch`; others of `DECLARED` then count by name.
+A state with angles as numbers is found by the names `roll` and `pitch`. Its other signals are then found by their names
+in `DECLARED`.
 
 Derived signals are in the log as `flight.roll` etc., in SI units and radians. In a world frame W, angles and velocities
 are relative to W. Over the rotating earth, in an inertial frame I, they are relative to north, east and down at the
-vehicle; its altitude is above the ellipsoid, and north and east are in the plane at its origin.
+vehicle. The altitude is then above the ellipsoid, and north and east are in the tangent plane at the origin.
 
 Source: Diebel, "Representing attitude", Stanford 2006; Stevens, Lewis, Johnson, "Aircraft control and simulation", 1.6.
 """
@@ -30,19 +31,21 @@ DECLARED: Mapping[str, Quantity] = {
     "roll": Quantity("rad", "Roll angle, positive to the right; unwrapped.", "WB", "angle"),
     "pitch": Quantity("rad", "Pitch angle, positive nose up.", "WB", "angle"),
     "yaw": Quantity("rad", "Yaw angle from north, clockwise from above; unwrapped.", "WB", "angle"),
-    "roll_rate": Quantity("rad/s", "Rate about the nose.", "B"),
-    "pitch_rate": Quantity("rad/s", "Rate about the axis to starboard.", "B"),
-    "yaw_rate": Quantity("rad/s", "Rate about the axis down.", "B"),
-    "altitude": Quantity("m", "Altitude above the origin of W, or above the ellipsoid.", "W"),
+    "roll_rate": Quantity("rad/s", "Roll rate, about the axis to the nose.", "B"),
+    "pitch_rate": Quantity("rad/s", "Pitch rate, about the axis to starboard.", "B"),
+    "yaw_rate": Quantity("rad/s", "Yaw rate, about the axis down.", "B"),
+    "altitude": Quantity(
+        "m", "Altitude above the origin of W; over the rotating earth, altitude above the ellipsoid.", "W"
+    ),
     "north": Quantity("m", "Distance north of the origin of W.", "W"),
     "east": Quantity("m", "Distance east of the origin of W.", "W"),
     "ground_speed": Quantity("m/s", "Horizontal speed over the ground."),
-    "climb": Quantity("m/s", "Upwards.", "W"),
-    "air_speed": Quantity("m/s", "Speed through the air, relative to the wind in the settings."),
+    "climb": Quantity("m/s", "Climb rate, positive upward.", "W"),
+    "air_speed": Quantity("m/s", "Speed relative to the air, which moves with the wind in the settings."),
 }
-"""Derived signals, in display order."""
+"""Name of a derived signal -> its declaration, in the order of display."""
 FLIGHT_DECLARED: Mapping[str, Quantity] = {FLIGHT + name: declared for name, declared in DECLARED.items()}
-"""Derived signals by their paths in a log."""
+"""Path of a derived signal in a log -> its declaration."""
 ANGLES, RATES = ("roll", "pitch", "yaw"), ("roll_rate", "pitch_rate", "yaw_rate")
 
 
@@ -50,9 +53,9 @@ POSE = {"north", "east", "altitude", *ANGLES}
 
 
 class SpatialSignals(NamedTuple):
-    """Paths of the signals of a vehicle's motion in space; "" for missing ones.
+    """Paths of the signals of a vehicle's motion in space; "" for a missing signal.
 
-    frame: "W" or "I", of attitude and position.  velocity_frame: of the velocity; "" without one.
+    frame: frame of attitude and position, "W" or "I".  velocity_frame: frame of the velocity; "" without a velocity.
     """
 
     attitude: str
@@ -68,7 +71,7 @@ def find_spatial(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Q
 
     Args:
         shapes: path of each signal -> its shape at one instant.
-        declared: declarations of the signals.
+        declared: path of each signal -> its declaration.
     """
 
     def pick(unit: str, size: int, *frames: str) -> str:
@@ -86,7 +89,8 @@ def find_spatial(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Q
 class FlightSource(NamedTuple):
     """Source signals of a flight in space, in a log or in a campaign.
 
-    signals: of a state with a quaternion, or None.  named: name in DECLARED -> path, for a state with numbers.
+    signals: signals of a state with a quaternion, or None.  named: name in DECLARED -> path, for a state with angles as
+    numbers.
     """
 
     signals: SpatialSignals | None
@@ -94,20 +98,20 @@ class FlightSource(NamedTuple):
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Paths of the source signals."""
+        """Paths of the source signals of the flight."""
         return tuple(p for p in (self.signals[:4] if self.signals else self.named.values()) if p)
 
     def work_out(
         self, t: Any, rows: Mapping[str, Any], ends: Mapping[str, Any], end: float, parameters: Mapping[str, Any]
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Compute `flight.roll` etc. of one flight, each (n,), and their last values if those of the sources are known.
+        """Compute `flight.roll` etc. of one flight, each (n,), and their final values if `ends` has all sources.
 
         Args:
             t: instants (n,) (s).
             rows: path of a signal -> its values (n, …).
-            ends: path -> its value at the end (…), continuous with the rows, so that angles have no jump.
-            end: time of the end (s).
-            parameters: as in `work_out_flight`.
+            ends: path of a signal -> its value (…) at the end of the flight. Angles are unwrapped up to the end.
+            end: time of the end of the flight (s).
+            parameters: parameters of the run, as in `work_out_flight`.
         """
         rows, n = {p: np.asarray(rows[p], float) for p in self.paths}, len(t)
         has_end = all(p in ends for p in self.paths)
@@ -122,16 +126,16 @@ class FlightSource(NamedTuple):
         return {p: x[:n] for p, x in flight.items()}, {p: x[-1] for p, x in flight.items()} if has_end else {}
 
     def flight_paths(self, shapes: Mapping[str, tuple[int, ...]], parameters: Mapping[str, Any]) -> list[str]:
-        """Return the paths that can be computed from signals of these shapes."""
+        """Return the paths of the derived signals that can be computed from signals of these shapes."""
         any_rows = {p: np.full((2, *shapes[p]), 7e6) for p in self.paths}
         return list(self.work_out(np.arange(2.0), any_rows, {}, 2.0, parameters)[0])
 
 
 def find_flight(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Quantity]) -> FlightSource | None:
-    """Find the source signals of a single vehicle in space; None for any other vehicle, and for a swarm.
+    """Find the source signals of a single vehicle in space; return None for another vehicle or a swarm.
 
     Args:
-        shapes: path of each signal -> its shape at one instant; only those of the truth count.
+        shapes: path of each signal -> its shape at one instant. Only signals of the truth are used.
         declared: declarations of the signals.
     """
     truth = {p: shape for p, shape in shapes.items() if p.startswith(TRUTH)}
@@ -140,19 +144,19 @@ def find_flight(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Qu
 
 
 def find_logged_flight(log: Log) -> FlightSource | None:
-    """Find the source signals of a flight in a log's truth."""
+    """Find the source signals of a flight in space in the truth of a log."""
     return find_flight({p: log[p].shape[1:] for p in log.paths if p.startswith(TRUTH)}, log.declarations)
 
 
 def find_named(paths: Iterable[str], prefix: str) -> dict[str, str]:
-    """Return name in DECLARED -> path, for a state with angles as numbers; empty without roll and pitch."""
+    """Return name in DECLARED -> path, for a state with angles as numbers; empty without signals roll and pitch."""
     known = set(paths)
     found = {name: prefix + name for name in DECLARED if prefix + name in known}
     return found if {"roll", "pitch"} <= found.keys() else {}
 
 
 def flight_sources(log: Log) -> set[str]:
-    """Return the paths of the source signals of a flight in space."""
+    """Return the paths of the source signals of the flight in a log."""
     found = find_logged_flight(log)
     return set(found.paths) if found else set()
 
@@ -169,7 +173,8 @@ def with_flight(log: Log) -> Log:
 def spatial_poses(log: Log) -> Any:
     """Return poses (n, 9) for `logs.frames` of a vehicle in space; None if attitude or position is unknown.
 
-    Position, roll, pitch and yaw in W; latitude, longitude and height over the rotating earth, otherwise NaN.
+    A pose is position, roll, pitch and yaw in W, and latitude, longitude and height, which are NaN unless the vehicle
+    flies over the rotating earth.
     """
     signals, named = find_logged_flight(log) or (None, {})
     if named.keys() >= POSE:
@@ -185,7 +190,7 @@ def spatial_poses(log: Log) -> Any:
 
 
 def _complete(numbers: dict[str, Any], t: Any) -> dict[str, Any]:
-    """Add angles without jumps, and speeds derived from the position, for a state with numbers by name."""
+    """Unwrap the angles, and add speeds from differences of the position, for a state with angles as numbers."""
     for name in ("roll", "yaw"):
         if name in numbers:
             numbers[name] = np.unwrap(numbers[name])
@@ -199,7 +204,7 @@ def _complete(numbers: dict[str, Any], t: Any) -> dict[str, Any]:
 
 
 def _extend(log: Log, flight: Mapping[str, Any], ends: Mapping[str, Any]) -> Log:
-    """Return the log with more signals; existing ones are read only on request."""
+    """Return the log with additional signals. The existing signals are read only when requested."""
     for values in flight.values():
         values.setflags(write=False)
 
@@ -213,7 +218,7 @@ def _extend(log: Log, flight: Mapping[str, Any], ends: Mapping[str, Any]) -> Log
 
 
 def display_unit(path: str, unit: str) -> tuple[str, float]:
-    """Return the display unit of a signal, and the factor to it.
+    """Return the unit in which a signal is displayed, and the conversion factor.
 
     Degrees are used for angles and rates of a flight in space, and for headings, such as `law.heading_error`.
     """
@@ -225,13 +230,13 @@ def display_unit(path: str, unit: str) -> tuple[str, float]:
 def work_out_flight(
     signals: SpatialSignals, t: Any, rows: Mapping[str, Any], parameters: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Compute the numbers of DECLARED for which signals exist, each (n,).
+    """Compute the signals of DECLARED for which source signals exist, each (n,).
 
     Args:
-        signals: the source signals.
+        signals: paths of the source signals.
         t: instants (n,) (s).
         rows: path of a signal -> its values (n, …).
-        parameters: parameters of the run, by path: earth, origin and wind for the frame I.
+        parameters: path -> parameter of the run. Those of earth, origin and wind are needed for the frame I.
     """
     R, found = rotation_matrices(rows[signals.attitude]), dict[str, Any]()
     place: Any = rows.get(signals.position)
@@ -257,16 +262,17 @@ def work_out_flight(
 
 
 def place_parameters(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the parameters of a run, by path, that `work_out_flight` reads."""
+    """Return path -> value of the parameters of a run that `work_out_flight` reads."""
     return {p: v for p, v in parameters.items() if any(f".{part}." in p for part in ("earth", "origin", "wind"))}
 
 
 class _Local(NamedTuple):
-    """Place of a vehicle over the rotating earth, row by row.
+    """Position of a vehicle over the rotating earth, row by row.
 
-    axes: R_NI (n, 3, 3), to north, east, down there.  tangent_axes: R_WI (n, 3, 3), to those at the origin.  position:
-    from the origin, in W (n, 3).  globe: latitude, longitude (rad), height above the ellipsoid (n, 3).  turning:
-    velocity of the ground there, in I (n, 3).  wind: in N (n, 3), or None.
+    axes: R_NI (n, 3, 3), rotation to north, east, down at the vehicle.  tangent_axes: R_WI (n, 3, 3), rotation to
+    north, east, down at the origin.  position: position from the origin, in W (n, 3).  globe: latitude, longitude
+    (rad) and height above the ellipsoid (m) (n, 3).  turning: velocity of the rotating earth at the vehicle, in I
+    (n, 3).  wind: wind velocity in N (n, 3), or None.
     """
 
     axes: Any
@@ -278,8 +284,8 @@ class _Local(NamedTuple):
 
 
 def _locate(t: Any, p_I: Any, parameters: Mapping[str, Any]) -> _Local:
-    """Locate p_I (n, 3) (m) at t (s), over the earth of the run's parameters, or WGS84."""
-    from trimtab.environment import geodetic  # it imports JAX, and few logs need it
+    """Locate the positions p_I (n, 3) (m) at times t (n,) (s) over the earth of the run's parameters, or WGS 84."""
+    from trimtab.environment import geodetic  # imports JAX, which few logs need
 
     found = (p.removesuffix("earth.rate") for p in parameters if p.endswith(".earth.rate"))
     head = next(found, "")
@@ -307,7 +313,7 @@ def _locate(t: Any, p_I: Any, parameters: Mapping[str, Any]) -> _Local:
 
 
 def rotation_matrices(q: Any) -> Any:
-    """Return R (n, 3, 3) of quaternions (n, 4), scalar first, of any length except zero."""
+    """Return rotation matrices (n, 3, 3) of quaternions (n, 4), scalar first, of any length except zero."""
     w, x, y, z = np.asarray(q, float).T
     with np.errstate(divide="ignore", invalid="ignore"):
         s = 2 / (w * w + x * x + y * y + z * z)
@@ -320,9 +326,9 @@ def rotation_matrices(q: Any) -> Any:
 
 
 def euler_angles(R_WB: Any) -> tuple[Any, Any, Any]:
-    """Return roll, pitch, yaw (rad), each (n,), of rotations (n, 3, 3); roll and yaw without jumps of a turn.
+    """Return roll, pitch, yaw (rad), each (n,), of rotation matrices (n, 3, 3); roll and yaw are unwrapped.
 
-    If the nose points straight up or down, roll and yaw are not distinguishable; roll is then 0.
+    If the nose points straight up or down, roll and yaw cannot be distinguished, and roll is 0.
     """
     up = R_WB[:, 2, 0]
     singular = np.abs(up) > 1 - 1e-12

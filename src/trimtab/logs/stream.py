@@ -22,23 +22,23 @@ from trimtab.logs.messages import EPOCH, EVENTS, dump_json, layout_record, run_r
 from trimtab.logs.ring import Ring
 
 Signal = tuple[str, tuple[int, ...], Any, Quantity | None]
-"""Path, shape of one instant's value, type, declaration."""
+"""Signal of a stream: path, shape of the value at one instant, type, and declaration or None."""
 COUNTER_SIGNALS: dict[str, Quantity] = {
-    "log.dropped": Quantity("1", "Number of rows before this row that the ring dropped.", kind="count"),
-    "log.unwritten": Quantity("1", "Number of rows before this row that the disk had no room for.", kind="count"),
+    "log.dropped": Quantity("1", "Number of rows lost before this row because the ring buffer was full.", kind="count"),
+    "log.unwritten": Quantity("1", "Number of rows lost before this row because the disk had no room.", kind="count"),
 }
-"""Signals that the writer adds to each row."""
+"""Path of a signal that the writing process adds to each row -> its declaration."""
 START_S, END_S, KILL_S = 30.0, 5.0, 1.0
-"""Time limits for the writer to start, to write the next chunk of the end, and to die (s)."""
+"""Time limits (s) for the writing process to start, to write each chunk when the log ends, and to end when killed."""
 
 
 class LogFileSummary(NamedTuple):
     """Summary of a log's file.
 
-    rows: number in the file.  dropped: for lack of space in the ring.  unwritten: for lack of space on the disk, or not
-    later than the row before.  size: bytes.  minute_size: bytes for a minute of flight, None for fewer than two rows.
-    cpu_s: processor time of the writer.  whole: True if the file has its end.  gone: True if the file was deleted or
-    moved before its end.
+    rows: number of rows in the file.  dropped: number of rows lost because the ring was full.  unwritten: number of
+    rows lost because the disk was full, or because they were not later than the row before.  size: size (bytes).
+    minute_size: bytes for a minute of flight, None for fewer than two rows.  cpu_s: processor time of the writing
+    process (s).  whole: True if the end of the file was written.  gone: True if the file was deleted or moved before.
     """
 
     rows: int
@@ -52,34 +52,34 @@ class LogFileSummary(NamedTuple):
 
 
 class LogStream:
-    """Writer of a log, as seen from the flying process; it never waits, or fails, until `close`."""
+    """Control of the process that writes a log, for the flying process. It never waits or fails before `close`."""
 
     def __init__(self, path: Path, process: "subprocess.Popen[bytes]") -> None:
-        """Keep the process that `start_writer` has started."""
+        """Store the path of the log and the process that `start_writer` has started."""
         self.path, self._process = path, process
 
     @property
     def is_alive(self) -> bool:
-        """True if the writer is running."""
+        """True while the writing process runs."""
         return self._process.poll() is None
 
     @property
     def pid(self) -> int:
-        """Process ID of the writer."""
+        """ID of the writing process."""
         return self._process.pid
 
     def set_epoch(self, epoch: int) -> None:
-        """Set, before the first row, the time of day (ns since 1970) at time zero."""
+        """Set the time of day (ns since 1970) at time zero, before the first row is written."""
         with contextlib.suppress(OSError):
             assert self._process.stdin is not None
             self._process.stdin.write(json.dumps({EPOCH: epoch}).encode() + b"\n")
             self._process.stdin.flush()
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
-        """End the log and wait until it is on the disk; return None if the writer had died or does not go on writing.
+        """End the log, wait until it is on the disk; return None if the writing process has ended or makes no progress.
 
         Args:
-            final: path -> value at the end, see `Log`.
+            final: path -> value at the end of the run, see `Log`.
         """
         values = {} if final is None else {p: np.asarray(v) for p, v in final.items()}
         text = dump_json({p: {"dtype": v.dtype.str, "value": v.tolist()} for p, v in values.items()})
@@ -88,12 +88,12 @@ class LogStream:
             return LogFileSummary(**json.loads(said.splitlines()[-1]), gone=not self.path.exists())
         except (OSError, ValueError, IndexError, subprocess.TimeoutExpired):
             self._process.kill()
-            with contextlib.suppress(OSError, subprocess.TimeoutExpired):  # a disk that hangs delays its death
+            with contextlib.suppress(OSError, subprocess.TimeoutExpired):  # a slow disk delays the process's end
                 self._process.communicate(timeout=KILL_S)
         return None
 
     def _await_end(self, order: bytes | None) -> bytes:
-        """Send the last order and return the writer's answer; raise TimeoutExpired after END_S without progress."""
+        """Send the last order and return the answer; raise TimeoutExpired after END_S without progress."""
         heard = b""
         while True:
             try:
@@ -115,19 +115,19 @@ def start_writer(
 ) -> LogStream:
     """Start a process that writes a ring's content to a log file, at least four times a second.
 
-    A row of the ring is the integer time (100 ns, rising from 0 on), then the numbers of the signals in order.
+    A row of the ring is the integer time (100 ns, rising from 0 on), then the numbers of the signals in their order.
 
     Args:
-        path: a new file.
-        ring: a ring of this process.
-        signals: content of a row after its time.
+        path: path of a new file.
+        ring: ring that this process has created.
+        signals: signals in a row, after its time.
         metadata: metadata of the log: scenario, parameters, seed, backend, calibration, ...; version, machine and the
-            time of day are added in front.
+            time of day are added at the front.
         frame: name of the vehicle's frame, whose pose then ends each row, see `logs.frames`; empty: no frame.
-        limit: limit of its size on the disk; None: no limit.
+        limit: limit of the log's size on the disk; None: no limit.
 
     Raises:
-        InputError: signals that don't fit the ring, a file that exists already or can't be written.
+        InputError: the signals do not fit the ring, or the file exists already or cannot be written.
     """
     target, empty = Path(path), _empty_log(signals, metadata)
     width = 1 + sum(int(np.prod(shape)) for _, shape, _, _ in signals) + (POSE_COLUMNS if frame else 0)
@@ -148,7 +148,7 @@ def start_writer(
 
 
 def _empty_log(signals: Sequence[Signal], metadata: Mapping[str, Any]) -> Log:
-    """Return the log before its first row."""
+    """Return an empty log with the signals and metadata; raise InputError for a reserved name."""
     taken = [path for path, _, _, _ in signals if path.startswith(("log.", f"{EVENTS[1:]}."))]
     if taken:
         problem = f"signal {taken[0]!r} has a name reserved for the log"
@@ -167,7 +167,7 @@ def _empty_log(signals: Sequence[Signal], metadata: Mapping[str, Any]) -> Log:
 
 
 def _await_start(process: "subprocess.Popen[bytes]", about: bytes) -> None:
-    """Send the writer its orders; raise InputError if it rejects them."""
+    """Send the orders to the writing process; raise InputError if it rejects them or does not start."""
     said = b""
     with contextlib.suppress(OSError):
         assert process.stdin is not None

@@ -1,7 +1,7 @@
-"""Process that writes a log during a flight; started by `logs.stream`.
+"""Process that writes a log during a flight, started by `logs.stream`.
 
-It reads its orders, one line of JSON, from standard input; another line, or the end of the input, ends the log. The
-input also ends if the flying process dies.
+It reads its orders, a line of JSON, from standard input. A later line may set the time of day. A line with the final
+values, or the end of the input, ends the log. The input also ends if the flying process dies.
 """
 
 import contextlib
@@ -44,23 +44,23 @@ from trimtab.logs.messages import (
 from trimtab.logs.ring import Ring
 
 POLL_S, CHUNK_S = 0.05, 0.2
-"""Period in which the ring is emptied, and period of writing to the disk."""
+"""Periods (s) of reading the ring, and of writing to the disk."""
 ROWS = 1000
-"""Maximum number of rows in a chunk."""
+"""Maximum number of rows in a chunk of the file."""
 NICE = 5
 
 
 class Recorder:
-    """Recorder of a ring's rows and texts into a file.
+    """Recorder that writes the rows and texts of a ring to a file.
 
     Args:
-        ring: the reading side.
+        ring: ring to read.
         file: descriptor of a new file.
-        run, layout: the metadata records, as text.
+        run, layout: metadata records of the run and of its signals, as text.
         frame: name of the vehicle's frame, whose pose ends each row, if the time of day is set before the first row;
             empty: no frame and no time of day.
-        path: path of that file.
-        limit: limit of the size of all files; None: no limit.
+        path: path of the file.
+        limit: limit of the size of all files of the log; None: no limit.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class Recorder:
         self._epoch = 0
 
     def read_ring(self) -> None:
-        """Empty the ring."""
+        """Read all rows and texts from the ring, and store them until `write`."""
         heard = self._ring.read_texts()
         sequences, rows = self._ring.read_rows()
         later = np.maximum.accumulate(np.append(self._last, rows[:, 0]))
@@ -118,9 +118,9 @@ class Recorder:
             self._dropped.append(dropped[good])
 
     def write(self, report_progress: Callable[[], None] = lambda: None) -> None:
-        """Write all rows taken to the disk, once the time of day is known.
+        """Write all stored rows and texts to the disk, once the time of day is known.
 
-        report_progress: called after each chunk.
+        report_progress: function that is called after each chunk.
         """
         if self._epoch is None:
             return
@@ -157,7 +157,7 @@ class Recorder:
             self._full, self._lost = "", 0
 
     def _follow_limit(self, limit: LogLimit) -> None:
-        """End a full file and continue in a new one, deleting the oldest; without room, keep the file."""
+        """End a full file, continue in a new file, and delete the oldest. Without room for a new file, do nothing."""
         if not limit.rolls or self._path is None or self._file.size >= limit.size:
             return
         before, following = self._file, self._open_next(numbered_file(self._path, self._number + 1))
@@ -176,7 +176,7 @@ class Recorder:
             self._removed += self._sizes.pop(oldest)
 
     def _open_next(self, path: Path) -> GrowingFile | None:
-        """Open a new file with the same head; return None if there is no room."""
+        """Open the next file of the log with the same metadata; return None if the disk has no room."""
         try:
             file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         except OSError:
@@ -193,7 +193,7 @@ class Recorder:
         return following
 
     def _end_file(self, file: GrowingFile, about: dict[str, str], final: str) -> bool:
-        """Write a file's last metadata and its end; return False if there is no room."""
+        """Write the last metadata and the end of a file; return False if the disk has no room."""
         layout = {**self._layout, "rows": dump_json(self._file_rows), "final": final}
         number = {"file": dump_json(self._number)} if self._number > 1 else {}
         try:
@@ -205,7 +205,7 @@ class Recorder:
         return True
 
     def _count_failure(self, error: OSError, rows: int) -> None:
-        """Count rows for which there was no room; the flight goes on."""
+        """Count rows that could not be written, and report the first failure. The flight continues."""
         if not self._full:
             _report(f"can't be written ({error.strerror}); the flight goes on, rows are counted, free some space")
         self._full = error.strerror or str(error)
@@ -237,7 +237,7 @@ class Recorder:
         return [(first + m.topic, 0, m.time, m.text) for m in messages]
 
     def _rows_as_log(self, rows: Any, dropped: Any, unwritten: Any) -> Log:
-        """Return rows as signals in their own types."""
+        """Return rows of the ring as a log, with each signal in its own type."""
         ticks, arrays, at = rows[:, 0].astype(np.int64), {}, 1
         for path, about in self._signals.items():
             if path in ("log.dropped", "log.unwritten"):
@@ -251,10 +251,10 @@ class Recorder:
         return Log(t=to_seconds(ticks), ticks=ticks, signals=arrays, declarations=self._declared)
 
     def finish(self, final: str | None, report_progress: Callable[[], None] = lambda: None) -> dict[str, Any]:
-        """Write the rest, and the end; return the fields of `LogFileSummary`.
+        """Write the remaining rows and the end of the file; return the fields of `LogFileSummary`.
 
-        final: last values as JSON text; None if the flying process sent none.  report_progress: called after each
-        chunk.
+        final: final values as JSON text; None if the flying process sent no final values.
+        report_progress: function that is called after each chunk.
         """
         if final is None:
             self._events.append((max(self._last, 0), "the flying process is gone, without a word"))
@@ -269,12 +269,12 @@ class Recorder:
         return counts | costs
 
     def _minute_size(self, size: int) -> float | None:
-        """Return bytes for a minute of flight, including deleted files; None before the second row."""
+        """Return the size (bytes) of a minute of flight, deleted files included; None before the second row."""
         return None if self._last <= 0 else 60 * (size + self._removed - self._head) / to_seconds(self._last)
 
 
 def main() -> None:
-    """Follow the orders on standard input."""
+    """Write a log as ordered on standard input, and answer on standard output."""
     _isolate_process()
     orders = json.loads(sys.stdin.buffer.readline())
     try:
@@ -305,7 +305,7 @@ def main() -> None:
 
 
 def record_until_stopped(recorder: Recorder) -> str | None:
-    """Write until a line on standard input, or its end; return its last values, or None."""
+    """Write until standard input ends or gives the final values; return the final values, or None if it ended."""
     due, heard = time.monotonic() + CHUNK_S, b""
     while True:
         if select.select([sys.stdin.buffer], [], [], POLL_S)[0]:
@@ -324,7 +324,7 @@ def record_until_stopped(recorder: Recorder) -> str | None:
 
 
 def _isolate_process() -> None:
-    """Survive an interrupt of the flight, and yield processor time to it."""
+    """Ignore signals that end the flying process, and run with low priority."""
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -335,7 +335,7 @@ def _isolate_process() -> None:
 
 
 def _answer(text: str) -> None:
-    """Write a line to the flying process, which may be gone. An empty line reports progress."""
+    """Send a line to the flying process, which may have ended. An empty line reports progress."""
     with contextlib.suppress(OSError):
         os.write(sys.stdout.fileno(), text.encode() + b"\n")
 

@@ -1,7 +1,7 @@
-"""ArduPilot's dataflash log, .BIN: topics are its message types, such as IMU, ATT and GPS.
+"""Reader of ArduPilot's dataflash log, .BIN. Its topics are message types, such as IMU, ATT and GPS.
 
-Sensors of one kind share a type and differ in a field, usually ``I``: a mapping selects one by  where = {I = 0}. Units
-come from the file. Source: ArduPilot, Logger library; read by pymavlink's DFReader.
+Sensors of one kind share a message type and differ in a field, usually ``I``. A mapping selects a sensor by
+where = {I = 0}. Units come from the file. Source: ArduPilot, Logger library; read by pymavlink's DFReader.
 """
 
 import contextlib
@@ -25,11 +25,11 @@ from trimtab.logs.foreign.tables import (
 )
 
 TIMES = {"TimeUS": "us", "TimeMS": "ms"}
-"""Columns of times, new and old format."""
+"""Name of the column of times, in the new and the old format -> its unit."""
 
 
 def list_bin(path: Path) -> list[TopicSummary]:
-    """List every message type with at least one message."""
+    """List every message type of a .BIN file that has at least one message."""
     rows = _read_messages(path, None)
     found = []
     for name, (columns, values) in rows.items():
@@ -42,10 +42,10 @@ def list_bin(path: Path) -> list[TopicSummary]:
 
 
 def read_bin(path: Path, topics: Iterable[str]) -> dict[str, Table]:
-    """Read tables of some message types.
+    """Read the tables of the named message types from a .BIN file.
 
     Raises:
-        InputError: unknown type, or no valid message in the file.
+        InputError: an unknown message type, or no valid message in the file.
     """
     wanted = sorted(set(topics))
     with _open(path) as reader:
@@ -70,7 +70,7 @@ def read_bin(path: Path, topics: Iterable[str]) -> dict[str, Table]:
 
 
 def _read_messages(path: Path, types: list[str] | None) -> dict[str, tuple[list[str], list[list[Any]]]]:
-    """Return, for each type, its columns and the values of each message."""
+    """Return message type -> names of its columns, and values of each message."""
     rows: dict[str, tuple[list[str], list[list[Any]]]] = {}
     with _open(path) as reader:
         try:
@@ -78,7 +78,7 @@ def _read_messages(path: Path, types: list[str] | None) -> dict[str, tuple[list[
                 while (message := reader.recv_match(type=types)) is not None:
                     columns, values = rows.setdefault(message.get_type(), (list(message.fmt.columns), []))
                     values.append([_plain(getattr(message, name)) for name in columns])
-        except Exception as error:  # damaged bytes may raise any error; the answer names the file
+        except Exception as error:  # damaged bytes may raise any error; the error must name the file
             refuse_damage(name_file(path), "a .BIN of ArduPilot", error)
     return rows
 
@@ -89,17 +89,17 @@ def _plain(value: Any) -> Any:
 
 @contextlib.contextmanager
 def _open(path: Path) -> Iterator[Any]:
-    """Open the reader, and close its file after use."""
+    """Open pymavlink's reader of a .BIN file, and close the file after use."""
     where = name_file(path)
     package = import_package(where, "pymavlink.DFReader")
     try:
         with _silence():
             reader = package.DFReader_binary(str(path))
-    except Exception as error:  # as above
+    except Exception as error:  # damaged bytes may raise any error
         refuse_damage(where, "a .BIN of ArduPilot", error)
     try:
         if not getattr(reader, "name_to_id", None):
-            raise InputError(where, "holds no message of ArduPilot", fix="copy the file again from the card")
+            raise InputError(where, "contains no message of ArduPilot", fix="copy the file again from the card")
         yield reader
     finally:
         reader.data_map.close()
@@ -108,6 +108,6 @@ def _open(path: Path) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Suppress the reader's printed warnings."""
+    """Suppress the warnings that pymavlink's reader prints."""
     with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
         yield

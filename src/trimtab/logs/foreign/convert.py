@@ -1,4 +1,4 @@
-"""Conversion of a table of a foreign log to a sensor's samples: rows selected, sorted by time, in SI and our axes."""
+"""Conversion of a table of a foreign log to a sensor's samples: rows are selected, sorted by time, and put in SI."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -15,31 +15,31 @@ from trimtab.logs.foreign.tables import Table
 from trimtab.logs.samples import SampleSeries
 
 DISORDER = UNITS_PER_SECOND
-"""A time that falls by more than this (100 ns) means that the clock restarted. A smaller fall is a row out of order."""
+"""Decrease of time (100 ns) above which the clock has restarted. With a smaller decrease, a row is out of order."""
 EQUATOR, FLATTENING = 6378137.0, 1 / 298.257223563
-"""WGS 84: radius at the equator (m), flattening."""
+"""Radius at the equator (m) and flattening of the ellipsoid of WGS 84."""
 
 
 class Conversion(NamedTuple):
-    """Converted samples. series: the samples.  counts: rows, and numbers of sorted and omitted rows, by reason."""
+    """Converted samples. counts: numbers of all rows, and of rows out of order or left out, by reason."""
 
     series: SampleSeries
     counts: dict[str, int]
 
 
 def convert_table(where: str, table: Table, mapping: TopicMap) -> Conversion:
-    """Convert the samples of one sensor.
+    """Convert a table of a foreign log to the samples of one sensor.
 
-    Rows are sorted by time. Duplicates of a row in time and values, and rows with non-finite values, are left out and
-    counted.
+    Rows are sorted by time. Rows that repeat time and values of another row, and rows with non-finite values, are left
+    out and counted.
 
     Args:
-        where: name of file and topic.
+        where: name of the file and of the topic, for errors.
         table: table of the topic.
         mapping: mapping of the sensor.
 
     Raises:
-        InputError: unknown column or unit, no rows, times that jump back, or one time with two values.
+        InputError: an unknown column or unit, no rows, times that jump back, or two values at one time.
     """
     chosen = _choose_rows(where, table, mapping)
     ticks = _read_ticks(where, table, mapping)[chosen]
@@ -71,13 +71,13 @@ def _column(where: str, table: Table, name: str, key: str) -> Any:
     column = np.asarray(table.columns[name])
     if column.dtype.kind not in "biuf":
         choices = [n for n, c in table.columns.items() if np.asarray(c).dtype.kind in "biuf"]
-        problem = table.problems.get(name, f"the column {name!r} holds no numbers")
+        problem = table.problems.get(name, f"the column {name!r} contains no numbers")
         raise InputError(where, problem, choices=choices, fix=f"name another column in {key}")
     return column
 
 
 def _choose_rows(where: str, table: Table, mapping: TopicMap) -> Any:
-    """Return the indices of the selected rows."""
+    """Return the indices of the rows that the mapping selects."""
     size = len(next(iter(table.columns.values()), ()))
     mask = np.ones(size, bool)
     for name, value in mapping.rows.items():
@@ -90,7 +90,7 @@ def _choose_rows(where: str, table: Table, mapping: TopicMap) -> Any:
 
 
 def _read_ticks(where: str, table: Table, mapping: TopicMap) -> Any:
-    """Return times of all rows in 100 ns, int64 (n,); whole numbers of any unit are exact."""
+    """Return the times of all rows in 100 ns, int64 (n,). Integer times are converted exactly."""
     field = mapping.time.field or table.time
     key = f"{mapping.where}, time"
     if not field:
@@ -122,7 +122,7 @@ def _convert_field(
             raise InputError(key, f"constant = {field.constant!r} is not a number", fix="constant = false, or 0.0")
         same = np.broadcast_to(value * unit.scale, (len(chosen), *value.shape))
         kind = "flag" if value.dtype.kind == "b" else unit.kind
-        return same, Quantity(unit.name, field.doc or "The same in every row.", kind=kind)
+        return same, Quantity(unit.name, field.doc or "Constant in every row.", kind=kind)
     columns = [_column(where, table, column, key) for column in field.columns]
     if field.quaternion:
         w, x, y, z = (c[chosen].astype(np.float64) for c in columns)
@@ -138,7 +138,7 @@ def _convert_field(
 
 
 def _find_written_unit(where: str, table: Table, key: str, columns: Iterable[str]) -> str:
-    """Return the unit that the file gives for its columns."""
+    """Return the unit that the file gives for the columns of a field; raise InputError if it gives none."""
     written = {table.units.get(name, "") for name in columns}
     if len(written) != 1 or not (unit := written.pop()):
         problem = f"{key} has no unit, and the file does not give one for all of {', '.join(columns)}"
@@ -147,9 +147,9 @@ def _find_written_unit(where: str, table: Table, key: str, columns: Iterable[str
 
 
 def _place(where: str, table: Table, mapping: GeodeticMap, chosen: Any) -> dict[str, Any]:
-    """Return north and east (m), and down with an altitude, on the plane tangent to the ellipsoid at the origin.
+    """Return north and east, and with an altitude down (m), in the plane tangent to the ellipsoid at the origin.
 
-    Accurate to 1e-4 of the distance within some kilometres.
+    The error is below 1e-4 of the distance within some kilometres.
     """
     names = {"latitude": mapping.latitude, "longitude": mapping.longitude}
     scale = find_unit(where, mapping.unit).scale
@@ -182,7 +182,7 @@ def _keep_finite(where: str, ticks: Any, values: dict[str, Any]) -> tuple[Any, d
 def _order_rows(
     where: str, ticks: Any, values: dict[str, Any], mapping: TopicMap
 ) -> tuple[Any, dict[str, Any], int, int]:
-    """Sort rows by time, without duplicates; return also the numbers of unsorted rows and of duplicates."""
+    """Sort rows by time and remove duplicates; also return the numbers of rows out of order and of duplicates."""
     late = np.maximum.accumulate(ticks) - ticks
     if late.max() >= DISORDER:
         row = int(np.argmax(late >= DISORDER))

@@ -1,4 +1,4 @@
-"""Mapping files: the columns of a foreign log that are a sensor's samples, with their units. TOML, only data.
+"""Mapping files in TOML, which name the columns of a foreign log that contain a sensor's samples, and their units.
 
     [sensor.imu]
     topic = "sensor_combined"
@@ -7,7 +7,7 @@
     [sensor.imu.fields]
     angular_rate = {from = ["gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]"], unit = "rad/s"}
 
-    [truth]                                 # may be left out; as a sensor
+    [truth]                                 # optional; has the same keys as a sensor
     topic = "vehicle_attitude"
     [truth.fields]
     heading = {quaternion = ["q[0]", "q[1]", "q[2]", "q[3]"]}
@@ -39,10 +39,9 @@ EXAMPLE = 'angular_rate = {from = ["gx", "gy", "gz"], unit = "deg/s"}'
 
 
 class TimeMap(NamedTuple):
-    """Mapping of time.
+    """Mapping of the times of a topic.
 
-    field: column of times, empty: the usual column of the format. unit: unit of the column. offset: time that is added
-    (100 ns).
+    field: column of times; empty: usual column of the format.  unit: unit of the column.  offset: time to add (100 ns).
     """
 
     field: str = ""
@@ -51,12 +50,12 @@ class TimeMap(NamedTuple):
 
 
 class FieldMap(NamedTuple):
-    """Mapping of one field of a sensor: (sign * column + offset) in its unit, then converted to SI.
+    """Mapping of one field of a sensor. Its value is sign * column + offset in the column's unit, converted to SI.
 
-    columns: one for each component; empty for a constant.  unit: as written, None if missing.
-    sign, offset: (k,) or one for all.  single: True if a value is a number, not a list of k.
-    quaternion: the columns are w, x, y, z of a rotation, whose yaw is the field.  constant: value for every row.
-    unwrap: True to count full turns.  doc: meaning of the field.
+    columns: a column for each component; empty for a constant.  unit: unit in the mapping, None if missing.
+    sign, offset: one number for each component (k,), or one for all.  single: True if a value is a number, not a list.
+    quaternion: True if the columns are w, x, y, z of a rotation, whose yaw is the field.
+    constant: value in every row.  unwrap: True to remove jumps of full turns.  doc: meaning of the field.
     """
 
     columns: tuple[str, ...]
@@ -71,9 +70,9 @@ class FieldMap(NamedTuple):
 
 
 class GeodeticMap(NamedTuple):
-    """Mapping of latitude and longitude to north and east (m), and of altitude to down, from an origin.
+    """Mapping of latitude and longitude to north and east (m), and of altitude to down (m), relative to an origin.
 
-    origin: latitude and longitude (deg), and altitude (m) if given; empty for the first row.
+    origin: latitude and longitude (deg), and optionally altitude (m); empty to use the first row.
     """
 
     latitude: str
@@ -85,9 +84,9 @@ class GeodeticMap(NamedTuple):
 
 
 class TopicMap(NamedTuple):
-    """Mapping of a sensor, or of the truth.
+    """Mapping of a topic to a sensor or to the truth.
 
-    where: name of its section in the file.  rows: column -> value in the selected rows.
+    where: name of the section in the mapping file.  rows: column -> value that the selected rows have.
     """
 
     where: str
@@ -99,10 +98,10 @@ class TopicMap(NamedTuple):
 
 
 class LogMapping(NamedTuple):
-    """Mapping of a log.
+    """Mapping of a foreign log.
 
-    sensors: by their names in the estimator.  truth: mapping of the truth, or None. content: content of the file as
-    written.
+    sensors: name of a sensor in the estimator -> its mapping.  truth: mapping of the truth, or None.
+    content: unchanged content of the mapping file.
     """
 
     sensors: Mapping[str, TopicMap]
@@ -114,7 +113,7 @@ def read_mapping(path: str | os.PathLike[str]) -> LogMapping:
     """Read a mapping file.
 
     Raises:
-        InputError: a file that can't be read, or with content that a mapping does not have.
+        InputError: a file that can't be read, or content that is not valid in a mapping.
     """
     where = f"mapping '{path}'"
     try:
@@ -129,10 +128,10 @@ def read_mapping(path: str | os.PathLike[str]) -> LogMapping:
 
 
 def parse_mapping(content: Mapping[str, Any], where: str = "mapping") -> LogMapping:
-    """Read a mapping from the content of its file, as given by `tomllib`.
+    """Parse the content of a mapping file, as read by `tomllib`.
 
     Raises:
-        InputError: no sensor, or content that a mapping does not have.
+        InputError: no sensor, or content that is not valid in a mapping.
     """
     _check_keys(where, content, KEYS)
     sensors = _take(where, content, "sensor", dict, {})
@@ -229,11 +228,13 @@ def _parse_geodetic(where: str, table: Mapping[str, Any]) -> GeodeticMap:
 
 
 def _components(where: str, key: str, value: Any, size: int) -> Any:
-    """Return one number for all components, or one for each."""
+    """Return one number for all components, or an array with one number for each component."""
     numbers = _numbers(where, key, value if isinstance(value, list) else [value])  # pyright: ignore[reportUnknownArgumentType]
     if len(numbers) not in (1, size):
         raise InputError(
-            where, f"{key} has {len(numbers)} numbers, but there are {size} columns", fix="give one for each"
+            where,
+            f"{key} has {len(numbers)} numbers, but there are {size} columns",
+            fix="give one number for each column",
         )
     return numbers[0] if len(numbers) == 1 else np.array(numbers)
 
@@ -253,7 +254,7 @@ def _texts(where: str, key: str, value: Any) -> tuple[str, ...]:
 
 
 def _take(where: str, table: Mapping[str, Any], key: str, kind: type, *default: Any) -> Any:
-    """Return the value of a key if it has the right type, or the default."""
+    """Return the value of a key, or the default; raise InputError for a value of the wrong type."""
     if key not in table and default:
         return default[0]
     if not isinstance(table.get(key), kind):

@@ -1,6 +1,6 @@
-"""Detection of a file's format, and conversion of its log by a mapping.
+"""Detection of the format of a foreign log, and conversion of the log with a mapping.
 
-CSV needs no package and is read here: a line of names, optionally with units, then a line of numbers for each instant.
+CSV needs no additional package. It is a line of names, optionally with units, then a line of numbers for each instant.
 """
 
 import os
@@ -26,7 +26,7 @@ from trimtab.logs.samples import PERIOD_MAX, TRUTH, SampleSeries, log_samples, u
 
 
 def list_csv(path: Path) -> list[TopicSummary]:
-    """List a CSV file as one topic, under its own name."""
+    """List a CSV file as one topic, whose name is the name of the file."""
     table = _read_table(path)
     scale = find_size(table.time_unit, "s") or 1.0
     seconds = table.columns[table.time] * scale if table.time and table.time not in table.problems else []
@@ -35,7 +35,7 @@ def list_csv(path: Path) -> list[TopicSummary]:
 
 
 def read_csv_topics(path: Path, topics: Iterable[str]) -> dict[str, Table]:
-    """Read the file's table, under any topic name in the mapping; a topic that ends in .csv is a file next to it."""
+    """Read the table of a CSV file for any topic name; a topic that ends in .csv is another file in the same folder."""
     files = {topic: path.with_name(topic) if topic.lower().endswith(".csv") else path for topic in topics}
     tables = {file: _read_table(file) for file in set(files.values())}
     return {topic: tables[file] for topic, file in files.items()}
@@ -52,7 +52,10 @@ def _read_table(path: Path) -> Table:
 
 
 class LogFormat(NamedTuple):
-    """Foreign format: its name, the beginning and endings of its files, and its readers."""
+    """Format of foreign logs. magic: first bytes of a file.  suffixes: endings of file names.
+
+    list_topics, read_topics: functions that read a file.
+    """
 
     name: str
     magic: bytes
@@ -69,20 +72,20 @@ ROSBAG = LogFormat("ROS bag", b"#ROSBAG V2.0", (".bag",), list_bag, read_bag)
 CSV = LogFormat("CSV", b"", (".csv", ".txt"), list_csv, read_csv_topics)
 FORMATS = (ULOG, BIN, MCAP, ROSBAG2, ROSBAG, CSV)
 HEAD_BYTES = 1 << 20
-"""Number of bytes at the start of a trimtab log that identify it."""
+"""Number of bytes at the start of a file that are searched for the mark of a trimtab log."""
 
 
 def detect_format(path: str | os.PathLike[str]) -> LogFormat:
     """Detect the format of a file, or of a folder of rosbag2, by its first bytes.
 
     Raises:
-        InputError: missing or empty file, or unknown format.
+        InputError: a missing or empty file, or an unknown format.
     """
     file, where = Path(path), name_file(Path(path))
     if file.is_dir():
         if (file / "metadata.yaml").is_file():
             return ROSBAG2
-        fix = "give a log file in that folder, or the folder of a rosbag2, which holds metadata.yaml"
+        fix = "give a log file in that folder, or the folder of a rosbag2, which contains metadata.yaml"
         raise InputError(where, "is a folder without metadata.yaml", fix=fix)
     try:
         with open_user_file(file) as stream:
@@ -105,7 +108,7 @@ def detect_format(path: str | os.PathLike[str]) -> LogFormat:
 
 
 def is_own_log(path: str | os.PathLike[str]) -> bool:
-    """Return True for a log of trimtab, and for an unknown format, which `read_mcap` then reports."""
+    """Return True for a log of trimtab, and for a file of unknown format, which `read_mcap` then rejects."""
     try:
         kind = detect_format(path)
         if kind is not MCAP:
@@ -117,7 +120,7 @@ def is_own_log(path: str | os.PathLike[str]) -> bool:
 
 
 def list_topics(path: str | os.PathLike[str]) -> list[TopicSummary]:
-    """List the topics of a foreign log, with fields, counts and rates.
+    """List the topics of a log of another system, with their fields, numbers of rows, and rates.
 
     Raises:
         InputError: a file that can't be read.
@@ -128,15 +131,15 @@ def list_topics(path: str | os.PathLike[str]) -> list[TopicSummary]:
 def read_foreign(path: str | os.PathLike[str], mapping: str | os.PathLike[str] | LogMapping) -> Log:
     """Read a foreign log in the form of `logs.samples.log_samples`, for a replay of an estimator.
 
-    Its metadata give the format, the mapping, the first row's time on the foreign clock (``start_s``), and, for each
-    sensor under ``converted``, the number of its rows, and how many were out of order, duplicates or not finite.
+    The metadata of the log give the format, the mapping, the time of the first row on the foreign clock (``start_s``),
+    and under ``converted``, for each sensor, the number of rows, and of rows out of order, duplicate and not finite.
 
     Args:
-        path: a ULog, BIN, MCAP, bag or CSV file, or the folder of a rosbag2.
-        mapping: a mapping file, or the result of `read_mapping`.
+        path: path of a ULog, BIN, MCAP, bag or CSV file, or of the folder of a rosbag2.
+        mapping: path of a mapping file, or the result of `read_mapping`.
 
     Raises:
-        InputError: with file, topic and column, and the text to write instead.
+        InputError: an error in the file or the mapping, with topic, column, and the text to write instead.
     """
     file, kind = Path(path), detect_format(path)
     chosen = mapping if isinstance(mapping, LogMapping) else read_mapping(mapping)

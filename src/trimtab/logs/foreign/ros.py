@@ -1,7 +1,7 @@
-"""MCAP files with JSON or ROS 2 messages, and ROS bags: a folder of rosbag2, or one .bag file of ROS 1.
+"""Reader of MCAP files with JSON or ROS 2 messages, and of ROS bags: a folder of rosbag2, or a .bag file of ROS 1.
 
-Fields are named as in the message, ``angular_velocity.x``, arrays by index. ``header.stamp`` is one number of ns, and
-``log_time`` the time at which the message was recorded.
+Fields are named as in the message, e.g. ``angular_velocity.x``, and array elements by index. ``header.stamp`` is one
+number in ns, and ``log_time`` is the time at which the message was recorded.
 """
 
 import json
@@ -26,21 +26,21 @@ from trimtab.logs.foreign.tables import (
 
 Decode = Callable[[bytes], Any]
 Message = tuple[str, int, Decode | None, bytes]
-"""Topic, time in ns, decoder or None, and the message's bytes."""
+"""Message of a file: topic, time (ns), decoder or None, and bytes of the message."""
 LISTED = 20
-"""Number of messages of a topic that are decoded to list its fields."""
+"""Number of messages that are decoded to list the fields of a topic."""
 
 
 def list_mcap(path: Path) -> list[TopicSummary]:
-    """List every topic of an MCAP file; those in other encodings have no fields."""
+    """List every topic of an MCAP file. Topics in encodings that are not supported have no fields."""
     return _summarise_messages(_read_all(path, "MCAP", _mcap_messages(path, None), LISTED))
 
 
 def read_mcap_topics(path: Path, topics: Iterable[str]) -> dict[str, Table]:
-    """Read tables of some topics of an MCAP file.
+    """Read the tables of the named topics from an MCAP file.
 
     Raises:
-        InputError: unknown topic, messages in another encoding than JSON and CDR, or a damaged file.
+        InputError: an unknown topic, messages in another encoding than JSON and CDR, or a damaged file.
     """
     wanted = set(topics)
     grouped = _read_all(path, "MCAP", _mcap_messages(path, wanted))
@@ -48,15 +48,15 @@ def read_mcap_topics(path: Path, topics: Iterable[str]) -> dict[str, Table]:
 
 
 def list_bag(path: Path) -> list[TopicSummary]:
-    """List every topic of a bag."""
+    """List every topic of a ROS bag."""
     return _summarise_messages(_read_all(path, "a ROS bag", _bag_messages(path, None), LISTED))
 
 
 def read_bag(path: Path, topics: Iterable[str]) -> dict[str, Table]:
-    """Read tables of some topics of a bag.
+    """Read the tables of the named topics from a ROS bag.
 
     Raises:
-        InputError: unknown topic, message type without a definition, or damaged bag.
+        InputError: an unknown topic, a message type without a definition, or a damaged bag.
     """
     wanted = set(topics)
     return _stack_topics(path, wanted, _read_all(path, "a ROS bag", _bag_messages(path, wanted)), list_bag)
@@ -65,7 +65,7 @@ def read_bag(path: Path, topics: Iterable[str]) -> dict[str, Table]:
 def _read_all(
     path: Path, kind: str, messages: Iterator[Message], most: int | None = None
 ) -> dict[str, list[tuple[int, Any]]]:
-    """Return topic -> time of each message, and content of the first `most` messages, if these can be decoded."""
+    """Return topic -> time of each message, and content of the first `most` messages if they can be decoded."""
     grouped: dict[str, list[tuple[int, Any]]] = {}
     try:
         for topic, time, decode, data in messages:
@@ -76,7 +76,7 @@ def _read_all(
                 several.append((time, dict(flatten_message(decode(data)))))
     except InputError:
         raise
-    except Exception as error:  # damaged bytes may raise any error; the answer names the file
+    except Exception as error:  # damaged bytes may raise any error; the error must name the file
         refuse_damage(name_file(path), kind, error)
     return grouped
 
@@ -109,7 +109,7 @@ def _stack_topics(
 
 
 def _mcap_messages(path: Path, topics: set[str] | None) -> Iterator[Message]:
-    """Yield messages in the order of the file, so that a file without an index, after a crash, can be read."""
+    """Yield messages in the order of the file. Thus a file that has no index after a crash can be read too."""
     from mcap.exceptions import EndOfFile
     from mcap.reader import NonSeekingReader
 
@@ -135,13 +135,13 @@ def _find_decoder(path: Path, encoding: str, schema: Any) -> Decode | None:
 
 
 def _cdr_decoder(path: Path, name: str, form: str, text: str) -> Decode | None:
-    """Return a decoder for ROS 2 messages; None without a definition of their fields.
+    """Return a decoder for ROS 2 messages of a type; None without a definition of its fields.
 
     Args:
         path: path of the file, for errors.
         name: name of the message type.
-        form: form of the definition: ``ros2msg``, ``ros2idl``, or anything else without one.
-        text: the definition; without one, the types of ROS 2 Humble are used.
+        form: format of the definition: ``ros2msg`` or ``ros2idl``; anything else means no definition.
+        text: text of the definition. Without a definition, the types of ROS 2 Humble are used.
     """
     typesys = import_package(name_file(path), "rosbags.typesys")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)

@@ -1,4 +1,4 @@
-"""Common form of foreign logs: topics, each as a table of columns, and a summary of each topic."""
+"""Common form of foreign logs: a table of columns and a summary for each topic."""
 
 import importlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -12,17 +12,17 @@ from trimtab.core.suggestions import closest
 from trimtab.core.time import FOREVER
 
 LOG_TIME = "log_time"
-"""Column of the time at which a message was recorded, in ns, if the format has one."""
+"""Name of the column with the time (ns) at which a message was recorded, if the format has such a time."""
 LONGEST_ARRAY = 64
-"""Maximum length of an array that becomes columns; images and point clouds are not samples of a sensor."""
+"""Maximum length of an array whose elements become columns. Longer arrays, such as images, are left out."""
 
 
 class Table(NamedTuple):
     """One topic of a foreign log.
 
-    columns: name -> (n,), in its own type.  units: name -> unit, if the file gives it.
-    time: name of the usual column of times, or empty.  time_unit: its unit.
-    problems: name -> reason why a column has no numbers, with its line, if known.
+    columns: name -> values (n,), in the type of the file.  units: name -> unit, if the file gives units.
+    time: name of the usual column of times, or empty.  time_unit: unit of this column.
+    problems: name -> reason why a column has no numbers, with the line in the file, if known.
     """
 
     columns: Mapping[str, Any]
@@ -33,10 +33,10 @@ class Table(NamedTuple):
 
 
 class TopicSummary(NamedTuple):
-    """Summary of one topic.
+    """Summary of one topic of a foreign log.
 
-    name: name for a mapping.  fields: fields that a mapping can use.  rows: number of rows.
-    rate: Hz, from the first to the last row; 0 for fewer than two rows, or without times.
+    name: name of the topic in a mapping.  fields: fields that a mapping can use.  rows: number of rows.
+    rate: mean rate of the rows (Hz); 0 for fewer than two rows, or without times.
     """
 
     name: str
@@ -46,10 +46,10 @@ class TopicSummary(NamedTuple):
 
 
 def import_package(where: str, module: str) -> Any:
-    """Import a module of the extra ``logs``.
+    """Import a module of a package that the extra ``logs`` installs.
 
     Raises:
-        InputError: it is not installed.
+        InputError: the package is not installed.
     """
     try:
         return importlib.import_module(module)
@@ -62,7 +62,7 @@ def import_package(where: str, module: str) -> Any:
 
 
 def refuse_topic(where: str, topic: str, known: Iterable[str]) -> NoReturn:
-    """Raise InputError for a topic that a file does not have, with the topics that it has."""
+    """Raise InputError for a topic that a file does not have; the error lists the topics of the file."""
     names = sorted(known)
     near = closest(topic, names, 1)
     fix = f'topic = "{near[0]}"' if near else "set  topic = …  in the mapping to one of the choices"
@@ -70,23 +70,23 @@ def refuse_topic(where: str, topic: str, known: Iterable[str]) -> NoReturn:
 
 
 def refuse_damage(where: str, kind: str, error: Exception) -> NoReturn:
-    """Raise InputError for a file that begins like a format but can't be read."""
+    """Raise InputError for a file that begins like a file of this kind but can't be read."""
     said = str(error).partition("\n")[0][:200]
     problem = f"begins as {kind}, but can't be read: {type(error).__name__}: {said}"
     raise InputError(where, problem, fix="copy the file again from the recorder") from None
 
 
 def summarise_rows(name: str, fields: Sequence[str], seconds: Any) -> TopicSummary:
-    """Summarise a topic whose rows have the times `seconds` (n,)."""
+    """Return the summary of a topic whose rows have the times `seconds` (n,)."""
     times = np.asarray(seconds, np.float64)
     span = float(times.max() - times.min()) if len(times) > 1 else 0.0
     return TopicSummary(name, tuple(fields), len(times), (len(times) - 1) / span if span > 0 else 0.0)
 
 
 def flatten_message(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the numbers of a decoded message by dotted name, arrays by index: ``linear.x``, ``covariance[0]``.
+    """Yield name and value of each number of a decoded message, e.g. of ``linear.x`` and ``covariance[0]``.
 
-    A time in seconds and nanoseconds becomes one number of ns. Texts and long arrays are left out.
+    A time in seconds and nanoseconds becomes one number in ns. Texts and long arrays are left out.
     """
     if isinstance(value, bool | int | float | np.number | np.bool_):
         yield name, value
@@ -113,10 +113,10 @@ def _flatten_members(members: Mapping[str, Any], name: str) -> Iterator[tuple[st
 
 
 def stack_messages(where: str, topic: str, messages: Sequence[Mapping[str, Any]], times: Sequence[int]) -> Table:
-    """Collect messages in a table; missing values become NaN.
+    """Collect the messages of a topic in a table. Missing values become NaN.
 
     Args:
-        where: name of the file.
+        where: name of the file, for errors.
         topic: topic of the messages.
         messages: flat messages from `flatten_message`.
         times: times of recording (ns).
@@ -125,10 +125,10 @@ def stack_messages(where: str, topic: str, messages: Sequence[Mapping[str, Any]]
     if LOG_TIME in names:
         raise InputError(f"{where}, topic {topic!r}", f"has a field {LOG_TIME!r} of its own", fix="rename the field")
     columns = {name: np.array([message.get(name, np.nan) for message in messages]) for name in names}
-    held = [min(time, FOREVER) for time in times]  # only damaged files have later times
+    held = [min(time, FOREVER) for time in times]  # later times occur only in damaged files
     return Table(columns | {LOG_TIME: np.array(held, np.int64)}, {}, LOG_TIME, "ns")
 
 
 def name_file(path: str | Path) -> str:
-    """Return the name of a file in errors."""
+    """Return the text with which an error names a log file."""
     return f"log file '{path}'"

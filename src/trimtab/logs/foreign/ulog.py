@@ -1,4 +1,4 @@
-"""PX4's ULog: topics are uORB messages; ``sensor_accel[1]`` is the second instance of one.
+"""Reader of PX4's ULog. Topics are uORB messages; ``sensor_accel[1]`` is the second instance of ``sensor_accel``.
 
 Source: PX4 user guide, ULog file format; read by pyulog.
 """
@@ -25,7 +25,7 @@ TIME, TIME_UNIT = "timestamp", "us"
 
 
 def list_ulog(path: Path) -> list[TopicSummary]:
-    """List every topic of a ULog file; the elements of an array are named ``q[0]`` etc."""
+    """List every topic of a ULog file. The elements of an array are named ``q[0]`` etc."""
     found = []
     for data in _load(path, None).data_list:
         count = len(next(iter(data.data.values()), ()))
@@ -35,10 +35,10 @@ def list_ulog(path: Path) -> list[TopicSummary]:
 
 
 def read_ulog(path: Path, topics: Iterable[str]) -> dict[str, Table]:
-    """Read tables of some topics of a ULog file.
+    """Read the tables of the named topics from a ULog file.
 
     Raises:
-        InputError: unknown topic, or damaged file.
+        InputError: an unknown topic, or a damaged file.
     """
     wanted = set(topics)
     log = _load(path, sorted({name.partition("[")[0] for name in wanted}))
@@ -63,5 +63,5 @@ def _load(path: Path, names: list[str] | None) -> Any:
     try:
         with open(path, "rb") as stream, contextlib.redirect_stdout(io.StringIO()):  # the reader prints warnings
             return package.ULog(stream, names)
-    except Exception as error:  # damaged bytes may raise any error; the answer names the file
+    except Exception as error:  # damaged bytes may raise any error; the error must name the file
         refuse_damage(where, "ULog", error)
