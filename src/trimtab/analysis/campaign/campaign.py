@@ -109,7 +109,7 @@ class Campaign:
         success: conditions, e.g. "settling:yaw_rate <= 10". Default: each target is reached and held.
         sampling: "random", "sobol" or "latin".
         settings, without, faults: as in `trimtab run`; only for a scenario given by name.
-        log_period: time between the rows that metrics see (100 ns).
+        log_period: time between the logged rows that metrics use (100 ns).
 
     Raises: InputError for a campaign that can't be flown, before any run starts.
     """
@@ -190,7 +190,7 @@ class Campaign:
             progress: function called with the number of finished rows.
             about: further attributes for the store.
 
-        Raises: InputError if the store holds another campaign, another process is writing to it, or the disk is full.
+        Raises: InputError if the store is of another campaign, another process is writing to it, or the disk is full.
         """
         began = time.perf_counter()
         if workers is not None and not self.by_name:
@@ -212,7 +212,7 @@ class Campaign:
             with open_store(folder, attributes, self._example_row(), self.plan.runs, block) as rows:
                 flown = self._fly_blocks(fly, used, rows, block, stop, count)
                 columns = rows.read()
-            n = int(np.searchsorted(columns["run"], self.plan.runs))  # a store may hold more runs
+            n = int(np.searchsorted(columns["run"], self.plan.runs))  # a store may contain more runs
             columns = {name: column[:n] for name, column in columns.items()}
         good = proportion(int(columns["success"].sum()), len(columns["run"]))
         return CampaignResult(self.plan, columns, good, flown, time.perf_counter() - began, block, who)
@@ -250,7 +250,7 @@ class Campaign:
         """Return the uncompressed size of one run's row, in bytes."""
         return (
             sum(column.itemsize for column in self._example_row().values()) + 1
-        )  # plus one byte: whether the row is done
+        )  # plus one byte for the flag of a finished row
 
     def scenario(self, run: int) -> Scenario:
         """Return the scenario of one run, with the run's own parameters."""

@@ -29,7 +29,10 @@ ROUNDS = 8
 FINEST = 32
 """Minimum number of lags, within the shorter averaging time, at which a covariance is computed."""
 KNOCK = 10.0
-"""Largest accepted change between two samples, in standard deviations; Gaussian noise exceeds it with 1e-23."""
+"""Largest accepted change between two samples, in standard deviations.
+
+Gaussian noise exceeds it with probability 1e-23.
+"""
 MISFIT = 10.0
 """Largest accepted misfit: weighted squares over the degrees of freedom; 1 for a good log."""
 MEDIAN = 0.6744897501960817

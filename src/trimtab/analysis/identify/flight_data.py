@@ -70,7 +70,7 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
     states = [path for path, _, _ in leaves(scenario.initial)]
     block = _measuring_block(log, states, sensor, where)
     ticks, y = _read_measured(log, block, states)
-    if base.startswith("downlink."):  # of another system: its inputs before the first command are unknown
+    if base.startswith("downlink."):  # log of another system: inputs before the first command are unknown
         driven = ticks >= log.ticks[int(np.argmax(valid))]
         ticks, y = ticks[driven], y[driven]
     _refuse_jumps(where, scenario, states, ticks, y)
@@ -205,7 +205,7 @@ def mean_input(integral: Any, grid: int, edges: Any, delay: Any) -> Any:
     """Return the mean input over each step (n,), with commands acting `delay` (s) later.
 
     Args:
-        integral: result of `actuate`.  edges: ends of the steps in grid units from its start (n,), the first a start.
+        integral: result of `actuate`.  edges: boundaries of the steps in grid units (n,), from its start.
     """
     place = jnp.asarray(edges) - delay / to_seconds(grid)
 

@@ -1,6 +1,6 @@
 """Points of the runs in the unit cube, computed from the campaign's seed and the run's number.
 
-    random   each number its own Philox stream of (seed, path): run k has its k-th number
+    random   each parameter has a Philox stream of (seed, path), and run k uses its k-th number
     sobol    scrambled Sobol points, in order
     latin    a Latin hypercube of all the runs; runs can't be added later
 
@@ -9,16 +9,16 @@ numbers of a run are one more factor, the last. Row k depends only on the seed, 
 larger design appends rows.
 
     saltelli   two samples A and B, and A with one factor at a time taken from B
-    morris     trajectories that change one factor after the other
+    morris     trajectories that change one factor at a time
 
 **saltelli**: base sample j has d + 2 rows: A, then A with factor i from B for i = 0 … d - 1, then B. A and B are the
 halves of point j of one Sobol sequence in 2 d dimensions, shifted digit by digit with random words of the seed. A flies
-with one word (the `run` of its key), B with another, and the row of the noise is A flown again with B's word. No two
-base samples share a word.
+with one word (the `run` of its key) and B with another. The row of the noise repeats A with B's word. No two base
+samples share a word.
 
 **morris**: a trajectory has d + 1 rows: it starts at a random point of a grid of four levels and changes each factor
-once, in random order, by MORRIS_STEP up or down; the step of the noise flies the same point with other numbers. The
-levels keep off 0 and 1, where the quantile of a normal distribution is infinite.
+once, in random order, by MORRIS_STEP up or down; the step of the noise flies the same point with other random
+numbers. The levels avoid 0 and 1, where the quantile of a normal distribution is infinite.
 
 Source: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (Philox); Owen, "Randomly permuted
 (t,m,s)-nets", 1995 (scrambling), and McKay, Beckman, Conover, Technometrics 21 (1979) (Latin), both by scipy.stats.qmc;
@@ -43,7 +43,7 @@ DESIGNS = ("saltelli", "morris")
 """Designs for sensitivity; their rows are not independent samples."""
 SAMPLINGS = ("random", "sobol", "latin", *DESIGNS)
 NOISE = "noise"
-"""Name of the factor that stands for a run's random numbers."""
+"""Name of the factor that represents a run's random numbers."""
 BITS = 32
 SALTELLI_STREAM = zlib.crc32(b"campaign.saltelli")
 MORRIS_STREAM = zlib.crc32(b"campaign.morris")

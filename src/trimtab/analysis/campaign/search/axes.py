@@ -1,4 +1,4 @@
-"""Axes of a stability map: each changes a quantity of the scenario without changing its program.
+"""Axes of a stability map. Each axis changes a quantity of the scenario without changing its program.
 
 Source: docs page, Axes.
 """

@@ -2,7 +2,7 @@
 
 A gradient needs a cost that is an integral over the run. These metrics are integrals:
 
-    error_rms   sqrt(1/T int (x - target)^2 dt), over the second half        rms   the same of x, over the whole run
+    error_rms   sqrt(1/T int (x - target)^2 dt), over the second half        rms   sqrt(1/T int x^2 dt)
     mean        1/T int x dt
 
 They use every instant of the run, while metrics of a campaign use the logged rows.

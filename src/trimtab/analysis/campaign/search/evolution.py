@@ -1,4 +1,4 @@
-"""CMA-ES in the unit cube, with restarts that double the population (IPOP); each generation is one batch of runs.
+"""CMA-ES in the unit cube, with restarts that double the population (IPOP). Each generation is one batch of runs.
 
 Source: Hansen, Ostermeier, "Completely derandomized self-adaptation in evolution strategies", Evolutionary Computation
 9 (2001); restarts: Auger, Hansen, "A restart CMA evolution strategy with increasing population size", CEC 2005; both by
@@ -57,7 +57,7 @@ def evolve(
         budget: maximum number of points.
         seed: seed of the search's own random numbers.
     """
-    cma: Any = importlib.import_module("cma")  # only a search needs it
+    cma: Any = importlib.import_module("cma")  # the package is needed only for a search
     spent, restart, rng = 0, 0, np.random.default_rng(seed)
     while True:
         x0 = np.asarray(start(restart), np.float64)

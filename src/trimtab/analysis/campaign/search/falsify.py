@@ -9,8 +9,8 @@ CMA-ES then starts from the worst point, and later from the worst points elsewhe
 with new words.
 
 The margin is one number that measures how far a run is from failing. It is negative for a failure, and has a slope
-among successes and among failures. Each condition has a margin relative to its bound. The margin of a run is that of
-its worst condition:
+among successes and among failures. Each condition has a room, which is its distance to the bound relative to the bound.
+The margin of a run is that of its worst condition:
 
     settling:s <= T      1 - max |e|/band, over the rows from the last one at or before T
     first_reach:s <= T   1 - min |e|/band, over the rows up to T
@@ -18,7 +18,7 @@ its worst condition:
     >= and >             the same with the other sign
     margin               min of room/(1 + |room|), in (-1, 1);  a diverged run: -2 + t/T, with t of its first bad row
 
-so that a signal that never settles is judged by its distance from the band, and a signal that settles by its remaining
+So a signal that never settles is judged by its distance from the band, and a signal that settles by its remaining
 distance to the edge of the band. A margin is negative exactly where a condition does not hold.
 
 Source: Annapureddy, Liu, Fainekos, Sankaranarayanan, "S-TaLiRo: a tool for temporal logic falsification", TACAS 2011,
@@ -202,9 +202,10 @@ class BoxSearch:
 class FalsificationResult(NamedTuple):
     """Worst run that was found, and the course of the search.
 
-    margin: margin of the worst run, repeated by itself; negative if the run failed.  values: path -> exact value of the
-    parameter.  point: (d,), the run's place in the box.  word: number that selects its random numbers. columns: its
-    metrics.  flown_runs: total number of runs.  first: number of runs until the first failure, or None.
+    margin: margin of the worst run, from its repetition; negative if the run failed.  values: path -> exact value of
+    the parameter.  point: (d,), the run's place in the box.  word: number that selects the run's random numbers.
+    columns: the run's metrics.  flown_runs: total number of runs.  first: number of runs until the first failure, or
+    None.
     candidate_margins: (n, words), in the order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the
     number of the restart; the largest number marks the worst point with new words.
     """

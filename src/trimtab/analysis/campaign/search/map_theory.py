@@ -113,7 +113,7 @@ def linear_loop(scenario: Scenario) -> FeedbackLoop:
     """Return the loop of a scenario's law and vehicle, linearised about the law's equilibrium.
 
     Raises: InputError if the law has no `equilibrium`, the loop can't be linearised (see `loop_of_law`), or a predictor
-    stands before the law.
+    precedes the law.
     """
     if scenario.autopilot.predictor is not None:
         problem = "the law has a predictor, so the margins of the law's own loop do not apply"

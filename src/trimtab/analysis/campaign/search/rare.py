@@ -51,9 +51,9 @@ PILOT_STREAM, ROUND_STREAM = 0, 1
 
 
 class Failure(NamedTuple):
-    """Run that fails. z: standard normal numbers of its parameters.  words: of its noise.  margin: in the search.
+    """Run that fails. z: standard normal numbers of its parameters.  words: of its noise.  margin: from the search.
 
-    values: path -> exact value of the parameter.  columns: metrics; both from a repetition of the run by itself.
+    values: path -> exact value of the parameter.  columns: metrics, from a repetition of the run by itself.
     """
 
     z: Any
@@ -149,8 +149,8 @@ def estimate_rare(
         progress: function called with the number of runs flown since the last call.
         report: function called once, after the pilot.
 
-    Raises: InputError if the scenario can't be flown (before any run starts), the margin doesn't lead to a failure, or
-    the folder holds something else.
+    Raises: InputError if the scenario can't be flown (before any run starts), the margin does not approach a failure,
+    or the folder contains another study.
     """
     began = time.perf_counter()
     if runs < LEAST_RUNS:
@@ -316,7 +316,7 @@ class _Study:
             fix = f"{argument_name('out')} with a new folder"
             raise InputError(argument_name("out"), f"{str(file)!r} can't be read: {error}", fix=fix) from None
         if not same:
-            problem = f"{str(file.parent)!r} holds another study, or one from another version or backend"
+            problem = f"{str(file.parent)!r} contains another study, or one from another version or backend"
             raise InputError(
                 argument_name("out"),
                 problem,

@@ -1,7 +1,7 @@
 """Stability map: success of a scenario in the plane of two parameters, refined only near the boundary.
 
 Source: docs page, Stability maps; R. A. Finkel, J. L. Bentley, "Quad trees: a data structure for retrieval on composite
-keys", Acta Informatica 4 (1974), for the tree of cells. The rule by which cells are split is ours.
+keys", Acta Informatica 4 (1974), for the tree of cells. The rule for splitting cells is this package's own.
 """
 
 from collections.abc import Callable, Iterable
@@ -30,7 +30,7 @@ Success = Callable[[Batch], Any]
 SWING = 0.1
 """Largest residual oscillation accepted at a run's end, as a fraction of a target's band."""
 ROWS = 300
-"""Approximate number of rows judged in each run."""
+"""Approximate number of rows evaluated in each run."""
 NUMBERS = 20_000_000
 """Maximum number of logged values held at once; larger rounds are flown in parts."""
 ALL = 100
@@ -77,7 +77,7 @@ class TracedBoundary(NamedTuple):
     def crossings(self, line: int, axis: int = 0) -> list[tuple[int, int]]:
         """Return pairs of neighbouring evaluated points between which a line along `axis` crosses the boundary.
 
-        line: lattice index on the other axis; use one of the coarse grid, other lines have few evaluated points.
+        line: lattice index on the other axis. Lines outside the coarse grid have few evaluated points.
         """
         values = self.grid().take(line, axis=1 - axis)
         known = np.flatnonzero(~np.isnan(values))

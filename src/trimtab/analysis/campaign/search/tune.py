@@ -8,8 +8,8 @@ Gains are compared in runs with the same random numbers, so that common variatio
 
     D_i = cost of the second - cost of the first, in run i        mean(D) ± t_{n-1} std(D)/sqrt(n)
 
-If a cost is infinite, the mean does not exist. Then the runs in which the second is better are counted against those in
-which it is worse, and their share has its exact interval (sign test).
+If a cost is infinite, the mean does not exist. Then the result is the share of runs in which the second gains are
+better, among the runs with a difference, with its exact interval (sign test).
 
 Source: Law, "Simulation modeling and analysis", 5th ed. 2015, sections 10.2.1 (paired t) and 11.2 (common random
 numbers); Dixon, Mood, "The statistical sign test", Journal of the ASA 41 (1946); docs page, Tune.
@@ -95,7 +95,7 @@ def parse_gain(path: str, text: str) -> Distribution:
 class Gains(NamedTuple):
     """Gains of a campaign.
 
-    at: their columns.  own: values in the scenario.  start: (d,), places of `own` in the ranges.
+    at: columns of the gains.  own: values in the scenario.  start: (d,), places of `own` in the ranges.
     """
 
     ready: PreparedCampaign
@@ -349,7 +349,7 @@ class _GainFlights:
         return compare(before, after)
 
     def slope_function(self) -> Callable[[Any, int], tuple[Any, Any]]:
-        """Return a function that flies pairs of runs and returns their costs and the derivatives by the gains."""
+        """Return a function that flies pairs of runs and returns their costs and derivatives in the gains."""
         ready, gains = self.gains.ready, self.gains
         of = integral_cost(self.terms, ready)
         along = [(f.path, f.at or ()) for f in gains.factors]

@@ -57,7 +57,7 @@ class TuningStep(NamedTuple):
 def merit(costs: Any, reference: float) -> Any:
     """Return a score (n,) of candidates from their costs (n, runs); lower is better.
 
-    The score is z/(1 + |z|), z the mean of the finite costs over the reference, plus the share of infinite costs.
+    The score is z/(1 + |z|) plus the share of infinite costs. z is the mean of the finite costs over the reference.
     """
     finite = np.isfinite(costs)
     share = 1 - finite.mean(axis=1)

@@ -8,7 +8,7 @@
 
     P(X(l) > q_p) <= P(B <= l - 1) <= tail        P(X(u) < q_p) <= P(B >= u) <= tail        B ~ Bin(n, p)
 
-with X(1) <= ... <= X(n), the largest such l and the smallest such u. It holds for any distribution, also with steps.
+with X(1) <= ... <= X(n), the largest such l and the smallest such u. They hold for any distribution, even with steps.
 
 **Mean**: metrics of runs are skew (a few settle very late). One-sided bounds by Student's t are then wrong by the order
 of 1/sqrt(n). A cubic transformation removes the runs' skewness g, which leaves an error of the order of 1/n:
@@ -18,8 +18,8 @@ of 1/sqrt(n). A cubic transformation removes the runs' skewness g, which leaves 
 It is monotonic and has an inverse, which gives the bounds: mu = mean - s h^-1(t/sqrt(n)).
 
 **Anytime**: an interval for a fixed number of runs covers the truth less often if the runs stop as soon as it looks
-good. With `anytime`, the intervals of a probability and of a quantile hold at all numbers of runs together, in `level`
-of all campaigns. You may then stop for any reason, resume later, and look after every block.
+good. With `anytime`, the intervals of a probability and of a quantile hold at all numbers of runs together, in a
+share `level` of all campaigns. You may then stop for any reason, resume later, and look after every block.
 
 Of k successes in n runs, the evidence that the probability is above p is a martingale under p, so that Ville's
 inequality bounds how often it ever reaches 1/tail. With theta uniform on [p, 1]:
@@ -36,7 +36,7 @@ Biometrika 26 (1934); beta quantiles: [2] Johnson, Kemp, Kotz, "Univariate discr
 (1936); [4] David, Nagaraja, "Order Statistics", 3rd ed., Wiley 2003, section 7.1; the quantile itself is the inverse of
 the empirical distribution, definition 1 of [5] Hyndman, Fan, "Sample quantiles", American Statistician 50 (1996);
 [6] Hall, "On the removal of skewness by transformation", J. R. Statist. Soc. B 54 (1992), eq. 2.6 and the bounds after
-it; Student's quantiles in place of the normal ones are ours: for g = 0 it is Student's interval;
+it; Student's quantiles replace the normal ones here: for g = 0 it is Student's interval;
 [7] Ville, "Etude critique de la notion de collectif", 1939; [8] Robbins, "Statistical methods related to the
 law of the iterated logarithm", Ann. Math. Statist. 41 (1970), for mixtures; [9] Howard, Ramdas, "Sequential estimation
 of quantiles", Bernoulli 28 (2022), for the way from counts to quantiles.
@@ -168,14 +168,14 @@ def quantile(
 def ranks(trials: int, p: float, level: float) -> tuple[int, int]:
     """Return the ranks (1: the smallest) whose values bound the p-quantile in at least `level` of all campaigns.
 
-    0 for the lower rank, or trials + 1 for the upper rank: the runs are too few for a bound on that side.
+    A lower rank of 0, or an upper rank of trials + 1, means that the runs are too few for a bound on that side.
     """
     tail = (1 - level) / 2
     return int(stats.binom.ppf(tail, trials, p)), int(stats.binom.isf(tail, trials, p)) + 1
 
 
 def ranks_anytime(trials: int, p: float, level: float) -> tuple[int, int]:
-    """Return the ranks for bounds that hold at every number of runs at once."""
+    """Return the ranks, as `ranks`, for bounds that hold at every number of runs at once."""
     enough = -np.log((1 - level) / 2)
     counts = range(trials + 1)
     low = bisect_left(counts, True, key=lambda k: bool(log_evidence(trials - k, trials, 1 - p) < enough))

@@ -33,8 +33,8 @@ class Rows:
 
     t: (m,), s.  signals: by path, (n, m, …).  targets: targets of the scenario.  angles: paths of signals that wrap.
     final: values after the last step, by path, (n, …); a missing signal ends with its last row.  flight: source of
-    `flight.roll` etc., which are computed on request, as in a log.  end_time: end of all runs, s.  parameters: of each
-    run, by path, (n,), those needed for a flight over the rotating earth.
+    `flight.roll` etc., which are computed on request, as in a log.  end_time: end of all runs, s.  parameters: path ->
+    values (n,), those needed for a flight over the rotating earth.
     """
 
     t: Any
@@ -111,7 +111,7 @@ class Rows:
 class Metric(NamedTuple):
     """Metric of a run.
 
-    name: of its column.  signals: paths of its signals.  of: function from `Rows` to values (n,).
+    name: name of its column.  signals: paths of its signals.  of: function from `Rows` to values (n,).
     """
 
     name: str
@@ -167,8 +167,8 @@ def swing_amplitude(rows: Rows, path: str) -> Any:
 
     The last third of the run is halved. The amplitude of a half is half of the largest minus the smallest value. If the
     amplitude of the second half is below FADING times that of the first, the oscillation decays. Growth, a limit cycle
-    and noise remain. A constant offset is not an oscillation. A period longer than a sixth of the run is not seen
-    whole.
+    and noise remain. A constant offset is not an oscillation. An oscillation with a period longer than a sixth of
+    the run is seen only in part.
     """
     tail = _tail_errors(rows, path)
     half = tail.shape[1] // 2
@@ -229,7 +229,7 @@ KINDS = (*OF_TARGETS, *OF_SIGNALS, ROBUSTNESS)
 
 @contextmanager
 def name_option(name: str, more: str = "") -> Iterator[None]:
-    """Let errors name the argument `name` in place of "metrics".
+    """Make errors name the argument `name` in place of "metrics".
 
     more: text that follows the metric in that argument.
     """
@@ -336,7 +336,7 @@ def short_name(path: str) -> str:
 
 
 def function_metric(name: str, function: Callable[[Rows], Any]) -> Metric:
-    """Return the metric for a function; the optional attribute `signals` lists what it reads."""
+    """Return the metric for a function; its optional attribute `signals` lists the signals that it reads."""
     return Metric(name, tuple(getattr(function, "signals", ("truth",))), function)
 
 

@@ -1,6 +1,6 @@
 """Probability of a rare failure by generalised splitting, over parameters and noise.
 
-A run is a point (z, w). The standard normal numbers z (d,) stand for its parameters. Each of the words w (m,) selects
+A run is a point (z, w). The standard normal numbers z (d,) represent its parameters. Each of the words w (m,) selects
 the random numbers of one part of the noise. The margin g(z, w) is below 0 for a failure. Levels g1 > g2 > … > gK = 0
 lead to the failure:
 
@@ -22,7 +22,7 @@ independent and unbiased, and the means of batches of roots give an interval.
 **Kernel.** Parameters take a preconditioned Crank-Nicolson step, z' = sqrt(1 - s^2) z + s xi with xi standard normal.
 Each word is drawn again with probability q, which resamples its part of the noise and leaves the rest exactly as it
 was. Half of the steps do both, a quarter parameters alone, a quarter noise alone. A step above the level is rejected.
-Both keep the unconditional distribution, whatever the distribution of the noise.
+Both kinds of change keep the unconditional distribution, whatever the distribution of the noise.
 
 Source: Botev, Kroese, "Efficient Monte Carlo simulation via the generalized splitting method", Statistics and Computing
 22 (2012), algorithm 2.1 and its unbiasedness, pilot by their algorithm 4.1; Au, Beck, "Estimation of small failure
@@ -134,7 +134,7 @@ def _join(parts: list[ChainStates]) -> ChainStates:
 class _Pace:
     """Step sizes, adapted to the share of accepted steps.
 
-    s: in standard deviations; q: probability to redraw a word.
+    s: step of a parameter, in standard deviations.  q: probability of redrawing a word.
     """
 
     def __init__(self) -> None:

@@ -12,7 +12,7 @@ interval then covers some probabilities in only 93.4 % of cases, and a plain qua
 docs/campaign/metrics.md has the numbers.
 
 Source: [1] Frey, "Fixed-width sequential confidence intervals for a proportion", American Statistician 64 (2010), for
-tails made smaller until exact calculation shows the coverage; the factor is ours.
+tails made smaller until exact calculation shows the coverage; the factor was computed here.
 """
 
 import math

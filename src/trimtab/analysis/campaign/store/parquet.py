@@ -27,7 +27,7 @@ def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: st
     """Write columns to a Parquet file, atomically.
 
     Args:
-        columns: name -> (n,), as `read_store` gives them.
+        columns: name -> values (n,), as `read_store` returns them.
         about: plain data stored with the rows: the store's attributes.
         file: path of the file; an existing file is replaced.
     """

@@ -1,4 +1,4 @@
-"""Rows of a campaign, in memory or on disk as a Zarr group: one array for each column, one that marks finished rows.
+"""Rows of a campaign, in memory or on disk as a Zarr group: an array per column, and one that marks finished rows.
 
 A block's `done` is written after its columns have reached the disk. Each chunk is written under another name and then
 renamed. However the process ends, a row is either done or not, and the same campaign started again flies the missing
@@ -59,9 +59,9 @@ def array_key(name: str) -> str:
 
 
 def has_store(folder: Path) -> bool:
-    """Return True if the folder holds a store, not only the remains of a process that was killed while it made one.
+    """Return True if the folder contains a store, and not only the remains of a process killed while making it.
 
-    Raises: InputError if the folder holds other files.
+    Raises: InputError if the folder contains other files.
     """
     about = folder / "zarr.json"
     files = [f for f in folder.rglob("*") if f.is_file() and f.name != LOCK and f.suffix != PARTIAL]
@@ -177,7 +177,7 @@ class CampaignStore:
                     self._chunk_path(name, k).unlink(missing_ok=True)
 
     def _damaged_chunks(self, name: str, needed: set[int]) -> set[int]:
-        """Return the chunks of a column that are unreadable, or missing though needed."""
+        """Return the chunks of a column that are unreadable, or needed but missing."""
         there = {int(f.name) for f in self._chunk_path(name, 0).parent.glob("*")}
         if self._is_readable(name, slice(None)):
             return needed - there

@@ -36,7 +36,7 @@ from trimtab.run.simulate import Batch, simulate, simulate_batch
 from trimtab.run.walk_structure import lower_structure, walk_structure
 
 JUDGED_ROWS = 48_000
-"""Number of rows judged at a time; they fit into the processor's cache."""
+"""Number of rows evaluated at a time; they fit into the processor's cache."""
 Blocks = list[tuple[int, int]]
 BlockResults = Generator[tuple[int, dict[str, Any]], None, None]
 Workers = Callable[[PreparedCampaign, Blocks, str], BlockResults]
@@ -78,7 +78,7 @@ def compute_metrics(ready: PreparedCampaign, rows: Rows) -> dict[str, Any]:
         three = (rows.signals, rows.final, rows.parameters)
         signals, ends, own = ({path: v[part] for path, v in of.items()} for of in three)
         some = dataclasses.replace(rows, signals=signals, final=ends, parameters=own)
-        with np.errstate(over="ignore", invalid="ignore"):  # a diverged run is counted, not warned of
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverged run is counted, without a warning
             for metric in ready.metrics:
                 metrics[metric.name][part] = _metric_column(metric, some, part.stop - first)
     last = np.stack([np.asarray(v, np.float64).reshape(n, -1).sum(axis=1) for v in rows.final.values()])

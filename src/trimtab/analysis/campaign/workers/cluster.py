@@ -35,7 +35,7 @@ CONNECT_TIMEOUT = 10.0
 REPLY_TIMEOUT = 15.0
 """Time without messages after which the scheduler is asked, and time limit for its answer (s)."""
 WORKER_TIMEOUT = 60.0
-"""Time limit for the arrival of a first worker, or of another when all are gone (s)."""
+"""Time limit for the arrival of a first worker, or of a new one when all are lost (s)."""
 RESUME_HINT = "start the same command again; it resumes there"
 ADDRESS_PATTERN = re.compile(r"(\w+)://(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
 _one_prepares = threading.Lock()
@@ -69,7 +69,7 @@ def fly_rows(plain: Mapping[str, Any], asker: Mapping[str, str], first: int, las
 
     Args:
         plain: the plan as plain data.
-        asker: identity of the asking machine, `machine_identity`.
+        asker: identity of the machine that runs the campaign, from `machine_identity`.
         first, last: first row, and last row + 1.
 
     Raises: InputError if this machine's rows would differ.
@@ -166,7 +166,7 @@ def _tls_context(place: SchedulerAddress) -> ssl.SSLContext:
 
 
 def check_scheduler(place: SchedulerAddress) -> None:
-    """Raise InputError if the scheduler is missing, or if either end does not trust the other."""
+    """Raise InputError if the scheduler is missing, or if scheduler and client do not trust each other."""
     part = argument_name("cluster", place.uri)
     try:
         with socket.create_connection((place.host, place.port), CONNECT_TIMEOUT) as plain:
@@ -201,7 +201,7 @@ def cluster_workers(uri: str, *, ca: str | Path = "", cert: str | Path = "", key
         ca: PEM file of the CA that signed all certificates.
         cert, key: PEM files of this machine's certificate and of its private key.
 
-    Raises: InputError if the scheduler can't be reached in this way; nothing is sent yet.
+    Raises: InputError for an invalid address or unusable files. The scheduler is contacted when the campaign flies.
     """
     place = parse_address(uri, {"tls_ca": str(ca), "tls_cert": str(cert), "tls_key": str(key)})
     if importlib.util.find_spec("distributed") is None:
@@ -263,7 +263,7 @@ class _ClusterWatch:
         self._asked, self._seen, self.threads = 0.0, time.monotonic(), 0
 
     def check_workers(self) -> None:
-        """Check, at intervals, that scheduler and workers are there.
+        """Check, at intervals, that scheduler and workers are available.
 
         Raises: WorkersLost.
         """
@@ -317,7 +317,7 @@ def _fly_blocks(
                     future.release()
                     yield first, columns
     finally:
-        flying.clear()  # the scheduler drops what no client waits for
+        flying.clear()  # the scheduler drops requests that no client waits for
 
 
 def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) -> Any:
@@ -331,7 +331,7 @@ def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) ->
         raise
     except TimeoutError:
         return None
-    except OSError as error:  # the worker that holds them does not answer
+    except OSError as error:  # the worker with these columns does not answer
         raise watch.silent_scheduler(error) from None
     except KilledWorker as error:
         problem = f"{runs} crashed one worker after another, the last {error.last_worker}"

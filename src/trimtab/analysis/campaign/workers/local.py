@@ -1,4 +1,4 @@
-"""Workers in this process: blocks fly while earlier ones are measured and written; Ctrl-C stops them."""
+"""Workers in this process: blocks fly while metrics of earlier blocks are computed. Ctrl-C stops them."""
 
 import functools
 import threading

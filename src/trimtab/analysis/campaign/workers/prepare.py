@@ -319,7 +319,7 @@ def _check_values(ready: PreparedCampaign) -> None:
 
 
 def parameters_at(ready: PreparedCampaign, u: Any) -> dict[str, Any]:
-    """Return the exact value of each parameter at the point u (d,) of the spread, by path; no options."""
+    """Return the exact value of each parameter at the point u (d,) of the spread, by path, without options."""
     dtypes = {path: d.dtype() for path, _, d in leaves(ready.scenario) if isinstance(d, Quantity)}
     arrays = spread_arrays(ready.spread, ready.scenario, spread_values(ready.spread, ready.scenario, u[None]))
     return {path: np.asarray(array[0]).astype(dtypes[path])[()] for path, array in arrays.items()}
@@ -340,13 +340,13 @@ def scenario_of(ready: PreparedCampaign, run: int) -> Scenario:
 
 
 def program_options(ready: PreparedCampaign) -> dict[str, Factor]:
-    """Return the varied options, by text; they change the program."""
+    """Return the varied options by their texts. Options change the program."""
     declared = {path: d for path, _, d in leaves(ready.scenario)}
     return {f.text: f for f in ready.spread.factors if isinstance(declared[f.path], Option)}
 
 
 def scenario_variant(ready: PreparedCampaign, picks: Mapping[str, int]) -> Scenario:
-    """Return the scenario with these choices. picks: text -> number of the choice."""
+    """Return the scenario with these choices of its options. picks: option's text -> number of the choice."""
     texts = {f.path: f.distribution.choices[picks[text]] for text, f in program_options(ready).items()}
     return with_settings(ready.scenario, texts) if texts else ready.scenario
 
