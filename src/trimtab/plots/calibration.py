@@ -16,7 +16,7 @@ COLUMNS, WIDTH, HEIGHT = 3, 5.2, 4.6
 class FitCurve(NamedTuple):
     """A fitted line and its readings. x, y: readings (n,).  fitted: at the readings (n,).  kept: (n,) bool.
 
-    line_x, line_y: the fit between them (m,).  band: half its 95 % interval (m,), or None.  label: in the legend.
+    line_x, line_y: the fit between them (m,).  band: half its 95 % interval (m,), or None.  label: text of the legend.
     """
 
     x: Any

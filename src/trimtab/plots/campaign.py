@@ -38,11 +38,11 @@ def plot_parallel(
     title: str = "",
     units: Mapping[str, str] = MappingProxyType({}),
 ) -> "Figure":
-    """Draw each run as a line through its parameters, failures on top; of many runs, draw some, and state how many.
+    """Draw each run as a line through its parameters, failures on top. Of many runs, only some are drawn.
 
     Args:
         parameters: values by name, each of shape (n,): numbers, finite.
-        success: of each run, shape (n,).
+        success: success of each run, shape (n,).
         path: where to save, see `PicturePath`.
         title: title of the plot.
         units: units of the parameters, by name, if any.
@@ -165,7 +165,7 @@ def plot_convergence(
     level: float = 0.95,
     limit: float | None = None,
 ) -> "Figure":
-    """Draw an estimate with its interval against the number of runs: for one number of runs, and for all at once.
+    """Draw an estimate over the number of runs, with intervals valid at one number, and at all numbers at once.
 
     Args:
         values: success (true or false) or a metric of runs 0 to n - 1, shape (n,).
@@ -264,7 +264,7 @@ def _quantile_interval(x: Any, p: float | None, level: float, anytime: bool) -> 
 
 
 def _estimate_limits(estimates: Any, limit: float | None) -> tuple[float, float]:
-    """Return the range of estimates and bands in the later half; an unbounded band goes to the edge."""
+    """Return the range of estimates and bands in the later half; an unbounded band extends to the edge."""
     shown = estimates[len(estimates) // 2 :]
     shown = np.r_[shown[np.isfinite(shown)], [] if limit is None else [limit]]
     if not len(shown):

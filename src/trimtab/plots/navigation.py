@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 COLUMNS, WIDTH, ROW_HEIGHT, TOP = 3, 16.0, 2.1, 0.7
 ROOM = 1.6
-"""Range of the axes, in bands late in the run, because the start may lie far outside."""
+"""Range of the axes, relative to errors and bands late in the run. The start may lie far outside."""
 
 
 def plot_navigation(log: Log, path: PicturePath = None, title: str = "Navigation") -> "Figure":

@@ -34,11 +34,11 @@ def interpolate_truth(log: Log, path: str, ticks: Any) -> Any:
 
 
 def plot_replay(log: Log, recorded: Log, replayed: Log, path: PicturePath = None, title: str = "Replay") -> "Figure":
-    """Draw the recorded signals with the replayed ones over them, and the errors, or the difference, next to them.
+    """Draw the recorded signals with the replayed ones over them, and next to them the errors or the difference.
 
     Args:
         log: the whole log, which may have the truth.
-        recorded, replayed: the signals at the control instants, as `run.replay` gives them.
+        recorded, replayed: the signals at the control instants, as `run.replay` returns them.
         path: where to save, see `PicturePath`.
         title: title of the plot.
     """

@@ -1,8 +1,8 @@
-"""One picture of a run: the main signals over a common time axis, with the ideal run for comparison.
+"""Plot of a run: the main signals over a common time axis, with the ideal run for comparison.
 
-Which panels there are follows from the log's paths, so that any vehicle, law and actuator gets its picture. A vehicle
-in space has altitude, speed, attitude in degrees and rates in the place of its vectors and its quaternion, and beside
-them its track from above and from the side.
+The panels follow from the log's paths, so the plot works for any vehicle, law and actuator. A vehicle in space has
+altitude, speed, attitude in degrees and rates in place of its vectors and its quaternion, and next to them its track
+from above and from the side.
 """
 
 import dataclasses
@@ -86,7 +86,7 @@ def plot_run(
 
     Args:
         real: the run.
-        ideal: the run to compare with, or None; drawn for the truth and the law. A path here is that of the file.
+        ideal: the run to compare with in truth and law, or None. A path given here is that of the file.
         path: path of the saved file.
         title: title of the plot; default: the scenario and the seed.
         targets: drawn as a line with its band, in the panel of their signal.
@@ -173,7 +173,7 @@ def select_panels(log: Log, aimed: Collection[str] = ()) -> list[Panel]:
 
 
 def _tell_apart(panels: list[Panel]) -> list[Panel]:
-    """Add the origin to repeated panel titles: Heading, law.demand."""
+    """Add the origin to repeated panel titles, as in Heading, law.demand."""
     titles = [panel.title for panel in panels]
     return [
         dataclasses.replace(panel, title=f"{panel.title}, {panel.paths[0].rpartition('.')[0]}")

@@ -35,14 +35,14 @@ CHATTER = "chatter: range and mean"
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """Create a white figure, in inches, whose panels make room for one another."""
+    """Create a white figure with a size in inches and a layout without overlaps."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=DPI, facecolor="white", layout="constrained")
 
 
 def style_grid(axes: Any) -> None:
-    """Draw a light grid below everything, and small numbers."""
+    """Draw a light grid below all curves, and small tick labels."""
     axes.grid(color="#d8d8d8", lw=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8)
@@ -104,7 +104,7 @@ def _column_ranges(x: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np
 
 
 def _chattering_columns(x: np.ndarray, size: int) -> np.ndarray:
-    """Return the columns in which a line chatters; a start far off does not count in its span."""
+    """Return the columns in which a line chatters; a far-off start does not count in its span."""
     low, high, _ = _column_ranges(x, size)
     known = np.isfinite(low) & np.isfinite(high)
     if not known.any():
@@ -123,7 +123,7 @@ def _chattering_columns(x: np.ndarray, size: int) -> np.ndarray:
 
 
 def has_chatter(axes: Any) -> bool:
-    """Return True if a chattering line was drawn there."""
+    """Return True if a chattering line was drawn in these axes."""
     return any(one.get_label() == CHATTER for one in axes.collections)
 
 
@@ -135,7 +135,7 @@ def save_figure(
         figure.suptitle(title, fontsize=title_size, weight="bold", x=0.01, ha="left")
     if note:
         figure.text(0.99, 0.99, note, fontsize=10, color=GREY, ha="right", va="top")
-    figure.__dict__["_repr_png_"] = partial(_draw_png, figure)  # by which a notebook shows it, without any magic
+    figure.__dict__["_repr_png_"] = partial(_draw_png, figure)  # used by notebooks to display the figure
     if path is None:
         return figure
     file, kinds = Path(path), figure.canvas.get_supported_filetypes()

@@ -62,8 +62,8 @@ def survey_beacons(
 
     The unit stays at down = 0 and the beacons are above it. Each beacon needs four pings that are not on one line.
 
-    Raises: InputError if no search converges, if several positions fit the ranges equally well, or if the standard error
-    of a coordinate exceeds DETERMINED times the distance.
+    Raises: InputError if no search converges, if several positions fit the ranges equally well, or if the standard
+    error of a coordinate exceeds DETERMINED times the distance.
     """
     ranges, odometry = _check_ranges(ranges, odometry, range_noise, odometry_noise)
     k, n = ranges.shape

@@ -2,7 +2,7 @@
 
     J r' = -(c0 tanh(r/r0) + c1 r + c2 |r| r)        m u' = -(c0 tanh(u/u0) + c1 u + c2 |u| u)
 
-The model is fitted to the speeds (output error), together with the initial speed of each trial. Coefficients are never negative.
+The model is fitted to the speeds (output error), with the initial speed of each trial. Coefficients are never negative.
 
 Source: the form is that of `vehicles.hovercraft.Friction`; the fit, Ljung, "System identification", 1999, section 7.2.
 """

@@ -32,7 +32,7 @@ class SlopeFit:
     standard_error: Scalar = quantity("rad/s^2", "Standard error of the slope, from the residuals.")
     offset: Scalar = quantity("rad/s", "Yaw rate of the fitted line at the start of the window.")
     residual: Scalar = quantity("rad/s", "Standard deviation of the residuals.")
-    samples: Scalar = quantity("1", "Samples used.", kind="count")
+    samples: Scalar = quantity("1", "Number of samples used.", kind="count")
 
 
 def lateral_force(force: Any, force_angle: Any) -> Any:
@@ -108,9 +108,9 @@ class LinearPortion(NamedTuple):
 def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
     """Find the release of a held vehicle, and the time for which its yaw rate then rises linearly.
 
-    The release is the start of the best parabola that is level before it. The window is the longest in which the bend q
-    of r = s t + q t² changes the line's slope (by q times the window) by less than half its standard error. The stated
-    error therefore holds.
+    The release is the instant at which the best fit changes from a rate of zero to a parabola. The window is the
+    longest in which the bend q of r = s t + q t² changes the line's slope (by q times the window) by less than half its
+    standard error. The stated error therefore holds.
 
     Args:
         t: times (s), shape (n,), at least 20, rising.

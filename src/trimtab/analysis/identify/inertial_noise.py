@@ -1,8 +1,8 @@
 """Noise of an inertial unit as a calibration: the noise of its sensors, and a filter's Q and R.
 
-A triad's model has one number for its three axes: their root mean square. A planar filter has separate numbers for the
-axes that it uses: the gyro about the vertical, the accelerometers forward and to starboard. The sensor's model does not
-include flicker; the filter's walk includes its share, see `allan.filter_noise`.
+The model of a triad has one number for its three axes, their root mean square. A planar filter has separate numbers
+for the axes that it uses: the gyro about the vertical, the accelerometers forward and to starboard. The sensor's model
+does not include flicker. The filter's walk includes its share, see `allan.filter_noise`.
 """
 
 import math
@@ -20,7 +20,7 @@ AXES = "xyz"
 
 
 class Triad(NamedTuple):
-    """Entries of a calibration for a sensor with three axes. unit: of a sample. record: sensor model.
+    """Entries of a calibration for a sensor with three axes. unit: unit of a sample. record: sensor model.
 
     white: axis -> filter's entry for the variance of a sample. walk: axes, and filter's entry for their bias walk.
     """
@@ -64,7 +64,7 @@ def noise_calibration(
         triad: "gyro" or "accelerometer".
         axes: 0, 1 and 2 for x, y and z -> fit, in SI; at least one.
         source: description of the data.
-        step: step of the filter (s); None: that of the samples.
+        step: step of the filter (s); None: the time between samples.
     """
     about: dict[str, Any] = {"source": source, "procedure": f"{triad} noise"}
     own, of_sensor = _sensor_numbers(TRIADS[triad], axes)

@@ -9,7 +9,7 @@ by all parameters at once, including noise variances. The parameters follow Fish
 
     I_ij = sum( e_i' e_j'/s + s_i' s_j'/(2 s²) )      g_i = sum( -e e_i'/s + (e²/s - 1) s_i'/(2 s) )
 
-The first state of a flight, and after a long gap, is nearly unknown; it is therefore estimated, too.
+The first state of a flight, and the first after a long gap, are nearly unknown, so they are estimated, too.
 
 Source: Åström, "Maximum likelihood and prediction error methods", Automatica 16 (1980); Kristensen, Madsen, Jørgensen,
 "Parameter estimation in stochastic grey-box models", Automatica 40 (2004), for scoring with a filter's innovations;
@@ -61,7 +61,7 @@ class Timeline(NamedTuple):
 class Model(NamedTuple):
     """Model to fit. Functions of the parameters p (m,), in any unit.
 
-    step(p, x, u, h): the next state (d,) of state (d,) and input.  inputs(p, drive): of every step, (n, …) each.
+    step(p, x, u, h): the next state (d,) of state (d,) and input.  inputs(p, drive): inputs of every step, (n, …) each.
     process(p): q (d,), per second.  noise(p): r (k,).  measured: indices (k,).  wraps: (k,) bool, True for angles.
     spread: variances (d,) of the first state of a stretch.
     """
@@ -224,13 +224,13 @@ def compile_likelihood(model: Model) -> CompiledLikelihood:
 def profile_intervals(
     likelihood: CompiledLikelihood, timeline: Timeline, estimate: LikelihoodEstimate, of: Any, free: Any
 ) -> Any:
-    """Return 95 % intervals (len(of), 2) of parameters `of`, from the fall of the likelihood as each is moved.
+    """Return 95 % intervals (len(of), 2) of parameters `of`, from the fall of the likelihood as each parameter moves.
 
     The other parameters are optimised again: first by the information at the estimate, then by scoring steps with the
-    gradient there. An end beyond all tried places is infinite.
+    gradient there. An end beyond all tried points is infinite.
 
     Args:
-        of: indices.  free: (m,) bool, True for parameters that follow; noise, hardly observable, should not follow.
+        of: indices.  free: (m,) bool, True for parameters that follow. Noise parameters should not.
     """
     index, p = np.flatnonzero(free), np.asarray(estimate.p)
     I = estimate.information[np.ix_(index, index)]

@@ -1,8 +1,8 @@
-"""Least squares of a few numbers, with their covariance, and without outliers.
+"""Least-squares fit of a few numbers, with their covariance, and without outliers.
 
-Outliers are found from a fit that they can't influence (least absolute deviations), and then tested on ordinary least
-squares of the others: a reading is left out, and named, if its distance from the line of the others exceeds the
-distance that occurs by chance in one of a hundred such lists.
+Outliers are found from a fit that they cannot influence (least absolute deviations), and then tested against ordinary
+least squares of the other readings. A reading is left out and reported if its distance from the fit of the others
+exceeds the distance that occurs by chance in one of a hundred such lists.
 
 Source: Rousseeuw, Leroy, "Robust regression and outlier detection", 1987, section 5.1, for the scale and the
 re-weighting; Weisberg, "Applied linear regression", 2005, section 9.1, for the test of one reading against the others.
@@ -49,7 +49,7 @@ def fit_linear(A: Any, y: Any, floor: float = 0.0) -> LinearFit:
     """Fit y (n,) by A (n, k) with least squares, without outliers; n > k.
 
     Args:
-        A: factor of each number, of full rank.
+        A: matrix of factors, one column for each number, of full rank.
         y: readings.
         floor: minimum standard deviation of a reading, e.g. that of rounding; same unit as y.
     """

@@ -42,7 +42,7 @@ class ServoFit(NamedTuple):
 
 
 def fit_servo(data: Measurements) -> ServoFit:
-    """Fit the angles at the grid's pulses by least squares of the straight pieces between them; [1] figure 4.2.
+    """Fit the angles at the grid's pulses by least squares of a piecewise linear curve; [1] figure 4.2.
 
     Args:
         data: `SERVO_COLUMNS`, readings at any pulses; every piece of the grid needs readings.
@@ -144,7 +144,7 @@ def servo_calibration(data: Measurements, servo: ServoFit) -> Calibration:
 def hull_calibration(data: Measurements, hull: HullFit) -> Calibration:
     """Return the calibration's entries for the rudder's ratio and offset.
 
-    Full thrust is where the force is straight.
+    The thrust is largest where the force is straight, so `Thruster.offset` is the same offset.
     """
     error = np.sqrt(np.diagonal(hull.covariance))
     about = {"freedom": hull.fit.freedom, "source": source_of(data, hull.fit), "procedure": "hull"}

@@ -200,7 +200,7 @@ def _measure_trials(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _log_spin_up(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Log the yaw rate each 20 ms: the craft is held for a second and released at full force."""
+    """Log the yaw rate every 20 ms: the craft is held for a second and released at full force."""
     psi = (craft.geometry.offset - SPIN_UP_RUDDER) / craft.geometry.ratio
     push = PlanarForce(SPIN_UP_FORCE * np.cos(psi), -SPIN_UP_FORCE * np.sin(psi))
     rate = _spin(craft.vehicle, push, 0.0, 0.02, 150)
@@ -240,7 +240,7 @@ def _record_delays(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 @jax.jit(static_argnums=(4,))
 def _spin(vehicle: Hovercraft, push: PlanarForce, start: Any, dt: Any, n: int) -> Any:
-    """Return yaw rates (n,) after 1, 2, … n steps of dt (s) from a rate (rad/s), integrated with dt/100."""
+    """Return yaw rates (n,) after 1, 2, … n steps of dt (s) from a rate (rad/s), integrated in steps of dt/20."""
     parts = 20
 
     def advance(x: HovercraftState, _: Any) -> Any:
