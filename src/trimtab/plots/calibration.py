@@ -40,7 +40,7 @@ class FitPanel(NamedTuple):
 
 
 def plot_fits(panels: Sequence[FitPanel], path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw each panel: readings, fit and band above, residuals below; outliers have a cross.
+    """Draw each panel: readings, fit and band above, residuals below. Outliers have a cross.
 
     Args:
         panels: the fits.

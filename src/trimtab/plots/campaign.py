@@ -96,7 +96,7 @@ def _axis_positions(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any,
 
 
 def _draw_lines(axes: Any, places: Any, colour: str, order: int) -> None:
-    """Draw lines of places (runs, parameters), fainter for more lines; a higher order lies on top."""
+    """Draw lines of places (runs, parameters), fainter for more lines. Lines of a higher order are on top."""
     from matplotlib.collections import LineCollection
 
     k = np.arange(places.shape[1])
@@ -133,7 +133,7 @@ def plot_histogram(
         title: title of the plot.
         label: name and unit of the metric.
         level: confidence of each band.
-        limit: a required value, drawn as a line if it is near the values; the legend names it in any case.
+        limit: a required value, drawn as a line if it is near the values. The legend always names the limit.
     """
     figure, axes = _new_axes(7.0, 4.4, title)
     x = as_column(values, "plot_histogram")
@@ -169,7 +169,7 @@ def plot_convergence(
 
     Args:
         values: success (true or false) or a metric of runs 0 to n - 1, shape (n,).
-        p: level of the quantile of the metric; None: the share of successes.
+        p: level of the quantile of the metric. None: the share of successes.
         path, title: as in `plot_histogram`.
         label: label of the vertical axis.
         level: confidence of the intervals.
@@ -239,7 +239,7 @@ def _histogram_edges(finite: Any) -> tuple[float, float]:
 
 
 def _draw_limit(axes: Any, limit: float, left: float, right: float) -> None:
-    """Draw a limit as a line; a limit far from the edges would squeeze the bars, so only the legend names it."""
+    """Draw a limit as a line. A limit far from the edges would squeeze the bars, so only the legend names it."""
     name, style = f"limit {limit:g}", {"color": VERMILION, "linewidth": 1.2, "linestyle": "--"}
     if left - (right - left) <= limit <= right + (right - left):
         axes.axvline(limit, label=name, **style)
@@ -264,7 +264,7 @@ def _quantile_interval(x: Any, p: float | None, level: float, anytime: bool) -> 
 
 
 def _estimate_limits(estimates: Any, limit: float | None) -> tuple[float, float]:
-    """Return the range of estimates and bands in the later half; an unbounded band extends to the edge."""
+    """Return the range of estimates and bands in the later half. An unbounded band extends to the edge."""
     shown = estimates[len(estimates) // 2 :]
     shown = np.r_[shown[np.isfinite(shown)], [] if limit is None else [limit]]
     if not len(shown):

@@ -24,7 +24,7 @@ def plot_navigation(log: Log, path: PicturePath = None, title: str = "Navigation
     Args:
         log: log of a run whose estimate has sigmas and innovations.
         path: where to save, see `PicturePath`.
-        title: title of the plot; the verdict is next to it.
+        title: title of the plot, which the verdict follows.
     """
     states, aided = state_series(log), innovations(log)
     if not states:

@@ -41,7 +41,7 @@ FENCE_FARTHEST = 0.7
 
 
 class Fence(NamedTuple):
-    """Bounds of a supervisor (m): north, east, and distance from the origin; infinite without a bound."""
+    """Bounds of a supervisor (m): north, east, and distance from the origin. Infinite means no bound."""
 
     south: float = -np.inf
     north: float = np.inf

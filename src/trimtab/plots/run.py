@@ -44,7 +44,7 @@ COLUMNS, WIDTH, ROW_HEIGHT = 3, 16.0, 1.85
 LEFT, RIGHT, TOP, BOTTOM, GAP = 0.85, 0.25, 0.95, 0.6, 0.9
 """Margins and gap between columns (inches)."""
 PLAN_ROWS = 3
-"""Number of rows of the last column for the plan view; the profile of a vehicle in space has one more below."""
+"""Number of rows of the last column for the plan view. The profile of a vehicle in space has one more row below."""
 IN_SPACE = {
     "Altitude": ("altitude",),
     "Speed": ("ground_speed", "climb", "air_speed"),
@@ -60,7 +60,7 @@ TITLE_POINTS, NOTE_POINTS, PANEL_POINTS = 6.2, 3.8, 300.0
 
 @dataclasses.dataclass(frozen=True)
 class Panel:
-    """One panel. kind: line, log, mode, age or flags; demand_path: signal drawn behind."""
+    """One panel. kind: line, log, mode, age or flags.  demand_path: signal drawn behind, in grey."""
 
     title: str
     paths: tuple[str, ...]
@@ -78,7 +78,7 @@ def plot_run(
     *,
     targets: Iterable[Target] = (),
 ) -> "Figure":
-    """Draw a run; with a path also save it (PNG, or the format of the suffix; the file is written atomically).
+    """Draw a run, and save the plot if there is a path (PNG, or the format of the suffix, written atomically).
 
     >>> from trimtab import plot_run, simulate
     >>> len(plot_run(simulate("hovercraft/spin", duration="100 ms")).axes) > 4
@@ -88,7 +88,7 @@ def plot_run(
         real: the run.
         ideal: the run to compare with in truth and law, or None. A path given here is that of the file.
         path: path of the saved file.
-        title: title of the plot; default: the scenario and the seed.
+        title: title of the plot. Default: the scenario and the seed.
         targets: drawn as a line with its band, in the panel of their signal.
     """
     check_log(real, "plot_run({})")
@@ -202,7 +202,7 @@ def _is_idle(log: Log, path: str) -> bool:
 
 
 def _title_of_path(path: str) -> str:
-    """Return a title from a path: surge_velocity becomes Surge velocity, speed_rpm Speed; symbols such as FX stay."""
+    """Return a title from a path: surge_velocity becomes Surge velocity, speed_rpm Speed. Symbols such as FX stay."""
     name = path.rsplit(".", 1)[-1].removesuffix("_rpm").replace("_", " ")
     return name if len(name) == 1 else name[0].upper() + name[1:]
 

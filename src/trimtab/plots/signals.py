@@ -61,12 +61,12 @@ def select_paths(log: Log, wanted: Sequence[str]) -> list[str]:
 
 
 def plot_signals(logs: Mapping[str, Log], paths: Sequence[str], path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw signals, one panel each; with a path also save the plot.
+    """Draw signals, one panel each, and save the plot if there is a path.
 
     Args:
         logs: name -> log. Each log has its colour, and is left out of the panels of signals that it lacks.
         paths: paths of numbers, as returned by `select_paths`.
-        path: where to save; PNG, PDF or SVG by its suffix.
+        path: where to save. The suffix decides: PNG, PDF or SVG.
         title: title of the plot.
     """
     from matplotlib.figure import Figure

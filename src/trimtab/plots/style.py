@@ -1,6 +1,6 @@
 """Style of all plots: colours, grid, titles, lines thinned to the resolution of a screen, and saving.
 
-Colours: Okabe and Ito, "Color universal design", 2008; distinguishable also without colour vision.
+Colours: Okabe and Ito, "Color universal design", 2008. They can be told apart without colour vision.
 """
 
 import io
@@ -22,7 +22,7 @@ ORANGE, PURPLE, SKY_BLUE = "#E69F00", "#CC79A7", "#56B4E9"
 SEVERAL = (BLUE, ORANGE, GREEN, PURPLE, SKY_BLUE, VERMILION, "#000000")
 DPI = 100
 PicturePath = str | os.PathLike[str] | None
-"""Path of a saved plot: PNG, or the format of the suffix; written atomically. None: not saved."""
+"""Path of a saved plot: PNG, or the format of the suffix, written atomically. None: not saved."""
 BINS = 600
 """Number of bins of a line, about the width of a panel in pixels. Each bin keeps its extremes."""
 COLUMNS, TURNS, SWINGS, STRETCH = 100, 4, (0.2, 0.5), 15
@@ -77,7 +77,7 @@ def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray
 
 
 def draw_line(axes: Any, t: np.ndarray, x: np.ndarray, *, logarithmic: bool = False, **look: Any) -> None:
-    """Draw a thinned line; where it would chatter into a solid block, draw its range, pale, and its mean.
+    """Draw a thinned line. Where it would chatter into a solid block, draw its range, pale, and its mean.
 
     Shapes (n,) and (n,).  logarithmic: scale on which chatter is judged.  look: of `axes.plot`, with a color.
     """
@@ -98,13 +98,13 @@ def draw_line(axes: Any, t: np.ndarray, x: np.ndarray, *, logarithmic: bool = Fa
 
 
 def _column_ranges(x: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return lowest, highest and mean of each column of `size` points; missing if a point is missing."""
+    """Return lowest, highest and mean of each column of `size` points. A column with a missing point gives NaN."""
     padded = np.append(x, np.full(-len(x) % size, x[-1])).reshape(-1, size)
     return padded.min(1), padded.max(1), padded.mean(1)
 
 
 def _chattering_columns(x: np.ndarray, size: int) -> np.ndarray:
-    """Return the columns in which a line chatters; a far-off start does not count in its span."""
+    """Return the columns in which a line chatters. A far-off start does not count in the line's span."""
     low, high, _ = _column_ranges(x, size)
     known = np.isfinite(low) & np.isfinite(high)
     if not known.any():

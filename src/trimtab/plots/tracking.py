@@ -173,7 +173,7 @@ def _signed_difference(log: Log, path: str, a: np.ndarray, b: np.ndarray) -> np.
 def _set_vertical_range(axes: Any, log: Log, *signals: np.ndarray, middle: bool = False) -> int:
     """Set the vertical range from the run after its first twentieth, because a far-off start would hide the rest.
 
-    Returns: row from which the last signal's start stays within the range; 0 if it was never outside.
+    Returns: row from which the last signal's start stays within the range, or 0 if it was never outside.
     """
     first = len(log) // 20
     late = np.concatenate([x[first:] for x in signals])

@@ -41,7 +41,7 @@ from trimtab.run.simulate import simulate
 
 
 class CampaignResult(NamedTuple):
-    """Result of a campaign. columns: name -> values (n,); the column `run` holds the number of each row's run.
+    """Result of a campaign. columns: name -> values (n,). The column `run` has the run number of each row.
 
     success: share of successful runs, with its interval.  flown_runs, wall_s: number of runs flown in this session, and
     duration of these flights (s).  block: number of runs simulated together.  identity: data that determine the rows,
@@ -181,11 +181,11 @@ class Campaign:
         """Fly the runs that are not yet finished.
 
         Args:
-            store: folder of a Zarr store. Finished rows are saved there, and reused.
+            store: folder of a Zarr store. Finished rows are saved there and reused.
             backend: "auto", "c" or "jax", as in `simulate`.
-            threads: number of threads; None: one for each core.
-            workers: function that flies the blocks; None: this process flies them.
-            stop: function called after each block with the columns of all runs before the first unfinished run; the
+            threads: number of threads. None: one for each core.
+            workers: function that flies the blocks. None: this process flies them.
+            stop: function called after each block with the columns of all runs before the first unfinished run. The
                 campaign ends when the function returns True.
             progress: function called with the number of finished rows.
             about: further attributes for the store.

@@ -1,15 +1,15 @@
 """Grammar of metrics, conditions, requirements, stopping rules and costs, as the user types them.
 
     METRIC       KIND:SIGNAL, as in settling:yaw_rate, robustness:FORMULA, or file.py:function
-    CONDITION    METRIC <= NUMBER                       a run is a success if it holds; <, > and >= too
+    CONDITION    METRIC <= NUMBER                       success of a run, with <=, <, > or >=
                  FORMULA                                the same as robustness:FORMULA > 0
     STATISTIC    success, pNN(METRIC), mean(METRIC), max(METRIC), min(METRIC)
-    REQUIREMENT  STATISTIC <= NUMBER @ CONFIDENCE%      the campaign must show this; >= too
+    REQUIREMENT  STATISTIC <= NUMBER @ CONFIDENCE%      the campaign must show this, with <= or >=
     STOP         width(STATISTIC) <= NUMBER @ CONFIDENCE%
-    COST         WEIGHT*METRIC + METRIC + …             tuning minimises it; a robustness has a negative weight,
+    COST         WEIGHT*METRIC + METRIC + …             sum that tuning minimises. A robustness has a negative weight,
                                                         as in -robustness:FORMULA, so that it is maximised
 
-The name of a metric may contain colons and dots. The default confidence is 95 %. Numbers are in SI units; a success may
+The name of a metric may contain colons and dots. The default confidence is 95 %. Numbers are in SI units. A success may
 also be in per cent. A FORMULA is written in signal temporal logic, see `core.formula`. `statistics` and `search.cost`
 compute the values.
 """
@@ -256,7 +256,7 @@ def _parse_statistic(text: str, part: str, forms: Iterable[str]) -> tuple[str, s
 
 
 def _parse_level(text: str | None, part: str) -> float:
-    """Read a confidence, "95%" or "0.95", above 50 % and below 100 %; the default is 95 %."""
+    """Read a confidence, "95%" or "0.95", above 50 % and below 100 %. The default is 95 %."""
     if text is None:
         return LEVEL
     level = _parse_number(text.strip(), percent=True)
@@ -267,7 +267,7 @@ def _parse_level(text: str | None, part: str) -> float:
 
 
 def _parse_number(text: str, *, percent: bool = False) -> float | None:
-    """Read a number, or return None; with `percent`, "95%" gives 0.95."""
+    """Read a number, or return None. With `percent`, "95%" gives 0.95."""
     share = percent and text.endswith("%")
     try:
         return float(text.removesuffix("%") if share else text) / (100 if share else 1)

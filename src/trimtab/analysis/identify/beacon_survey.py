@@ -53,7 +53,7 @@ def survey_beacons(
     """Estimate beacons and path by least squares over all pings, from ranges and the steps between them.
 
     Args:
-        ranges: true ranges (m), corrected for the cone error, shape (k, n); NaN without a reply.
+        ranges: true ranges (m), corrected for the cone error, shape (k, n). NaN means no reply.
         odometry: step from each ping to the next (m), north and east, shape (k - 1, 2), from odometry or inertial
             navigation. Its frame becomes W, with the position of the first ping as origin.
         range_noise: standard deviation of a range (m).
@@ -100,14 +100,14 @@ class _SearchEnd(NamedTuple):
 
 
 def _put_above(end: _SearchEnd, n: int) -> _SearchEnd:
-    """Return the result with all beacons above the ranging unit; mirrored below it, a beacon has the same ranges."""
+    """Return the result with all beacons above the ranging unit. A beacon mirrored below it has the same ranges."""
     sign = np.ones(len(end.x))
     sign[2 : 3 * n : 3] = np.where(end.x[2 : 3 * n : 3] > 0, -1.0, 1.0)
     return end._replace(x=end.x * sign, covariance=end.covariance * np.outer(sign, sign))
 
 
 def _search(residuals: Callable[[Any], tuple[Any, Any]], x: Any, iterations: int) -> _SearchEnd | None:
-    """Return the result of a damped search; None if the search does not converge or its unknowns are not determined.
+    """Return the result of a damped search, or None if it does not converge or does not determine the unknowns.
 
     Source: D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", SIAM J. 11 (1963).
     """

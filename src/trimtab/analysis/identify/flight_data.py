@@ -49,7 +49,7 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
     Args:
         log: log of a run, a flight, or of another system by a mapping.
         scenario: scenario with the same vehicle and actuators.
-        sensor: block of the measurements, e.g. "sensors.mocap"; None: the only block that measures the vehicle's state.
+        sensor: block of the measurements, e.g. "sensors.mocap". None: the only block that measures the vehicle's state.
         name: name of the log, for errors.
 
     Raises: InputError if the log has no commands of these actuators, or no field of the vehicle's state.

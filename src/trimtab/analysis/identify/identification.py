@@ -141,7 +141,7 @@ def _identify_group(
     held_out: Sequence[FlightData],
     tell: Callable[[str, int, float], None],
 ) -> Identified:
-    """Return the parameters from flights of one craft."""
+    """Return the parameters identified from flights of one craft."""
     parameters, timeline, first = world.parameters, world.timeline(flights), world.start()
     m, count = len(parameters), len(first)
     noise_only = np.arange(count) >= m
@@ -223,7 +223,7 @@ class _IdentifiedWorld:
         return low, high
 
     def _model(self) -> Model:
-        """Return the model to fit; its inputs are computed from the drive of `timeline`."""
+        """Return the model to fit. Its inputs are computed from the drive of `timeline`."""
         m, k = len(self.parameters), len(self.measured)
         spread = (UNMEASURED + np.abs(self.initial)) ** 2
         spread[list(self.measured)] = [(5 * NOISE_START.get(self.units[i], 1e-2)) ** 2 for i in self.measured]

@@ -54,7 +54,7 @@ def trial_inertia(
         trial: measured values.
         arm: centre of mass to rudder pivot (m).
         force_angle: rudder angle to force angle, e.g. ``RudderGeometry().force_angle``.
-        decimals: number of decimals to which FY is rounded first; 2 reproduces the thesis' table. None: no rounding.
+        decimals: number of decimals to which FY is rounded first. 2 reproduces the thesis's table. None: no rounding.
     """
     FY = lateral_force(trial.force, force_angle(trial.rudder_angle))
     FY = FY if decimals is None else np.round(FY, decimals)
@@ -148,5 +148,5 @@ def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
 
 
 def inertia_error(J: Any, fit: SlopeFit, force_error: Any = 0.0) -> Any:
-    """Return the standard error (kg m^2) of J from that of the slope and a relative error of the lateral force."""
+    """Return the standard error (kg m^2) of J, from the slope's error and a relative error of the lateral force."""
     return abs(J) * np.sqrt((fit.standard_error / fit.slope) ** 2 + force_error**2)

@@ -76,7 +76,10 @@ class Model(NamedTuple):
 
 
 class Innovations(NamedTuple):
-    """Innovations. e, s: innovation, its variance (n, k); 0, 1 without measurement.  x: states after updates (n, d)."""
+    """Innovations.
+
+    e, s: innovation and its variance (n, k), 0 and 1 without measurement.  x: states after updates (n, d).
+    """
 
     e: Any
     s: Any
@@ -161,7 +164,7 @@ def maximise_likelihood(
         likelihood: likelihood of the model.  timeline: the flights.
         p: start of the search (m,).
         low, high: bounds (m,).
-        free: (m,) bool, True for parameters that may change; None: all.
+        free: (m,) bool, True for parameters that may change. None: all.
         tell: function called with iteration and log likelihood.
     """
     score, value = (functools.partial(f, timeline) for f in (likelihood.score, likelihood.value))
@@ -286,7 +289,7 @@ def name_collinear(information: Any, names: list[str]) -> list[tuple[str, ...]]:
 
 
 def _damped_solve(A: Any, b: Any, damping: float) -> Any:
-    """Solve (A + damping diag(A)) x = b; directions that A does not determine stay unchanged."""
+    """Solve (A + damping diag(A)) x = b. x is zero in directions that A does not determine."""
     size = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     C = A / np.outer(size, size)
     values, vectors = np.linalg.eigh((C + C.T) / 2)

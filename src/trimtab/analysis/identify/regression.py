@@ -46,12 +46,12 @@ class LinearFit(NamedTuple):
 
 
 def fit_linear(A: Any, y: Any, floor: float = 0.0) -> LinearFit:
-    """Fit y (n,) by A (n, k) with least squares, without outliers; n > k.
+    """Fit y (n,) by A (n, k) with least squares, without outliers. n must exceed k.
 
     Args:
         A: matrix of factors, one column for each number, of full rank.
         y: readings.
-        floor: minimum standard deviation of a reading, e.g. that of rounding; same unit as y.
+        floor: minimum standard deviation of a reading, e.g. that of rounding, in the unit of y.
     """
     A, y = np.asarray(A, np.float64), np.asarray(y, np.float64)
     kept = _select_consistent(A, y, floor)
@@ -71,7 +71,7 @@ def _fit_kept(A: Any, y: Any, kept: Any, floor: float) -> tuple[Any, Any, float,
 
 
 def _select_consistent(A: Any, y: Any, floor: float) -> Any:
-    """Return a mask (n,) of the readings that fit one line with noise; at least 60 % and k + 2 of them stay."""
+    """Return a mask (n,) of the readings that fit one model with noise. At least 60 % and k + 2 readings stay."""
     n, k = A.shape
     kept = np.ones(n, bool)
     least = max(k + 2, math.ceil(0.6 * n))

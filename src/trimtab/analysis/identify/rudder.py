@@ -14,7 +14,7 @@ from trimtab.logs.measurements import MeasuredColumn, Measurements, name_lines
 from trimtab.loop.calibration import Calibration, Covariance, Entry
 
 WAY = MeasuredColumn("way", "1", "approach: 1 from below, -1 from above", -1, 1, needed=False)
-"""Column for the direction of approach; with it, play of the linkage does not count as scatter."""
+"""Column for the direction of approach. With this column, play of the linkage does not count as scatter."""
 SERVO_COLUMNS = (
     MeasuredColumn("pulse", "s", "pulse width of the servo", 0.5e-3, 2.5e-3, usual="us"),
     MeasuredColumn("angle", "rad", "rudder angle on the protractor", -np.pi / 2, np.pi / 2, most=2 * DEG, usual="deg"),
@@ -45,7 +45,7 @@ def fit_servo(data: Measurements) -> ServoFit:
     """Fit the angles at the grid's pulses by least squares of a piecewise linear curve; [1] figure 4.2.
 
     Args:
-        data: `SERVO_COLUMNS`, readings at any pulses; every piece of the grid needs readings.
+        data: `SERVO_COLUMNS`, readings at any pulses. Every interval of the grid needs readings.
 
     Raises: InputError if a pulse of the grid has no reading near it, or the angles do not rise with the pulse.
     """

@@ -109,7 +109,7 @@ def fit_reverse(data: Measurements, gauge_error: float) -> ReverseFit:
 
     Args:
         data: readings at the same speeds in both directions.
-        gauge_error: standard deviation of a reading (N); a ratio of small forces has less weight.
+        gauge_error: standard deviation of a reading (N). A ratio of small forces has less weight.
     """
     refuse_few(data, CUBIC, "a cubic")
     zero = data["forward"] <= 0
@@ -168,7 +168,7 @@ def refuse_saturation(data: Measurements, gauge: str, rising: Any) -> None:
 
 
 def thrust_calibration(data: Measurements, thrust: ThrustFit) -> Calibration:
-    """Return coefficient and maximum speed; if eta does not follow the formula, also thrust at each rudder angle."""
+    """Return coefficient and maximum speed, and thrust at each rudder angle if eta does not follow the formula."""
     about: dict[str, Any] = {"source": source_of(data, thrust.fit), "procedure": "thrust"}
     known = {"freedom": thrust.fit.freedom}
     c = Entry(thrust.coefficient, "N/krpm^2", thrust.standard_error, **known, **about)

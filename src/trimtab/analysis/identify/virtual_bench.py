@@ -131,7 +131,7 @@ def write_bench(folder: Path, tables: Mapping[str, Rows]) -> list[Path]:
 
 
 def _measure_servo(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Measure the servo with pulses up and down, three times; the linkage lags by its play."""
+    """Measure the servo with pulses up and down, three times. The linkage lags by its play."""
     pulses, rows = 1.0e-3 + 50e-6 * np.arange(21), []
     for trial in range(1, 7):
         way = 1 if trial % 2 else -1
@@ -154,7 +154,7 @@ def _measure_hull(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _read_gauge(force: Any, g: np.random.Generator) -> Any:
-    """Return a gauge reading, rounded to half a division; friction of the tether adds to the force or reduces it."""
+    """Return a gauge reading, rounded to half a division. Friction of the tether adds to the force or reduces it."""
     held = force + TETHER * g.uniform(-1, 1, np.shape(force)) + 0.02 * g.standard_normal(np.shape(force))
     return np.maximum(np.round(held / (DIVISION / 2)) * (DIVISION / 2), 0)
 
@@ -230,7 +230,7 @@ def _log_sweep(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _record_delays(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Record three hundred packets, as link-test does; one in a hundred is lost."""
+    """Record three hundred packets, as link-test does. One in a hundred is lost."""
     mean, sd, shift = craft.delay
     shape = ((mean - shift) / sd) ** 2
     delays = shift + g.gamma(shape, sd**2 / (mean - shift), 300)

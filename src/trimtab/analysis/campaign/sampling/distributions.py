@@ -38,12 +38,12 @@ class Amount(NamedTuple):
     share: bool
 
     def of(self, nominal: float) -> float:
-        """Return the number; a percentage is multiplied by the nominal value."""
+        """Return the number. A percentage is multiplied by the nominal value."""
         return self.number * nominal if self.share else self.number
 
 
 class Distribution(NamedTuple):
-    """A distribution as typed, e.g. ``normal(2.6, 0.1)``; `choices` are the texts of a choice."""
+    """A distribution as typed, e.g. ``normal(2.6, 0.1)``. `choices` are the texts of a choice."""
 
     text: str
     kind: str
@@ -68,7 +68,7 @@ class Distribution(NamedTuple):
         return any(a.share for a in self._sizes)
 
     def numbers(self, nominal: float) -> list[float]:
-        """Return the numbers of the distribution; a percentage becomes a part of the nominal value."""
+        """Return the numbers of the distribution. A percentage is multiplied by the nominal value."""
         pure = KINDS[self.kind].pure
         return [a.number if i in pure else a.of(nominal) for i, a in enumerate(self.amounts)]
 

@@ -2,7 +2,7 @@
 
     random   each parameter has a Philox stream of (seed, path), and run k uses its k-th number
     sobol    scrambled Sobol points, in order
-    latin    a Latin hypercube of all the runs; runs can't be added later
+    latin    a Latin hypercube of all runs, to which no runs can be added later
 
 Two designs are for sensitivity, not for probabilities: their rows are not independent samples. There, the random
 numbers of a run are one more factor, the last. Row k depends only on the seed, k and the number of factors, so that a
@@ -40,7 +40,7 @@ from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.rng import threefry2x32
 
 DESIGNS = ("saltelli", "morris")
-"""Designs for sensitivity; their rows are not independent samples."""
+"""Designs for sensitivity analysis. Their rows are not independent samples."""
 SAMPLINGS = ("random", "sobol", "latin", *DESIGNS)
 NOISE = "noise"
 """Name of the factor that represents a run's random numbers."""
@@ -55,7 +55,7 @@ MORRIS_STEP = 0.6
 class Points(NamedTuple):
     """Points of runs. u: (n, d) in (0, 1).
 
-    words: (n,), second word of each run's key; selects the run's random numbers.
+    words: (n,), second word of each run's key, which selects the run's random numbers.
 
     All words are 0 in a design without the noise as a factor.
     """
@@ -71,7 +71,7 @@ def points(sampling: str, seed: int, names: tuple[str, ...], runs: int, first: i
         sampling: one of SAMPLINGS.
         seed: seed of the campaign.
         names: names of the dispersed parameters, one for each column.
-        runs: number of runs of the whole campaign; only used by a Latin hypercube.
+        runs: number of runs of the whole campaign, used only by a Latin hypercube.
         first, last: first run, and last run + 1.
     """
     if sampling not in SAMPLINGS:
@@ -187,7 +187,7 @@ def rows_per_trajectory(parameters: int, *, noise: bool = True) -> int:
 
 
 def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> Points:
-    """Return rows first to last - 1 of Morris's design; arguments as in `saltelli_rows`."""
+    """Return rows first to last - 1 of Morris's design. The arguments are those of `saltelli_rows`."""
     if not 0 <= first < last or parameters < 1:
         problem = f"rows {first} to {last} of {parameters} parameters are not a valid range of rows"
         raise InputError("morris", problem, fix="give 0 <= first < last and at least one parameter")

@@ -1,6 +1,6 @@
 """Spread of a campaign: the parameters that vary from run to run, their distributions and their correlations.
 
-A path is the name used by ``--set`` and the log; ``path[1]`` or ``path[0,2]`` is one number of an array. An array
+A path is the name used by ``--set`` and the log. ``path[1]`` or ``path[0,2]`` is one number of an array. An array
 without an index is scaled as a whole, by a distribution with percentages only: ``normal(100%, 5%)``. ``path:1`` moves
 the array along a direction, ``along(0.1, 0.2)``, by a standard normal multiple. ``path:2`` adds another direction.
 
@@ -47,7 +47,7 @@ class Spread(NamedTuple):
     mixing: Any = None
 
     def correlate(self, u: Any) -> Any:
-        """Apply the correlations to points (n, d) of a design; each column stays uniform."""
+        """Apply the correlations to points (n, d) of a design. Each column stays uniform."""
         if self.mixing is None:
             return u
         return special.ndtr(special.ndtri(u) @ self.mixing.T)
@@ -188,7 +188,7 @@ def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
 
 
 def spread_arrays(spread: Spread, scenario: Scenario, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return path -> values (n, …) for the batch, with the tables that depend on them; options are left out."""
+    """Return path -> values (n, …) for the batch, with the tables that depend on them. Options are left out."""
     known = {path: (value, declared) for path, value, declared in leaves(scenario)}
     arrays: dict[str, Any] = {}
     for factor in spread.factors:

@@ -1,4 +1,4 @@
-"""Inputs and faults that vary in time, as coordinates of a search; the program is compiled only once.
+"""Inputs and faults that vary in time, as coordinates of a search. The program is compiled only once.
 
     --fault-range 'downlink off @ 2..10 s for 0.1..2 s'     each LOW..HIGH of a fault's text is a coordinate
     --vary 'stick.turn=pieces(5, -1:1)'                    an input is constant in each of 5 equal pieces of the run
@@ -50,7 +50,7 @@ class FaultRange(NamedTuple):
 
 
 def parse_fault_range(scenario: Scenario, text: str) -> FaultRange:
-    """Read a fault with ranges; raise InputError if an end of a range is not valid in this scenario."""
+    """Read a fault with ranges. Raise InputError if an end of a range is not valid in this scenario."""
     part, example = argument_name("fault_ranges", text), argument("fault_ranges", [FAULT_EXAMPLE])
     if not _RANGE.search(text):
         raise InputError(

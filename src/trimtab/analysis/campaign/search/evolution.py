@@ -47,13 +47,13 @@ def evolve(
     budget: int,
     seed: int,
 ) -> Iterator[Generation]:
-    """Yield generations until the budget is spent; the caller may stop earlier.
+    """Yield generations until the budget is spent. The caller may stop earlier.
 
     Args:
-        of: function from points (n, d) in [0, 1] to values (n,), finite; only their order matters.
+        of: function from points (n, d) in [0, 1] to finite values (n,). Only the order of the values matters.
         start: function from the number of the restart to its start (d,).
         step: initial standard deviation, as a fraction of the cube.
-        population: minimum population of the first start; each restart doubles it.
+        population: minimum population of the first start. Each restart doubles the population.
         budget: maximum number of points.
         seed: seed of the search's own random numbers.
     """

@@ -64,7 +64,7 @@ OVER: Mapping[str, Callable[[Any], Any]] = {"worst": lambda m: m.min(axis=1), "m
 TAIL = float(special.ndtr(-3.0))
 """Probability cut off at each end of a distribution without bounds."""
 BATCH_RUNS_MIN = 64
-"""Minimum number of runs in a batch; fewer would not fill the processor's lanes."""
+"""Minimum number of runs in a batch. Fewer runs would not fill the processor's lanes."""
 FIRST, LAST = 0.15, 0.1
 """Fractions of all runs: points over the whole box, and repetitions of the worst point with new random numbers."""
 STEP = 0.2
@@ -88,7 +88,7 @@ def with_margin(ready: PreparedCampaign) -> PreparedCampaign:
 
 
 def margins(columns: Mapping[str, Any]) -> Any:
-    """Return margins (n,) from a campaign's columns; a lost run counts as a failure, whatever its metrics are."""
+    """Return margins (n,) from a campaign's columns. A lost run counts as a failure, whatever its metrics are."""
     return np.where(columns["lost"], np.minimum(columns[NAME], -1.0), columns[NAME])
 
 
@@ -108,7 +108,7 @@ def margin(rows: Rows, conditions: tuple[Condition, ...], metrics: Mapping[str, 
 
 
 def _condition_margin(rows: Rows, condition: Condition, metric: Metric) -> Any:
-    """Compute the margins of one condition; negative exactly where it does not hold."""
+    """Compute the margins of one condition. They are negative exactly where the condition does not hold."""
     with np.errstate(invalid="ignore", over="ignore"):
         value = np.asarray(metric.of(rows), np.float64)
         room = _distance_to_bound(rows, condition, value)
@@ -130,7 +130,7 @@ def _distance_to_bound(rows: Rows, condition: Condition, value: Any) -> Any:
 
 
 def spread_levels(ready: PreparedCampaign, x: Any) -> Any:
-    """Map points x in [0, 1]^d to points u of the spread; the tails of unbounded distributions are cut off."""
+    """Map points x in [0, 1]^d to points u of the spread. The tails of unbounded distributions are cut off."""
     tail = np.array([TAIL if f.distribution.kind in ("normal", "lognormal") else 0.0 for f in ready.spread.factors])
     return inside_cube(tail + (1 - 2 * tail) * x)
 
@@ -207,7 +207,7 @@ class FalsificationResult(NamedTuple):
     columns: the run's metrics.  flown_runs: total number of runs.  first: number of runs until the first failure, or
     None.
     candidate_margins: (n, words), in the order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the
-    number of the restart; the largest number marks the worst point with new words.
+    number of the restart. The largest number marks the worst point with new words.
     """
 
     plan: CampaignPlan
@@ -260,7 +260,7 @@ def falsify(
 
     Args:
         scenario: name in the catalogue, ``file.py:function``, or a `Scenario`.
-        spread: path -> distribution as text; its bounds are those of the search, e.g. "uniform(80%, 120%)".
+        spread: path -> distribution as text, whose bounds limit the search, e.g. "uniform(80%, 120%)".
         fault_ranges: faults with ranges, e.g. "downlink off @ 2..10 s for 0.1..2 s".
         vary: inputs held constant in pieces, e.g. "stick.turn=pieces(5, -1:1)".
         success: conditions of a success, e.g. "settling:yaw_rate <= 10". Default: each target is reached and held.
@@ -269,10 +269,10 @@ def falsify(
         over: "worst" or "mean": how the margins of a candidate's runs are combined.
         seed: seed of the runs' random numbers and of the search.
         until_first: True to stop at the first failure.
-        settings, without, faults: as in `trimtab run`; only for a scenario given by name.
+        settings, without, faults: as in `trimtab run`, only for a scenario given by name.
         backend, threads: as in `simulate_batch`.
         progress: function called with the number of runs flown since the last call.
-        store: folder that stores finished runs; the same search resumes from it.
+        store: folder that stores finished runs, from which the same search resumes.
 
     Raises: InputError for a search that can't be flown, before any run starts.
     """

@@ -1,6 +1,6 @@
-"""Probability of rare failures, by splitting over a campaign's parameters and noise; failures found can be repeated.
+"""Probability of rare failures, by splitting over a campaign's parameters and noise. Found failures can be repeated.
 
-The margin is that of `falsify`; parameters are drawn as in a campaign. The noise has GROUPS words. Each word controls a
+The margin is that of `falsify`. Parameters are drawn as in a campaign. The noise has GROUPS words. Each word controls a
 part of a run's random numbers, so that a part of the noise can be drawn again while the rest stays.
 
 Roots fly in rounds of BATCHES batches. A round depends only on the seed and its number, so that a search resumed from
@@ -42,7 +42,7 @@ from trimtab.loop.scenario import Scenario
 GROUPS = 32
 """Number of words that select the noise of a run."""
 ROUNDS, BATCHES = 4, 10
-"""Number of rounds, and number of batches in a round; the interval is computed from the batches' means."""
+"""Number of rounds, and number of batches in a round. The interval is computed from the batches' means."""
 LEAST_RUNS = 5000
 SPREAD_MAX = 6.0
 """Distance of a parameter from its median, in standard deviations, up to which the scenario must be valid."""
@@ -76,7 +76,7 @@ class PilotReport(NamedTuple):
 
 
 class Round(NamedTuple):
-    """Result of the roots of one round, as stored.
+    """Result of the roots of one round, as stored in the folder.
 
     sums: (BATCHES,), failing descendants of each batch.  failing_roots: number of roots with a failing descendant.
     survivors, taken: as in `RareResult`. flown: number of runs.  worst, likeliest: z, words and margin of two failures,
@@ -138,12 +138,12 @@ def estimate_rare(
 
     Args:
         scenario: name in the catalogue, ``file.py:function``, or a `Scenario`.
-        spread: path -> distribution as text; without it only the noise varies.
-        fault_ranges, vary: as in `falsify`; values within their bounds are equally probable.
+        spread: path -> distribution as text. Without a spread only the noise varies.
+        fault_ranges, vary: as in `falsify`. Values within their bounds are equally probable.
         success: conditions of a success, e.g. "peak:yaw_rate <= 4". Default: each target is reached and held.
         runs: approximate number of runs.
         seed: seed of all random numbers.
-        settings, without, faults: as in `trimtab run`; only for a scenario given by name.
+        settings, without, faults: as in `trimtab run`, only for a scenario given by name.
         folder: folder in which finished rounds are stored, and from which they are resumed.
         backend, threads: as in `simulate_batch`.
         progress: function called with the number of runs flown since the last call.
@@ -195,7 +195,7 @@ def _check_differences(ready: PreparedCampaign) -> None:
 
 
 class _Study:
-    """State of one study: the ladder and the rounds so far."""
+    """State of one estimation: the ladder and the rounds so far."""
 
     ladder: Ladder
     roots: int

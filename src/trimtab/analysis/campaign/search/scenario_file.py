@@ -42,7 +42,7 @@ def write_scenario(
     """Write the file atomically.
 
     Args:
-        file: path of the file; a user's own scenario is located relative to its folder.
+        file: path of the file. A user's own scenario is located relative to the file's folder.
         plan: plan with the scenario, its settings, its faults and the effects left out.
         values: path -> number or array.
         about: lines of the file's docstring.

@@ -52,11 +52,11 @@ from scipy import special, stats
 from trimtab.core.errors import InputError
 
 HALVINGS = 60
-"""Number of bisection steps for a bound; the bound is exact to 2^-60."""
+"""Number of bisection steps for a bound, which makes the bound exact to 2^-60."""
 RUNS_MAX = 1 << 62
 """Largest number of runs that is tried in a search for the minimum number."""
 LEAST_FOR_MEAN = 30
-"""Minimum number of runs for an interval of the mean; fewer do not determine the skewness."""
+"""Minimum number of runs for an interval of the mean. Fewer runs do not determine the skewness."""
 
 
 def check_level(part: str, level: float) -> None:
@@ -68,7 +68,7 @@ def check_level(part: str, level: float) -> None:
 class Proportion(NamedTuple):
     """Share of successful runs.
 
-    low, high: exact interval; contains the true probability in at least `level` of cases.
+    low, high: exact interval, which contains the true probability in at least a share `level` of cases.
     """
 
     successes: int
@@ -196,7 +196,7 @@ def least_trials_anytime(p: float, tail: float) -> int:
 
 
 def log_evidence(k: Any, n: Any, p: Any) -> Any:
-    """Return the logarithm of M(k, n, p), the evidence that the probability is above p; arrays of any shape."""
+    """Return the logarithm of M(k, n, p), the evidence that the probability is above p, for arrays of any shape."""
     k, n, p = (np.asarray(a, np.float64) for a in (k, n, p))
     with np.errstate(divide="ignore"):
         mass = special.betaln(k + 1, n - k + 1) + np.log(special.betaincc(k + 1, n - k + 1, p))
@@ -219,7 +219,7 @@ def lower_bound(k: Any, n: Any, tail: float) -> Any:
 
 
 def as_column(values: Any, part: str) -> Any:
-    """Convert the values of runs to float64, shape (n,); raise InputError unless they are one number for each run."""
+    """Convert the values of runs to float64, shape (n,). Raise InputError unless they are one number for each run."""
     x = np.asarray(values)
     if x.ndim != 1 or not len(x) or x.dtype.kind not in "biuf":
         problem = f"got an array of shape {x.shape} and type {x.dtype}"
@@ -228,9 +228,9 @@ def as_column(values: Any, part: str) -> Any:
 
 
 class Mean(NamedTuple):
-    """Mean of the runs flown, with an interval of the true mean; bounds are infinite if the runs do not give any.
+    """Mean of the runs flown, with an interval of the true mean. Bounds are infinite if the runs do not give any.
 
-    not_finite: number of runs without a finite value; a single one makes the mean infinite.
+    not_finite: number of runs without a finite value. A single such run makes the mean infinite.
     """
 
     value: float
@@ -246,7 +246,7 @@ class Mean(NamedTuple):
 
 
 def mean(values: Any, level: float = 0.95) -> Mean:
-    """Return the mean with an approximate interval; docs/campaign/intervals.md has its coverage.
+    """Return the mean with an approximate interval, whose coverage is in docs/campaign/intervals.md.
 
     Runs without a finite value make the mean infinite, without an interval. With fewer than 30 runs, or if all values
     are equal, the bounds are -inf and inf.

@@ -34,8 +34,8 @@ class RequirementVerdict(NamedTuple):
     """Verdict on a requirement.
 
     outcome: met, not met or undecided.  value: value in the runs flown.  low, high: bounds of the true value, each
-    one-sided at the requirement's confidence; for max and min both are the value, which describes only the runs flown.
-    trials: number of runs.  not_finite: number of runs without a finite value; they count against the requirement.
+    one-sided at the requirement's confidence. For max and min both are the value, which holds only for the runs flown.
+    trials: number of runs.  not_finite: number of runs without a finite value, which count against it.
     note: reason for the outcome.
     """
 
@@ -50,7 +50,7 @@ class RequirementVerdict(NamedTuple):
 
     @property
     def is_met(self) -> bool:
-        """True if the requirement is met; an undecided one is not."""
+        """True if the requirement is met. An undecided requirement is not met."""
         return self.outcome == MET
 
     def __str__(self) -> str:
@@ -118,7 +118,7 @@ def _one_sided_bounds(requirement: Requirement, x: Any, anytime: bool) -> tuple[
 
 
 def success_proportion(success: Any, level: float, *, anytime: bool = False) -> Proportion:
-    """Return the share of successes in a column of true and false; raise InputError for other values."""
+    """Return the share of successes in a column of true and false. Raise InputError for other values."""
     x = as_column(success, "metric 'success'")
     if not np.isin(x, (0.0, 1.0)).all():
         problem = "each success must be true or false"

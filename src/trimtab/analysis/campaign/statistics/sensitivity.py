@@ -30,7 +30,7 @@ BASE_SAMPLES_MIN = 8
 
 
 class Sensitivity(NamedTuple):
-    """Indices of each factor with their intervals; arrays of shape (factors,), NaN if the runs give none.
+    """Indices of each factor with their intervals. Arrays have shape (factors,), and are NaN without a variance.
 
     factors: names, the noise last if it is a factor.  first, total: S and T.  *_low, *_high: the intervals. variance:
     variance of the metric, or of its ranks with `by_rank`.  base: number of base samples used, a power of two.  rows:
@@ -97,7 +97,7 @@ def sensitivity(
 
 
 def rank_values(x: Any) -> tuple[Any, str]:
-    """Return ranks in (0, 1), runs without a finite value last; and the reason why ranks can't be used, or ""."""
+    """Return ranks in (0, 1), runs without a finite value last, and the reason why ranks cannot be used, or ""."""
     ranked = stats.rankdata(np.where(np.isfinite(x), x, np.inf)) / len(x)
     return ranked, explain_no_variance(ranked)
 

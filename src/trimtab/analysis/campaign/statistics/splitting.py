@@ -40,12 +40,12 @@ import numpy as np
 from trimtab.analysis.campaign.statistics.intervals import Mean, mean
 
 SPLIT = 10
-"""Length of a chain; one in SPLIT of the pilot's points lies below the next level."""
+"""Length of a chain. One in SPLIT of the pilot's points lies below the next level."""
 MOST_LEVELS = 40
 ACCEPTANCE = 0.44
 """Share of accepted steps to which the pilot adapts their size."""
 CORRELATION = 3.0
-"""Factor on the variance for correlation within chains; observed on linear margins of 1 to 32 dimensions."""
+"""Factor on the variance for correlation within chains, observed on linear margins of 1 to 32 dimensions."""
 BOTH, PARAMETERS, NOISE = range(3)
 Margins = Callable[[Any, Any], Any]
 """Function from z (n, d) and words (n, m) uint32 to margins (n,)."""
@@ -106,7 +106,7 @@ def draw_roots(margins: Margins, rng: np.random.Generator, n: int, d: int, m: in
 def take_step(
     margins: Margins, rng: np.random.Generator, at: ChainStates, level: float, steps: Any, refresh: float
 ) -> tuple[ChainStates, Any, Any]:
-    """Make one step of each chain below a level; return the new states, the kinds of steps, and which were accepted."""
+    """Make one step of each chain below a level. Return the new states, the kinds of steps, and flags of acceptance."""
     (n, d), m = at.z.shape, at.words.shape[1]
     kinds = rng.choice(3, n, p=[0.5, 0.25, 0.25]) if d and m else np.full(n, PARAMETERS if d else NOISE)
     s = np.where((kinds != NOISE)[:, None], steps, 0.0)

@@ -33,7 +33,7 @@ class StoppingState(NamedTuple):
     """Progress of a stopping rule. is_met: True to stop.  value, low, high: statistic and its interval, in the runs so
     far.
 
-    expected_runs: estimated total, for a width that falls with the square root of the runs; inf if unknown.
+    expected_runs: estimated total, for a width that falls with the square root of the runs, or inf if unknown.
     """
 
     is_met: bool

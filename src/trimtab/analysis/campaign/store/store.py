@@ -2,7 +2,7 @@
 
 A block's `done` is written after its columns have reached the disk. Each chunk is written under another name and then
 renamed. However the process ends, a row is either done or not, and the same campaign started again flies the missing
-rows. Chunks carry a checksum; a block with a damaged or missing chunk is flown again.
+rows. Chunks have a checksum, and a block with a damaged or missing chunk is flown again.
 """
 
 import contextlib
@@ -29,7 +29,7 @@ LONGEST_KEY = 160
 
 
 class MemoryStore:
-    """Store of a campaign's rows in memory, lost with the process; otherwise like `CampaignStore`."""
+    """Store of a campaign's rows in memory, lost with the process, but otherwise like `CampaignStore`."""
 
     def __init__(self, runs: int) -> None:
         self._runs, self._finished_rows = runs, np.zeros(runs, bool)
@@ -74,7 +74,7 @@ def has_store(folder: Path) -> bool:
 
 
 def create_group(zarr: Any, folder: Path, columns: Mapping[str, Any], runs: int, block: int) -> Any:
-    """Create the Zarr group of a new store; replace the remains of a killed process."""
+    """Create the Zarr group of a new store, and replace the remains of a killed process."""
     group = zarr.open_group(folder, mode="a")
     options: dict[str, Any] = {"shape": (runs,), "chunks": (block,), "overwrite": True}
     options["compressors"] = [zarr.codecs.ZstdCodec(level=0, checksum=True)]
@@ -106,7 +106,7 @@ def _sync_file(file: Path) -> None:
 
 
 class CampaignStore:
-    """An open store; one process writes at a time. Close it, or use it in a `with`."""
+    """Open store, to which one process writes at a time. Close it, or use it in a `with`."""
 
     def __init__(self, folder: Path, group: Any, lock: Any) -> None:
         self.folder, self._group, self._lock = folder, group, lock
@@ -136,7 +136,7 @@ class CampaignStore:
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
         """Store the rows of a block that begins at a multiple of the block's length.
 
-        Raises: InputError if the disk is full or fails; earlier rows remain.
+        Raises: InputError if the disk is full or fails. Earlier rows remain.
         """
         n = len(next(iter(columns.values())))
         try:
@@ -203,11 +203,11 @@ class CampaignStore:
 def open_store(
     folder: Path, about: Mapping[str, Any], columns: Mapping[str, Any], runs: int, block: int
 ) -> CampaignStore:
-    """Open the store of a campaign, or create it; enlarge it if more runs are wanted.
+    """Open the store of a campaign, or create it. Enlarge the store if more runs are requested.
 
     Args:
         folder: folder of the store, e.g. mass.zarr.
-        about: attributes; `identity` must equal that of an existing store.
+        about: attributes. `identity` must equal that of an existing store.
         columns: name -> an array of a row's type.
         runs: total number of runs.
         block: number of rows in a chunk, for a new store.
@@ -247,7 +247,7 @@ def open_store(
 
 
 def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return attributes and columns of an existing store; a campaign may be writing to it."""
+    """Return attributes and columns of an existing store, to which a campaign may be writing."""
     zarr = _import_zarr()
     if not (folder / "zarr.json").exists():
         fix = "trimtab campaign SCENARIO --store NAME.zarr"
@@ -264,7 +264,7 @@ def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def estimate_store_size(folder: Path, runs: int) -> int | None:
-    """Estimate the size of a store with this number of runs, in bytes, from finished blocks; None before the first."""
+    """Estimate the size of a store with this number of runs (bytes), from finished blocks. None before the first."""
     arrays, finished = _finished_chunks(folder, runs)
     with contextlib.suppress(OSError):
         kept = sum((array / "c" / k).stat().st_size for array in arrays for k in finished)

@@ -102,7 +102,7 @@ def _this_worker() -> tuple[str, int]:
 
 
 class SchedulerAddress(NamedTuple):
-    """Address of the scheduler, and the TLS files of this machine; no files for plain TCP."""
+    """Address of the scheduler, and the TLS files of this machine, or None for plain TCP."""
 
     uri: str
     host: str
@@ -111,7 +111,7 @@ class SchedulerAddress(NamedTuple):
 
 
 def parse_address(uri: str, files: dict[str, str]) -> SchedulerAddress:
-    """Read an address; raise InputError for an invalid one, and for plain TCP between machines."""
+    """Read an address. Raise InputError if it is invalid, or if it is plain TCP to another machine."""
     match = ADDRESS_PATTERN.fullmatch(uri.strip())
     if not match or match[1] not in ("tls", "tcp") or not 0 < int(match[3]) < 2**16:
         raise InputError(
@@ -149,7 +149,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def _tls_context(place: SchedulerAddress) -> ssl.SSLContext:
-    """Create the TLS context that distributed will use; raise InputError for unusable or mismatched files."""
+    """Create the TLS context that distributed will use. Raise InputError for unusable or mismatched files."""
     ca, cert, key = place.files or ("", "", "")
     try:
         context = ssl.create_default_context(ssl.Purpose.SERVER_AUTH, cafile=ca)
@@ -197,7 +197,7 @@ def cluster_workers(uri: str, *, ca: str | Path = "", cert: str | Path = "", key
     """Return workers of a cluster for `Campaign.run`.
 
     Args:
-        uri: address of the scheduler, e.g. tls://10.0.0.1:8786; tcp:// only within one machine.
+        uri: address of the scheduler, e.g. tls://10.0.0.1:8786. tcp:// is allowed only within one machine.
         ca: PEM file of the CA that signed all certificates.
         cert, key: PEM files of this machine's certificate and of its private key.
 
@@ -243,7 +243,7 @@ def _open_client(place: SchedulerAddress) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _mute_distributed() -> Iterator[None]:
-    """Silence the long logs of distributed about a lost connection; the campaign reports it in one line."""
+    """Silence the long logs of distributed about a lost connection. The campaign reports the loss in one line."""
     known = map(logging.getLogger, list(logging.root.manager.loggerDict))
     before = [(log, log.level) for log in known if log.name.partition(".")[0] == "distributed"]
     for log, _ in before:
@@ -294,7 +294,7 @@ class _ClusterWatch:
 def _fly_blocks(
     client: Any, place: SchedulerAddress, ready: PreparedCampaign, blocks: Blocks, used: str
 ) -> BlockResults:
-    """Yield the blocks as they arrive; two for each thread are in progress at a time."""
+    """Yield the blocks as they arrive. Two blocks per thread are in progress at a time."""
     asker, plain, waiting = machine_identity(ready, used), ready.plan.as_dict(), iter(blocks)
     flying: dict[Any, tuple[int, int]] = {}
     watch, landed = _ClusterWatch(client, place), threading.Event()
@@ -321,7 +321,7 @@ def _fly_blocks(
 
 
 def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) -> Any:
-    """Return the columns of a block; None if they were lost in transit, and must be flown again."""
+    """Return the columns of a block, or None if they were lost in transit and must be flown again."""
     from distributed import KilledWorker
 
     runs = f"runs {block[0]} to {block[1] - 1}"

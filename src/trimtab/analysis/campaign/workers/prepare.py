@@ -50,7 +50,7 @@ class CampaignPlan(NamedTuple):
     """Plan of a campaign. Settings, imperfections and faults are as in `trimtab run`.
 
     spread: texts of varied parameters and their distributions.  correlate: pairs of these texts, with their
-    correlation.  runs: total number of runs; only a Latin hypercube's rows depend on it.  success: conditions that must
+    correlation.  runs: total number of runs. Only a Latin hypercube's rows depend on it.  success: conditions that must
     all hold.  calibration: content of the file named in the settings, so that other machines do not need it.  inputs:
     inputs held constant in pieces, as after `--vary`.
     """
@@ -205,7 +205,7 @@ def prepare_campaign(
 
     Args:
         plan: the campaign.
-        scenario: the scenario; None: it is built from the plan's name and settings.
+        scenario: the scenario. None: built from the plan's name and settings.
         own: metrics that are functions.
 
     Raises: InputError with the text to type instead.
@@ -256,7 +256,7 @@ def with_spread_parts(scenario: Scenario, factors: Iterable[Factor]) -> Scenario
 class KnownSignals(NamedTuple):
     """Signals that metrics of a scenario may name: shape and unit by path, with the derived signals of a flight.
 
-    flight: source of `flight.roll` etc.; None for a vehicle that is not in space.
+    flight: source of derived signals such as `flight.roll`, or None for a vehicle that is not in space.
     """
 
     shapes: dict[str, tuple[int, ...]]
@@ -293,7 +293,10 @@ def draw_runs(ready: PreparedCampaign, first: int, last: int) -> tuple[Points, d
 
 
 def _check_values(ready: PreparedCampaign) -> None:
-    """Raise InputError, with the run's number, if the spread leaves a valid range; parts check their extreme values."""
+    """Raise InputError, with the run's number, if a spread leaves the valid range of a part.
+
+    Only extremes are checked.
+    """
     extremes: dict[str, list[tuple[float, int]]] = {}
     for first in range(0, ready.plan.runs, 2**16):
         _, values = draw_runs(ready, first, min(first + 2**16, ready.plan.runs))
@@ -360,7 +363,7 @@ def refuse_options(ready: PreparedCampaign) -> None:
 
 
 def check_bounds(ready: PreparedCampaign, ends: Any) -> None:
-    """Raise InputError for bounds beyond a part's valid range; each parameter is tested at its ends, and all together.
+    """Raise InputError for bounds beyond a part's valid range. Each parameter is tested at its ends, and all together.
 
     ends: (2, d), the smallest and the largest point.
     """
