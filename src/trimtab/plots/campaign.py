@@ -28,7 +28,7 @@ LOOKS = 60
 HUGE = 1e12
 """Value drawn in place of infinity, which matplotlib cannot draw. It is far outside the plot."""
 BEYOND = 4.0
-"""Half width of a histogram around the median, in widths of its middle 90 %. Values outside are only counted."""
+"""Half width of a histogram around the median, in widths of the middle 90 % of values. Others are only counted."""
 
 
 def plot_parallel(

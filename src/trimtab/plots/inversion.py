@@ -31,7 +31,7 @@ def plot_inversion(
 
     Args:
         found: result of the inversion.
-        states, inputs: names of its columns.
+        states, inputs: names of the columns of states and inputs.
         span: beginning and end of the course (s).
         path: where to save, see `PicturePath`.
         title: title of the plot.

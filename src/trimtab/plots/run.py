@@ -89,7 +89,7 @@ def plot_run(
         ideal: the run to compare with in truth and law, or None. A path given here is that of the file.
         path: path of the saved file.
         title: title of the plot. Default: the scenario and the seed.
-        targets: drawn as a line with its band, in the panel of their signal.
+        targets: targets, each drawn as a line with its band in the panel of its signal.
     """
     check_log(real, "plot_run({})")
     from matplotlib.figure import Figure
@@ -184,7 +184,7 @@ def _tell_apart(panels: list[Panel]) -> list[Panel]:
 
 
 def _panel_places(count: int, side_rows: int) -> list[tuple[int, int]]:
-    """Return row and column of each panel, in reading order around the views of the track."""
+    """Return row and column of each panel, in reading order, without the cells of the track's views."""
     cells = ((row, column) for row in range(count + side_rows) for column in range(COLUMNS))
     free = (cell for cell in cells if not (cell[0] < side_rows and cell[1] == COLUMNS - 1))
     return list(itertools.islice(free, count))
@@ -238,7 +238,7 @@ def _draw_panel(axes: Any, panel: Panel, real: Log, ideal: Log | None, targets: 
         _draw_line(axes, panel, real, path, SEVERAL[i:] if several else [BLUE], lw=1.0)
         if ideal is not None and panel.compares_ideal and path in ideal:
             style = {"ls": "--"} if several else {}
-            low = 0.1 if panel.kind == "mode" else 0.0  # so that both can be seen where they agree
+            low = 0.1 if panel.kind == "mode" else 0.0  # so that both lines can be seen where they agree
             _draw_line(axes, panel, ideal, path, SEVERAL[i:] if several else [VERMILION], lw=1.3, lower=low, **style)
     _draw_limits(axes, panel, real)
     labels = [_title_of_path(p) if p.startswith(FLIGHT) else p for p in panel.paths]

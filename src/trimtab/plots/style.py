@@ -27,8 +27,8 @@ BINS = 600
 """Number of bins of a line, about the width of a panel in pixels. Each bin keeps its extremes."""
 COLUMNS, TURNS, SWINGS, STRETCH = 100, 4, (0.2, 0.5), 15
 """Criterion of chatter. A line is cut into COLUMNS columns. It chatters if it reverses TURNS times in each of STRETCH
-adjacent columns, by the smaller share of its span in all, and by the larger share in half of them. A period is then at
-most some pixels wide.
+adjacent columns, by the smaller of SWINGS (shares of its span) in all of them, and by the larger in half of them. A
+period is then at most some pixels wide.
 """
 CHATTER = "chatter: range and mean"
 """Legend entry of a range that is drawn instead of a line."""
@@ -79,7 +79,8 @@ def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray
 def draw_line(axes: Any, t: np.ndarray, x: np.ndarray, *, logarithmic: bool = False, **look: Any) -> None:
     """Draw a thinned line. Where it would chatter into a solid block, draw its range, pale, and its mean.
 
-    Shapes (n,) and (n,).  logarithmic: scale on which chatter is judged.  look: of `axes.plot`, with a color.
+    Shapes (n,) and (n,).  logarithmic: scale on which chatter is judged.  look: options of `axes.plot`, including
+    color.
     """
     x = np.asarray(x, np.float64)
     if len(x) > 4 * BINS:

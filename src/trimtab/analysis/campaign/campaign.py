@@ -105,10 +105,11 @@ class Campaign:
         seed: seed of the campaign.
         spread: path -> distribution or its text, e.g. {"world.vehicle.mass": "normal(100%, 5%)"}.
         correlate: pairs of paths -> correlation, e.g. {("world.vehicle.mass", "world.vehicle.inertia"): 0.8}.
-        metrics: texts, e.g. "settling:yaw_rate", or functions from `Rows` to (n,). Default: the metrics of each target.
+        metrics: names, e.g. "settling:yaw_rate", or functions from `Rows` to values (n,). Default: the metrics of each
+            target.
         success: conditions, e.g. "settling:yaw_rate <= 10". Default: each target is reached and held.
         sampling: "random", "sobol" or "latin".
-        settings, without, faults: as in `trimtab run`; only for a scenario given by name.
+        settings, without, faults: as in `trimtab run`, only for a scenario given by name.
         log_period: time between the logged rows that metrics use (100 ns).
 
     Raises: InputError for a campaign that can't be flown, before any run starts.

@@ -31,8 +31,9 @@ GAP = 2.0
 class FlightData(NamedTuple):
     """Data of a log for identification. commands: record of arrays (m, …).
 
-    command_ticks: (m,), time of each command.  ticks: (n,).  y: (n, k), fields of the vehicle's state; NaN: not
-    measured.  valid: (m,) bool, False where the actuators were neutral for lack of a command.  None: always valid.
+    command_ticks: (m,), time of each command.  ticks: (n,), time of each y.  y: (n, k), fields of the vehicle's state;
+    NaN: not measured.  valid: (m,) bool, False where the actuators were neutral for lack of a command.  None: always
+    valid.
     """
 
     name: str
@@ -185,7 +186,7 @@ def lay_on_grid(grid: int, flight: FlightData) -> GridCommands:
 
 
 def actuate(actuators: Any, grid: int, commands: GridCommands) -> Any:
-    """Return the integrals of the vehicle's input from the first multiple of the grid to each (n + 1,)."""
+    """Return the time integrals of the vehicle's input, from the first grid instant to each grid instant (n + 1,)."""
     drive = replace(actuators, period=grid)
 
     def advance(state: Any, row: Any) -> Any:

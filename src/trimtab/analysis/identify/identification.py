@@ -54,7 +54,7 @@ HORIZON = 1.0
 
 
 EXPLAINED = 0.5
-"""Largest prediction error of a fitted model, as a fraction of a field's change, at which it explains the field."""
+"""Largest prediction error, as a fraction of a field's change, with which a fitted model explains the field."""
 
 
 CORRELATED = 0.5

@@ -52,8 +52,8 @@ def trial_inertia(
 
     Args:
         trial: measured values.
-        arm: centre of mass to rudder pivot (m).
-        force_angle: rudder angle to force angle, e.g. ``RudderGeometry().force_angle``.
+        arm: distance from the centre of mass to the rudder pivot (m).
+        force_angle: function from rudder angle to force angle, e.g. ``RudderGeometry().force_angle``.
         decimals: number of decimals to which FY is rounded first. 2 reproduces the thesis's table. None: no rounding.
     """
     FY = lateral_force(trial.force, force_angle(trial.rudder_angle))
@@ -98,7 +98,10 @@ def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
 
 
 class LinearPortion(NamedTuple):
-    """Linear part of a spin-up. start: time of release (s).  window: duration of the linear rise (s).  fit: line."""
+    """Linear part of a spin-up.
+
+    start: time of release (s).  window: duration of the linear rise (s).  fit: line fit.
+    """
 
     start: float
     window: float

@@ -35,7 +35,7 @@ HALF_CHI = 1.9207294103470585
 COLLINEAR = 1e-4
 """Eigenvalue of the normalised information matrix below which its eigenvector is not identifiable."""
 SHARE = 0.3
-"""Smallest component of a parameter in an eigenvector that is not identifiable, for which the parameter is reported."""
+"""Smallest component of a non-identifiable eigenvector for which the corresponding parameter is reported."""
 REACHES = np.array([-1.4, -0.8, 0.8, 1.4])
 """Points of the profile likelihood, in units of half the 95 % interval that the information matrix gives."""
 CORRECTIONS = 1
@@ -305,7 +305,7 @@ def _end_of_interval(reach: Any, fall: Any, sign: int) -> float:
     x, y = np.concatenate([[0.0], x[order]]), np.concatenate([[0.0], y[order]])
     wanted = np.sqrt(HALF_CHI)
     beyond = np.flatnonzero((y >= wanted) | ~np.isfinite(y))
-    if not len(beyond):  # extrapolate from the last two, if they rise at all
+    if not len(beyond):  # extrapolate from the last two points, if the curve rises there
         slope = (y[-1] - y[-2]) / (x[-1] - x[-2])
         return sign * float(x[-1] + (wanted - y[-1]) / slope) if slope > 0.2 * wanted / x[-1] else sign * np.inf
     k = int(beyond[0])

@@ -89,7 +89,7 @@ def _add_ways(A: Any, data: Measurements) -> tuple[Any, bool]:
 
 
 class HullFit(NamedTuple):
-    """Fitted geometry theta = -ratio psi + offset: both (2,) with covariance, and the correlation of theta and psi."""
+    """Fitted geometry theta = -ratio psi + offset. covariance: of both (2, 2).  correlation: of theta and psi."""
 
     ratio: float
     offset: float

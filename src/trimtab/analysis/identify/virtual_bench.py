@@ -41,7 +41,7 @@ Rows = tuple[Sequence[str], Sequence[Sequence[float]]]
 
 
 class BenchCraft(NamedTuple):
-    """The craft on the bench. delay: mean, standard deviation and minimum of the uplink's latency (s)."""
+    """Craft on the virtual bench. delay: mean, standard deviation and minimum of the uplink's latency (s)."""
 
     servo: RudderServo
     geometry: RudderGeometry
@@ -160,7 +160,7 @@ def _read_gauge(force: Any, g: np.random.Generator) -> Any:
 
 
 def _draw_speeds(steps: Any, g: np.random.Generator) -> Any:
-    """Return speeds (rpm) shown by the tachometer: held by hand, with a battery that sags over time."""
+    """Return speeds (rpm) on the tachometer. They are held by hand, while the battery sags over time."""
     sag = 1 - 0.06 * np.linspace(0, 1, len(steps)) * (np.asarray(steps) / 12000) ** 2
     return np.round(np.asarray(steps) * sag * (1 + 0.01 * g.standard_normal(len(steps))), -1)
 

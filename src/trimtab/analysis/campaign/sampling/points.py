@@ -194,13 +194,13 @@ def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: boo
     trajectory, place = np.divmod(np.arange(first, last), rows_per_trajectory(parameters, noise=noise))
     begin, when, up = morris_trajectories(seed, trajectory, parameters + int(noise))
     stepped = when < place[:, None]
-    level = begin + 2 * (stepped == up)  # up: from the lower level to the one two above; down: the reverse
+    level = begin + 2 * (stepped == up)  # an up step leads two levels up, a down step back
     words = 2 * trajectory + stepped[:, -1] if noise else np.zeros_like(trajectory)
     return Points(MORRIS_LEVELS[level[:, :parameters]], words.astype(np.uint32))
 
 
 def morris_trajectories(seed: int, trajectory: Any, factors: int) -> tuple[Any, Any, Any]:
-    """Return for each trajectory and factor: lower level of the step (0 or 1), place of the step (from 0), sign."""
+    """Return for each trajectory and factor the step's lower level (0 or 1), its position (from 0), and True if up."""
     word = np.uint32(seed % 2**32)
     drawn = threefry2x32(word, np.uint32(MORRIS_STREAM), trajectory[:, None], np.arange(factors)[None])
     bits, order = (np.asarray(w, np.uint32) for w in drawn)

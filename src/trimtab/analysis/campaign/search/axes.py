@@ -29,8 +29,8 @@ class Axis(NamedTuple):
 
     name: name to show.  values: values of the coarse grid (k,), rising.  unit: unit of the values.  change: (scenario,
     value) -> {path of a quantity: new value}. The given scenario includes the changes of the other axis.  prepare:
-    applied once to the scenario.  link, kind: link and "delay", "jitter" or "loss" for an axis of a link, otherwise
-    empty.
+    function applied once to the scenario.  link, kind: link and "delay", "jitter" or "loss" for an axis of a link,
+    otherwise empty.
     """
 
     name: str

@@ -27,7 +27,7 @@ FLAT_GENERATIONS_MAX = 8
 
 
 class Generation(NamedTuple):
-    """One generation.
+    """One generation of the evolution strategy.
 
     x: (n, d), candidates.  f: (n,), values to minimise.  mean: (d,), centre.  restart: number, from 0.
     """
@@ -51,7 +51,7 @@ def evolve(
 
     Args:
         of: function from points (n, d) in [0, 1] to finite values (n,). Only the order of the values matters.
-        start: function from the number of the restart to its start (d,).
+        start: function from the number of the restart to its starting point (d,).
         step: initial standard deviation, as a fraction of the cube.
         population: minimum population of the first start. Each restart doubles the population.
         budget: maximum number of points.

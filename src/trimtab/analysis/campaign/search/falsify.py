@@ -96,7 +96,7 @@ def margin(rows: Rows, conditions: tuple[Condition, ...], metrics: Mapping[str, 
     """Compute the margins (n,) of some runs.
 
     Args:
-        rows: rows of the runs.
+        rows: logged rows of the runs.
         conditions: conditions that must all hold.
         metrics: metrics of the conditions, by name.
     """

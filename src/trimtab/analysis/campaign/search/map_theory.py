@@ -24,7 +24,7 @@ from trimtab.links.wire import DelayChain, Wire
 from trimtab.loop.scenario import Scenario
 
 DRAWS = 4096
-"""Number of quantiles for the average of rounded latencies."""
+"""Number of quantiles of a latency's distribution, whose rounded values are averaged."""
 FINE = 30
 """Approximate number of points along an axis at which the theory is evaluated."""
 FEW = 8

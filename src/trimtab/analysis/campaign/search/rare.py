@@ -4,7 +4,7 @@ The margin is that of `falsify`. Parameters are drawn as in a campaign. The nois
 part of a run's random numbers, so that a part of the noise can be drawn again while the rest stays.
 
 Roots fly in rounds of BATCHES batches. A round depends only on the seed and its number, so that a search resumed from
-its folder gives the same result as one without a break.
+its folder gives the same result as an uninterrupted search.
 
 Source: docs page, Rare failures; `campaign.statistics.splitting`.
 """
@@ -78,9 +78,9 @@ class PilotReport(NamedTuple):
 class Round(NamedTuple):
     """Result of the roots of one round, as stored in the folder.
 
-    sums: (BATCHES,), failing descendants of each batch.  failing_roots: number of roots with a failing descendant.
-    survivors, taken: as in `RareResult`. flown: number of runs.  worst, likeliest: z, words and margin of two failures,
-    if any.
+    sums: (BATCHES,), number of failing descendants in each batch.  failing_roots: number of roots with a failing
+    descendant. survivors, taken: as in `RareResult`. flown: number of runs.  worst, likeliest: z, words and margin of
+    two failures, if any.
     """
 
     sums: list[int]
@@ -95,9 +95,9 @@ class Round(NamedTuple):
 class RareResult(NamedTuple):
     """Probability of a failure, its interval, and two failures.
 
-    ladder: the levels.  roots: total number of roots; failing_roots: number of roots with a failing descendant.
-    survivors: (K,), number of points below each level.  taken: (K - 1,), share of accepted steps below each level.
-    flown_runs: total, with the pilot; new_runs: runs of this session.  worst: failure with the smallest margin;
+    ladder: levels of the splitting.  roots: total number of roots; failing_roots: number of roots with a failing
+    descendant. survivors: (K,), number of points below each level.  taken: (K - 1,), share of accepted steps below each
+    level. flown_runs: total, with the pilot; new_runs: runs of this session.  worst: failure with the smallest margin;
     likeliest: failure with the most probable parameters.
     """
 

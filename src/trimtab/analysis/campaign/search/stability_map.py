@@ -288,7 +288,7 @@ def stability_map(
 class _PointFlights(NamedTuple):
     """Flights at points.
 
-    seeds: of the runs at a point.  numbers: number of values in a run's log.  used: backends so far.
+    seeds: seeds of the runs at a point.  numbers: number of values in a run's log.  used: backends used so far.
     """
 
     scenario: Scenario
@@ -327,9 +327,10 @@ class _PointFlights(NamedTuple):
 
 
 def target_success(scenario: Scenario, swing: float = SWING) -> Success:
-    """Return a judge: each target must stay in its band over the last third, with a small or decaying oscillation.
+    """Return a function that decides the success of each run of a batch by the targets.
 
-    Small: below `swing` times the band, see `statistics.metrics.swing_amplitude`. A limit cycle inside a band is
+    Each target must stay in its band over the last third, with a small or decaying oscillation. Small means below
+    `swing` times the band, see `statistics.metrics.swing_amplitude`. A limit cycle inside a band is
     therefore not a success. Angles count modulo full turns.
     """
     targets = tuple(scenario.targets)

@@ -153,7 +153,9 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
             fix = argument("gains", "LOW:HIGH", first_number(factor.path, value.shape))
             raise InputError(part, f"has shape {value.shape}, but a gain must be one number", fix=fix)
         own = float(value[factor.at or ()])
-        low, high = (a.of(own) for a in factor.distribution.amounts)  # shares of a negative number are in falling order
+        low, high = (
+            a.of(own) for a in factor.distribution.amounts
+        )  # percentages of a negative number are in falling order
         if not min(low, high) <= own <= max(low, high):
             problem = f"the scenario's own value, {own:g}, must lie within {min(low, high):g} … {max(low, high):g}"
             raise InputError(

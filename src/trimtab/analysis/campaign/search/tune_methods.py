@@ -44,7 +44,7 @@ PairFlights = Callable[[Any, int], tuple[Any, Any]]
 
 
 class TuningStep(NamedTuple):
-    """One step.
+    """One step of a tuning.
 
     flown_runs: number of runs so far.  cost: mean cost of the step's runs.  x: (d,), places of the gains.
     """
@@ -57,7 +57,7 @@ class TuningStep(NamedTuple):
 def merit(costs: Any, reference: float) -> Any:
     """Return a score (n,) of candidates from their costs (n, runs). A lower score is better.
 
-    The score is z/(1 + |z|) plus the share of infinite costs. z is the mean of the finite costs over the reference.
+    The score is z/(1 + |z|) plus the share of infinite costs, with z the mean finite cost divided by the reference.
     """
     finite = np.isfinite(costs)
     share = 1 - finite.mean(axis=1)
@@ -74,7 +74,7 @@ def search_gains(
         costs: function from places (n, d) in [0, 1] to costs (n, runs), of the same runs each time.
         start: (d,), places of the scenario's own gains.
         runs: number of runs of a candidate.
-        iterations: number of generations of the first restart's size.
+        iterations: number of generations of the minimum population.
         seed: seed of the search.
     """
     first = costs(start[None])
@@ -156,11 +156,11 @@ def descend_gradient(
     """Descend along the gradient, and return gains, steps and slopes. Every iteration flies new runs.
 
     Args:
-        flights: function that flies pairs at places.
+        flights: function that flies pairs of runs, see `PairFlights`.
         start: (d,), places of the scenario's own gains.
         runs: number of runs in an iteration, i.e. runs/2 pairs.
         iterations: number of steps.
-        width: s, as a fraction of the ranges.
+        width: width s of the smoothing, as a fraction of the ranges.
         seed: seed of the pairs.
     """
     rng, pairs = np.random.default_rng(seed), runs // 2

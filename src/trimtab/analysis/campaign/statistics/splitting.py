@@ -70,7 +70,7 @@ class ChainStates(NamedTuple):
 class Ladder(NamedTuple):
     """Result of the pilot. levels: (K,), falling, the last 0.  steps: (K - 1, d), s of each parameter below each level.
 
-    refresh: (K - 1,), q.  estimate: probability from the pilot alone, biased.  flown: runs of the pilot.
+    refresh: (K - 1,), q.  estimate: probability from the pilot alone, biased.  flown: number of runs.
     """
 
     levels: Any

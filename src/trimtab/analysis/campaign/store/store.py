@@ -36,7 +36,7 @@ class MemoryStore:
         self._columns: dict[str, Any] = {}
 
     def finished_rows(self) -> Any:
-        """Return which rows are finished: bool (runs,)."""
+        """Return True for each finished row (runs,)."""
         return self._finished_rows.copy()
 
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
@@ -130,7 +130,7 @@ class CampaignStore:
         return dict(self._group.attrs)
 
     def finished_rows(self) -> Any:
-        """Return which rows are finished: bool (runs,)."""
+        """Return True for each finished row (runs,)."""
         return np.asarray(self._arrays[DONE][:])
 
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
@@ -296,7 +296,7 @@ def read_block_length(folder: Path) -> int | None:
 
 
 def missing_blocks(done: Any, runs: int, block: int) -> Iterator[tuple[int, int]]:
-    """Yield first and last + 1 of each block with a missing row."""
+    """Yield first row and last row + 1 of each block with a missing row."""
     for first in range(0, runs, block):
         last = min(first + block, runs)
         if not done[first:last].all():

@@ -33,7 +33,7 @@ from trimtab.run.program import thread_count
 CONNECT_TIMEOUT = 10.0
 """Time limit for an answer of the scheduler to a call (s)."""
 REPLY_TIMEOUT = 15.0
-"""Time without messages after which the scheduler is asked, and time limit for its answer (s)."""
+"""Time without messages after which the scheduler is queried, and time limit for its answer (s)."""
 WORKER_TIMEOUT = 60.0
 """Time limit for the arrival of a first worker, or of a new one when all are lost (s)."""
 RESUME_HINT = "start the same command again; it resumes there"
@@ -49,7 +49,7 @@ def machine_identity(ready: PreparedCampaign, backend: str) -> dict[str, str]:
 
 @functools.cache
 def _source_digest() -> str:
-    """Return the digest of trimtab's own source, because a version under development has many states."""
+    """Return the digest of trimtab's source, because one version may have several states during development."""
     root, digest = Path(__file__).parents[3], hashlib.sha256()
     for file in sorted(root.rglob("*.py")):
         digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")

@@ -34,7 +34,9 @@ class RowCount:
         -1 is for runs of earlier sessions.
         """
         with self._alone:
-            self._pieces[start] = max(self._pieces.get(start, 0), done)  # runs of other choices begin at 0 again
+            self._pieces[start] = max(
+                self._pieces.get(start, 0), done
+            )  # runs with other choices of options begin at 0 again
             self._tell(sum(self._pieces.values()))
 
     def keep(self, done: int) -> None:

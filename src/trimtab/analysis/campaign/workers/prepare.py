@@ -162,7 +162,7 @@ def _as_tuples(value: Any) -> Any:
 
 
 def identity(plan: CampaignPlan, scenario: Scenario, backend: str) -> dict[str, str]:
-    """Return the data that determine the rows: of the campaign, the scenario and the program that computes the rows."""
+    """Return the data that determine the rows: digests of campaign, scenario and files, backend, and provenance."""
     of_plan = plan.as_dict()
     if plan.sampling != "latin":
         del of_plan["runs"]
