@@ -78,6 +78,9 @@ def axial_added_mass() -> float:
 
 
 def cross_drag(weight: Any) -> float:
-    """Return the integral of weight(x) times the cross-flow drag of hull and two fins (kg/m times weight's)."""
+    """Return the integral of weight(x) times the cross-flow drag of hull and two fins.
+
+    The unit is kg/m times the unit of weight(x).
+    """
     hull = RHO * CROSS_FLOW / 2 * integrate(lambda x, R: 2 * R * weight(x), TAIL_START, NOSE_START)
     return hull + 2 * weight(FIN_POST) * RHO / 2 * FIN_AREA * FIN_DRAG

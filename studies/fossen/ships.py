@@ -23,7 +23,7 @@ N = {"v'": 4.646e-5, "r'": -43.8e-5, "v": -264e-5, "r": -166e-5, "d": -139e-5}
 
 
 class Nomoto(NamedTuple):
-    """r/delta = K (1 + T3 s)/((1 + T1 s)(1 + T2 s)): K (1/s), T (s)."""
+    """Nomoto model r/delta = K (1 + T3 s)/((1 + T1 s)(1 + T2 s)): K (1/s), T (s)."""
 
     K: float
     T1: float

@@ -92,12 +92,12 @@ def slow_manifold_slope() -> float:
 
 
 def first_time(t: Any, holds: Any) -> Any:
-    """Return for each run the first time (s) at which a condition (runs, samples) holds; infinite if never."""
+    """Return for each run the first time (s) at which a condition (runs, samples) holds, or infinity."""
     return np.where(holds.any(axis=-1), t[holds.argmax(axis=-1)], np.inf)
 
 
 def settling_time(t: Any, holds: Any) -> Any:
-    """Return for each run the time (s) from which a condition (runs, samples) holds; infinite if not at the end."""
+    """Return for each run the time (s) from which a condition (runs, samples) holds to the end, or infinity."""
     last = holds.shape[-1] - 1 - (~holds)[..., ::-1].argmax(axis=-1)
     after = np.where(holds.all(axis=-1), 0, last + 1)
     return np.where(holds[..., -1], t[np.minimum(after, len(t) - 1)], np.inf)

@@ -30,7 +30,7 @@ from trimtab.estimators.flexible.model import (
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 STABLE = 2.5
-"""Largest decay rate times step accepted for RK4; its stability limit is 2.78."""
+"""Largest decay rate times step accepted for RK4, whose stability limit is 2.78."""
 
 
 @record

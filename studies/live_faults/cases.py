@@ -1,4 +1,4 @@
-"""Cases of the campaign."""
+"""Cases of the campaign, each with its disturbance and the expected result."""
 
 from studies.live_faults import acts
 from studies.live_faults.case import AUTOPILOT, EITHER, FAILSAFE, FLIES, STOPS, VEHICLE, Case

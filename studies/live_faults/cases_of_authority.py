@@ -25,7 +25,7 @@ FULL_RUDDER = {"valid": 1, "rudder_pulse": 2.1e-3, "speed_rpm": 9000.0}
 
 @contextmanager
 def other_system(flight: FaultFlight) -> Iterator[tuple[Injector, Endpoint]]:
-    """Join the link as another system with the key, past the relay."""
+    """Join the link as another system with the key, bypassing the relay."""
     link, endpoint = flight.join_line(OTHER_SYSTEM, COMPUTER, flight.key)
     try:
         yield Injector(link, endpoint, flight.clock), endpoint

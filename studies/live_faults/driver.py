@@ -58,7 +58,10 @@ class OutputsCheck:
             self.longest_s[what] = max(self.longest_s.get(what, 0.0), (now - start) / NS_PER_SECOND)
 
     def list_violations(self, command_delay_s: float = 0.0) -> list[str]:
-        """Return where the outputs acted for too long. command_delay_s: delay of commands within the vehicle."""
+        """Return the violations: outputs that acted for too long.
+
+        command_delay_s: delay of commands within the vehicle.
+        """
         return [
             f"{self.name}: the outputs still acted {seconds * 1e3:.0f} ms after {what}"
             for what, seconds in self.longest_s.items()

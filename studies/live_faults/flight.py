@@ -78,12 +78,12 @@ class FaultFlight:
 
     @property
     def vehicle(self) -> Process:
-        """The newest vehicle."""
+        """Vehicle that was started last."""
         return self.vehicles[-1]
 
     @property
     def autopilot(self) -> Process:
-        """The newest autopilot."""
+        """Autopilot that was started last."""
         return self.autopilots[-1]
 
     @property
@@ -97,7 +97,7 @@ class FaultFlight:
 
     @property
     def clock(self) -> Clock:
-        """The clock of the campaign."""
+        """Clock of the campaign."""
         return SYSTEM_CLOCK
 
     def now(self) -> float:

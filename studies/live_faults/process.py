@@ -48,7 +48,7 @@ class Process:
 
     @property
     def status(self) -> int | None:
-        """Exit status; None while it runs."""
+        """Exit status, or None while the process runs."""
         return self._process.poll()
 
     @property
@@ -75,7 +75,7 @@ class Process:
             sleep(LOOK_S)
 
     def send(self, number: int) -> None:
-        """Send a signal."""
+        """Send a signal to the process."""
         with contextlib.suppress(ProcessLookupError):
             self._process.send_signal(number)
 

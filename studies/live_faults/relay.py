@@ -54,7 +54,7 @@ class Relay:
         self._thread.start()
 
     def cut_line(self, seconds: float, directions: tuple[int, ...] = (UP, DOWN)) -> None:
-        """Block the link for this long."""
+        """Block the link for a time (s)."""
         for direction in directions:
             self._cut_until[direction] = monotonic() + seconds
 
@@ -63,7 +63,7 @@ class Relay:
         self._ends.send_bytes(direction, data)
 
     def close(self) -> None:
-        """Stop relaying."""
+        """Stop relaying packets."""
         self._stop.set()
         self._thread.join(2.0)
         self._ends.close()

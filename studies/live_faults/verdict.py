@@ -30,7 +30,7 @@ def mode_stays(log: Log) -> list[tuple[int, int, int, int]]:
 
 
 def find_violations(log: Log, *, broken: tuple[float, float] | None = None, whole: bool = True) -> list[str]:
-    """Return the violated rules; none for a safe vehicle.
+    """Return the violated rules (empty for a safe vehicle).
 
     Args:
         log: log of the vehicle.

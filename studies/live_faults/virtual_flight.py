@@ -51,7 +51,7 @@ class VirtualFaultFlight:
 
         Args:
             folder: folder for keys, and for files of the outputs.
-            known: knowledge of the vehicle on the ground.
+            known: data of the vehicle that the ground has.
             clock: clock of the campaign's program.
             time: virtual time of the flight.
             keeps_logs: True writes logs and output into the folder.
@@ -81,12 +81,12 @@ class VirtualFaultFlight:
 
     @property
     def vehicle(self) -> VirtualProcess:
-        """The newest vehicle."""
+        """Vehicle that was started last."""
         return self.vehicles[-1]
 
     @property
     def autopilot(self) -> VirtualProcess:
-        """The newest autopilot."""
+        """Autopilot that was started last."""
         return self.autopilots[-1]
 
     @property

@@ -106,7 +106,7 @@ class VirtualProcess:
 
     @property
     def status(self) -> int | None:
-        """Exit status; None while it runs."""
+        """Exit status, or None while the process runs."""
         if self._program.is_killed:
             return -self._signal
         return self._program.result if self._program.has_ended else None
@@ -134,7 +134,7 @@ class VirtualProcess:
             self._pause(LOOK_S)
 
     def send(self, number: int) -> None:
-        """Send a signal."""
+        """Send a signal to the process."""
         if self._program.has_ended:
             return
         if number in (signal.SIGINT, signal.SIGTERM):

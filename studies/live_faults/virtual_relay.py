@@ -37,7 +37,7 @@ class VirtualRelay:
         network.answer_at(self._far, lambda data, _: self._forward(DOWN, data))
 
     def cut_line(self, seconds: float, directions: tuple[int, ...] = (UP, DOWN)) -> None:
-        """Block the link for this long."""
+        """Block the link for a time (s)."""
         for direction in directions:
             self._cut_until[direction] = self._time.seconds + seconds
 

@@ -27,7 +27,10 @@ LATERAL = (
     (37.84483, -25.40956, -6.82876, -332.88343, -17.15997),
     (-23.91233, 5.69968, -21.63431, 64.49490, -88.36203),
 )
-"""u = -K x, surfaces in degrees, states in rad and rad/s, integrals of load (g), roll rate, side load and yaw rate."""
+"""Gains K of u = -K x, with surfaces in degrees, and states in rad and rad/s.
+
+The integrals are of load (g), roll rate, side load and yaw rate.
+"""
 FED_BACK = ("alpha", "pitch rate", "load integral"), ("beta", "roll rate", "yaw rate", "roll integral", "side integral")
 GAIN = 0.003
 """Relative tolerance of a gain: AeroBenchVV has -0.415 for -0.416 in its table of the normal force."""
