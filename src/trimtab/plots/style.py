@@ -1,6 +1,6 @@
 """Style of all plots: colours, grid, titles, lines thinned to the resolution of a screen, and saving.
 
-Colours: Okabe and Ito, "Color universal design", 2008. They can be told apart without colour vision.
+Colours: Okabe and Ito, "Color universal design", 2008. They can be distinguished without colour vision.
 """
 
 import io
