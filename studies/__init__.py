@@ -1,1 +1,1 @@
-"""Publications computed again: one folder a study, one file in it a group of its figures."""
+"""Recomputed publications. Each folder is one study, and each file in it one group of results."""

@@ -1,4 +1,4 @@
-"""REMUS flown with its fins set by hand, as in the simulations of [1] chapter 8."""
+"""Flights of REMUS with prescribed fin angles, as in the simulations of [1] chapter 8."""
 
 from typing import Any, NamedTuple
 
@@ -14,11 +14,14 @@ from trimtab.vehicles.torpedo import CRUISE, Torpedo, TorpedoControls, TorpedoSt
 
 STEP = 0.02
 SPEED, ROLL = 1.54, -5 * DEG
-"""Start of each flight of [1] table 8.1 (m/s, rad)."""
+"""Speed (m/s) and roll (rad) at the start of each flight, [1] table 8.1."""
 
 
 class Flight(NamedTuple):
-    """Flight. Rows in time: s, m, rad, m/s and rad/s; velocity at the centre of buoyancy, as in [1]."""
+    """Time history of a flight in s, m, rad, m/s and rad/s.
+
+    The velocity is that of the centre of buoyancy, as in [1].
+    """
 
     t: Any
     place: Any
@@ -27,12 +30,12 @@ class Flight(NamedTuple):
     rate: Any
 
     def at(self, t: float, values: Any) -> float:
-        """Return a column of values at a time (s)."""
+        """Return `values`, a time series of the flight, interpolated at time t (s)."""
         return float(np.interp(t, self.t, values))
 
 
 def fly_fins(torpedo: Torpedo, rudder: Any, stern: Any, seconds: float) -> Flight:
-    """Fly from the start of [1]. rudder, stern: angle (rad) at times (s), set at once."""
+    """Fly from the initial state of [1]. rudder, stern: fin angle (rad) as a function of time (s), without delay."""
     attitude = np.array(quaternion.from_euler(jnp.asarray(ROLL), jnp.asarray(0.0), jnp.asarray(0.0)))
     x = to_arrays(TorpedoState(attitude=attitude, velocity=np.array([SPEED, 0, 0]), shaft_speed=CRUISE))
     times = STEP * np.arange(round(seconds / STEP) + 1)
@@ -48,7 +51,7 @@ def fly_fins(torpedo: Torpedo, rudder: Any, stern: Any, seconds: float) -> Fligh
 
 @jax.jit
 def _scan(torpedo: Torpedo, x: TorpedoState, fins: Any) -> Any:
-    """Return the states at each step. A torpedo with other parameters needs no compilation."""
+    """Return the state at each step. A torpedo with other parameters needs no new compilation."""
 
     def step(x: Any, fin: Any) -> Any:
         x = replace(x, rudder=fin[0], stern=fin[1])

@@ -1,4 +1,4 @@
-"""Pictures of the study."""
+"""Plots of the study of marine vehicles."""
 
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from trimtab.vehicles.surface_vessel import TURN, SurfaceVessel, VesselControls,
 
 
 def draw_hull(path: Path) -> Path:
-    """Draw the lines of the hull with its fins, and its added mass by length."""
+    """Draw the profile of the hull with its fins, and its added mass per length."""
     figure = new_figure(10.0, 5.0)
     lines, mass = figure.subplots(2, 1, sharex=True)
     s = np.linspace(0, _hull.LENGTH, 600)
@@ -32,14 +32,14 @@ def draw_hull(path: Path) -> Path:
     within = (x > _hull.FIN_END) & (x < _hull.FIN_START)
     strip = np.where(within, a**2 - R**2 + R**4 / a**2, R**2) * np.pi * _hull.RHO
     mass.plot(x, strip, color=BLUE, lw=1.2)
-    style_axes(lines, "REMUS by Myring's lines", "dot: centre of buoyancy; red: fins", "m")
-    style_axes(mass, "added mass of a strip", "fins included where they are", "kg/m")
+    style_axes(lines, "hull of REMUS by Myring's formula", "dot: centre of buoyancy; red: fins", "m")
+    style_axes(mass, "added mass of a strip", "including the fins", "kg/m")
     mass.set_xlabel("ahead of the centre of buoyancy (m)", fontsize=9)
     return _save(figure, path)
 
 
 def draw_fin_steps(path: Path, turn: Any, climb: Any, dive: Any) -> Path:
-    """Plot a turn to either side from above, its yaw rate, and pitch after steps of the stern planes, each twice."""
+    """Plot a turn to both sides from above, its yaw rate, and pitch after steps of the stern planes."""
     figure = new_figure(13.0, 4.2)
     plan, rate, pitch = figure.subplots(1, 3)
     plan.plot(turn.place[:, 1], turn.place[:, 0], color=BLUE, lw=1.2)
@@ -53,8 +53,8 @@ def draw_fin_steps(path: Path, turn: Any, climb: Any, dive: Any) -> Path:
             pitch.plot(flight.t, np.degrees(flight.angles[:, 1]), style, color=colour, lw=1.2)
         pitch.plot((1, 2, 3, 3.8), read, "o", color=VERMILION, ms=4)
     style_axes(plan, "rudder ±4°", "from above", "north (m)")
-    style_axes(rate, "its yaw rate", "dots: read off the thesis", "deg/s")
-    style_axes(pitch, "pitch, planes −4°, +8°", "dashed: damped as in yaw", "deg")
+    style_axes(rate, "yaw rate in this turn", "dots: read off the thesis", "deg/s")
+    style_axes(pitch, "pitch, planes −4°, +8°", "dashed: pitch damped like yaw", "deg")
     for axes in (rate, pitch):
         axes.set_xlabel("time (s)", fontsize=9)
     return _save(figure, path)

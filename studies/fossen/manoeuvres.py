@@ -1,8 +1,8 @@
 """The Mariner's standard manoeuvres: turning circles, and zigzags.
 
-[4] has the derivatives; what its authors measured of these manoeuvres could not be looked up, so rows compare with
-an oracle, and say so. The approach is straight; advance and transfer are from where the rudder is ordered, to 90
-degrees of heading; the tactical diameter is the transfer at 180.
+[4] gives the derivatives. Its measurements of these manoeuvres were not available, so each row compares with an
+independent program. The approach is straight. Advance and transfer are measured from the point where the rudder is
+ordered to 90 degrees of heading. The tactical diameter is the transfer at 180 degrees of heading.
 """
 
 from collections.abc import Iterator
@@ -23,14 +23,14 @@ from trimtab.vehicles.mariner import Mariner, MarinerControls, MarinerState
 
 SECTION = "turning circles and zigzags of [4]"
 CIRCLE, ZIGZAG = (0.1, 700.0), (0.02, 200.0)
-"""Step and length (s); an order is late by a step at most, in a zigzag 0.01 degrees of heading."""
+"""Time step and duration (s). A rudder order is late by at most one step, in a zigzag 0.01 degrees of heading."""
 CIRCLES = {
     15: {"advance": 752.91, "transfer": 553.35, "tactical": 1273.61, "radius": 665.38},
     35: {"advance": 570.18, "transfer": 420.23, "tactical": 1029.22, "radius": 555.72},
 }
-"""Rudder (deg) -> of the turn to starboard (m): python -m oracles.mariner."""
+"""Rudder angle (deg) -> dimensions of the turn to starboard (m), computed by python -m oracles.mariner."""
 ZIGZAGS = {10: (4.927, 4.456), 20: (7.784, 6.309)}
-"""Rudder and heading (deg) -> first and second overshoot (deg): the same."""
+"""Rudder and heading angle of a zigzag (deg) -> first and second overshoot (deg), by python -m oracles.mariner."""
 
 
 @cache
@@ -53,7 +53,10 @@ def turn(rudder: float) -> dict[str, float]:
 
 @cache
 def zigzag(angle: float) -> tuple[float, float]:
-    """Return the first and second overshoot (deg): rudder reversed at each `angle` (deg), first to starboard."""
+    """Return the first and second overshoot (deg).
+
+    The rudder, first to starboard, reverses at +-`angle` (deg) of heading.
+    """
 
     def steer(x: MarinerState, side: Any) -> tuple[Any, Any]:
         side = jnp.where(side * x.heading >= angle * DEG, -side, side)
@@ -65,7 +68,10 @@ def zigzag(angle: float) -> tuple[float, float]:
 
 
 def _fly(steer: Any, dt: float, seconds: float) -> Any:
-    """Return the states from a straight run. steer: state, side of the rudder -> commanded rudder (rad), side."""
+    """Return the states after a straight approach.
+
+    steer: (state, side of the rudder) -> (commanded rudder (rad), side).
+    """
     ship = Mariner()
 
     def step(carry: Any, _: Any) -> Any:
@@ -79,8 +85,8 @@ def _fly(steer: Any, dt: float, seconds: float) -> Any:
 
 
 def rows() -> Iterator[Row]:
-    """Yield each number of both circles and both zigzags."""
-    place = "computed, not printed: by tests/oracles/mariner.py"
+    """Yield each dimension of both turning circles, and the overshoots of both zigzags."""
+    place = "not printed; computed by tests/oracles/mariner.py"
     words = {"advance": "advance", "transfer": "transfer", "tactical": "tactical diameter", "radius": "steady radius"}
     for rudder, wanted in CIRCLES.items():
         for name, number in wanted.items():
@@ -118,7 +124,7 @@ def figures(folder: Path) -> Iterator[Path]:
     for axes in (plan, heading):
         axes.legend(frameon=False, fontsize=8)
     style_axes(plan, "the Mariner turns to starboard", "rudder", "north (m)")
-    style_axes(heading, "zigzags", "dashed: rudder, to starboard", "deg")
+    style_axes(heading, "zigzags", "dashed: rudder, starboard positive", "deg")
     file = folder / "manoeuvres.png"
     save_figure(figure, file)
     yield file

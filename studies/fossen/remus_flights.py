@@ -1,4 +1,4 @@
-"""REMUS: steady flight, and steps of its fins beside the curves of its first simulation."""
+"""REMUS: steady flight, and fin steps compared with the curves of Prestero's simulation."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -15,10 +15,10 @@ from trimtab.vehicles.torpedo import Torpedo
 
 SECTION = "chapters 4 and 8"
 HEAVE = 2.26
-"""Weight over buoyancy (N) in [1] figure 8-8; in figure 8-13 -6.63, in figure 8-3 none: its force sums at the start."""
+"""Weight minus buoyancy (N), from the initial force sums in [1] figure 8-8. Figure 8-13 has -6.63, figure 8-3 zero."""
 SINK = -6.63
-WEAK = "A fifth weaker: appendix B damps pitch twice as much as yaw, though the body is round; see the rows below."
-ROUND = "With M_qq = N_rr, as in a body that is round: appendix B has twice N_rr."
+WEAK = "A fifth weaker than printed: appendix B damps pitch twice as much as yaw, though the body is round."
+ROUND = "Computed with M_qq = N_rr, as for a round body. Appendix B has M_qq = 2 N_rr."
 
 
 @cache
@@ -31,13 +31,13 @@ def turn() -> Flight:
 
 @cache
 def climb(is_round: bool = False) -> Flight:
-    """Fly stern planes -4 degrees from 2 s. [1] figures 8-6 to 8-10. is_round: damping in pitch as in yaw."""
+    """Fly stern planes -4 degrees from 2 s. [1] figures 8-6 to 8-10. is_round: pitch damped as much as yaw."""
     return fly_fins(_ballast(HEAVE, is_round), lambda t: 0.0, lambda t: -4 * DEG * (t >= 2), 4)
 
 
 @cache
 def dive(is_round: bool = False) -> Flight:
-    """Fly stern planes +8 degrees from 2 s. [1] figures 8-11 to 8-15. is_round: damping in pitch as in yaw."""
+    """Fly stern planes +8 degrees from 2 s. [1] figures 8-11 to 8-15. is_round: pitch damped as much as yaw."""
     return fly_fins(_ballast(SINK, is_round), lambda t: 0.0, lambda t: 8 * DEG * (t >= 2), 4)
 
 
@@ -48,14 +48,14 @@ def _ballast(heaviness: float, is_round: bool) -> Torpedo:
 
 
 def rows() -> Iterator[Row]:
-    """Yield speed and roll, the turn, the climb and the dive."""
+    """Yield the steady speed and roll, the turn, the climb and the dive."""
     torpedo = Torpedo()
     speed = np.sqrt(torpedo.thrust / -torpedo.hull.Xuu)
     yield within("steady/speed", "speed at 1500 rpm", 1.54, speed, "[1] table 8.1", tolerance=0.005, unit="m/s")
     roll = np.degrees(np.arcsin(torpedo.torque / (torpedo.lowered * torpedo.weight)))
     yield within(
-        "steady/roll", "roll that holds the propeller's torque", -5.3, roll, "[1] eq. 4.47", tolerance=0.05,
-        unit="deg", note="Measured at sea; [1] has its torque from this.",
+        "steady/roll", "roll that balances the propeller's torque", -5.3, roll, "[1] eq. 4.47", tolerance=0.05,
+        unit="deg", note="Measured at sea. [1] derives the propeller's torque from this roll.",
     )  # fmt: skip
     yield from _turn_rows()
     yield from _plane_rows()
@@ -67,11 +67,11 @@ def _turn_rows() -> Iterator[Row]:
     r, u, sway = np.degrees(f.rate[:, 2]), f.velocity[:, 0], f.velocity[:, 1]
     first, second = (f.t >= 25) & (f.t <= 38), (f.t >= 50) & (f.t <= 68)
     for id, what, read, got, off, unit in (
-        ("peak", "yaw rate 4 s after the rudder", -9.5, f.at(14, r), 0.3, "deg/s"),
-        ("rate", "yaw rate held to port", -9.0, r[first].mean(), 0.3, "deg/s"),
-        ("back", "yaw rate held to starboard", 9.3, r[second].mean(), 0.4, "deg/s"),
+        ("peak", "yaw rate 4 s after the rudder step", -9.5, f.at(14, r), 0.3, "deg/s"),
+        ("rate", "steady yaw rate to port", -9.0, r[first].mean(), 0.3, "deg/s"),
+        ("back", "steady yaw rate to starboard", 9.3, r[second].mean(), 0.4, "deg/s"),
         ("surge", "surge in the turns", 1.39, u[first].mean(), 0.03, "m/s"),
-        ("sway", "sway held to port", 0.07, sway[first].mean(), 0.02, "m/s"),
+        ("sway", "steady sway in the turn to port", 0.07, sway[first].mean(), 0.02, "m/s"),
         ("heading", "heading at 42 s", -245.0, f.at(42, np.degrees(f.angles[:, 2])), 5.0, "deg"),
         ("north", "northernmost position", 31.0, f.place[:, 0].max(), 1.0, "m"),
         ("south", "southernmost position", -3.0, f.place[:, 0].min(), 1.0, "m"),

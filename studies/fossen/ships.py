@@ -1,4 +1,4 @@
-"""Ships: the Mariner's steering by Nomoto's models, and CyberShip II."""
+"""Ships: Nomoto models of the Mariner's steering, and CyberShip II."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -19,11 +19,11 @@ LENGTH, SPEED = 160.93, 7.7175
 MASS, INERTIA, CENTRE = 798e-5, 39.2e-5, -0.023
 Y = {"v'": -748e-5, "r'": -9.354e-5, "v": -1160e-5, "r": -499e-5, "d": 278e-5}
 N = {"v'": 4.646e-5, "r'": -43.8e-5, "v": -264e-5, "r": -166e-5, "d": -139e-5}
-"""Derivatives without dimension, by length and speed: [4]."""
+"""Non-dimensional derivatives of the Mariner, scaled by length and speed: [4]."""
 
 
 class Nomoto(NamedTuple):
-    """r/delta = K (1 + T3 s)/((1 + T1 s)(1 + T2 s)): K (1/s), T (s)."""
+    """Nomoto model r/delta = K (1 + T3 s)/((1 + T1 s)(1 + T2 s)): K (1/s), T (s)."""
 
     K: float
     T1: float
@@ -61,13 +61,13 @@ def cybership_straight(rpm: float) -> tuple[float, np.ndarray]:
 
 
 def rows() -> Iterator[Row]:
-    """Yield Nomoto's constants of the Mariner, printed in [3]; speed and roots of CyberShip II, not printed."""
+    """Yield the Mariner's Nomoto constants, printed in [3], and CyberShip II's speed and roots, not printed."""
     model, place = mariner_steering(), "[3] Nomoto's models of the Mariner and a tanker, also in its toolbox, exNomoto"
     yield within("mariner/K", "Mariner, gain K", 0.185, model.K, place, tolerance=5e-4, unit="1/s")
     yield within("mariner/T1", "Mariner, T1", 118.0, model.T1, place, tolerance=0.5, unit="s")
     yield within("mariner/T2", "Mariner, T2", 7.8, model.T2, place, tolerance=0.05, unit="s")
     yield within("mariner/T3", "Mariner, T3", 18.5, model.T3, place, tolerance=0.05, unit="s")
-    computed = "computed, not printed: by tests/oracles/marine.py"
+    computed = "not printed; computed by tests/oracles/marine.py"
     for rpm, speed, root in ((1000, 0.58180, 0.77399), (2000, 1.00876, 1.40646)):
         u, roots = cybership_straight(rpm)
         yield within(
@@ -75,7 +75,7 @@ def rows() -> Iterator[Row]:
             unit="m/s", basis="reference",
         )  # fmt: skip
         yield within(
-            f"cybership/root-{rpm}", f"CyberShip II, the root that keeps no course at {rpm} rpm", root, roots[1],
+            f"cybership/root-{rpm}", f"CyberShip II, unstable root of sway and yaw at {rpm} rpm", root, roots[1],
             computed, tolerance=1e-5, unit="1/s", basis="reference",
         )  # fmt: skip
 

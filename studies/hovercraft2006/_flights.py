@@ -1,4 +1,4 @@
-"""The flights of the simulated autopilot that several groups look at, each flown once."""
+"""Flights of the simulated autopilot that several groups use. Each is simulated once."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -22,20 +22,20 @@ SEEDS = range(200)
 Settings = tuple[tuple[str, str], ...]
 REST: Settings = (("initial", "rest"),)
 MOVING: Settings = (("initial", "moving"),)
-"""Settings of [1] figs. 6.11 and 6.12."""
+"""Initial states of [1] fig. 6.12 (REST) and fig. 6.11 (MOVING)."""
 LITERAL: Settings = (*REST, ("autopilot.law.form", "literal"))
 """Settings of fig. 6.12 with the proportional law as published."""
 
 
 @dataclasses.dataclass(frozen=True)
 class TruthSignals:
-    """Signals of many runs. t: (samples,) in s.  signals: of the truth, path -> (runs, samples)."""
+    """True signals of many runs.  t: times (samples,) in s.  signals: log path -> values (runs, samples)."""
 
     t: Any
     signals: Mapping[str, Any]
 
     def __getitem__(self, signal: str) -> Any:
-        """Return a signal of the truth by its name, (runs, samples)."""
+        """Return the true values of the named signal (runs, samples)."""
         return self.signals[f"truth.{signal}"]
 
 
@@ -47,7 +47,10 @@ def load_scenario(name: str, settings: Settings = ()) -> Scenario:
 
 @cache
 def fly_real(name: str, without: tuple[str, ...] = (), reading: str = "C", settings: Settings = ()) -> TruthSignals:
-    """Fly SEEDS of a scenario with all faults but those named, every 10 ms. reading: of the navigation noise."""
+    """Fly a scenario with SEEDS and all faults except those in `without`, logged every 10 ms.
+
+    reading: interpretation of the printed navigation noise, as in `NavigationErrors.reading`.
+    """
     flown = load_scenario(name, settings)
     for fault in without:
         flown = flown.without(fault)
@@ -60,13 +63,13 @@ def fly_real(name: str, without: tuple[str, ...] = (), reading: str = "C", setti
 
 @cache
 def fly_ideal(name: str, settings: Settings = ()) -> Log:
-    """Fly the ideal twin, every millisecond."""
+    """Fly the scenario without faults, logged every millisecond."""
     return simulate(load_scenario(name, settings).ideal())
 
 
 @cache
 def fly_random_starts(form: str) -> Mapping[str, Any]:
-    """Fly the ideal proportional law from 200 random starts; last 10 of 60 s: path -> (200, samples)."""
+    """Fly the ideal proportional law from 200 random starts. Return the last 10 of 60 s: path -> (200, samples)."""
     settings = (*REST, ("autopilot.law.form", form))
     flown = replace(load_scenario("heading-proportional", settings).ideal(), duration=seconds(60))
     draws = np.random.default_rng(0)
@@ -80,7 +83,7 @@ def fly_random_starts(form: str) -> Mapping[str, Any]:
 
 
 def slow_manifold_slope() -> float:
-    """Return the slope (s) of 1/(2 r²) over 1000 to 2000 s of the ideal rest law. Steps: 10 ms."""
+    """Return the slope (s) of 1/(2 r²) between 1000 and 2000 s under the ideal rest law, in steps of 10 ms."""
     slow = (("autopilot.period", "10 ms"), ("world.max_step", "10 ms"))
     flown = load_scenario("zero-velocity", slow).ideal()
     log = simulate(flown, duration=seconds(2000), log_period=seconds(1), signals=("truth.yaw_rate",))
@@ -89,12 +92,12 @@ def slow_manifold_slope() -> float:
 
 
 def first_time(t: Any, holds: Any) -> Any:
-    """Return for each run the first time (s) at which a condition (runs, samples) holds; infinite if never."""
+    """Return for each run the first time (s) at which a condition (runs, samples) holds, or infinity."""
     return np.where(holds.any(axis=-1), t[holds.argmax(axis=-1)], np.inf)
 
 
 def settling_time(t: Any, holds: Any) -> Any:
-    """Return for each run the time (s) from which a condition (runs, samples) holds; infinite if not at the end."""
+    """Return for each run the time (s) from which a condition (runs, samples) holds to the end, or infinity."""
     last = holds.shape[-1] - 1 - (~holds)[..., ::-1].argmax(axis=-1)
     after = np.where(holds.all(axis=-1), 0, last + 1)
     return np.where(holds[..., -1], t[np.minimum(after, len(t) - 1)], np.inf)
@@ -107,13 +110,13 @@ UNITS = {"surge_velocity": SPEED, "sway_velocity": SPEED, "yaw_rate": RATE, "hea
 def draw_flights(
     path: Path, title: str, flights: Mapping[str, tuple[Any, Any]], limits: Mapping[str, Mapping[str, Any]]
 ) -> Path:
-    """Plot signals of flights, a column each.
+    """Plot signals of flights, one column per flight.
 
     Args:
         path: path of the picture.
         title: title of the picture.
-        flights: column's title -> (t, signals of the truth by path).
-        limits: signal -> column's title -> ends of its axis or None.
+        flights: column title -> (t, true signals by log path).
+        limits: signal -> column title -> limits of its axis, or None.
     """
     panels = [
         Panel(
@@ -126,5 +129,5 @@ def draw_flights(
 
 
 def first_seed(flown: TruthSignals) -> tuple[Any, Any]:
-    """Return times and signals of the first of many runs."""
+    """Return the times and signals of the first run."""
     return flown.t, {path: values[0] for path, values in flown.signals.items()}

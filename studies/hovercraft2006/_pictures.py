@@ -1,4 +1,4 @@
-"""Pictures of the study's figures: panels of curves, in the axes of the source's figures where these are known."""
+"""Plots of the study: panels of curves, with the axis limits of the thesis's figures where these are known."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -8,9 +8,9 @@ WIDTH, HEIGHT = 4.2, 2.6
 
 
 class Panel(NamedTuple):
-    """Pair of axes.
+    """One plot with its curves.
 
-    curves: (x, y, label or "", Matplotlib style).  limits: of y, None where not known.  equal: as long in x as in y.
+    curves: (x, y, label or "", Matplotlib style).  limits: of y, None if unknown.  equal: x and y to one scale.
     """
 
     title: str

@@ -1,6 +1,6 @@
-"""The flights of the rotating platform that several groups look at, each flown once.
+"""Runs of the rotating platform that several groups use. Each is simulated once.
 
-An estimate is of the time of its newest inertial sample, so it is compared with the truth of that time.
+An estimate is valid at the time of its newest inertial sample, so it is compared with the truth at that time.
 """
 
 from collections.abc import Mapping
@@ -25,18 +25,18 @@ from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 
 SEEDS = range(20)
 SETTLED = 10.0
-"""Time from which errors count (s)."""
+"""Time (s) after which errors are evaluated."""
 STATES = ("heading", "yaw_rate", "surge_velocity", "sway_velocity", "north", "east")
 SIGNALS = ("truth", "estimate.age", *(f"estimate.state.{name}" for name in STATES))
 UNITS = ("sensors.unit_a", "sensors.unit_b")
 LITERAL = (("covariance", "literal"),)
-"""Settings as published."""
+"""Setting of the filter covariances as published."""
 
 
 class Errors(NamedTuple):
-    """Errors: rms over the settled part of a run, median over runs.
+    """Estimation errors: rms over the settled part of a run, median over runs.
 
-    heading: deg.  yaw_rate: deg/s.  position: cm, both coordinates together.  velocity: cm/s, likewise.
+    heading: deg.  yaw_rate: deg/s.  position: cm, both coordinates together.  velocity: cm/s, both components.
     """
 
     heading: float
@@ -46,21 +46,21 @@ class Errors(NamedTuple):
 
 
 def load_rig(name: str, settings: tuple[tuple[str, str], ...]) -> Scenario:
-    """Load a scenario of the rig with settings."""
+    """Load a scenario of the rotating platform with settings."""
     scenario, rest = catalogue.load_scenario(f"navigation/{name}", dict(settings))
     return with_settings(scenario, rest)
 
 
 @cache
 def fly_rig(name: str, settings: tuple[tuple[str, str], ...] = LITERAL) -> Batch:
-    """Fly SEEDS of a scenario of the rig, every millisecond."""
+    """Run a scenario of the rotating platform with SEEDS, logged every millisecond."""
     signals = SIGNALS + (UNITS if name == "platform-cricket" else ())
     return simulate_batch(load_rig(name, settings), seeds=SEEDS, signals=signals, log_period=ms(1), log=True)
 
 
 @cache
 def navigation_errors(name: str, settings: tuple[tuple[str, str], ...] = LITERAL) -> Errors:
-    """Return the errors of a scenario of the rig."""
+    """Return the estimation errors in a scenario of the rotating platform."""
     batch = fly_rig(name, settings)
     t, errors = to_seconds(batch.ticks), []
     late = t > SETTLED
@@ -82,10 +82,10 @@ def navigation_errors(name: str, settings: tuple[tuple[str, str], ...] = LITERAL
 
 @cache
 def two_unit_errors(settings: tuple[tuple[str, str], ...] = LITERAL) -> tuple[float, float]:
-    """Return the error (deg, rms) of the heading of two ultrasonic units, plain and with inertial assistance.
+    """Return the rms error (deg) of the heading from two ultrasonic units, without and with inertial assistance.
 
-    Evaluated when unit B's fix arrives, 100 ms after that of unit A. The motion in between is the integral of
-    the velocity of its navigation: a difference of its positions would count the jump of a fix between them as motion.
+    The heading is evaluated when unit B's fix arrives, 100 ms after unit A's. The motion in between is the integral of
+    the estimated velocity. A difference of estimated positions would count the correction by a fix as motion.
     """
     batch = fly_rig("platform-cricket", settings)
     t, (a, b), errors = to_seconds(batch.ticks), UNITS, []
@@ -109,10 +109,11 @@ def two_unit_errors(settings: tuple[tuple[str, str], ...] = LITERAL) -> tuple[fl
 
 @cache
 def network_errors(rate: str) -> tuple[float, float]:
-    """Return the errors of the simulated ultrasonic network on the rig at a rate (deg/s), over eight runs, unfitted.
+    """Return latency and error of the simulated ultrasonic network on the platform, over eight runs at a rate (deg/s).
 
-    Two units of the vehicle ping in turn, 100 ms a slot. Returns the mean time (s) from a ping to its last reply, and
-    the error (deg, rms) of the heading of both units when the replies to unit B are in.
+    No parameter is fitted. Two units of the vehicle ping in turn, in slots of 100 ms. The latency is the mean time (s)
+    from a ping to its last reply. The error is that of the heading from both units (deg, rms), evaluated when the
+    replies to unit B have arrived.
     """
     scenario = load_rig("platform-cricket", (("rate", rate),))
     units = np.array([[0.0, 0.0, 0.0], [0.0, BASE, 0.0]])
@@ -133,7 +134,10 @@ def network_errors(rate: str) -> tuple[float, float]:
 
 
 def draw_rig(path: Path, title: str, runs: Mapping[str, Batch]) -> Path:
-    """Plot errors of heading, rate, and position and velocity along north, of the first seed. runs: words -> run."""
+    """Plot the first seed's errors in heading, yaw rate, north position and north velocity.
+
+    runs: label -> batch of runs.
+    """
     whats = "heading (deg)", "rate (deg/s)", "north (cm)", "velocity north (cm/s)"
     panels: dict[str, list[Any]] = {what: [] for what in whats}
     for words, batch in runs.items():
@@ -156,7 +160,7 @@ def draw_rig(path: Path, title: str, runs: Mapping[str, Batch]) -> Path:
 
 
 def _world_velocity(state: dict[str, Any]) -> Any:
-    """Return the velocity in W as a complex number."""
+    """Return the velocity in frame W as the complex number north + i east."""
     return (state["surge_velocity"] + 1j * state["sway_velocity"]) * np.exp(1j * state["heading"])
 
 

@@ -1,4 +1,4 @@
-"""Reverse direction, as in the older system: beacons chirp at random, and the vehicle only listens.
+"""Ultrasonic ranging in reverse, as in the older system: beacons chirp at random, and the vehicle only listens.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006; [2] N. B.
 Priyantha, A. Chakraborty, H. Balakrishnan, "The Cricket location-support system", MobiCom 2000.
@@ -30,7 +30,7 @@ from trimtab.sensors.time_of_flight import (
 )
 
 CHIRP = 140
-"""Stream of the chirps' times."""
+"""Random stream of the chirps' times."""
 
 
 @record
@@ -51,18 +51,18 @@ class ListeningState:
     ends: Any = quantity("100 ns", "Time at which each beacon's message ends (n,); never if it is lost.", kind="time")
     taken: Any = quantity("m", "Ranges whose messages have not ended yet (n,).")
     audible: Any = quantity("1", "True for each chirp received (n,).", kind="flag")
-    held: HeardRanges = part("Sample given out last.")
-    any: Scalar = quantity("1", "True once a sample has been given out.", kind="flag")
+    held: HeardRanges = part("Most recent sample that was output.")
+    any: Scalar = quantity("1", "True once a sample has been output.", kind="flag")
 
 
 @record
 class UltrasonicListening:
-    """A unit that never sends: each beacon chirps once per window at a random time, if the channel is free.
+    """Ultrasonic unit that never sends. Each beacon chirps once per window at a random time, if the channel is free.
 
     Ranges arrive one by one, each for the vehicle's position at its chirp. A fix from the ranges of a window is on
     average half a window late, with an error proportional to the speed. The sample's time is that of its newest chirp.
 
-    Frames:  beacons in W, unit in B.    Not modelled: Doppler shift; chirps of beacons that are not heard.
+    Frames:  beacons in W, unit in B.    Not modelled: Doppler shift; chirps of inaudible beacons.
     Source:  [2]; [1] section 5.5.6, where it is compared with pinging.
     """
 
@@ -95,7 +95,10 @@ class UltrasonicListening:
         return ListeningState(key=key, begins=never, ends=never, taken=o, audible=no, held=none, any=np.bool_(False))
 
     def measure(self, motion: Motion) -> HeardRanges:
-        """Return the ranges h(x) of all beacons at one time, beacons at their mapped positions: only the cone error."""
+        """Return the ranges h(x) to all beacons at one time.
+
+        The beacons are at their mapped positions. The only error is the cone error.
+        """
         at, positions = unit_position(motion, self.unit), jnp.asarray(self.beacons.map)
         hears = audible_beacons(self.beacons, positions, at)
         ranges = jnp.where(hears, measured_range(positions, at[None, :], self.cone_error), 0.0)
@@ -137,7 +140,7 @@ class UltrasonicListening:
         return state, Sample(value=held, t=newest, age=to_seconds(t - newest), fresh=fresh, valid=any_yet)
 
     def _measure_chirps(self, t: Any, key: Key, motion: Motion, begins: Any) -> tuple[Any, Any]:
-        """Return ranges (n,) of chirps that began since the last instant, and whether they were received."""
+        """Return ranges (n,) of chirps that began since the last step, and flags (n,) of those received."""
         ago = jnp.clip(to_seconds(t - begins), 0.0, to_seconds(self.period))
         at = unit_position(motion, self.unit) - ago[:, None] * unit_velocity(motion, self.unit)
         positions = actual_positions(self.beacons, key, t)

@@ -73,7 +73,7 @@ def _settings() -> Iterator[Row]:
     place, kg = "[1] section 4.1", 0.45359237
     misprint = "Misprint: the text's 5.7 lb, and the speeds quoted for the reference momenta, give 2.6 kg (errata)."
     given: dict[str, Any] = {"unit": "lb", "basis": "input"}
-    yield within("mass/text", "mass of the vehicle flown", 5.7, CRAFT.mass / kg, place, tolerance=0.05, **given)
+    yield within("mass/text", "mass of the simulated vehicle", 5.7, CRAFT.mass / kg, place, tolerance=0.05, **given)
     yield within(
         "mass/table-4.1",
         "mass",
@@ -99,7 +99,7 @@ def _settings() -> Iterator[Row]:
     least = _least_theta(laws["reverse"])
     what = "least θ with which the reverse law is stable"
     yield reference_row("theta/least", what, least, "[1] eqs. 2.30 and 2.33", tolerance=1e-6)
-    broken = "The source's own gains break its condition; the law is stable all the same (errata)."
+    broken = "The thesis's own gains violate its condition. The law is stable all the same (errata)."
     yield at_most(
         "forward/condition",
         "PXr/(k2 d) of the forward law's gains",
@@ -121,7 +121,7 @@ def _identities() -> Iterator[Row]:
     }
     for name, (equation, law, closed_form) in closed_forms.items():
         worst = np.abs(_lyapunov_rate(law)(x) - closed_form).max()
-        what = f"law {name} less its printed form, largest of 2000 states"
+        what = f"law {name}: largest difference from its printed form, over 2000 states"
         place = f"[1] eq. {equation}"
         yield direction(f"decay/{equation}", what, f"eq. {equation}", worst, place, below=1e-9, unit="W")
 
@@ -133,8 +133,8 @@ def _limit_points() -> Iterator[Row]:
     yield reference_row("spin/eps", "switching energy ε, 3 rad/s", eps, "[1] eq. 2.48", **joule)
     slower = switching_energy(CRAFT, 1.5)
     yield reference_row("spin/eps-slower", "switching energy ε, 1.5 rad/s", slower, "[1] eq. 2.48", **joule)
-    note = "The source bounds two roots by one; kept apart they allow this much more."
-    what = "sharp bound over ε"
+    note = "The thesis bounds two roots by one. Separate bounds raise the limit by this factor."
+    what = "sharp bound divided by ε"
     yield reference_row("spin/eps-sharp", what, sharp / eps, "[1] eq. 2.47", note=note, tolerance=1e-6)
     bounds = {"": (0.0, 1.0), "-swinging": (0.2, 2.0)}
     for end, (W, reference) in bounds.items():
@@ -147,18 +147,18 @@ def _limit_points() -> Iterator[Row]:
     wrong = int(((np.asarray(safe_reference_bound(CRAFT, W, reference)) < np.abs(reference)) != safe).sum())
     yield same(
         "spin/provision-safe",
-        "v < |reference| without W < W_bad, or the reverse, of 100 000",
+        "cases of 100 000 in which v < |reference| and W < W_bad disagree",
         0,
         wrong,
         "[1] section 2.3, eq. 2.69",
         basis="text",
-        note="A smaller reference is found exactly while the present one is safe.",
+        note="A smaller safe reference is found exactly if the present one is safe.",
     )
 
 
 def _slow_manifold() -> Iterator[Row]:
     note = "The rest law never holds a heading (errata)."
-    what = "slope of 1/(2 r²) flown, 1000 to 2000 s"
+    what = "simulated slope of 1/(2 r²), 1000 to 2000 s"
     slope = slow_manifold_slope()
     yield reference_row("rest/slow-slope", what, slope, "[1] eq. 2.16", relative=1e-3, note=note, unit="s")
 
@@ -177,7 +177,7 @@ def _settle(law: Any) -> Any:
 
 
 def _least_theta(law: ReverseMomentum) -> float:
-    """Return the angle at which the growth of the linearised loop passes zero, by bisection."""
+    """Return the least angle θ (rad) with which the linearised loop is stable, by bisection."""
     at = law.equilibrium()
     matrix = jax.jit(lambda theta: _linearise(replace(law, theta=theta), at))
     low, high = 0.1, 1.0

@@ -1,4 +1,4 @@
-"""Gyro compensation, table 6.5: measured with the inverse over measured without it is the inverse.
+"""Gyro compensation, table 6.5: ratio of the responses measured with and without the inverse.
 
 [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 6.2.1.3.
 """
@@ -21,8 +21,8 @@ PLACE = "[1] table 6.5"
 class GyroResponse(NamedTuple):
     """Row of [1] table 6.5.
 
-    frequency: Hz.  gain, phase: without compensation, rad.  gain_after, phase_after: with it.  delay: difference of the
-    two delays, ms.
+    frequency: Hz.  gain, phase (rad): without compensation.  gain_after, phase_after (rad): with compensation.
+    delay: difference of the two delays (ms).
     """
 
     frequency: float
@@ -45,15 +45,19 @@ TABLE_6_5 = (
 
 
 def rows() -> Iterator[Row]:
-    """Yield gain, phase and delay of the inverse at each frequency, and the gyro that is flown on the rig."""
+    """Yield gain, phase and delay of the inverse at each frequency, and the gain of the platform's simulated gyro."""
     for m in TABLE_6_5:
         H = compensation_gain(m.frequency)
         turn, at = float(np.angle(H)), f"{m.frequency:g} Hz"
         name = f"table-6.5/{m.frequency:g}"
         gain = m.gain_after / m.gain
-        yield within(f"{name}/gain", f"gain with over without, {at}", gain, abs(H), PLACE, relative=0.01)
+        yield within(
+            f"{name}/gain", f"gain with compensation divided by gain without, {at}", gain, abs(H), PLACE, relative=0.01
+        )
         lead = m.phase_after - m.phase
-        yield within(f"{name}/phase", f"phase with less without, {at}", lead, turn, PLACE, tolerance=0.006, unit="rad")
+        yield within(
+            f"{name}/phase", f"phase with minus phase without, {at}", lead, turn, PLACE, tolerance=0.006, unit="rad"
+        )
         w = 2 * np.pi * m.frequency
         tolerance = 0.01 / w * 1e3
         what = f"difference of the delays, {at}"
@@ -62,13 +66,13 @@ def rows() -> Iterator[Row]:
         G = abs(_gyro_gain(m.frequency))
         yield within(
             f"table-6.5/{m.frequency:g}/gyro",
-            f"gain of the gyro flown on the rig, {m.frequency:g} Hz",
+            f"gain of the platform's simulated gyro, {m.frequency:g} Hz",
             m.gain,
             G,
             PLACE,
             tolerance=0.055,
             basis="input",
-            note="Its one bandwidth, 30 Hz, was fitted to these seven; its phase is right to 20 Hz only.",
+            note="The model's bandwidth, 30 Hz, was fitted to these seven gains. Its phase is right up to 20 Hz only.",
         )
 
 

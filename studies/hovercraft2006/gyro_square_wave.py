@@ -1,7 +1,7 @@
 """Gyro compensation on a platform that turns to and fro, table 6.6.
 
-Height and cycle of the square wave and the motor's time constant are not printed: what is computed beside the printed
-numbers stands on 166 deg/s, 2 s and 0.07 s, which are choices. Covariances as printed, medians over 20 seeds.
+Height and period of the square wave and the motor's time constant are not printed. The values assumed here are
+166 deg/s, 2 s and 0.07 s. Covariances are as printed. Results are medians over 20 seeds.
 [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 6.2.1.5.
 """
 
@@ -31,12 +31,12 @@ def rows() -> Iterator[Row]:
             tolerance=0.05,
             unit="rad/s",
             basis="input" if c == "no" else "printed",
-            note="The motor's time constant was fitted to the one without; 0.1 or 0.05 s give 17 % less or more.",
+            note="The motor's time constant fits the uncompensated error. With 0.1 or 0.05 s it is 17 % less or more.",
         )
     ratio = errors["yes"].yaw_rate / errors["no"].yaw_rate
-    words = "less with compensation"
+    words = "smaller with compensation"
     yield direction("rate/ratio", "rate error, compensated divided by not compensated", words, ratio, PLACE, below=0.8)
-    why = "With the printed covariances the heading sits on the magnetometer, whatever the gyro does (errata)."
+    why = "With the printed covariances the heading follows the magnetometer, whatever the gyro does (errata)."
     for c, (name, _, heading) in PRINTED.items():
         yield within(
             f"heading/{c}",

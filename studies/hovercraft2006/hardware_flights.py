@@ -1,7 +1,7 @@
-"""Flights of the real vehicle: what the model lacks, on the vehicle with its actuators, links and navigation.
+"""Flights of the real vehicle, compared with a simulation that includes actuators, links, navigation and friction.
 
-The source's model has no friction. One number, a viscous torque, was fitted here to one observation, the rate of the
-spin; what else the text says of the flights is then computed with it, and holds or doesn't. Medians over 200 seeds.
+The thesis's model has no friction. One parameter, a viscous torque, was fitted here to one observation, the rate of
+the spin. The text's other statements on the flights are checked with this torque. Results are medians over 200 seeds.
 [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 6.2.2.
 """
 
@@ -40,7 +40,7 @@ HALF_TURNS: dict[str, tuple[str, Settings]] = {
     "bang-bang": ("heading-bang-bang", TURN),
     "proportional": ("heading-proportional", (*TURN, ("autopilot.law.form", "literal"))),
 }
-AGAINST = "Friction of this size contradicts the way in which J was measured; off by default (errata)."
+AGAINST = "Friction of this size contradicts the way in which J was measured, so it is off by default (errata)."
 
 
 def rows() -> Iterator[Row]:
@@ -54,21 +54,21 @@ def rows() -> Iterator[Row]:
 def _spin() -> Iterator[Row]:
     plain, slow = fly_real("spin"), fly_real("spin", settings=FRICTION)
     about: dict[str, Any] = {"tolerance": 0.1, "unit": "rad/s"}
-    why = "The source's model has no friction; with it (below) the spin is as slow as observed."
+    why = "The thesis's model has no friction. With friction (next row) the spin is as slow as observed."
     rate = _late_mean(plain, "yaw_rate")
-    what = "yaw rate of the vehicle, 3 rad/s asked"
+    what = "yaw rate of the vehicle, 3 rad/s commanded"
     yield within("spin/rate", what, 1.75, rate, PLACE, must_hold=False, note=why, **about)
     rate = _late_mean(slow, "yaw_rate")
-    what = f"the same with {TORQUE:g} N m s of torque in yaw"
+    what = f"yaw rate of the vehicle, 3 rad/s commanded, with {TORQUE:g} N m s of viscous torque"
     yield within("friction/spin", what, 1.75, rate, PLACE, basis="input", note=f"Fitted. {AGAINST}", **about)
     sway = _late_mean(slow, "sway_velocity")
-    what = "its sway velocity"
+    what = "sway velocity in the spin with viscous torque"
     yield direction("friction/sway", what, "small, negative", sway, PLACE, above=-0.1, below=-0.02, unit="m/s")
     times = [float(np.median(first_time(f.t, f["yaw_rate"] > 0.9 * _late_mean(f, "yaw_rate")))) for f in (slow, plain)]
-    note = "It reaches nine tenths of its slower spin as soon: friction in yaw alone doesn't explain the two seconds."
+    note = "It reaches 90 % of its slower spin just as soon. Friction in yaw alone does not explain the two seconds."
     yield within(
         "friction/spin-longer",
-        "time to the spin, with less without friction",
+        "time to reach the spin, with friction minus without",
         2.0,
         times[0] - times[1],
         PLACE,
@@ -85,14 +85,14 @@ def _rest() -> Iterator[Row]:
         float(np.median(first_time(f.t, np.abs(f["yaw_rate"]) < 0.32)))
         for f in (fly_real("zero-velocity", settings=FRICTION), fly_real("zero-velocity"))
     ]
-    what = "time to stop turning, with less without friction"
+    what = "time to stop turning, with friction minus without"
     yield direction("friction/stop", what, "stated", stops[0] - stops[1], PLACE, below=0.0, unit="s")
 
 
 def _straight() -> Iterator[Row]:
     forward = [_late_mean(f, "surge_velocity") for f in (fly_real("forward", settings=FRICTION), fly_real("forward"))]
-    what = "forward speed, with over without friction"
-    note = "The same speed with and without, taken as within 3 %."
+    what = "forward speed with friction divided by that without"
+    note = "Equal speeds with and without friction are taken as within 3 %."
     yield band(
         "friction/forward",
         what,
@@ -105,7 +105,7 @@ def _straight() -> Iterator[Row]:
         note=note,
     )
     error = _late_mean(fly_real("reverse", settings=FRICTION), "surge_velocity") + 1.98 / 2.6
-    note = "Friction in yaw doesn't give one. Drag would, but of the forward flight too, where none was seen."
+    note = "Friction in yaw gives no steady error. Drag would, but also in forward flight, where none was observed."
     what = "steady error of surge velocity in reverse"
     yield direction("reverse/error", what, "present", error, PLACE, above=0.03, unit="m/s", must_hold=False, note=note)
 
@@ -117,10 +117,10 @@ def _half_turn() -> Iterator[Row]:
         off = np.abs(flown["heading"] - 0.5 * np.pi)
         times[short] = float(np.median(first_time(flown.t, off < np.radians(5))))
     place = "[1] section 6.2.2, figs. 6.25 and 6.26"
-    note = "Similar, taken as within a quarter."
+    note = "Similar times are taken as within 25 %."
     yield band(
         "heading/270-to-90",
-        "turn from 270° to 90°: proportional over bang-bang time to 5°",
+        "turn from 270° to 90°: time to 5°, proportional divided by bang-bang",
         "similar",
         times["proportional"] / times["bang-bang"],
         place,
@@ -132,7 +132,7 @@ def _half_turn() -> Iterator[Row]:
 
 
 def _late_mean(flown: TruthSignals, signal: str) -> float:
-    """Return the mean of the last third."""
+    """Return the mean of a signal over the last third of a flight, as the median over runs."""
     return float(np.median(flown[signal][:, flown.t > flown.t[-1] * 2 / 3].mean(axis=1)))
 
 
@@ -144,7 +144,7 @@ def figures(folder: Path) -> Iterator[Path]:
     flights |= {f"270-to-90-{short}": run for short, run in HALF_TURNS.items()}
     for what, (name, settings) in flights.items():
         columns = {
-            "source's model, first seed": first_seed(fly_real(name, settings=settings)),
+            "model of the thesis, first seed": first_seed(fly_real(name, settings=settings)),
             f"with {TORQUE:g} N m s in yaw": first_seed(fly_real(name, settings=(*settings, *FRICTION))),
         }
         limits = {signal: dict.fromkeys(columns) for signal in UNITS if signal != "heading" or "270" in what}

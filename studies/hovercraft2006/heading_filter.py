@@ -1,7 +1,7 @@
 """Heading filter on the rotating platform: magnetometer and ultrasound.
 
-The filters have the source's covariances as printed (`literal`). Printed errors are taken as met within a fifth, those
-said to be about so much within a third. Medians over 20 seeds.
+The filters use the covariances printed in the thesis (`literal`). Each row has its own tolerance for the printed
+error. Results are medians over 20 seeds.
 [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 6.2.1.
 """
 
@@ -23,8 +23,8 @@ PLACE = "[1] section 6.2.1"
 CRICKET = {"-57": 5.0, "-115": 9.8, "-230": 20.0}
 """Rate (deg/s) -> printed heading error (deg)."""
 RATE = (
-    "The filter's own error. The source's is over a tachometer's rate, whose noise is not printed: 3.5 deg/s of it "
-    "would make up the difference, which is no evidence."
+    "The computed error is relative to the true rate. The printed error is relative to a tachometer, whose noise is "
+    "not printed. A noise of 3.5 deg/s would explain the difference, but there is no evidence for it."
 )
 
 
@@ -44,7 +44,7 @@ def rows() -> Iterator[Row]:
     )
     yield within(
         "rate/magnetometer",
-        "the same, rate error",
+        "magnetometer, -166 deg/s, rate error",
         3.7,
         errors.yaw_rate,
         PLACE,
@@ -56,7 +56,7 @@ def rows() -> Iterator[Row]:
     for rate, printed in CRICKET.items():
         errors = navigation_errors("platform-cricket", (*LITERAL, ("rate", rate)))
         given = rate == "-115"
-        note = "One latency, 87 ms, was fitted to the three: at this rate it is what was put in."
+        note = "One latency, 87 ms, was fitted to the headings at three rates. At this rate it is an input."
         yield within(
             f"heading/cricket{rate}",
             f"ultrasound, {rate} deg/s, heading error",
@@ -66,7 +66,7 @@ def rows() -> Iterator[Row]:
             relative=0.1,
             unit="deg",
             basis="input" if given else "text",
-            note=note if given else "The latency fitted at -115 deg/s.",
+            note=note if given else "Computed with the fitted latency of 87 ms.",
         )
     rate = navigation_errors("platform-cricket", (*LITERAL, ("rate", "-115"))).yaw_rate
     yield within(
@@ -95,11 +95,11 @@ def _two_unit_rows() -> Iterator[Row]:
         high=30.0,
         unit="deg",
         basis="text",
-        note="Unit B's place is reconstructed: on the arm, 4 in from the axis.",
+        note="The position of unit B is reconstructed: on the arm, 4 in from the axis.",
     )
     yield band(
         "two-units/assisted",
-        "the same with inertial assistance",
+        "two units, -115 deg/s, with inertial assistance, heading error",
         10.0,
         helped,
         PLACE,
@@ -107,7 +107,7 @@ def _two_unit_rows() -> Iterator[Row]:
         high=12.0,
         unit="deg",
         basis="text",
-        note="Nearly all of it is the latency of the fixes: of their own time it would be 2.3°.",
+        note="Nearly all of this error is due to latency. Without the latency of the fixes it would be 2.3°.",
     )
     _, error = network_errors("-115")
     yield band(

@@ -39,7 +39,7 @@ TRIALS = (PrintedTrial(-20, 14.6, 1.1, -0.28, 0.9412, 0.0952), PrintedTrial(25, 
 
 
 def rows() -> Iterator[Row]:
-    """Yield both trials, with the lateral force as printed and unrounded; their mean; a simulated spin-up."""
+    """Yield both trials, with the lateral force as printed and unrounded, the mean of both, and a simulated spin-up."""
     found = []
     for n, trial in enumerate(TRIALS, 1):
         measured = SpinUpTrial(trial.theta * DEG, trial.force, trial.slope)
@@ -64,7 +64,7 @@ def rows() -> Iterator[Row]:
     mean, text = float(np.mean(found)), "[1] section 4.3.3"
     yield within("J/mean", "mean of both trials", 0.096, mean, text, tolerance=5e-4, unit="kg m²")
     pounds = CRAFT.inertia / (0.45359237 * 0.3048**2)
-    what = "J of the vehicle flown"
+    what = "J of the simulated vehicle"
     yield within("J/pounds", what, 2.3, pounds, text, tolerance=0.05, unit="lb ft²", basis="input")
     t, rate = _fly_spin_up()
     what = "slope of a spin-up at 1.0 N, rudder -30°"
@@ -76,7 +76,7 @@ def figures(folder: Path) -> Iterator[Path]:
     """Plot figure 4.6: the spin-up whose slope gives J."""
     t, rate = _fly_spin_up()
     fit = fit_slope(t, rate)
-    curves = (t, rate, "flown", "."), (t, float(fit.slope) * t, f"slope {float(fit.slope):.4f} rad/s²", "-")
+    curves = (t, rate, "simulated", "."), (t, float(fit.slope) * t, f"slope {float(fit.slope):.4f} rad/s²", "-")
     title = "[1] fig. 4.6: spin-up, 1.0 N, rudder at -30°"
     yield draw_panels(folder / "fig-4.6.png", title, [Panel("", "t (s)", "yaw rate (rad/s)", curves)])
 

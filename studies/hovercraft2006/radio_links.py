@@ -1,8 +1,8 @@
 """Radio links: measured latencies, and the delay of the simulated loop.
 
-The source prints mean, deviation, least and greatest latency of each path, and not of how many packets. Mean and
-deviation, and the least, are what the simulated links are built from. What their draws say by themselves is how far out
-the greatest of some hundred packets lies, and what a round trip over two of them takes.
+The thesis prints mean, standard deviation, least and greatest latency of each path, but not the number of packets.
+The simulated links are built from the mean, the standard deviation and the least latency. Their draws predict the
+greatest latency of some hundred packets, and the round trip over two links.
 [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 5.3.
 """
 
@@ -25,15 +25,15 @@ from trimtab.study import Row, band, overlaps, within
 SECTION = "5.3"
 DRAWS = 100_000
 PACKETS = 300
-"""Number of packets of a measurement, reconstructed: their largest latency is as far out as the printed ones."""
+"""Number of packets of a measurement. It is reconstructed from the printed greatest latencies."""
 PLACE = "[1] table 5.1"
 NOT_ADDITIVE = ("free2move/linksys 2.9/41.0", "free2move/linksys 2.9/16.2")
 """Pairs whose printed mean round trip exceeds the sum of up and down."""
-SUM = "The sum of two independent paths. The round trip was measured by itself, so that three samples' errors count."
+SUM = "Sum of two independent paths. The round trip was measured separately, so three sampling errors add up."
 
 
 def rows() -> Iterator[Row]:
-    """Yield every column of the table of latencies against drawn packets, and the loop's delay."""
+    """Yield the printed latencies compared with drawn packets, and the delay of the loop."""
     for pair, paths in TABLE.items():
         draws = {path: _draw_latencies(pair, path) for path in ("up", "down")}
         for path in ("up", "down"):
@@ -41,7 +41,7 @@ def rows() -> Iterator[Row]:
         yield from _round_trip_rows(pair, paths, draws["up"] + draws["down"])
     world = load_scenario("forward").world
     delay = 1e3 * to_seconds(sum(link.steps * link.period for link in (world.downlink, world.uplink)))
-    note = "Six steps of 6 ms and two of 20 ms; the mean waits for the next sample, 3 and 10 ms, come on top."
+    note = "Six steps of 6 ms and two of 20 ms. The mean waits for the next sample, 3 and 10 ms, are not included."
     what = "delay of the links of the simulated autopilot"
     text: dict[str, Any] = {"unit": "ms", "basis": "text", "note": note}
     yield band("loop/nearly", what, "nearly 80", delay, "[1] section 6.1", low=75.0, high=80.0, **text)
@@ -71,7 +71,11 @@ def _round_trip_rows(pair: str, paths: Any, draws: Any) -> Iterator[Row]:
     printed, name = paths["round trip"], f"{pair} round trip"
     error = 3 * math.sqrt(sum(paths[p].sd_ms ** 2 for p in paths) / PACKETS)
     adds = pair not in NOT_ADDITIVE
-    note = SUM if adds else "The printed means don't add up: 4 and 5 ms are missing, more than the samples' errors."
+    note = (
+        SUM
+        if adds
+        else "The printed means do not add up: their sum is 4 or 5 ms too small, more than the sampling error."
+    )
     about: dict[str, Any] = {"unit": "ms", "tolerance": error, "must_hold": adds, "note": note}
     yield within(f"table-5.1/{name}/mean", f"{name}, mean", printed.mean_ms, draws.mean(), PLACE, **about)
     about |= {"tolerance": error / math.sqrt(2), "must_hold": True, "note": SUM}
@@ -80,7 +84,7 @@ def _round_trip_rows(pair: str, paths: Any, draws: Any) -> Iterator[Row]:
 
 
 def _draw_latencies(pair: str, path: str) -> Any:
-    """Draw latencies in ms, (DRAWS,)."""
+    """Draw latencies (ms) of one path of a pair of radios, (DRAWS,)."""
     link, own = to_arrays(bluetooth_link(pair, path)), key(1 if path == "up" else 2)
     latency, _ = jax.jit(jax.vmap(lambda k: link.draw(own, k)))(np.arange(DRAWS))
     return np.asarray(latency) * 1e3

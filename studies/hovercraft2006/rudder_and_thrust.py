@@ -22,7 +22,7 @@ SECTION = "4.3"
 PLACE = "[1] section 4.3"
 ROUND_TRIPS = 20_000
 GEOMETRY, SERVO, FAN = RudderGeometry(), RudderServo(), Thruster()
-FIT = "Chosen for it: the source shows a plot only (errata)."
+FIT = "The model was chosen to fit this. The thesis shows only a plot (errata)."
 
 
 def rows() -> Iterator[Row]:
@@ -40,27 +40,29 @@ def _rudder() -> Iterator[Row]:
     low, high = (np.degrees(GEOMETRY.force_angle(stop)) for stop in (SERVO.angle_max, SERVO.angle_min))
     about: dict[str, Any] = {"tolerance": 1.25, "unit": "deg", "basis": "input", "note": FIT}
     axis = "[1] fig. 4.3, axis"
-    yield within("rudder/range-least", "force angle at one stop: one end of the axis", -20.0, low, axis, **about)
     yield within(
-        "rudder/range-greatest", "force angle at the other stop: other end of the axis", 25.0, high, axis, **about
+        "rudder/range-least", "force angle at one rudder stop: lower end of the plot's axis", -20.0, low, axis, **about
+    )
+    yield within(
+        "rudder/range-greatest", "force angle at the other stop: upper end of the axis", 25.0, high, axis, **about
     )
 
 
 def _thrust() -> Iterator[Row]:
     fan = to_arrays(FAN)
     for krpm in (6, 8, 10, 12):
-        what = f"reverse over forward thrust at {krpm} krpm"
+        what = f"reverse divided by forward thrust at {krpm} krpm"
         ratio = fan.ratio(np.float64(1000 * krpm))
         yield reference_row(f"thrust/reverse-{krpm}", what, ratio, "[1] eq. 4.4", tolerance=1e-9)
     force = {n: float(fan.force(np.float64(n), 0.566 * DEG)) for n in (3000, 12000)}
     given: dict[str, Any] = {"unit": "N", "basis": "input", "note": FIT}
-    what = "thrust at 3000 rpm, the least on the gauge"
+    what = "thrust at 3000 rpm, the smallest force on the gauge"
     yield within("thrust/least", what, 0.1, force[3000], PLACE, tolerance=0.005, **given)
-    what = "greatest thrust, of which the axis shows the tick at 1.5"
+    what = "greatest thrust, just above the last tick of the axis at 1.5"
     both = force[12000], force[12000]
     yield overlaps("thrust/greatest", what, (1.5, 2.0), both, "[1] fig. 4.5, axis", **given)
     trial = min(float(fan.force(np.float64(12000), theta * DEG)) - f for theta, f in ((-20, 1.1), (25, 1.05)))
-    what = "thrust left at full speed over that of the two trials for J"
+    what = "thrust at full speed minus that of the two trials for J"
     yield direction("thrust/trials", what, "1.1 and 1.05 N", trial, "[1] table 4.2", above=0.0, unit="N")
 
 
@@ -76,10 +78,10 @@ def _tables() -> Iterator[Row]:
     force = draws.uniform(-0.55, 1.1, ROUND_TRIPS)
     at = jax.jit(jax.vmap(BilinearTable.at, in_axes=(None, 0, 0)))
     error = np.abs(np.asarray(at(to_arrays(back), theta, at(to_arrays(full), theta, force))) - force).max()
-    note = "Demands that the fan can give at every rudder angle; next to its top speed a cell mixes the limit in."
+    note = "Only demands that the fan can meet at every rudder angle. Table cells at its top speed include the limit."
     yield direction(
         "table/round-trip",
-        "force after both tables less the demand, largest of 20 000",
+        "force after both tables minus the demand, largest of 20 000",
         "reverse table",
         error,
         "[1] section 6.1",
@@ -105,7 +107,7 @@ def figures(folder: Path) -> Iterator[Path]:
     curves = tuple((n, FAN.force(1e3 * n, t * DEG), f"θ = {t}°", "-") for t in (-30, -20, -10, 0, 10, 20))
     forward = Panel("forward", "speed (krpm)", "thrust (N)", curves, (0, 2))
     reverse = Panel(
-        "reverse over forward, eq. 4.4", "speed (krpm)", "", ((n[60:], FAN.ratio(1e3 * n[60:]), "", "-"),), (0, 0.5)
+        "reverse / forward, eq. 4.4", "speed (krpm)", "", ((n[60:], FAN.ratio(1e3 * n[60:]), "", "-"),), (0, 0.5)
     )
     title = "[1] fig. 4.5: thrust, reconstructed"
     yield draw_panels(folder / "fig-4.5.png", title, [forward, reverse], columns=2)

@@ -1,6 +1,6 @@
 """Simulated autopilot: rest, forward, reverse and spin, figures 6.7 to 6.10.
 
-Where the text says "about", a fifth more or less is taken for it. Medians over 200 seeds.
+Where the text says "about", 20 % more or less is accepted. Results are medians over 200 seeds.
 [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 6.1.
 """
 
@@ -48,15 +48,15 @@ BANDS: dict[str, dict[str, tuple[Any, Any]]] = {
         "yaw_rate": (None, (3.5, 4.0)),
     },
 }
-"""Figure -> signal -> bands of its smallest and largest value, from the last ticks of its axis; None: no evidence, or
-decided by the start of the flight."""
+"""Figure -> signal -> bands of its smallest and largest value, from the last ticks of its axis. None means no
+evidence, or that the start of the flight sets the value."""
 LIMITS = {
     "fig-6.7": {"surge_velocity": (-0.8, 0.8), "sway_velocity": (-0.8, 0.8), "yaw_rate": (-1, 7)},
     "fig-6.8": {"surge_velocity": (0, 1.4), "sway_velocity": (-0.25, 0.25), "yaw_rate": (-0.5, 0.3)},
     "fig-6.9": {"surge_velocity": (-0.9, 0.1), "sway_velocity": (-0.4, 0.3), "yaw_rate": (-0.5, 0.4)},
     "fig-6.10": {"surge_velocity": (-0.3, 0.2), "sway_velocity": (-0.25, 0.25), "yaw_rate": (0, 4)},
 }
-"""Figure -> signal -> ends of its axis."""
+"""Figure -> signal -> limits of its axis."""
 EXTREMES = {
     "fig-6.7": ("least surge_velocity", "greatest surge_velocity", "greatest sway_velocity"),
     "fig-6.10": (
@@ -67,11 +67,11 @@ EXTREMES = {
         "greatest yaw_rate",
     ),
 }
-"""Figure -> extremes of its ideal flight that its start does not decide."""
+"""Figure -> extreme values of the ideal flight, other than those set by its start."""
 
 
 def rows() -> Iterator[Row]:
-    """Yield ideal extremes, statements of the text on each figure, and the ends of its axes."""
+    """Yield the extremes of the ideal flights, the text's statements on each figure, and the limits of its axes."""
     for figure, extremes in EXTREMES.items():
         yield from _ideal_extremes(figure, extremes)
     yield from _rest()
@@ -82,7 +82,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Plot figures 6.7 to 6.10, ideal beside real, both in the axes of the real one."""
+    """Plot figures 6.7 to 6.10: the ideal and the real flight side by side, with the axis limits of the real one."""
     for figure, name in FIGURES.items():
         log = fly_ideal(name)
         flights = {"ideal": (log.t, log), "real, first seed": first_seed(fly_real(name))}
@@ -107,13 +107,15 @@ def _rest() -> Iterator[Row]:
     log, flown = fly_ideal("zero-velocity"), fly_real("zero-velocity")
     stop = float(first_time(log.t, np.abs(log["truth.yaw_rate"]) < STOPPED))
     s: dict[str, Any] = {"unit": "s"}
-    yield reference_row("fig-6.7/ideal-stop", "ideal, turn first below 0.32 rad/s", stop, fig, tolerance=1e-3, **s)
+    yield reference_row(
+        "fig-6.7/ideal-stop", "ideal, time until yaw rate is below 0.32 rad/s", stop, fig, tolerance=1e-3, **s
+    )
     slow = np.abs(flown["yaw_rate"]) < STOPPED
     later = float(np.median(first_time(flown.t, slow))) - stop
     yield direction(
-        "fig-6.7/stops-later", "real stops turning later than ideal, by", "longer", later, fig, above=0.0, **s
+        "fig-6.7/stops-later", "delay of the real stop after the ideal stop", "longer", later, fig, above=0.0, **s
     )
-    weak = "A greatest thrust of 1.1 to 1.3 N comes nearer, but table 4.2 and fig. 4.5 need more than that."
+    weak = "A largest thrust of 1.1 to 1.3 N would come nearer, but table 4.2 and fig. 4.5 require more."
     yield within(
         "fig-6.7/extra-time",
         "real, extra time to stop turning",
@@ -127,7 +129,7 @@ def _rest() -> Iterator[Row]:
         **s,
     )
     time = float(np.median(settling_time(flown.t, slow)))
-    why = "By one measure longer (staying below 0.32 rad/s), by another shorter (reaching it); the source gives none."
+    why = "Longer if defined as staying below 0.32 rad/s, shorter as reaching it. The thesis gives no definition."
     yield within(
         "fig-6.7/settling",
         "real, settling time",
@@ -142,7 +144,7 @@ def _rest() -> Iterator[Row]:
     )
     over = float(np.median(np.ptp(flown["surge_velocity"], axis=1)) / np.ptp(log["truth.surge_velocity"]))
     yield direction(
-        "fig-6.7/overshoot", "real over ideal range of surge velocity", "large overshoot", over, fig, above=2.0
+        "fig-6.7/overshoot", "range of surge velocity, real divided by ideal", "large overshoot", over, fig, above=2.0
     )
 
 
@@ -151,7 +153,7 @@ def _forward() -> Iterator[Row]:
     flown = fly_real("forward")
     late = flown.t > 8
     rise = np.median(first_time(flown.t, flown["surge_velocity"] >= 1.05))
-    yield band("fig-6.8/rise", "real, first at 1.05 m/s", 5.0, rise, fig, low=4.0, high=6.0, unit="s", basis="text")
+    yield band("fig-6.8/rise", "real, time to 1.05 m/s", 5.0, rise, fig, low=4.0, high=6.0, unit="s", basis="text")
     off = np.abs(flown["surge_velocity"][:, late] - 2.8 / 2.6)
     spread = np.median(np.quantile(off, 0.95, axis=1))
     yield band(
@@ -171,7 +173,7 @@ def _forward() -> Iterator[Row]:
     words = "noise of the navigation is the cause"
     yield direction(
         "fig-6.8/noise-off",
-        "sway's deviation without navigation error, over the whole",
+        "sway's deviation without navigation error, relative to that with all faults",
         words,
         np.median(quiet) / sway,
         fig,
@@ -179,12 +181,12 @@ def _forward() -> Iterator[Row]:
     )
     yield direction(
         "fig-6.8/delay-off",
-        "sway's deviation without delay, over the whole",
+        "sway's deviation without delay, relative to that with all faults",
         words,
         np.median(prompt) / sway,
         fig,
         above=0.5,
-        note="What the delay adds is less than half.",
+        note="The delay contributes less than half.",
     )
 
 
@@ -193,7 +195,7 @@ def _reverse() -> Iterator[Row]:
     rise = np.median(first_time(flown.t, flown["surge_velocity"] <= -0.74))
     yield band(
         "fig-6.9/rise",
-        "real, first at -0.74 m/s",
+        "real, time to -0.74 m/s",
         5.0,
         rise,
         "[1] fig. 6.9, section 6.1",
@@ -213,10 +215,10 @@ def _spin() -> Iterator[Row]:
     )
     prompt = float(first_time(log.t, log["truth.yaw_rate"] >= 2.85))
     slow = float(np.median(first_time(flown.t, flown["yaw_rate"] >= 2.85)))
-    note = "The text finds the times to reach 3 rad/s about equal; by every measure tried the real run takes longer."
+    note = "The text calls the times to 3 rad/s about equal. By every measure tried, the real flight takes longer."
     yield within(
         "fig-6.10/rise",
-        "real over ideal time to 2.85 rad/s",
+        "time to 2.85 rad/s, real divided by ideal",
         1.0,
         slow / prompt,
         fig,
@@ -258,8 +260,10 @@ def _axis_end_row(figure: str, signal: str, k: int, at: tuple[float, float], got
 def _readings(met: dict[str, int]) -> Iterator[Row]:
     place = "[1] section 6.1, figs. 6.7 to 6.10"
     every = sum(at is not None for signals in BANDS.values() for bands in signals.values() for at in bands)
-    what = f"axis ends of {every} met, navigation noise read as"
-    note = "Half of them at most: not how the source's numbers are meant. Reading C, flown above, was chosen by this."
+    what = f"axis limits met, out of {every}, with navigation noise read as"
+    note = (
+        "At most half are met, so the printed noise is not meant like this. Reading C, used above, was chosen by this."
+    )
     about: dict[str, Any] = {"high": every / 2, "basis": "axis", "note": note}
     yield at_most("noise/A", f"{what} standard deviations", every, met["A"], place, **about)
     yield at_most("noise/B", f"{what} variances in cm and degrees", every, met["B"], place, **about)

@@ -37,9 +37,12 @@ AXES = {
     "yaw_rate": ((-1.0, 1.5), (-1.5, 1.5)),
     "heading": ((0.0, 1.5), (0.0, 2.5)),
 }
-"""Signal -> ends of its axis in fig. 6.12, ideal and real."""
+"""Signal -> limits of its axis in fig. 6.12, ideal and real."""
 TICKS = {"surge_velocity": (0.05, 0.1), "sway_velocity": (0.1, 0.1), "yaw_rate": (0.5, 0.5), "heading": (0.5, 0.5)}
-"""Distance of the ticks of these axes: the runs of both algorithms end within one of an axis' ends."""
+"""Signal -> tick spacing of these axes, ideal and real.
+
+Extremes of both algorithms lie within one tick of the limits.
+"""
 LAWS: dict[str, tuple[str, Settings]] = {
     "bang-bang": ("heading-bang-bang", REST),
     "proportional": ("heading-proportional", LITERAL),
@@ -47,7 +50,7 @@ LAWS: dict[str, tuple[str, Settings]] = {
 
 
 def rows() -> Iterator[Row]:
-    """Yield the end of each algorithm, ideal; the axes of figure 6.12; figure 6.11."""
+    """Yield the final state of each algorithm without faults, the axes of figure 6.12, and figure 6.11."""
     yield from _bang_bang()
     yield from _proportional()
     yield from _comparison_rows()
@@ -57,7 +60,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Plot figures 6.11 (out of a slide) and 6.12 (from rest), both algorithms, the proportional one as published."""
+    """Plot figures 6.11 (start in a slide) and 6.12 (start at rest) with both algorithms as published."""
     moving = {"bang-bang": ("heading-bang-bang", MOVING), "proportional": ("heading-proportional", FORM)}
     for figure, laws in (("fig-6.11", moving), ("fig-6.12", LAWS)):
         for short, (name, settings) in laws.items():
@@ -93,7 +96,7 @@ def _bang_bang() -> Iterator[Row]:
 
 def _proportional() -> Iterator[Row]:
     log = fly_ideal("heading-proportional", LITERAL)
-    note = "It ends at the bad limit point of a reference that stands still (errata)."
+    note = "The flight ends at the bad limit point, where the reference stays constant (errata)."
     error, sway = abs(log["law.heading_error"][-1]), abs(log["truth.sway_velocity"][-1])
     what = "ideal proportional, steady |error|"
     yield reference_row("fig-6.12/prop-error", what, error, FIG, tolerance=1e-4, unit="rad", note=note)
@@ -108,12 +111,12 @@ def _comparison_rows() -> Iterator[Row]:
     yield reference_row("fig-6.12/bang-time", "ideal bang-bang, first within 1°", times[0], FIG, **about)
     yield reference_row("fig-6.12/prop-time", "ideal proportional, first within 1°", times[1], FIG, **about)
     yield direction(
-        "fig-6.12/slower", "proportional over bang-bang time to 1°", "stated", times[1] / times[0], FIG, above=1
+        "fig-6.12/slower", "time to 1°, proportional divided by bang-bang", "stated", times[1] / times[0], FIG, above=1
     )
     sway = [abs(log["truth.sway_velocity"][-1]) for log in (prop, bang)]
     yield direction(
         "fig-6.12/slides-less",
-        "proportional over bang-bang last |sway velocity|",
+        "last |sway velocity|, proportional divided by bang-bang",
         "closer to zero",
         sway[0] / sway[1],
         FIG,
@@ -127,8 +130,8 @@ def _random_start_rows() -> Iterator[Row]:
     error = np.degrees(np.abs(late["law.heading_error"]))
     still = np.abs(late["truth.yaw_rate"]).max(axis=1) < 0.05
     frozen = still & (late["law.mode"][:, -1] == TURN) & (error[:, -1] > 1)
-    about: dict[str, Any] = {"note": "As published, from 200 random starts, at 50 to 60 s."}
-    what = "as published: share of runs that stand still off the heading"
+    about: dict[str, Any] = {"note": "Law as published, from 200 random starts, evaluated at 50 to 60 s."}
+    what = "as published: share of runs that stop away from the target heading"
     yield reference_row("heading/freezes", what, frozen.mean(), place, tolerance=0.05, **about)
     median, most = np.quantile(error[:, -1], (0.5, 0.95))
     about |= {"unit": "deg", "tolerance": 3.0}
@@ -147,9 +150,9 @@ def _axes() -> Iterator[Row]:
                 y = np.concatenate([flown[signal] for flown in real], axis=1)
             ends = {"least": (y.min(axis=1), (low, low + tick)), "greatest": (y.max(axis=1), (high - tick, high))}
             if signal == "heading":
-                del ends["least"]  # where the flight begins
+                del ends["least"]  # the initial heading
             if (side, signal) == ("real", "sway_velocity"):
-                del ends["least"]  # so in every other world, too
+                del ends["least"]  # also met by every perturbed vehicle
             for end, (values, at) in ends.items():
                 yield _axis_end_row(side, end, signal, values, at)
 
@@ -170,10 +173,10 @@ def _axis_end_row(side: str, end: str, signal: str, values: Any, at: tuple[float
 
 def _moving_start_rows() -> Iterator[Row]:
     place = "[1] fig. 6.11"
-    note = "The first state is not printed; this one is reconstructed and not the only one that fits (errata)."
+    note = "The initial state is not printed. This one is reconstructed, and others fit as well (errata)."
     circles = (
-        "Counted on, the heading of the truth turns a whole circle more. What the navigation reports of it, which the "
-        "figure may show, is below 2 pi by its definition."
+        "The unwrapped true heading turns one full circle more. The figure may show the heading from the navigation, "
+        "which is below 2 pi by definition."
     )
     for short, run in (("bang-bang", ("heading-bang-bang", MOVING)), ("proportional", ("heading-proportional", FORM))):
         last = fly_ideal(*run)["truth.heading"][-1]

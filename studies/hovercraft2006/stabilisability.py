@@ -28,7 +28,7 @@ def rows() -> Iterator[Row]:
     byrnes = byrnes_isidori(_f1, _f2, 3, 3, INPUTS)
     text: dict[str, Any] = {"basis": "text"}
     yield same("byrnes-isidori/rank-f2", "rank of ∂f2/∂x1 at the origin", 3, byrnes.rank_f2, PLACE, **text)
-    what = "independent inputs, of 3 momenta"
+    what = "number of independent inputs for 3 momenta"
     yield same("byrnes-isidori/rank-inputs", what, 2, byrnes.rank_inputs, PLACE, **text)
     what = "position and heading: smooth stabiliser excluded"
     yield same("byrnes-isidori/excluded", what, True, bool(byrnes.is_excluded), PLACE, **text)
@@ -52,7 +52,10 @@ def rows() -> Iterator[Row]:
 
 
 def _derivative(momenta: Any, pose: Any, force: Any) -> tuple[Any, Any]:
-    """The vehicle in momenta: x1 = (PX, PY, Pi), x2 = (heading, north, east); force: FX, FY, and perhaps a torque."""
+    """Return the derivatives of x1 = (PX, PY, Pi) and x2 = (heading, north, east).
+
+    force: FX, FY, optionally a torque.
+    """
     m, J = CRAFT.mass, CRAFT.inertia
     x = HovercraftState(momenta[0] / m, momenta[1] / m, momenta[2] / J, pose[1], pose[2], pose[0])
     d = CRAFT.dynamics(0.0, x, PlanarForce(force[0], force[1]))

@@ -21,11 +21,11 @@ from trimtab.study import Row, within
 SECTION = "5.5.4"
 PLACE = "[1] table 5.2"
 HEIGHT = 270.48
-"""Of the beacon (cm)."""
+"""Height of the beacon (cm)."""
 
 
 class CalibrationRow(NamedTuple):
-    """A row of [1] table 5.2: angle (deg), true and measured range (cm), their ratio."""
+    """Row of [1] table 5.2: angle (deg), true and measured range (cm), their ratio."""
 
     angle: float
     true_range: float
@@ -43,8 +43,8 @@ TABLE_5_2 = (
 
 
 def rows() -> Iterator[Row]:
-    """The fit at each angle, the range that it gives back, and the fit made anew."""
-    for row in TABLE_5_2[1:]:  # straight below, both are 1 and the height by definition
+    """Yield the fit at each angle, the range compensated with it, and the fit repeated with the table's data."""
+    for row in TABLE_5_2[1:]:  # at 0°, the ratio is 1 and the range is the height by definition
         at = f"{row.angle:g}°"
         ratio = range_ratio(np.radians(row.angle))
         what = f"true range divided by measured range, {at}"
@@ -66,15 +66,15 @@ def rows() -> Iterator[Row]:
     yield within("fit/linear", "coefficient of the angle", 0.0032, linear, text, tolerance=1e-4)
     circle = float(np.median(np.hypot(*_fix_at_rest().T)))
     note = (
-        "The noise of a range was chosen for it; the text says half of the ranges, which must mean positions (errata)."
+        "The range noise was chosen to match this. The text says half of the ranges, and must mean positions (errata)."
     )
-    what = "half of the fixes at rest within"
+    what = "radius that contains half of the fixes at rest"
     given: dict[str, Any] = {"unit": "cm", "basis": "input", "note": note}
     yield within("fig-5.8/circle", what, 0.52, circle, "[1] fig. 5.8", tolerance=0.05, **given)
 
 
 def _fix_at_rest() -> Any:
-    """Errors (cm) of 20 000 fixes half way between four beacons, (runs, 2)."""
+    """Return the errors (cm) of 20 000 fixes midway between four beacons, (runs, 2)."""
     plan, height = CEILING_SQUARE[:, :2], -CEILING_SQUARE[:, 2]
     noise = np.random.default_rng(0).normal(0, RangeErrors().noise, (20_000, 4))
     ranges = np.sqrt((plan**2).sum(axis=1) + height**2) + noise
@@ -83,7 +83,7 @@ def _fix_at_rest() -> Any:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Figure 5.8, fixes at rest, and table 5.2."""
+    """Plot figure 5.8, fixes at rest, and table 5.2."""
     angle = np.linspace(0, 45, 91)
     printed = np.array(TABLE_5_2)
     curves = (angle, range_ratio(np.radians(angle)), "fit", "-"), (printed[:, 0], printed[:, 3], "table 5.2", "o")

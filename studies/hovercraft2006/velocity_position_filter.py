@@ -1,7 +1,7 @@
 """Velocity and position filter on the arm of the rotating platform: encoder and ultrasound.
 
-Covariances as printed (`literal`), fixes once a second, medians over 20 seeds. Of each pair of errors one number, the
-lean of the axis or the latency of positions, was fitted to the position.
+Covariances are as printed (`literal`), with one fix per second. Results are medians over 20 seeds. One parameter per
+sensor, the tilt of the axis or the latency of positions, was fitted to the position error.
 [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 6.2.1.
 """
 
@@ -18,15 +18,15 @@ UPRIGHT = (*LITERAL, ("world.vehicle.tilt", "0"))
 
 
 def rows() -> Iterator[Row]:
-    """Encoder with and without the lean of the axis; ultrasound."""
+    """Yield the errors with the encoder, with and without tilt of the axis, and with ultrasound."""
     leaning, upright = navigation_errors("platform-encoder"), navigation_errors("platform-encoder", UPRIGHT)
     ultrasound = navigation_errors("platform-cricket", (*LITERAL, ("rate", "-115")))
     cm: dict[str, Any] = {"unit": "cm", "relative": 0.2, "basis": "input"}
     speed: dict[str, Any] = {"unit": "cm/s", "relative": 0.2}
-    note = "One tilt of the axis, 0.49 deg, was fitted to it."
+    note = "The tilt of the axis, 0.49 deg, was fitted to this error."
     name = "encoder, -166 deg/s"
     yield within("encoder/position", f"{name}, position error", 3.4, leaning.position, PLACE, note=note, **cm)
-    note = "The same tilt."
+    note = "Computed with the same tilt of the axis, 0.49 deg."
     yield within("encoder/velocity", f"{name}, velocity error", 7.5, leaning.velocity, PLACE, note=note, **speed)
     yield within(
         "encoder/velocity-upright",
@@ -35,17 +35,17 @@ def rows() -> Iterator[Row]:
         upright.velocity,
         PLACE,
         must_hold=False,
-        note="Without a lean both errors are four times smaller than printed.",
+        note="Without tilt of the axis, both errors are four times smaller than printed.",
         **speed,
     )
-    note = "A second latency, 120 ms, was fitted to it."
+    note = "The latency of positions, 120 ms, was fitted to this error."
     name = "ultrasound, -115 deg/s"
     yield within("cricket/position", f"{name}, position error", 8.1, ultrasound.position, PLACE, note=note, **cm)
-    note = "The same latency, and the same tilt."
+    note = "Computed with the same latency of positions, 120 ms, and tilt of the axis, 0.49 deg."
     yield within("cricket/velocity", f"{name}, velocity error", 16.8, ultrasound.velocity, PLACE, note=note, **speed)
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Errors on the arm with the encoder, of those in figures 6.13 to 6.20."""
-    runs = {"axis leans 0.49 deg": fly_rig("platform-encoder"), "upright": fly_rig("platform-encoder", UPRIGHT)}
+    """Plot the errors on the arm with the encoder, for figures 6.13 to 6.20."""
+    runs = {"axis tilted by 0.49 deg": fly_rig("platform-encoder"), "upright": fly_rig("platform-encoder", UPRIGHT)}
     yield draw_rig(folder / "rig-encoder.png", "[1] section 6.2.1: encoder, -166 deg/s", runs)

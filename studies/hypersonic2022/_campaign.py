@@ -1,7 +1,8 @@
-"""A plant that is not the model: every coefficient drawn, a disturbance on top, noise; does the flight succeed?
+"""Campaign over plants that differ from the model: random coefficients, a disturbance and noise.
 
-The command is +3000 ft and +500 ft/s from the trim of the model, 100 s. Law and filter believe in the nominal vehicle.
-A plant begins at the model's trim, bent as its own modes are there: not in a trim of its own, which nobody knows.
+The command is +3000 ft and +500 ft/s from the trim of the model, in 100 s. Law and filter use the nominal vehicle.
+A plant starts at the model's trim, with the static deflection of its own modes. It does not start at its own trim,
+because that would be unknown in flight.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206: names impulses, steps and parameter variation as further work.
@@ -27,9 +28,9 @@ from trimtab.vehicles.hypersonic import Disturbance, Hypersonic
 NOMINAL = Hypersonic()
 CLIMB, LENGTH = FilteredClimb(dh=3000.0, dV=500.0), 100.0
 LATE = 20.0
-"""Time at the end over which errors and saturation are judged (s)."""
+"""Duration (s) at the end of a flight over which errors and saturation are evaluated."""
 OFF = 30.0, 5.0
-"""Largest errors of h (ft) and V (ft/s) there: 1 % of the command."""
+"""Largest accepted errors of h (ft) and V (ft/s) at the end of a flight: 1 % of the command."""
 PARTS = {
     "": ("m", "Iyy"),
     "forces.atmosphere.": ("rho0",),
@@ -44,7 +45,7 @@ PARTS = {
     ),
 }
 COEFFICIENTS = tuple(part + name for part, names in PARTS.items() for name in names)
-"""Parameters that differ from the model: paths below the vehicle."""
+"""Parameters that are varied, as paths below the vehicle."""
 KEPT = ("g", "forces.atmosphere.h0", "forces.atmosphere.hs", "forces.aerodynamics.S", "forces.aerodynamics.c")
 """Fixed parameters: gravity, the atmosphere's shape, and two lengths that only multiply varied ones."""
 NAMES = tuple(path.rpartition(".")[2] for path in COEFFICIENTS)
@@ -59,17 +60,17 @@ DISTURBANCES = {
     "drag step": Disturbance(along=-88.0, start=ONSET),
     "lift step": Disturbance(normal=-0.02 * WEIGHT, start=ONSET),
 }
-"""Sizes of the scenarios `hypersonic/impulse` and `hypersonic/step-gust`."""
+"""Name -> disturbance, with the sizes of the scenarios `hypersonic/impulse` and `hypersonic/step-gust`."""
 KINDS = tuple(DISTURBANCES)
 SIGNALS = ("law.h_error", "law.V_error", "law.saturated", "law.outside")
 CHUNK = 2048
 
 
 class FlightOutcomes(NamedTuple):
-    """Outcome of each run (n,). untrimmed: no level trim within limits and fit at one end: no law could fly that plant.
+    """Outcome of each run (n,).  lacks_trim: no level trim in limits and fit range at start or end of the command.
 
-    lost: left 80-95 kft, 7-9 kft/s or 0-4 deg of alpha.  saturated: an input at its limit in the last 20 s.
-    h, V: largest errors then (ft, ft/s), infinite where they are no numbers.
+    lost: left 80-95 kft, 7-9 kft/s or 0-4 deg of alpha.  is_saturated: an input at its limit in the last 20 s.
+    h, V: largest errors in the last 20 s (ft, ft/s), infinite if the flight diverged.
     """
 
     lacks_trim: Any
@@ -80,18 +81,18 @@ class FlightOutcomes(NamedTuple):
 
     @property
     def is_off(self) -> Any:
-        """True for runs that ended further away than OFF."""
+        """True for runs whose errors at the end exceed OFF."""
         return (self.h > OFF[0]) | (OFF[1] < self.V)
 
     @property
     def is_success(self) -> Any:
-        """True for runs with none of these problems."""
+        """True for runs that have a trim, were not lost or saturated, and end within OFF."""
         return ~(self.lacks_trim | self.lost | self.is_saturated | self.is_off)
 
 
 @cache
 def build_scenario(integral: bool, Q: tuple[float, ...] = EQUAL_Q) -> Scenario:
-    """Return the scenario before anything is spread. Q: of the filter."""
+    """Return the scenario before parameters are varied. Q: process noise of the filter."""
     plant = replace(NOMINAL, disturbance=Disturbance())
     made = hypersonic_scenario("campaign", CLIMB, LENGTH, plant=plant, noise="on", integral="on" if integral else "off")
     return replace(made, autopilot=replace(made.autopilot, estimator=replace(made.autopilot.estimator, Q=Q)))
@@ -121,11 +122,11 @@ def fly_plants(
     """Fly each plant.
 
     Args:
-        factors: of the coefficients (n, 37).
-        kinds: which of KINDS disturbs (n,).
-        integral: with integral action.
-        seeds: of the noise (n,); one for each run when None.
-        Q: of the filter, diagonal (4,).
+        factors: factors of the coefficients (n, 37).
+        kinds: index of the disturbance in KINDS (n,).
+        integral: True for integral action in the law.
+        seeds: seeds of the noise (n,). None means a different seed for each run.
+        Q: process noise of the filter, diagonal (4,).
     """
     factors, kinds = np.asarray(factors), np.asarray(kinds)
     seeds = np.arange(len(factors)) if seeds is None else np.asarray(seeds)
@@ -137,7 +138,7 @@ def fly_plants(
 
 
 def find_untrimmed(craft: Hypersonic) -> Any:
-    """Return which plants (n,) lack a level trim within limits and fit at the start or end of the command."""
+    """Return True for plants (n,) without level trim, within limits and fit range, at start or end of the command."""
     limits, fit, n = InputLimits(), FitRange(), len(np.asarray(craft.m))
     end = CLIMB.at(LENGTH)
     without = np.zeros(n, bool)

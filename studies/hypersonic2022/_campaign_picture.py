@@ -1,4 +1,4 @@
-"""Pictures of the campaign: success by size of the errors, and which coefficient matters most.
+"""Plots of the campaign: success by size of the parameter errors, and influence of each coefficient.
 
 Colours: Okabe and Ito, "Color universal design", 2008.
 """
@@ -19,7 +19,7 @@ FARTHEST = 0.9
 
 
 def draw_success(folder: Path) -> Path:
-    """Plot the share of success with its interval, by size: both laws, and the other filter."""
+    """Plot the share of successful flights and its interval by size of the errors, for both laws and another filter."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 5.0), dpi=DPI, facecolor="white", layout="constrained")
@@ -39,13 +39,13 @@ def draw_success(folder: Path) -> Path:
     axes.set(ylim=(0, 103), xlim=(0, 32))
     axes.legend(loc="center left", bbox_to_anchor=(0.38, 0.5), fontsize=9, frameon=False)
     _style_axes(
-        axes, f"37 coefficients of the plant off, {len(KINDS)} disturbances, noise; {len(KINDS) * EACH} flights a point"
+        axes, f"37 plant coefficients varied, {len(KINDS)} disturbances, noise; {len(KINDS) * EACH} flights per point"
     )
     return _save_figure(figure, folder, "further-work-success.png")
 
 
 def draw_ranking(folder: Path) -> Path:
-    """Plot total index with its interval, and tolerance of each alone; a row of panels for each law."""
+    """Plot each coefficient's total index with its interval, and its tolerance alone. Each law has a row of panels."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12.0, 8.0), dpi=DPI, facecolor="white", layout="constrained")
@@ -66,7 +66,7 @@ def draw_ranking(folder: Path) -> Path:
             right.barh(y[~ends], np.full((~ends).sum(), sign * 100 * FARTHEST), color="#E8E8E8", height=0.7)
         right.axvline(0, color="black", lw=0.8)
         right.set_xlim(-95, 95)
-        _style_axes(right, "Alone: the flight fails beyond (%); pale: no failure")
+        _style_axes(right, "Largest error of one coefficient alone (%); pale: no failure")
         for axes in (left, right):
             axes.set_yticks(y, [NAMES[i] for i in first])
             axes.invert_yaxis()

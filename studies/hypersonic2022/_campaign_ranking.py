@@ -1,4 +1,4 @@
-"""Which coefficient matters most: by Sobol's indices of success, and by how far each can be off alone.
+"""Ranking of the coefficients by Sobol's indices of success, and by the tolerable error of each alone.
 
 Source: [5] Saltelli et al., "Variance based sensitivity analysis of model output", Computer Physics Communications 181
 (2010): total index, the share of the variance of success that would be left if all but this one were known.
@@ -19,9 +19,10 @@ FINE = 9
 
 
 class Indices(NamedTuple):
-    """For FACTORS (38,). first, total: indices.  low, high: interval (95 %, bootstrap) of the total ones.
+    """Sobol indices of FACTORS (38,).
 
-    share: of the runs that succeeded.
+    first, total: first-order and total indices.  low, high: 95 % bootstrap interval of the total indices.
+    share: share of the runs that succeeded.
     """
 
     first: Any
@@ -32,25 +33,28 @@ class Indices(NamedTuple):
 
 
 class Threshold(NamedTuple):
-    """For NAMES, (37,). down, up: by which part it can fall or rise alone; infinite where 0.9 is no failure."""
+    """Tolerance of each of NAMES (37,).
+
+    down, up: fraction by which it can fall or rise alone without failure, infinite if 0.9 does not fail.
+    """
 
     down: Any
     up: Any
 
     @property
     def least(self) -> Any:
-        """Return the smaller of both."""
+        """Return the smaller of down and up (37,)."""
         return np.minimum(self.down, self.up)
 
 
 @cache
 def sobol_indices(size: float, integral: bool, n: int = 128) -> Indices:
-    """Sobol's indices of success, coefficients uniform in 1 +- size, any of KINDS, one noise for all.
+    """Return Sobol's indices of success, with coefficients uniform in 1 +- size, any of KINDS, and the same noise.
 
     Args:
-        size: of the dispersion.
-        integral: with integral action.
-        n: a power of 2; 40 n runs.
+        size: half-width of the coefficients' factors.
+        integral: True for integral action in the law.
+        n: base sample size, a power of 2. The number of runs is 40 n.
     """
     calls: list[Any] = []
 
@@ -65,7 +69,7 @@ def sobol_indices(size: float, integral: bool, n: int = 128) -> Indices:
     sobol: Any = stats.sobol_indices
     found = sobol(func=succeeded, n=n, dists=dists, random_state=np.random.default_rng(1))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what never changes the outcome has no spread to resample
+        warnings.simplefilter("ignore")  # a factor that never changes the outcome has no variance to resample
         bounds = found.bootstrap(confidence_level=0.95, n_resamples=500).total_order.confidence_interval
     low, high = (np.where(np.isfinite(b), b, found.total_order) for b in (bounds.low, bounds.high))
     return Indices(found.first_order, found.total_order, low, high, float(np.concatenate(calls).mean()))
@@ -73,7 +77,7 @@ def sobol_indices(size: float, integral: bool, n: int = 128) -> Indices:
 
 @cache
 def failure_thresholds(integral: bool) -> Threshold:
-    """Scale each coefficient alone, down and up, on a grid outwards until the first failure, and refine."""
+    """Scale each coefficient alone, down and up, by growing amounts until the first failure, then refine."""
     signs = np.array([-1.0, 1.0])
     count = len(COEFFICIENTS), 2
     below, above = _bracket_failure(np.broadcast_to(COARSE, (*count, len(COARSE))), signs, integral)
@@ -86,7 +90,10 @@ def failure_thresholds(integral: bool) -> Threshold:
 
 
 def _bracket_failure(grid: Any, signs: Any, integral: bool, start: Any = 0.0) -> tuple[Any, Any]:
-    """Return the last size before the first failure, and that of the failure (else inf): (37, 2). grid: (37, 2, n)."""
+    """Return the last error before the first failure, and the failing one (else inf): (37, 2).
+
+    grid: errors (37, 2, n).
+    """
     d, two, n = grid.shape
     factors = np.ones((d, two, n, d))
     for i in range(d):
@@ -108,7 +115,7 @@ def rank_names(values: Any, names: tuple[str, ...], *, most: bool) -> list[str]:
 
 
 def rank_correlation(total: Any, least: Any) -> float:
-    """Return the rank correlation of total indices and thresholds: 1 for equal order, NaN if either has none."""
+    """Return the rank correlation of total indices and thresholds: 1 for equal order, NaN if either is constant."""
     capped = np.minimum(least, 1.0)
     if np.ptp(total) == 0 or np.ptp(capped) == 0:
         return np.nan

@@ -30,19 +30,19 @@ from trimtab.estimators.flexible.model import (
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 STABLE = 2.5
-"""Largest decay rate times step accepted for RK4; its stability limit is 2.78."""
+"""Largest decay rate times step accepted for RK4, whose stability limit is 2.78."""
 
 
 @record
 class ContinuousModeState:
     """State of the filter. Source: docs page, Flexible modes in continuous time."""
 
-    eta: Any = quantity("1", "eta1, eta1', eta2, eta2', each in its unit.", shape=(4,))
+    eta: Any = quantity("1", "Estimated modal state eta1, eta1', eta2, eta2'.", shape=(4,))
     P: Any = quantity("1", "Covariance of the modal state.", shape=(4, 4))
     modal: Scalar = quantity(
         "rad/s^2", "Last measured C eta: pitch acceleration minus the part due to flight and input."
     )
-    used: Scalar = quantity("1", "True if that measurement can be used.", kind="flag")
+    used: Scalar = quantity("1", "True if the last measurement of C eta can be used.", kind="flag")
     bare: ModelPrediction = part("Prediction of the modes by the model alone.")
     chi: RigidFlight = part("Rigid-body state at the last step.")
     u: HypersonicInput = part("Input that acted in the last step.")
@@ -62,9 +62,9 @@ class ContinuousModeFilter:
         eta' = A eta + b(chi, u) + L (Q'_m - M/Iyy - C eta - d(chi, u))          L = P C'/R
         P' = A P + P A' + Q - P C' C P/R                                         [1, eq. 9 and below, corrected]
 
-    Over a step the affine parts and the measurement less its own are held; eta and P are integrated by RK4, in
-    `substeps`. R is a density. Default: the printed Q and R, with which the gain is practically zero; large gains make
-    the equations stiff, and `check` refuses a step that is too long for P(0). What flies is `FlexibleModeFilter`.
+    Over a step, b and the measurement minus its affine part are held constant. eta and P are integrated by RK4, in
+    `substeps`. R is a density. The default is the printed Q and R, which give a gain of practically zero. Large gains
+    make the equations stiff, and `check` rejects a step that is too long for P(0). Flights use `FlexibleModeFilter`.
 
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
              flight vehicle", Aerospace 2022, 9(4), 206. Its P(0) is not printed: chosen here.

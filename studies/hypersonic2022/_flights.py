@@ -1,4 +1,4 @@
-"""Flights that several groups look at, each flown once; the command's table is always as long, so little is compiled.
+"""Flights that several groups use, each simulated once. Equal lengths of the command's table save compilations.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206.
@@ -19,33 +19,33 @@ from trimtab.run.simulate import simulate_batch
 from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
 
 SIGNALS = ("truth", "law", "actuators", "estimate.state")
-"""Seed of a plotted flight."""
+"""Signals of a plotted flight."""
 LONG = 200.0
-"""Length of flights without a scenario's own length (s)."""
+"""Duration (s) of flights whose scenario does not define one."""
 SETTLED = 20.0
-"""Time from which errors count (s), after the filter's first error."""
+"""Time (s) after which errors are evaluated, when the filter's initial error has decayed."""
 SHORT = 60.0
-"""Length of the oracle's flights with noise (s)."""
+"""Duration (s) of the oracle's flights with noise."""
 BRISK = (1e-5, 1.0, 1e-5, 1.0)
-"""Q_eta of a filter between the tuned and the accurate one."""
+"""Process noise Q_eta of a filter between the tuned and the accurate filter."""
 SMALL, MEDIUM, LARGE, LARGEST = (1000.0, 200.0), (3000.0, 500.0), (5000.0, 1000.0), (10000.0, 1500.0)
-"""Climbs in ft and ft/s."""
+"""Climbs: change of altitude (ft) and of speed (ft/s)."""
 CRUISE = (0.0, 0.0)
 SOURCE: Any = {"filter": "equal", "integral": "off"}
-"""Settings that reproduce [1]: no integral action, and one noise for both modes."""
+"""Settings that reproduce [1]: no integral action, and equal process noise for both modes."""
 FLIGHT_DIGITS = 2e-3
-"""Relative tolerance of flights without noise against the oracle's, which tabulates no inner motion."""
+"""Relative tolerance of noise-free flights compared with the oracle's, which uses no table of the internal motion."""
 MODES = ("eta1", "eta1_rate", "eta2", "eta2_rate")
 KEPT = (
     *("law.h_error", "law.V_error", "law.saturated", "actuators.u.Phi", "actuators.u.delta_e", "truth.alpha"),
     *(f"{end}.{mode}" for mode in MODES for end in ("truth", "estimate.state")),
 )
-"""Signals of the flights for rows; several hundred flights are in memory at once."""
+"""Signals kept of each flight. They are few because several hundred flights are in memory at once."""
 
 
 @dataclasses.dataclass(frozen=True)
 class RunSignals:
-    """Runs of a scenario. t: (samples,) in s.  signals: path -> (runs, samples, …)."""
+    """Signals of many runs.  t: times (samples,) in s.  signals: log path -> values (runs, samples, …)."""
 
     t: Any
     signals: Mapping[str, Any]
@@ -67,7 +67,7 @@ class RunSignals:
         return np.abs(self.window(path, after)).max(axis=1)
 
     def final_mean(self, path: str) -> Any:
-        """Return the mean of each run over its last 10 s, (runs,), as the last value without noise."""
+        """Return the mean over the last 10 s of each run (runs,), as the final value freed of noise."""
         return self.window(path, self.t[-1] - 10).mean(axis=1)
 
     def mode_error(self, after: float, until: float = np.inf) -> Any:
@@ -77,12 +77,12 @@ class RunSignals:
 
     @property
     def is_saturated(self) -> Any:
-        """Return whether a limit ever held the input of each run (runs,)."""
+        """Return True for each run in which an input ever reached its limit (runs,)."""
         return self["law.saturated"].any(axis=1)
 
 
 def fly_seeds(scenario: Scenario, runs: int = 1, length: float | None = None, period: int = ms(20)) -> RunSignals:
-    """Fly seeds 0 … runs - 1 of a scenario, for its own length or another (s), with rows a period apart."""
+    """Fly seeds 0 … runs - 1 of a scenario, for its own duration or `length` (s), logged once per period."""
     wanted = None if length is None else seconds(length)
     batch = simulate_batch(scenario, seeds=range(runs), signals=KEPT, log=True, log_period=period, duration=wanted)
     return RunSignals(to_seconds(batch.ticks), batch.log)
@@ -129,5 +129,5 @@ def change_period(scenario: Scenario, period: int) -> Scenario:
 
 
 def extent(values: Any) -> tuple[float, float]:
-    """Return smallest and largest of the runs."""
+    """Return the smallest and the largest value over the runs."""
     return float(np.min(values)), float(np.max(values))

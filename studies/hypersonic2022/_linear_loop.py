@@ -1,7 +1,7 @@
-"""The closed loop of the hypersonic vehicle as one matrix: what noise does in the long run, and how fast it calms down.
+"""Closed loop of the hypersonic vehicle as one matrix: stationary response to noise, and slowest decay.
 
-One control period at level flight, by automatic differentiation through the filter, the law and the plant that fly, the
-filter's gain at its steady value. Noise of the accelerometer enters as the filter's innovation does.
+The matrix describes one control period at level flight. It follows from automatic differentiation of the simulated
+filter, law and plant, with the filter's gain at its steady value. Accelerometer noise enters like the innovation.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206.
@@ -23,16 +23,16 @@ from trimtab.scenarios.hypersonic._loop import sampled_loop
 from trimtab.vehicles.hypersonic import Hypersonic
 
 NOISE = 0.01
-"""Noise of the accelerometer (rad/s^2 a sample)."""
+"""Standard deviation of the accelerometer's noise (rad/s^2 per sample)."""
 DETUNED = tuple((a, b) for a in (0.9, 1.0, 1.1) for b in (0.9, 1.0, 1.1) if (a, b) != (1.0, 1.0))
-"""Factors of both modal frequencies: together, crossed, and one alone, 10 % off."""
+"""Factors of both modal frequencies, 10 % off: in the same direction, in opposite directions, and one alone."""
 
 
 class Quality(NamedTuple):
     """Performance of one setting.
 
     elevator: rms of the elevator from noise (rad).  h, V: rms of the errors from noise (ft, ft/s).
-    growth: of the slowest motion with an exact model (1/s).  worst: the same over DETUNED, and `at` which of them.
+    growth: growth rate of the slowest motion with an exact model (1/s).  worst: largest over DETUNED.  at: its factors.
     """
 
     elevator: float
@@ -44,7 +44,7 @@ class Quality(NamedTuple):
 
 
 def loop_quality(Q: Any = EQUAL_Q, R: float = 1e-4, K: Any = K_FLOWN) -> Quality:
-    """Return the results for the filter's Q (4,) and R, and the gain K (2, 9)."""
+    """Return the performance with the filter's Q (4,) and R, and the gain K (2, 9)."""
     F, N = loop_matrices(Q, R, K)
     sigma = np.sqrt(np.diag(solve_discrete_lyapunov(F, NOISE**2 * np.outer(N, N))))
     found = {at: growth_rate(Q, R, K, at) for at in DETUNED}
@@ -53,7 +53,7 @@ def loop_quality(Q: Any = EQUAL_Q, R: float = 1e-4, K: Any = K_FLOWN) -> Quality
 
 
 def growth_rate(Q: Any, R: float, K: Any = K_FLOWN, detuned: tuple[float, float] = (1.0, 1.0)) -> float:
-    """Return the slowest rate (1/s) with the plant's modal frequencies times `detuned`; above 0: unstable."""
+    """Return the growth rate (1/s), unstable above 0, with the plant's modal frequencies times `detuned`."""
     F, _ = loop_matrices(Q, R, K, detuned)
     return float(np.log(np.abs(np.linalg.eigvals(F)).max()) / to_seconds(TICK))
 

@@ -1,7 +1,7 @@
-"""Rows of basis "reference": what is computed beside what tests/oracles give for the same, from the table oracle.txt.
+"""Rows of basis "reference": values compared with those of tests/oracles, from the table oracle.txt.
 
-The oracles share no code with this package; `python tests/oracles/write.py` writes the table, and tests hold that it is
-what they give.
+The oracles share no code with this package. `python tests/oracles/write.py` writes the table, and tests check that the
+table matches the oracles.
 """
 
 from functools import cache
@@ -14,29 +14,32 @@ from trimtab.study import Row, same, within
 
 TABLE = Path(__file__).parent / "oracle.txt"
 DIGITS = 1e-7
-"""Relative tolerance of two programs that solve the same equations: searches stop before rounding."""
+"""Relative tolerance between two programs that solve the same equations.
+
+It covers the tolerance of iterative searches.
+"""
 
 
 @cache
 def oracle_values() -> dict[str, Any]:
-    """Return name -> numbers (n,)."""
+    """Return the oracles' table: name -> numbers (n,)."""
     lines = [line.split() for line in TABLE.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     return {name: np.array([float(n) for n in numbers]) for name, *numbers in lines}
 
 
 def oracle_number(name: str, part: int = 0) -> float:
-    """Return one number of the table."""
+    """Return one number of the oracles' table."""
     return float(oracle_values()[name][part])
 
 
 def oracle_poles(name: str) -> Any:
-    """Return complex numbers of the table, imaginary parts not negative."""
+    """Return the poles of a name in the oracles' table, with imaginary parts that are not negative."""
     real, imaginary = oracle_values()[name].reshape(-1, 2).T
     return real + 1j * imaginary
 
 
 def reference(id: str, what: str, computed: Any, citation: str, *, name: str = "", part: int = 0, **about: Any) -> Row:
-    """Return a row against the oracle's number of the same id, or another name, within DIGITS by default."""
+    """Return a row that compares with the oracle's number of this id, or of `name`, within DIGITS by default."""
     about = {"basis": "reference", **about}
     if "tolerance" not in about and "relative" not in about:
         about["relative"] = DIGITS
@@ -44,7 +47,7 @@ def reference(id: str, what: str, computed: Any, citation: str, *, name: str = "
 
 
 def reference_flag(id: str, what: str, computed: Any, citation: str, *, name: str = "", **about: Any) -> Row:
-    """Return a row of a condition against the oracle's."""
+    """Return a row that compares a condition with the oracle's verdict."""
     expected = bool(oracle_number(name or id))
     return same(id, what, expected, bool(computed), citation, **{"basis": "reference", **about})
 
@@ -52,7 +55,7 @@ def reference_flag(id: str, what: str, computed: Any, citation: str, *, name: st
 def reference_seeds(
     id: str, what: str, computed: Any, citation: str, *, name: str = "", part: int = 0, **about: Any
 ) -> Row:
-    """Mean over our seeds (n,) beside the mean over the oracle's 40: four times the deviation of their difference.
+    """Return a row for the mean over n seeds, within 4 deviations of the difference from the oracle's mean over 40.
 
     The noise is drawn by another generator, so only its statistics can agree.
     """

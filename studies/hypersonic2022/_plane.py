@@ -1,7 +1,7 @@
-"""Flights in a truth that is less kind than the source's, one of its numbers at a time made worse until they fail.
+"""Flights with a truth model that is harsher than the paper's: one parameter at a time worsens until flights fail.
 
-The climb by 3000 ft and 500 ft/s in 100 s, both modal frequencies of the plant 10 % off what law and filter believe, up
-or down: where no estimate is needed, none proves anything. Everything else is as `--set truth=plane` has it.
+The command is a climb by 3000 ft and 500 ft/s in 100 s. Both modal frequencies of the plant are 10 % above or below
+those of law and filter, so that a flight needs the estimate. All other settings are those of `--set truth=plane`.
 """
 
 from collections.abc import Iterator
@@ -21,9 +21,9 @@ FREQUENCIES: tuple[Any, ...] = ("1.10", "0.90")
 SEEDS = 16
 LENGTH = 100.0
 LATE = 20.0
-"""Time at the end over which errors and saturation are judged (s)."""
+"""Duration (s) at the end of a flight over which errors and saturation are evaluated."""
 OFF = 30.0, 5.0
-"""Largest errors of h (ft) and V (ft/s) there: 1 % of the command."""
+"""Largest accepted errors of h (ft) and V (ft/s) at the end of a flight: 1 % of the command."""
 ROUGHNESS = (0.0, 1.0, 10.0)
 """Factors of the intensity of turbulence."""
 INSTRUMENT = "world.sensors.angular-accelerometer."
@@ -31,9 +31,9 @@ SIGNALS = ("law.h_error", "law.V_error", "law.saturated", "truth.h", "truth.V", 
 
 
 class Axis(NamedTuple):
-    """A number of the truth, from kind to unkind.
+    """Parameter of the truth model, with values from mild to severe.
 
-    name, unit: in words.  path: of the setting.  values: as told.  scale: from what is told to the setting's unit.
+    name, unit: as displayed.  path: of the setting.  values: in `unit`.  scale: from `unit` to the setting's.
     """
 
     name: str
@@ -80,7 +80,10 @@ def build_plane(frequency: Any, filter: Any = "tuned") -> Scenario:
 
 
 def fly_until_late(flown: Scenario, spread: dict[str, Any], runs: int) -> tuple[Any, Any]:
-    """Return which flights (runs,) succeed, and the rms errors of h (ft) at the end, with SEEDS seeds in turn."""
+    """Return True for flights (runs,) that succeed, and the rms errors of h (ft) at the end.
+
+    SEEDS seeds are used in turn.
+    """
     seeds = np.arange(runs) % SEEDS
     batch = simulate_batch(flown, seeds=seeds, spread=spread, signals=SIGNALS, log=True, log_period=ms(50))
     log, late = batch.log, batch.ticks * 1e-7 > LENGTH - LATE
@@ -93,13 +96,13 @@ def fly_until_late(flown: Scenario, spread: dict[str, Any], runs: int) -> tuple[
 
 
 def axis_settings(axis: Axis) -> Any:
-    """Return values of the setting in SEEDS runs of each value of the axis."""
+    """Return the setting's value of each run: SEEDS runs for each value of the axis."""
     return np.repeat(axis.scale * np.asarray(axis.values), SEEDS)
 
 
 @cache
 def axis_shares() -> dict[str, Any]:
-    """Return name of each axis -> shares of flights that succeed, (frequencies, values)."""
+    """Return for each axis, by its name, the shares of flights that succeed, (frequencies, values)."""
     shares: dict[str, list[Any]] = {axis.name: [] for axis in AXES}
     for frequency in FREQUENCIES:
         flown = build_plane(frequency)
@@ -111,7 +114,7 @@ def axis_shares() -> dict[str, Any]:
 
 
 def worst_values() -> Iterator[tuple[Axis, float]]:
-    """Yield for each axis the last value up to which all flights succeed; NaN if none do."""
+    """Yield each axis with the worst value up to which all flights succeed, NaN if some fail at its first value."""
     for axis in AXES:
         succeeds = (axis_shares()[axis.name] == 1).all(0)
         reach = int(np.argmin(succeeds)) if not succeeds.all() else len(succeeds)
@@ -120,14 +123,14 @@ def worst_values() -> Iterator[tuple[Axis, float]]:
 
 @cache
 def without_measurement() -> tuple[int, int]:
-    """Return the number of successful flights without measurements in the filter, and of all."""
+    """Return the number of successful flights without measurements in the filter, and the number of all flights."""
     found = [fly_until_late(build_plane(f, "none"), {}, SEEDS)[0] for f in FREQUENCIES]
     return int(np.concatenate(found).sum()), len(FREQUENCIES) * SEEDS
 
 
 @cache
 def rough_flights() -> dict[float, tuple[int, float]]:
-    """Return factor of turbulence -> number of successful flights, and median rms error of h (ft)."""
+    """Return for each factor of turbulence the number of successful flights and the median rms error of h (ft)."""
     times = np.repeat(ROUGHNESS, SEEDS)
     both = [fly_until_late(build_plane(f), {"world.turbulence.intensity": times}, len(times)) for f in FREQUENCIES]
     success, errors = (np.stack([b[i].reshape(-1, SEEDS) for b in both]) for i in (0, 1))

@@ -1,4 +1,4 @@
-"""The picture of what the claim needs: how many flights succeed as one number after another is made worse."""
+"""Plot of the conditions that the paper's claim needs: share of successful flights as one parameter worsens."""
 
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ def draw_shares(folder: Path, axes: tuple[Axis, ...]) -> Path:
     for row in panels:
         row[0].set_ylabel("flights that succeed (%)")
     panels[0, 0].legend(fontsize=8)
-    figure.suptitle("Hypersonic climb in rough air, one number at a time made worse (to the right)", fontsize=12)
+    figure.suptitle("Hypersonic climb in rough air, one parameter at a time made worse (to the right)", fontsize=12)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "plane-truth.png"
     figure.savefig(path)

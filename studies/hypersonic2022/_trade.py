@@ -1,7 +1,7 @@
-"""Flights for the trade of the elevator's activity against tracking and robustness: settings of filter and gain.
+"""Flights for the trade-off between elevator activity, tracking and robustness, by settings of filter and gain.
 
-The elevator's activity is what noise adds: a run less the same run without noise, so that what the climb itself asks of
-the elevator is not in it. After SETTLED, which leaves the first estimate's error out.
+Elevator activity is the part due to noise: a run minus the same run without noise, so that the climb's own demand is
+excluded. It is evaluated after SETTLED, which excludes the initial error of the estimate.
 """
 
 from collections.abc import Sequence
@@ -22,13 +22,17 @@ from trimtab.scenarios.hypersonic._design import ALLOWED, ALLOWED_INPUT, SCALE, 
 
 SEEDS = 20
 SETTLED, LAST = 20.0, 10.0
-"""Start of the statistics (s), and time at the end over which last errors are the largest (s)."""
+"""Start of the statistics (s), and duration at the end of a flight over which the largest error is taken (s)."""
 SIGNALS = ("actuators.u.delta_e", "law.h_error", "law.V_error", "law.outside", "truth.eta1", "estimate.state.eta1")
 QUIET = "world.sensors.angular-accelerometer.noise"
 
 
 class Setting(NamedTuple):
-    """Q: of the filter, diagonal (4,).  R: its variance of a sample.  P0: first variances (4,).  K: gain (2, 9)."""
+    """Setting of filter and law.
+
+    Q: process noise of the filter, diagonal (4,).  R: variance of a sample in the filter.  P0: initial variances of the
+    filter (4,).  K: gain of the law (2, 9).
+    """
 
     name: str
     Q: tuple[float, ...]
@@ -40,7 +44,7 @@ class Setting(NamedTuple):
 class Activity(NamedTuple):
     """Performance of one setting, over seeds.
 
-    elevator, h_noise: rms of what noise adds (rad, ft).  offset: its mean in h (ft).
+    elevator, h_noise: rms of the part due to noise (rad, ft).  offset: mean of that part in h (ft).
     h, V: rms of the errors (ft, ft/s).
     """
 
@@ -54,7 +58,7 @@ class Activity(NamedTuple):
 class DetunedErrors(NamedTuple):
     """Robustness of one setting, over DETUNED and seeds, (8, seeds).
 
-    lost: whether flight left the envelope.  h: rms of the error (ft), infinite where it is no number.
+    lost: True if the flight left the envelope.  h: rms of the error (ft), infinite if the flight diverged.
     eta1: largest error of mode 1 at the end.
     """
 
@@ -120,7 +124,7 @@ def fly_detuned(settings: Sequence[Setting], seeds: int = SEEDS) -> list[Detuned
 
 
 def fly_offsets(settings: Sequence[Setting]) -> list[tuple[float, float]]:
-    """Last errors of h (ft) and V (ft/s) under a moment of 5000 lbf that stays, without noise, for each setting."""
+    """Return each setting's final errors of h (ft) and V (ft/s) under a constant moment of 5000 lbf, without noise."""
     flown = step_gust.scenario(kind="large-moment", noise="off", integral="off")
     batch = _fly_settings(flown, settings, [0] * len(settings), {})
     return [(float(h[-1]), float(V[-1])) for h, V in zip(*(batch.log[p] for p in SIGNALS[1:3]), strict=True)]
@@ -128,7 +132,7 @@ def fly_offsets(settings: Sequence[Setting]) -> list[tuple[float, float]]:
 
 @cache
 def trade_curve(seeds: int = SEEDS) -> list[tuple[Setting, Activity]]:
-    """Return all settings of the filter, flown once: those on both modes, then those apart."""
+    """Return all settings of the filter with their flights: first equal noise on both modes, then different noise."""
     settings = (*EQUAL_SETTINGS, EQUAL, *SEPARATE_SETTINGS, BETTER)
     return list(zip(settings, fly_noise(settings, seeds), strict=True))
 
@@ -144,5 +148,5 @@ def _fly_settings(flown: Scenario, settings: Sequence[Setting], seeds: Sequence[
 
 
 def _rms(values: Any) -> Any:
-    with np.errstate(over="ignore", invalid="ignore"):  # a run that ran away
+    with np.errstate(over="ignore", invalid="ignore"):  # a diverged run
         return np.sqrt(np.mean(values**2, axis=-1))

@@ -1,4 +1,4 @@
-"""The picture of the trade: elevator activity against tracking, and against errors of the modal frequencies.
+"""Plot of the trade-off: elevator activity against tracking, and against errors of the modal frequencies.
 
 Colours: Okabe and Ito, "Color universal design", 2008.
 """

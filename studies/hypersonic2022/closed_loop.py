@@ -1,7 +1,7 @@
-"""Closed loop: climbs without noise, the period, first errors that are survived, and pictures.
+"""Closed loop: climbs without noise, control periods, and initial errors from which the loop recovers.
 
-Figures of [1] are plots that are not to be had; its text says that altitude and speed follow with practically no error.
-Held against the oracle's flights; rms after 20 s of 200 s where not said.
+The figures of [1] are not available. Its text says that altitude and speed follow with practically no error. Rows
+compare with the oracle's flights, as rms between 20 s and 200 s unless stated otherwise.
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, its simulation.
 """
@@ -38,7 +38,7 @@ SECTION = "simulation"
 PLACE = "[1] simulation"
 NOMINAL = SMALL, MEDIUM, LARGE, LARGEST
 PERIODS = 5, 10, 20
-"""Periods of control (ms)."""
+"""Control periods (ms)."""
 FIRST = {
     "h": ("altitude 1000 ft high", "h", 1000.0),
     "V": ("speed 50 ft/s high", "V", 50.0),
@@ -47,18 +47,18 @@ FIRST = {
     "low": ("altitude 1000 ft low", "h", -1000.0),
 }
 SURVIVED = 80.0
-LOW = "Fuel and elevator are at their limits within half a second, and the angle of attack runs away."
+LOW = "Fuel and elevator are at their limits within half a second, and the angle of attack diverges."
 
 
 def rows() -> Iterator[Row]:
-    """Yield nominal climbs, readings of k_i, periods, first errors."""
+    """Yield nominal climbs, readings of k_i, control periods, initial errors."""
     yield from _nominal()
     yield from _variants()
     yield from _first_errors()
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Plot tracking, inputs, modes with estimate and error; the observer without measurement in grey."""
+    """Plot tracking, inputs, and modes with estimate and error. The observer without measurement is grey."""
     from trimtab.plots.tracking import plot_tracking
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -92,7 +92,7 @@ def _nominal() -> Iterator[Row]:
         for name, unit in (("h", "ft"), ("V", "ft/s")):
             got, what = flown.rms(f"law.{name}_error")[0], f"{words}, error of {name}"
             yield reference(f"{id}/{name}", what, got, claim, relative=FLIGHT_DIGITS, unit=unit)
-        yield reference_flag(f"{id}/saturated", f"{words}, a limit holds the input", flown.is_saturated[0], claim)
+        yield reference_flag(f"{id}/saturated", f"{words}, an input reaches its limit", flown.is_saturated[0], claim)
     flown = fly_climb(LARGE, filter="printed")
     for name, bound, unit in (("h", 0.05, "ft"), ("V", 0.01, "ft/s")):
         got = flown.rms(f"law.{name}_error")[0]
@@ -100,10 +100,10 @@ def _nominal() -> Iterator[Row]:
         yield direction(f"claim/{name}", what, "stated", got, claim, below=bound, unit=unit)
     none = fly_climb(LARGE, filter="none")
     got = none.rms("law.h_error")[0]
-    note = "So good tracking of the exact model says nothing of the filter either."
+    note = "Tracking of the exact model is good even without the filter, so it says nothing about the filter."
     yield direction(
         "claim/none",
-        "the same with no measurement at all, error of h",
+        "+5000 ft, +1000 ft/s, no measurement, error of h",
         "stated",
         got,
         claim,
@@ -118,7 +118,7 @@ def _nominal() -> Iterator[Row]:
 
 
 def _variants() -> Iterator[Row]:
-    """Yield readings of k_i, periods, and the true state in place of the estimate."""
+    """Yield readings of k_i, control periods, and the true state instead of the estimate."""
     medium = build_climb(MEDIUM, filter="printed")
     about: Any = {"relative": FLIGHT_DIGITS, "unit": "ft"}
     for period in PERIODS:
@@ -126,14 +126,14 @@ def _variants() -> Iterator[Row]:
         what = f"+3000 ft, +500 ft/s, error of h at {period} ms, 20-60 s"
         yield reference(f"period/{period}-ms", what, _altitude_error(flown), PLACE, **about)
     true = fly_seeds(medium.ideal(), length=SHORT)
-    what = "the same at 5 ms with the true state in place of the estimate"
+    what = "+3000 ft, +500 ft/s, error of h at 5 ms, true state instead of estimate"
     yield reference("period/true-state", what, _altitude_error(true), PLACE, **about)
     craft = medium.world.vehicle
     for kmode in ("paper", "author"):
         plant = replace(craft, modes=replace(craft.modes, kmode=kmode))
         flown = fly_seeds(_replace_vehicle(medium, plant))
         what = f"+3000 ft, +500 ft/s, error of h, reading {kmode!r} of k_i"
-        note = "Vehicle, filter and law of one reading: it hardly matters."
+        note = "Vehicle, filter and law use the same reading. The choice hardly matters."
         name = f"reading/{kmode}"
         yield reference(name, what, _altitude_error(flown), PLACE, name=f"{name}/h", note=note, **about)
 
@@ -143,7 +143,7 @@ def _altitude_error(flown: RunSignals) -> float:
 
 
 def _replace_vehicle(scenario: Any, craft: Hypersonic) -> Any:
-    """Return the scenario with one vehicle in world, filter and law, and its internal motion solved."""
+    """Return the scenario with this vehicle in world, filter and law, and with its internal motion solved."""
     from trimtab.scenarios.hypersonic._internal import noncausal_table
 
     autopilot = scenario.autopilot

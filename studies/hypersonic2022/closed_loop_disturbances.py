@@ -1,6 +1,7 @@
 """Closed loop under disturbances: impulses and steps of moment and force, with and without integral action.
 
-[1] names them as further work; sizes are chosen. Cruise at the trim, without noise, onset after 20 s.
+[1] names such disturbances as further work. Their sizes are chosen here. The vehicle cruises at its trim, without
+noise, and the disturbance starts after 20 s.
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, its conclusions.
 """
@@ -29,9 +30,9 @@ CASES = {
     "step/lift": "step lift -2 % of the weight",
 }
 DIGITS: Any = {"relative": FLIGHT_DIGITS, "tolerance": 1e-4}
-"""Absolute tolerance of vanishing errors: a ten-thousandth of their unit."""
+"""Relative tolerance, and absolute tolerance for errors near zero: a ten-thousandth of their unit."""
 IMPULSES = "impulse/moment", "impulse/normal-force"
-PRICE = "What the filter's bandwidth costs: it takes the moment for modes."
+PRICE = "Cost of the filter's bandwidth: the filter takes the moment for modal motion."
 
 
 def rows() -> Iterator[Row]:
@@ -42,7 +43,7 @@ def rows() -> Iterator[Row]:
         flown = _fly_case(name)
         got, what = (
             _time_inside(flown.t, flown["law.h_error"][0]),
-            f"{CASES[name]}: error of h below 1 ft for good after",
+            f"{CASES[name]}: time until error of h stays below 1 ft",
         )
         yield reference(f"{name}/inside", what, got, PLACE, tolerance=0.021, unit="s")
     yield from _filter()
@@ -69,7 +70,7 @@ def _case(name: str) -> Iterator[Row]:
     yield reference(f"{id}/peak-h", f"{helped}: peak error of h", peak, PLACE, **about)
     yield reference(f"{id}/end-h", f"{helped}: error of h at the end", end, PLACE, **about)
     for key, what, flight in ((name, words, flown), (id, helped, integral)):
-        yield reference_flag(f"{key}/saturated", f"{what}: a limit holds the input", flight.is_saturated[0], PLACE)
+        yield reference_flag(f"{key}/saturated", f"{what}: an input reaches its limit", flight.is_saturated[0], PLACE)
 
 
 def _time_inside(t: Any, h: Any) -> float:
@@ -83,7 +84,7 @@ def _filter() -> Iterator[Row]:
     equal, printed = _fly_case(name), _fly_case(name, filter="printed")
     got, what = equal.mode_error(ONSET)[0], "moment impulse, equal noise: largest error of η1"
     yield reference("filter/equal", what, got, PLACE, name=f"{name}/mode", unit=unit, note=PRICE, **DIGITS)
-    got, what = printed.mode_error(ONSET)[0], "the same with printed Q and R"
+    got, what = printed.mode_error(ONSET)[0], "moment impulse, printed Q and R: largest error of η1"
     yield reference("filter/printed", what, got, PLACE, name="filter/printed/mode", unit=unit, **DIGITS)
     swing = np.degrees(equal.window("actuators.u.delta_e", ONSET))
     for part, (end, got) in enumerate(zip(("least", "most"), extent(swing), strict=True)):

@@ -1,7 +1,7 @@
-"""Closed loop on a plant that is not the model: feedback alone, robust terms of either form, integral action.
+"""Closed loop on a plant that differs from the model: feedback alone, robust terms, integral action.
 
 The plant has 5 % more lift slope, 5 % less pitch stiffness, 10 % more drag, 2 % more mass and 5 % less thrust than the
-law believes. With the printed Q and R of the filter; rms after 20 s of 200 s.
+law's model. The filter has the printed Q and R. Errors are rms values between 20 s and 200 s.
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, its simulation; it prints neither the size of the uncertainty nor q0, q1, kappa_G.
 """
@@ -37,12 +37,12 @@ ROBUST = {
 SCALED = -3.0, 4.0
 """Factors of the mismatch."""
 CHATTERS = 0.02
-"""Relative tolerance of flights where sgn switches: rounding decides the instant."""
-TUNED = "With the tuned filter {:.3g}: it takes part of the unmodelled moment for modes, which costs a little."
+"""Relative tolerance of flights with sgn, whose switching instants depend on rounding."""
+TUNED = "With the tuned filter {:.3g}: that filter takes part of the unmodelled moment for modal motion."
 
 
 def rows() -> Iterator[Row]:
-    """Yield each form, the cost of a leak, sgn with a large q0, and the mismatch scaled."""
+    """Yield each form of the law, the cost of a leak, sgn with a large q0, and scaled mismatches."""
     for name, words in ROBUST.items():
         yield from _errors(name, words, _fly_variant(name), float(_fly_variant(name, "equal").rms("law.h_error")[0]))
     yield from _order()
@@ -55,7 +55,7 @@ def rows() -> Iterator[Row]:
     yield from _chatter()
     for times in SCALED:
         got = float(_fly_variant("off", times=times).rms("law.h_error")[0])
-        what = f"K only, the mismatch times {times:g}: error of h"
+        what = f"K only, mismatch times {times:g}: error of h"
         yield reference(f"mismatch/times{times:g}/h", what, got, PLACE, relative=FLIGHT_DIGITS, unit="ft")
 
 
@@ -76,29 +76,29 @@ def _errors(name: str, words: str, flown: RunSignals, tuned: float) -> Iterator[
         note = TUNED.format(tuned) if signal == "h" else ""
         id, what = f"mismatch/{name}/{signal}", f"{words}: error of {signal}"
         yield reference(id, what, got, PLACE, relative=digits, unit=unit, note=note)
-    what = f"{words}: a limit holds the input"
+    what = f"{words}: an input reaches its limit"
     yield reference_flag(f"mismatch/{name}/saturated", what, flown.is_saturated[0], PLACE)
 
 
 def _order() -> Iterator[Row]:
-    """Yield the effect of the signs."""
+    """Yield the effect of the robust terms' sign on the error of h."""
     h = {name: float(_fly_variant(name).rms("law.h_error")[0]) for name in ROBUST}
     yield direction(
         "mismatch/published/claim",
-        "u_h as published: error of h less that of K only",
+        "u_h as published: error of h minus that of K only",
         "the robust terms reduce the error",
         h["published"] - h["off"],
         "[1] eq. 16, robust terms",
         below=0.0,
         unit="ft",
         must_hold=False,
-        note="Its sign is the wrong one.",
+        note="The published sign of u_h is wrong.",
     )
     for name in ("minus", "smooth", "sign"):
         words = ROBUST[name]
         yield direction(
             f"mismatch/{name}/claim",
-            f"{words}: error of h less that of K only",
+            f"{words}: error of h minus that of K only",
             "the robust terms reduce the error",
             h[name] - h["off"],
             "[1] eqs. 16-18, robust terms",
@@ -108,7 +108,7 @@ def _order() -> Iterator[Row]:
 
 
 def _leak() -> Iterator[Row]:
-    """Yield leaking bounds: with the default width of the smoothing, and with a wide one."""
+    """Yield the error with leaking bounds, for the default width of the smoothing and for a wide one."""
     found = {}
     for width in (0.01, 1.0):
         leaking = change_robust(_build_scenario("smooth"), sigma=0.02, eps=width)
@@ -119,18 +119,20 @@ def _leak() -> Iterator[Row]:
         yield reference(id, what.format(width), found[width], PLACE, relative=FLIGHT_DIGITS, unit="ft")
     cost = found[0.01] - float(_fly_variant("smooth").rms("law.h_error")[0])
     about: Any = {"above": 0.0, "unit": "ft", "basis": "own"}
-    yield direction("mismatch/leak/cost", "what the leak costs, eps = 0.01", "the benefit", cost, PLACE, **about)
+    yield direction(
+        "mismatch/leak/cost", "error of h added by the leak, eps = 0.01", "the benefit", cost, PLACE, **about
+    )
 
 
 def _chatter() -> Iterator[Row]:
-    """Yield sgn with a large q0, unbounded: slow divergence, since bounds stand still while an input is limited."""
+    """Yield sgn with a large q0 and no cap: slow divergence, as bounds do not adapt while an input is at its limit."""
     flown = fly_seeds(change_robust(_build_scenario("sign"), q0=100.0, cap=1e9))
-    what = "u_s with sgn, q0 = 100, no cap: a limit holds the input"
+    what = "u_s with sgn, q0 = 100, no cap: an input reaches its limit"
     yield reference_flag("mismatch/chatter/saturated", what, flown.is_saturated[0], PLACE)
     h = np.abs(flown["law.h_error"][0])
     early, late = (float(h[(flown.t > a) & (flown.t < b)].mean()) for a, b in ((50, 60), (190, np.inf)))
-    note = "How much is decided by when sgn switches; that it diverges is not."
+    note = "The growth depends on when sgn switches. The divergence itself does not."
     expected = oracle_number("mismatch/chatter/grows")
     about: Any = {"low": 5.0, "high": INFINITY, "basis": "reference", "note": note}
-    what = "the same, mean error of the last 10 s over that of 50-60 s"
+    what = "u_s with sgn, q0 = 100, no cap: error of h, mean of last 10 s divided by that of 50-60 s"
     yield band("mismatch/chatter/grows", what, expected, late / early, PLACE, **about)

@@ -1,7 +1,7 @@
-"""Closed loop with noise of the accelerometer, and with modes that are off: which filter survives them.
+"""Closed loop with accelerometer noise and errors of the modal frequencies: stability of each filter setting.
 
-[1] prints no level of noise, and has none: means over seeds beside the oracle's, from 20 to 60 s, and what this package
-asks of its own flights, to their end.
+[1] has no noise. Rows compare means over seeds with the oracle's, from 20 to 60 s, and whole flights with this
+package's own requirements.
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, its simulation; it prints no level of noise.
 """
@@ -36,15 +36,15 @@ SEEDS = 10
 BOUND = {"h": 0.05, "V": 0.01}
 """Required accuracy of the loop (ft, ft/s)."""
 FILTERS = {"tuned": "Qacc = 100 on both modes", "brisk": "Qacc = 1 on both modes"}
-DEVIATION = "Mostly the manoeuvre's own; the noise alone below."
+DEVIATION = "Mostly due to the manoeuvre. The next row has the part due to noise alone."
 GROWS = (
-    "It is not marginal but unstable: the oscillation grows by 8 % each second, and a limit holds the input after 80 s."
+    "The loop is unstable, not marginal. Its oscillation grows by 8 % each second until an input is limited after 80 s."
 )
-LOST = "The measured acceleration is weighed so little, or the model trusted so much, that the modes run away."
+LOST = "The filter weighs the measured acceleration too little, or the model too much, so the modes diverge."
 
 
 def rows() -> Iterator[Row]:
-    """Yield noise on the exact model, and both signs of an error of the modes' frequencies."""
+    """Yield flights with noise on the exact model, and with modal frequencies that are too low and too high."""
     for name in FILTERS:
         yield from _noise(name)
     yield from _required_rows()
@@ -61,11 +61,11 @@ def _noise(name: str) -> Iterator[Row]:
         what = f"+5000 ft with noise, {words}: error of {signal}, 20-60 s, mean of {SEEDS} seeds"
         yield reference_seeds(f"noise/{name}/{signal}", what, flown.rms(path, SETTLED, SHORT), place, unit=unit)
         bound, got = BOUND[signal], flown.rms(path).max()
-        what = f"the same, 20-200 s, largest of {SEEDS} seeds"
+        what = f"+5000 ft with noise: error, 20-200 s, largest of {SEEDS} seeds"
         yield at_most(f"noise/{name}/{signal}-long", what, bound, got, place, high=bound, unit=unit, **OWN)
     with_noise = np.degrees(flown.window("actuators.u.delta_e", SETTLED, SHORT))
     without = np.degrees(quiet.window("actuators.u.delta_e", SETTLED, SHORT))
-    what = f"{words}: deviation of the elevator, 20-60 s, with the manoeuvre"
+    what = f"{words}: deviation of the elevator, 20-60 s, manoeuvre included"
     about: Any = {"unit": "deg", "note": DEVIATION}
     yield reference_seeds(f"noise/{name}/elevator", what, with_noise.std(axis=1), place, **about)
     what = f"{words}: deviation of the elevator from that of the same flight without noise"
@@ -82,7 +82,7 @@ def _fly_detuned(frequency: str, filter: str = "equal") -> RunSignals:
 
 
 def _required_rows() -> Iterator[Row]:
-    """Yield the required robustness of the default setting: 10 % of either sign, with noise."""
+    """Yield the required robustness of the default setting: modal frequencies 10 % too low and too high, with noise."""
     for frequency in ("0.90", "1.10"):
         flown, words = _fly_detuned(frequency), f"modes times {frequency}, {FILTERS['tuned']}"
         what, got = f"{words}: error of h, 20-60 s, mean of {SEEDS} seeds", flown.rms("law.h_error", SETTLED, SHORT)
@@ -90,7 +90,7 @@ def _required_rows() -> Iterator[Row]:
         long = float(flown.rms("law.h_error").max())
         yield at_most(
             f"modes/{frequency}/h-long",
-            "the same, 20-150 s, largest",
+            "modes 10 % off: error of h, 20-150 s, largest of the seeds",
             BOUND["h"],
             long,
             MODAL,
@@ -104,24 +104,27 @@ def _required_rows() -> Iterator[Row]:
 
 
 def _brisk() -> Iterator[Row]:
-    """Yield Q between tuned and accurate at 0.90: apparently marginal after 60 s, in fact unstable."""
+    """Yield a Q between tuned and accurate, modal frequencies times 0.90.
+
+    It looks marginal at 60 s, but is unstable.
+    """
     flown = _fly_detuned("0.90", "brisk")
     early = extent(flown.rms("law.h_error", SETTLED, SHORT))
     what = f"modes times 0.90, Qacc = 1: error of h, 20-60 s, {SEEDS} seeds, least"
     yield at_most("modes/brisk/h", what, 0.05, early[0], MODAL, high=0.31, unit="ft", **OWN)
     sizes = [flown.mode_error(t - 10, t) for t in (40.0, 60.0)]
     growth = float(np.median(np.log(sizes[1] / sizes[0]) / 20))
-    what = "the same, growth of the largest error of η1 from 30-40 s to 50-60 s"
+    what = "modes times 0.90, Qacc = 1: growth of the largest error of η1, 30-40 s to 50-60 s"
     yield direction("modes/brisk/growth", what, "it grows", growth, MODAL, above=0.0, unit="1/s", note=GROWS, **OWN)
 
 
 def _others() -> Iterator[Row]:
-    """Yield loss with printed Q and R, and with the accurate setting at 10 %."""
+    """Yield losses with the printed Q and R, and with the accurate setting at a frequency error of 10 %."""
     for frequency in ("0.98", "1.02"):
         flown = _fly_detuned(frequency, "printed")
         what = f"modes times {frequency}, printed Q and R: error of h, 20-150 s, least of the seeds"
         least = float(flown.rms("law.h_error").min())
-        note = f"{LOST} It grows with the length of the flight."
+        note = f"{LOST} The error grows with the length of the flight."
         yield direction(
             f"modes/printed/{frequency}",
             what,

@@ -1,7 +1,7 @@
 """Elevator activity from noise of the accelerometer, against tracking and against errors of the modal frequencies.
 
-Not in [1], which has no noise: rows of this package's own, beside what is required of it and what linear theory says.
-The large climb, 0.01 rad/s^2 of noise a sample, 20 seeds, after 20 s.
+[1] has no noise. These rows compare flights of this package with its own requirements and with linear theory. The
+flights are the large climb with 0.01 rad/s^2 of noise per sample, for 20 seeds, evaluated after 20 s.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206.
@@ -52,7 +52,7 @@ GAINS = (
 
 
 def rows() -> Iterator[Row]:
-    """Yield equal noise on both modes, the curve, better settings, and the gain as second lever."""
+    """Yield equal noise on both modes, the trade-off curve, better settings, and other gains."""
     yield from _shipped_rows()
     yield from _errors_of_the_modes()
     yield from _curve()
@@ -61,7 +61,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Plot both curves."""
+    """Plot elevator activity against tracking and against robustness."""
     from studies.hypersonic2022._trade_picture import draw_trade
 
     yield draw_trade(folder)
@@ -81,7 +81,7 @@ def _detuned_by_name() -> dict[str, DetunedErrors]:
 def _shipped_rows() -> Iterator[Row]:
     found = _activity_by_name()[EQUAL.name]
     most = np.rad2deg(found.elevator.max())
-    about: Any = {"unit": "deg", "note": "Worst of 20 seeds; what the climb itself asks for is not in it.", **FLOWN}
+    about: Any = {"unit": "deg", "note": "Worst of 20 seeds. The climb's own demand is excluded.", **FLOWN}
     yield at_most(
         "shipped/elevator", "equal noise, elevator rms from noise", HIGHEST, most, PLACE, high=HIGHEST, **about
     )
@@ -92,10 +92,10 @@ def _shipped_rows() -> Iterator[Row]:
 
 
 def _errors_of_the_modes() -> Iterator[Row]:
-    """Yield both modal frequencies of the plant 10 % off: together, crossed, each alone."""
+    """Yield flights with the plant's modal frequencies 10 % off: both alike, both opposite, each alone."""
     each, runs = _detuned_by_name(), len(DETUNED) * SEEDS
     mine = each[EQUAL.name]
-    words = f"modes 10 % off, equal noise: runs of {runs} outside the envelope"
+    words = f"modes 10 % off, equal noise: runs outside the envelope, of {runs}"
     yield same("modes/shipped", words, 0, int(mine.lost.sum()), PLACE, **FLOWN)
     high = TRACKING[1]
     words = "modes 10 % off, equal noise: h error rms, worst run"
@@ -104,19 +104,19 @@ def _errors_of_the_modes() -> Iterator[Row]:
     words = "modes 10 % off, equal noise: error of eta1"
     unit = "(slug ft)^1/2"
     yield at_most("modes/shipped-eta1", words, 0.32, mine.eta1.max(), PLACE, high=0.5, unit=unit, note=note, **FLOWN)
-    note = "What the equal noise is for."
+    note = "Equal noise on both modes prevents these losses."
     for name, setting in (("printed", PRINTED), ("accurate", ACCURATE)):
-        words = f"modes 10 % off, filter {setting.name}: runs of {runs} outside the envelope"
+        words = f"modes 10 % off, filter {setting.name}: runs outside the envelope, of {runs}"
         lost = float(each[setting.name].lost.sum())
         yield direction(f"modes/{name}", words, "most are lost", lost, PLACE, above=runs / 2, note=note, **FLOWN)
     words = "modes 10 % off, 1 on both modes: h error rms, worst run"
     worst = each[EQUAL_SETTINGS[0].name].h.max()
-    note = "Least elevator of all, and unstable at 0.90: the oscillation is still growing when the climb ends."
+    note = "Least elevator activity of all, but unstable at 0.90: the oscillation still grows when the climb ends."
     yield direction("modes/slow", words, "much", worst, PLACE, above=1.0, unit="ft", note=note, **FLOWN)
 
 
 def _curve() -> Iterator[Row]:
-    """Yield each flown setting against the linear prediction of the elevator."""
+    """Yield each setting's simulated elevator activity, compared with its linear prediction."""
     for setting, found in trade_curve():
         theory = loop_quality(setting.Q, setting.R)
         tracked = f"h error rms {_rms(found.h):.4f} ft, from noise alone {_rms(found.h_noise):.4f}; "
@@ -125,15 +125,15 @@ def _curve() -> Iterator[Row]:
         id, what = f"curve/{setting.name.split(':')[-1].strip()}", f"Qacc {setting.name}, elevator rms from noise"
         yield within(id, what, *values, PLACE, relative=0.05, **about)
     fast = EQUAL_SETTINGS[-1]
-    note = "Lasting, of second order: a quarter at half the noise. So a faster filter does not track better."
+    note = "A lasting second-order effect: a quarter at half the noise. So a faster filter does not track better."
     means = [float(np.mean(a.offset)) for a in fly_noise((fast,), 4)]
     half = [float(np.mean(a.offset)) for a in fly_noise((fast,), 4, 0.005)]
-    words = "Qacc 1000 on both modes: offset of h that noise leaves, over that of half the noise"
+    words = "Qacc 1000 on both modes: offset of h due to noise, divided by that at half the noise"
     yield within("curve/rectified", words, 4.0, means[0] / half[0], PLACE, relative=0.05, note=note, **FLOWN)
 
 
 def _better_rows() -> Iterator[Row]:
-    """Yield Qacc of mode 1 up, of mode 2 down."""
+    """Yield the setting with Qacc raised for mode 1 and lowered for mode 2."""
     flown, old = _activity_by_name()[BETTER.name], _activity_by_name()[EQUAL.name]
     new, shipped = loop_quality(BETTER.Q), loop_quality(EQUAL.Q)
     name, about = BETTER.name, FLOWN
@@ -156,30 +156,37 @@ def _better_rows() -> Iterator[Row]:
     words = f"Qacc {name}, slowest motion with modes 10 % off"
     ends = new.worst, shipped.worst
     yield direction(
-        "better/growth", words, "calms faster than with equal noise", ends[0], PLACE, below=ends[1], unit="1/s", **about
+        "better/growth",
+        words,
+        "decays faster than with equal noise",
+        ends[0],
+        PLACE,
+        below=ends[1],
+        unit="1/s",
+        **about,
     )
-    words = f"Qacc {name}, error of the modal frequencies up to which all is stable"
+    words = f"Qacc {name}, largest error of the modal frequencies with a stable loop"
     reach = 100 * widest_error(BETTER.Q, BETTER.R), 100 * widest_error(EQUAL.Q, EQUAL.R)
     yield direction(
         "better/reach", words, "wider than with equal noise", reach[0], PLACE, above=reach[1], unit="%", **about
     )
-    words = f"modes 10 % off, Qacc {name}: runs of {len(DETUNED) * SEEDS} outside the envelope"
+    words = f"modes 10 % off, Qacc {name}: runs outside the envelope, of {len(DETUNED) * SEEDS}"
     yield same("better/lost", words, 0, int(_detuned_by_name()[BETTER.name].lost.sum()), PLACE, **about)
     words = f"modes 10 % off, Qacc {name}: error of eta1"
     eta = [float(_detuned_by_name()[s.name].eta1.max()) for s in (BETTER, EQUAL)]
-    note = "Its price."
+    note = "This is the cost of the setting."
     unit = "(slug ft)^1/2"
     more = "more than with equal noise"
     yield direction("better/eta1", words, more, eta[0], PLACE, above=eta[1], unit=unit, note=note, **about)
     least = _activity_by_name()[FEWER.name]
-    note = "Least elevator of the curve with every seed's tracking as required."
+    note = "Least elevator activity on the curve with which every seed tracks as required."
     words = f"Qacc {FEWER.name}, h error rms, worst seed, elevator {np.rad2deg(_rms(least.elevator)):.3f} deg"
     high = TRACKING[1]
     yield at_most("better/fewest", words, high, least.h.max(), PLACE, high=high, unit="ft", note=note, **about)
 
 
 def _gain() -> Iterator[Row]:
-    """Yield other weights of the regulator, with equal noise."""
+    """Yield flights with other weights of the regulator, with equal noise on both modes."""
     settings = [Setting(what, EQUAL.Q, K=weighted_gain(**weights)) for what, weights in GAINS]
     for setting, found, (h, _) in zip(settings, fly_noise(settings), fly_offsets(settings), strict=True):
         theory = loop_quality(setting.Q, setting.R, setting.K)

@@ -1,7 +1,7 @@
-"""Exact linearisation: the error model about the own trim, its identities and poles.
+"""Exact linearisation: error model about the model's own trim, its identities and poles.
 
-[1] prints an error model that no linearisation of its equations gives; that of the corrected equations is held here
-against the oracle's, by complex steps.
+[1] prints an error model that no linearisation of its equations gives. The error model of the corrected equations is
+compared here with the oracle's, which uses complex steps.
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 4-8, 10.
 """
@@ -26,11 +26,11 @@ from trimtab.vehicles.hypersonic_printed import A_PRINTED, B_PRINTED
 
 SECTION = "eqs. 4-8"
 PLACE = "[1] eqs. 4-8"
-FOURTH = "alpha' is Q less the turn of the path, which v fixes: no force is in it. The print took b31 for b32."
+FOURTH = "alpha' is Q minus the path's turn rate, which v sets, so no force enters it. [1] prints b31 in place of b32."
 
 
 def rows() -> Iterator[Row]:
-    """Yield the printed row 4, an identity of any model; rows of A and B, dv/du, and poles."""
+    """Yield the printed row 4, which is an identity of any model, then rows of A and B, dv/du, and poles."""
     yield from _identities()
     yield from _entries()
     yield from _slope()
@@ -53,7 +53,7 @@ def _entries() -> Iterator[Row]:
             id, what = f"{letter}/{i},{j % 9 + 1}", f"exact {letter}[{i}, {name}]"
             yield reference(id, what, got[j], PLACE, name=f"exact/{i}", part=int(j))
         empty = float(np.abs(got[want == 0]).max(initial=0.0))
-        what = f"exact row {i}, the entries that are zero by eqs. 4-8: largest"
+        what = f"exact row {i}: largest of the entries that are zero by eqs. 4-8"
         yield at_most(f"zeros/{i}", what, 0.0, empty, PLACE, high=1e-12, basis="reference")
 
 
@@ -69,8 +69,8 @@ def _slope() -> Iterator[Row]:
     yield reference("slope/determinant", "determinant of the slopes", np.linalg.det(found), PLACE)
     air = craft.forces.aerodynamics
     secant = craft.forces.dynamic_pressure(x.h, x.V) * air.S / craft.m * (air.CD_d2 * at.u[1] + air.CD_d)
-    what = "slope of drag over mass that the printed g(x) has there, its elevator frozen"
-    about: Any = {"unit": "ft/s^2/rad", "note": "Half of what it is: drag is quadratic in the elevator."}
+    what = "slope of drag per mass at the trim in the printed g(x), with its frozen elevator"
+    about: Any = {"unit": "ft/s^2/rad", "note": "Half of the true slope, as drag is quadratic in the elevator."}
     yield reference("slope/secant", what, secant, "[1] eq. 4, g(x)", **about)
 
 
@@ -81,17 +81,21 @@ def _poles() -> Iterator[Row]:
         right = poles[poles.real > 0]
         count = int((oracle_poles(name).real > 0).sum())
         reading = f"internal dynamics, reading {kmode!r} of k_i"
-        yield same(f"{name}/count", f"{reading}, poles on the right", count, len(right), PLACE, basis="reference")
+        yield same(
+            f"{name}/count", f"{reading}, poles in the right half-plane", count, len(right), PLACE, basis="reference"
+        )
         unstable = right.real.max(initial=-np.inf)
-        yield reference(f"{name}/unstable", f"{reading}, the one", unstable, PLACE, name=name, unit="1/s")
+        yield reference(f"{name}/unstable", f"{reading}, unstable pole", unstable, PLACE, name=name, unit="1/s")
         off = pole_error(poles, name)
-        yield at_most(f"{name}/all", f"{reading}, all off by", 0.0, off, PLACE, high=1e-5, **about)
+        yield at_most(f"{name}/all", f"{reading}, largest error of all poles", 0.0, off, PLACE, high=1e-5, **about)
     _, at = error_model()
     poles = linearise(design_model(Hypersonic(), H, V), at.x, at.u).poles()
     off = pole_error(poles, "open-loop")
     yield at_most("open-loop", "largest error of the poles with the input held", 0.0, off, PLACE, high=1e-5, **about)
     rightmost = float(poles.real.max())
-    yield reference("open-loop/unstable", "the rightmost", rightmost, PLACE, name="open-loop", unit="1/s")
+    yield reference(
+        "open-loop/unstable", "rightmost pole with the input held", rightmost, PLACE, name="open-loop", unit="1/s"
+    )
 
 
 @cache

@@ -1,7 +1,7 @@
-"""Filter of the modes: its model, what the printed setting does, and other settings beside no measurement at all.
+"""Filter of the modes: its model, the printed setting, and other settings compared with no measurement at all.
 
-Errors are of a cruise with the loop closed at 200 Hz, from the printed first estimate. **The observer without
-measurement stands beside every setting**: its errors vanish within ten seconds too, by structural damping.
+Errors are those of a cruise with the loop closed at 200 Hz, from the printed initial estimate. **Every setting is
+compared with the observer without measurement**, whose errors vanish within ten seconds too, by structural damping.
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eq. 9 and below.
 """
@@ -30,9 +30,9 @@ from trimtab.vehicles.hypersonic_printed import QUOTED_H, QUOTED_V
 SECTION = "eq. 9"
 PLACE = "[1] eq. 9 and below"
 DENSITIES = 10.0, 1e-5, 1e-7, 1e-8
-"""Density of the noise (rad^2/s^3), with Q = 1e-5 I."""
+"""Noise densities (rad^2/s^3) that are compared, with Q = 1e-5 I."""
 WINDOWS = ((0, 1), (4, 5), (9, 10))
-"""Tolerance of time (s)."""
+"""Time windows, start and end (s), in which errors are compared."""
 UNITS = "(slug ft)^1/2", "(slug ft)^1/2/s"
 WORDS = {
     "none": "no measurement at all",
@@ -58,9 +58,9 @@ def _settings() -> Iterator[Row]:
     flown, place = FlexibleModeFilter.from_publication(), "[1] settings of the filter"
     names, about = ("η1", "η1'", "η2", "η2'"), INPUT
     for name, want, got in zip(names, (1.5122, 0.0, 1.122, 0.0), np.asarray(flown.eta0), strict=True):
-        yield within(f"settings/first-{name}", f"first estimate of {name}", want, got, place, **about)
+        yield within(f"settings/first-{name}", f"initial estimate of {name}", want, got, place, **about)
     yield within("settings/Q", "diagonal of Q_η(0)", 1e-5, np.unique(np.asarray(flown.Q)).item(), place, **about)
-    note = "Printed as a matrix, 2 x 2; there is one measurement."
+    note = "Printed as a 2 x 2 matrix, although there is only one measurement."
     yield within("settings/R", "diagonal of R_η(0)", 10.0, flown.R, place, note=note, **about)
 
 
@@ -69,11 +69,11 @@ def _model() -> Iterator[Row]:
     found = constant_rank(A, C[None])
     rank = round(oracle_number("model/rank"))
     yield same("model/rank", "rank of the observability matrix", rank, found.rank, PLACE, basis="reference")
-    note = "As it stands: with each state in its own size it is below 2, so it says little."
+    note = "Computed without scaling. With states scaled by their sizes it is below 2, so it says little."
     for kmode in KMODES:
         A_k, C_k = _modes(kmode)
         gram = np.linalg.cond(solve_continuous_lyapunov(A_k.T, -np.outer(C_k, C_k)))
-        what = f"condition of the observability Gramian, reading {kmode!r}"
+        what = f"condition number of the observability Gramian, reading {kmode!r}"
         yield reference(f"model/gramian-{kmode}", what, gram, PLACE, relative=1e-5, note=note)
     off = pole_error(np.linalg.eigvals(A), "model/poles")
     yield at_most(
@@ -85,11 +85,13 @@ def _model() -> Iterator[Row]:
     note = "The printed innovation has no such term."
     yield reference("model/d", "d at the trim", d, PLACE, note=note, unit="rad/s^2")
     for i, got in ((1, _steady_bias(d)[1]), (2, _steady_bias(d)[3])):
-        what = f"η{i}' less its estimate where the innovation leaves d out, R = 1e-4"
+        what = f"η{i}' minus its estimate if the innovation omits d, R = 1e-4"
         yield reference(f"model/bias-{i}", what, got, PLACE, relative=1e-5, unit="(slug ft)^1/2/s")
     for i in (1, 2):
         got = PRINTED_ETA0[2 * i - 2] - at.zeta[2 * i]
-        yield reference(f"model/first-{i}", f"printed first estimate of η{i} less its trim", got, PLACE, unit=UNITS[0])
+        yield reference(
+            f"model/first-{i}", f"printed initial estimate of η{i} minus its trim", got, PLACE, unit=UNITS[0]
+        )
 
 
 @cache
@@ -100,7 +102,7 @@ def _modes(kmode: str = "parker") -> tuple[Any, Any]:
 
 
 def _steady_bias(d: float) -> Any:
-    """Return truth less estimate, steady, where d is left out of the innovation: of the accurate filter (4,)."""
+    """Return the steady error (4,), truth minus estimate, of the accurate filter if its innovation omits d."""
     Ad, C, L = _steady_filter(FlexibleModeFilter.for_exact_model())
     return -np.linalg.solve(np.eye(4) - (np.eye(4) - L @ C) @ Ad, L[:, 0] * d)
 
@@ -120,8 +122,8 @@ def _constants() -> Iterator[Row]:
     yield reference("constant/open", "modes alone, slowest time constant", alone, PLACE, unit="s")
     Ad, C1, L = _steady_filter(FlexibleModeFilter.from_publication())
     held = float(np.abs(np.linalg.eigvals(Ad - Ad @ L @ C1)).max())
-    what = "filter as printed, as flown, slowest time constant"
-    note = f"That of the modes alone is {alone:.4f} s: the filter adds nothing to the damping."
+    what = "printed filter, sampled as in flight, slowest time constant"
+    note = f"The modes alone have {alone:.4f} s, so the filter adds no damping."
     about: Any = {"relative": 1e-6, "unit": "s"}
     yield reference("constant/printed", what, -0.005 / np.log(held), PLACE, note=note, **about)
     for density in DENSITIES:
@@ -137,7 +139,7 @@ def _slowest_time_constant(A: Any) -> float:
 
 @cache
 def estimate_errors(name: str) -> Any:
-    """Return errors of the estimate (seeds, samples, 4) over the first 10 s of a cruise, each 5 ms."""
+    """Return errors of the estimate (seeds, samples, 4) over the first 10 s of a cruise, every 5 ms."""
     noisy = name in ("accurate", "tuned")
     scenario = build_climb(CRUISE, filter="equal" if name == "tuned" else name, noise="on" if noisy else "off")
     flown = fly_seeds(scenario, SEEDS if noisy else 1, 10.0, ms(5))
@@ -145,7 +147,7 @@ def estimate_errors(name: str) -> Any:
 
 
 def _rms(name: str, begin: int, end: int) -> Any:
-    """Return the rms of each seed over begin <= t < end (s), (seeds, 4)."""
+    """Return the rms error of the estimate of each seed over begin <= t < end (s), (seeds, 4)."""
     return np.sqrt((estimate_errors(name)[:, 200 * begin : 200 * end] ** 2).mean(axis=1))
 
 
@@ -161,20 +163,20 @@ def _table() -> Iterator[Row]:
                 if name in ("none", "printed"):
                     yield reference(f"{key}/{mode}", what, found[0, i], PLACE, relative=FLIGHT_DIGITS, **about)
                 else:
-                    about["note"] += f" Mean of {SEEDS} seeds beside that of 40 others."
+                    about["note"] += f" Mean of {SEEDS} seeds, compared with the oracle's 40."
                     yield reference_seeds(f"{key}/{mode}", what, found[:, i], PLACE, **about)
 
 
 def _claims() -> Iterator[Row]:
     """Yield the printed claim, which holds without any measurement as well, and the errors of a working filter."""
     place = "[1] simulation: errors of the estimate converge in about 10 s"
-    note = "The claim holds without any measurement: it is structural damping, 3.3 s."
+    note = "The claim holds without any measurement, by structural damping with a time constant of 3.3 s."
     for name, basis in (("printed", "text"), ("none", "own")):
         ratio = float((_rms(name, 9, 10) / _rms(name, 0, 1)).max())
-        what = f"{WORDS[name]}: error at 9-10 s over that at 0-1 s, largest"
+        what = f"{WORDS[name]}: error at 9-10 s divided by that at 0-1 s, largest"
         yield direction(f"claim/{name}", what, "converges", ratio, place, below=0.08, note=note, basis=basis)
     gain = _rms("none", 4, 5)[0] / _rms("accurate", 4, 5)
     for words, part, least in (("mode 1", gain[:, :2], 10.0), ("mode 2", gain[:, 2:], 8.0)):
-        what = f"Q = 1e-5 I, R = 1e-4: error without measurement over that with, 4-5 s, {words}, worst of {SEEDS} seeds"
+        what = f"Q = 1e-5 I, R = 1e-4: error without / with measurement, 4-5 s, {words}, worst of {SEEDS} seeds"
         id = f"claim/works-{words.replace(' ', '-')}"
         yield direction(id, what, "the filter works", float(part.min()), PLACE, above=least, basis="own")

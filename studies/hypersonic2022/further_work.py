@@ -1,7 +1,7 @@
-"""Impulses, steps and every coefficient off: with which probability the flight succeeds, and what matters most.
+"""Impulses, steps and errors of all coefficients: probability of success, and ranking of the coefficients.
 
-[1] names these as further work and has no figure of them. What is held against are the statements of this package's
-docs page, in `printed`; each interval is that of Clopper and Pearson, 95 %.
+[1] names these as further work and has no figures of them. Rows compare with the statements of this package's docs
+page, in `printed`. Intervals are those of Clopper and Pearson, 95 %.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206.
@@ -33,7 +33,7 @@ STATED = {
     False: ((64, 72), (34, 43), (19, 27), (11, 18), (6, 12), (4, 9)),
     True: ((99, 100), (99, 100), (96, 99), (87, 92), (72, 80), (60, 68)),
 }
-"""Success (%) at each of SIZES, without and with integral action."""
+"""Integral action -> interval of the success (%) at each of SIZES."""
 LEADING = {True: "w2", False: "ce"}
 """Integral action -> most important coefficient."""
 STATED_TOTALS = {
@@ -42,12 +42,12 @@ STATED_TOTALS = {
 }
 """Integral action -> total index of the most important coefficients."""
 WORST = "normal-force impulse"
-"""The only disturbance that costs success of its own."""
+"""Only disturbance that by itself makes more than a few flights fail."""
 ABOUT: Any = {"basis": "own"}
 
 
 def rows() -> Iterator[Row]:
-    """Yield success by size, by disturbance, with another filter; then both rankings."""
+    """Yield success by size of the errors, by disturbance and with another filter, then both rankings."""
     yield from _nominal()
     for integral in (False, True):
         yield from _success(integral)
@@ -67,7 +67,7 @@ def figures(folder: Path) -> Iterator[Path]:
 def _nominal() -> Iterator[Row]:
     for integral in (False, True):
         found = fly_plants(np.ones((len(KINDS), len(COEFFICIENTS))), np.arange(len(KINDS)), integral=integral)
-        words = f"nominal plant, {_law_name(integral)}: disturbances that it survives"
+        words = f"nominal plant, {_law_name(integral)}: disturbances with a successful flight"
         yield same(f"nominal/{_law_name(integral)}", words, len(KINDS), int(found.is_success.sum()), PLACE, **ABOUT)
 
 
@@ -82,7 +82,7 @@ def _success(integral: bool) -> Iterator[Row]:
 
 
 def _disturbances() -> Iterator[Row]:
-    """Yield the same plants and noise under each disturbance and under none."""
+    """Yield the failures that each disturbance adds, with the same plants and noise."""
     size, kinds = 0.20, np.arange(len(KINDS))
     factors = np.tile(draw_factors(size, EACH, SEED), (len(KINDS), 1))
     seeds = np.tile(np.arange(EACH), len(KINDS))
@@ -90,8 +90,8 @@ def _disturbances() -> Iterator[Row]:
     fails = {kind: int((found[0] & ~mine).sum()) for kind, mine in zip(KINDS[1:], found[1:], strict=True)}
     others = max(n for kind, n in fails.items() if kind != WORST)
     for kind, n in fails.items():
-        words = f"each coefficient ±{100 * size:.0f} %, with integral action: lost to a {kind} alone, of {EACH}"
-        id, note = f"disturbance/{kind}", f"{found[0].sum()} succeed undisturbed."
+        words = f"each coefficient ±{100 * size:.0f} %, with integral action: flights lost only by a {kind}, of {EACH}"
+        id, note = f"disturbance/{kind}", f"{found[0].sum()} succeed without disturbance."
         if kind == WORST:
             yield direction(id, words, "most of all", n, PLACE, above=others, note=note, **ABOUT)
         else:
@@ -99,14 +99,14 @@ def _disturbances() -> Iterator[Row]:
 
 
 def _filters() -> Iterator[Row]:
-    """Yield the same plants and noise with the filter of the elevator trade."""
+    """Yield the failures with the filter of the elevator trade-off, for the same plants and noise."""
     for size in (0.15, 0.20, 0.30):
         shipped = fly_size(size, True)
         other = fly_size(size, True, EACH, BETTER.Q)
         words = f"each coefficient ±{100 * size:.0f} %, Qacc {BETTER.name}: failures"
         fails = [int((~o.is_success & ~o.lacks_trim).sum()) for o in (other, shipped)]
         apart = int((other.is_success & ~shipped.is_success).sum()), int((shipped.is_success & ~other.is_success).sum())
-        note = f"Shipped: {fails[1]}, same plants and noise. It saves {apart[0]} and loses {apart[1]}."
+        note = f"Default filter: {fails[1]} failures. The other saves {apart[0]} flights and loses {apart[1]}."
         yield direction(
             f"filter/{size}",
             words,
@@ -128,12 +128,12 @@ def _ranking(integral: bool) -> Iterator[Row]:
     words = f"±{100 * size:.0f} %, {law}: most of the variance of success is due to"
     share = f"First-order index {found.first[NAMES.index(by_index[0])]:.2f}; {100 * found.share:.0f} % succeeded."
     yield same(f"ranking/{law}-index", words, lead, by_index[0], PLACE, note=share, **ABOUT)
-    words = f"{law}: fails first when off alone"
+    words = f"{law}: coefficient whose error alone fails first"
     each = [i for i in np.argsort(alone.least, kind="stable") if np.isfinite(alone.least[i])]
     limits = "Limits: " + "; ".join(
         f"{NAMES[i]} {_format_limit('-', alone.down[i])}, {_format_limit('+', alone.up[i])}" for i in each
     )
-    note = f"{limits}. The other {len(NAMES) - len(each)}: none within ±90 %."
+    note = f"{limits}. The other {len(NAMES) - len(each)} have no limit within ±90 %."
     yield same(f"ranking/{law}-alone", words, lead, by_threshold[0], PLACE, note=note, **ABOUT)
     for name in STATED_TOTALS[integral]:
         yield _share(name, integral)
@@ -159,14 +159,14 @@ def _share(name: str, integral: bool) -> Row:
 
 
 def _linear() -> Row:
-    """Return the onset of instability of the linear loop against the failure of the flight."""
+    """Return a row that compares the onset of instability of the linear loop with the failure of the flight."""
     low, high = 0.0, 0.4
     while high - low > 1e-4:
         middle = (low + high) / 2
         low, high = (middle, high) if growth_rate(EQUAL_Q, 1e-4, detuned=(1.0, 1 - middle)) < 0 else (low, middle)
     fails = 100 * float(failure_thresholds(False).down[NAMES.index("w2")])
-    note = "By bisection of the loop's eigenvalues; a flight of 100 s needs some growth before it fails."
-    words = "w2 too low alone: where flight fails"
+    note = "Onset by bisection of the loop's eigenvalues. A flight of 100 s needs some growth before it fails."
+    words = "w2 alone too low: decrease at which flight fails"
     about: Any = {"unit": "%", "note": note, **ABOUT}
     return band("linear/w2", words, 100 * low, fails, PLACE, low=100 * low, high=100 * low + 2.0, **about)
 
@@ -176,14 +176,16 @@ def _format_failures(found: FlightOutcomes) -> str:
     lost, rest = fair & found.lost, fair & ~found.lost
     saturated = rest & found.is_saturated
     off = rest & ~found.is_saturated & found.is_off
-    said = f"{lost.sum()} left the envelope, {saturated.sum()} ended saturated, {off.sum()} ended too far off"
+    said = (
+        f"{lost.sum()} left the envelope, {saturated.sum()} ended saturated, {off.sum()} ended with too large an error"
+    )
     return (
         f"{said}; {found.lacks_trim.sum()} of {fair.size} plants cannot fly level" if found.lacks_trim.any() else said
     )
 
 
 def _format_limit(sign: str, value: Any) -> str:
-    return f"{sign}{100 * value:.1f} %" if np.isfinite(value) else f"{sign}90 % is no failure"
+    return f"{sign}{100 * value:.1f} %" if np.isfinite(value) else f"no failure at {sign}90 %"
 
 
 def _law_name(integral: bool) -> str:

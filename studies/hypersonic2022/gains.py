@@ -1,6 +1,6 @@
 """Gains and certificates: the reference gain, inequalities (14) and (15), and the sign of the robust term.
 
-Weights are not printed; those here are chosen, and the gain with them is held against the oracle's.
+The weights are not printed. Those used here are chosen, and the gain with them is compared with the oracle's.
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 13-18.
 """
@@ -20,13 +20,13 @@ from trimtab.study import Row, at_most, direction, same, within
 SECTION = "eqs. 13-18"
 PLACE = "[1] eq. 13"
 WEIGHTS = tuple((strict, density) for strict in (1.0, 1.01) for density in (10.0, 5e-7))
-"""Q of the regulator in parts of Q_e, density of the noise."""
+"""Pairs of the regulator's Q as a multiple of Q_e, and the noise density (rad²/s³)."""
 SMALL = 1e-5
 """Q_eta as printed, diagonal."""
 
 
 def rows() -> Iterator[Row]:
-    """Yield gain and poles, (14), (15), u_h and its weights."""
+    """Yield the gain and poles, inequalities (14) and (15), and u_h with its weights."""
     yield from _gain()
     yield from _inequality()
     yield from _weight()
@@ -65,7 +65,10 @@ def _gain() -> Iterator[Row]:
     blind = f.K.copy()
     blind[:, 5:] = 0
     rightmost = float(np.linalg.eigvals(f.A + f.B @ blind).real.max())
-    what, note = "the same without feedback of the modes, rightmost real part", "So their estimate has to be fed back."
+    what, note = (
+        "A + B K without feedback of the modes, rightmost real part",
+        "So the modes' estimate has to be fed back.",
+    )
     yield reference("gain/blind", what, rightmost, PLACE, unit="1/s", note=note, relative=1e-6)
 
 
@@ -76,17 +79,17 @@ def _inequality() -> Iterator[Row]:
         f = _feedback(strict)
         left = -composite.inequality_matrix(f)
         off = float(np.abs((left - (1 - strict) * f.Qe) * scale).max())
-        what = f"left side of (14) of the regulator with Q = {strict:g} Q_e, less Q_e - Q, scaled, largest"
+        what = f"left side of (14) minus (Q_e - Q) for Q = {strict:g} Q_e, scaled, largest"
         yield at_most(f"inequality/residual-{strict:g}", what, 0.0, off, place, high=1e-9, basis="own")
     f = _feedback(1.01)
     allowed = np.sqrt(np.diag(f.Qe))
     margin = float(np.linalg.eigvalsh(composite.inequality_matrix(f) / np.outer(allowed, allowed))[0])
-    what = "margin of (14) with Q = 1.01 Q_e, in parts of Q_e"
+    what = "margin of (14) with Q = 1.01 Q_e, relative to Q_e"
     yield within("inequality/margin", what, 0.01, margin, place, relative=1e-5, basis="own")
 
 
 def _weight() -> Iterator[Row]:
-    """Yield (15) corrected: the least weight of the observer's part, and that 1 is too little."""
+    """Yield the least weight of the observer's part in the corrected (15), and its failure with weight 1."""
     place = "[1] eq. 15"
     for strict, density in WEIGHTS:
         f, o = _feedback(strict), _observer(density)
@@ -95,13 +98,13 @@ def _weight() -> Iterator[Row]:
         yield reference(id, f"least weight of the observer in (15), {about}", least, place, relative=1e-6)
         yield same(
             f"{id}/one",
-            f"(15) mended holds with weight 1, as in [1]'s Lyapunov function, {about}",
+            f"corrected (15) holds with weight 1, as in [1]'s Lyapunov function, {about}",
             True,
             _is_positive(f, o, 1.0),
             place,
             basis="text",
             must_hold=False,
-            note="Weight 1 is too little; a greater one always exists, for Pi > 0.",
+            note="Weight 1 is too small. A sufficient weight always exists for Pi > 0.",
         )
 
 
@@ -112,21 +115,21 @@ def _is_positive(f: composite.Feedback, o: composite.Observer, weight: float) ->
 
 
 def _printed_inequality_rows() -> Iterator[Row]:
-    """Yield (15) as printed, on the modes: it accepts cases that the corrected one refuses."""
+    """Yield (15) as printed, for the modes. It accepts cases that the corrected inequality rejects."""
     f = _feedback()
     for density in (10.0, 5e-7):
         got = float(np.linalg.eigvalsh(composite.printed_inequality(f, _observer(density)))[-1])
         what = f"(15) as printed, on the modes and with -R_e, R = {density:g} rad²/s³, largest eigenvalue"
-        note = "Below zero, so it is satisfied where the mended one with weight 1 is not: it proves nothing."
+        note = "Below zero, so it holds where the corrected (15) with weight 1 does not. It proves nothing."
         yield reference(f"printed-15/{density:g}", what, got, "[1] eq. 15", note=note, relative=1e-6)
 
 
 def _robust() -> Iterator[Row]:
-    """Yield u_h of either sign, as a change of the gain, and the weights with which V then decreases."""
+    """Yield u_h with either sign, as a change of the gain, and the least weight with which V decreases."""
     f, o = _feedback(), _observer(10.0)
     for name, factor in (("published", 0.5), ("minus", 1.5)):
         rightmost = float(np.linalg.eigvals(f.A + factor * f.B @ f.K).real.max())
-        what = f"u_h with the {name} sign makes {factor:g} K of K: rightmost real part"
+        what = f"u_h with the {name} sign, a gain of {factor:g} K: rightmost real part"
         yield reference(f"u_h/{name}", what, rightmost, "[1] eq. 16", unit="1/s", relative=1e-6)
     alone = float(np.linalg.eigvals(f.A + f.B @ f.K).real.max())
     half = float(np.linalg.eigvals(f.A + 0.5 * f.B @ f.K).real.max())
@@ -139,7 +142,7 @@ def _robust() -> Iterator[Row]:
         below=0.0,
         unit="1/s",
         must_hold=False,
-        note="Its sign is the wrong one: it halves the gain.",
+        note="The published sign is wrong: u_h halves the gain.",
     )
     for name, robust in (("published", 0.5), ("off", 0.0), ("minus", -0.5)):
         got = composite.least_decrease_weight(f, o, robust)

@@ -1,7 +1,7 @@
-"""Internal dynamics: the bounded motion inside, and what each way to find it leaves of the altitude's error.
+"""Internal dynamics: the bounded internal motion, and the altitude error with each method to find it.
 
-[1] takes the method from elsewhere and linearises; the exact bounded solution is held here against an
-oracle. Errors are of the climb by 5000 ft and 1000 ft/s in closed loop, rms after 20 s.
+[1] takes the method from other work and linearises. The exact bounded solution is compared here with an oracle.
+Errors are rms values after 20 s of the closed-loop climb by 5000 ft and 1000 ft/s.
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eq. 7.
 """
@@ -33,7 +33,7 @@ WANTED = {
 }
 """Quantities compared at AT, and their units."""
 DT, SECONDS = 0.005, 60.0
-LINEAR = "The paper's: its practically vanishing error needs the exact form."
+LINEAR = "The paper uses this form, but its practically vanishing error needs the exact one."
 
 
 def rows() -> Iterator[Row]:
@@ -60,10 +60,10 @@ def _iteration(report: Any) -> Iterator[Row]:
     changes = np.array(report.solution.changes)
     count = len(changes)
     note = "Changes: " + ", ".join(f"{c:.1e}" for c in changes) + "."
-    yield band("iteration/count", "iterations", "5-7", count, PLACE, low=5, high=7, note=note, **OWN)
-    first = "change of the first one, in sizes of the states"
+    yield band("iteration/count", "number of iterations", "5-7", count, PLACE, low=5, high=7, note=note, **OWN)
+    first = "change in the first iteration, relative to the states' sizes"
     yield within("iteration/first", first, 3e-2, changes[0], PLACE, tolerance=5e-3, **OWN)
-    last = "change of the last one"
+    last = "change in the last iteration, relative to the states' sizes"
     yield at_most("iteration/last", last, 1e-10, changes[-1], PLACE, high=1e-10, **OWN)
 
 
@@ -71,12 +71,12 @@ def _ends(report: Any) -> Iterator[Row]:
     worst = float(np.abs(bounded_residual(report.solution, DT)).max())
     what = "central differences against the right-hand side, largest of any component"
     yield at_most("solution/residual", what, 4e-6, worst, PLACE, high=4e-6, **OWN)
-    what = "the same in sizes of the states"
+    what = "central differences against the right-hand side, relative to the states' sizes"
     yield at_most("solution/scaled", what, 1e-5, report.residual, PLACE, high=1e-5, unit="1/s", **OWN)
-    what = "start of the solution against the trim there, in sizes of the states"
+    what = "start of the solution minus the trim there, relative to the states' sizes"
     yield at_most("solution/start", what, 0.0, report.left, PLACE, high=1e-9, **OWN)
     _, done = noncausal_table(Hypersonic(), FilteredClimb(dh=200.0, dV=40.0, wh=0.25, wV=0.25), 150.0, dt=0.01)
-    what = "end of the solution against the trim there, of a climb that is over"
+    what = "end of the solution minus the trim there, for a completed climb"
     yield at_most("solution/end", what, 0.0, done.right, PLACE, high=1e-8, **OWN)
     early = np.abs(report.solution.zeta[[800, 900], 0] - report.solution.zeta[0, 0]) / SCALES[0]
     growth = float(np.log(early[1] / early[0]) / (100 * DT))
@@ -95,17 +95,22 @@ def _closed_loop() -> Iterator[Row]:
     name = "tracking/quasi-static"
     yield reference(f"{name}/h", f"{words} quasi-static", h["quasi-static"], place, **about)
     still = float(flown["quasi-static"].peak("law.h_error")[0])
-    yield reference(f"{name}/peak", "largest error of h", still, place, **about)
+    yield reference(f"{name}/peak", "largest error of h, internal states quasi-static", still, place, **about)
     about |= {"note": LINEAR}
     yield reference("tracking/linear/h", f"{words} linear", h["linear"], place, **about)
     end = float(flown["linear"].final_mean("law.h_error")[0])
-    yield reference("tracking/linear/end", "mean error of h over the last 10 s", end, place, **about)
-    note, what = "The causal form; after the step it is the bounded linear solution.", "linear by Sylvester's equation"
+    yield reference(
+        "tracking/linear/end", "mean error of h over the last 10 s, internal states linear", end, place, **about
+    )
+    note, what = "The causal form equals the bounded linear solution after the step.", "linear by Sylvester's equation"
     own: Any = {"relative": 0.01, "note": note, "unit": "ft", "basis": "own"}
     yield within("tracking/causal", f"{words} {what}", h["linear"], h["sylvester"], place, **own)
     steady = {name: abs(float(flown[name].final_mean("law.h_error")[0])) for name in ("noncausal", "linear")}
     claim = "[1] simulation: the error of altitude vanishes"
-    exactly, nearly = "altitude's error at the end, internal states exact", "altitude's error at the end, linear"
+    exactly, nearly = (
+        "altitude's error at the end, internal states exact",
+        "altitude's error at the end, internal states linear",
+    )
     yield direction("tracking/claim", exactly, "stated", steady["noncausal"], claim, below=0.01, unit="ft")
     yield direction(
         "tracking/claim-linear",

@@ -1,7 +1,7 @@
-"""What the angular accelerometer, and the servos, must be for the source's claim to hold in rough air.
+"""Requirements on the angular accelerometer and the servos for the paper's claim to hold in rough air.
 
-Not in [1], whose sensor, engine and elevator are ideal: rows of this package's own. The claim is that states which
-nobody can measure are found by angular accelerometers, so that control is possible.
+[1] has an ideal sensor, engine and elevator, so nothing printed there can be compared. Its claim is that angular
+accelerometers reveal states that cannot be measured directly, so that control is possible.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206.
@@ -16,7 +16,7 @@ from trimtab.study import Row, same, within
 SECTION = "further work"
 PLACE = "[1] its claim"
 ROUGH = {0.0: 0.012, 1.0: 0.74, 10.0: 7.3}
-"""Median rms errors of h (ft) by the intensity of turbulence, as on the page."""
+"""Factor of turbulence -> median rms error of h (ft), as on the docs page."""
 STATED = {
     "noise a sample": 0.1,
     "bias": 1.0,
@@ -31,7 +31,7 @@ STATED = {
     "elevator's rate": 5.0,
     "engine's servo": 1.0,
 }
-"""Last value of each axis up to which all flights succeed, as on the page."""
+"""Parameter -> worst value up to which all flights succeed, as on the docs page."""
 
 
 def rows() -> Iterator[Row]:
@@ -39,15 +39,15 @@ def rows() -> Iterator[Row]:
     success, runs = without_measurement()
     note = "Modes 10 % off, turbulence, lags: without the accelerometer no flight succeeds."
     yield same(
-        "plane/none", f"no measurement used: flights of {runs} that succeed", 0, success, PLACE, basis="own", note=note
+        "plane/none", f"no measurement used: successful flights, of {runs}", 0, success, PLACE, basis="own", note=note
     )
     for times, (success, error) in rough_flights().items():
-        words = f"turbulence times {times:g}: flights of {runs} that succeed"
+        words = f"turbulence times {times:g}: successful flights, of {runs}"
         yield same(f"plane/flights-{times:g}", words, runs, success, PLACE, basis="own")
         words = f"turbulence times {times:g}: h error rms, median"
         yield within(f"plane/h-{times:g}", words, ROUGH[times], error, PLACE, relative=0.1, basis="own", unit="ft")
     for axis, found in worst_values():
-        words = f"{axis.name}: the worst at which all flights succeed"
+        words = f"{axis.name}: worst value at which all flights succeed"
         steps = ", ".join(f"{v:g}" for v in axis.values)
         id = f"plane/{axis.name}"
         yield same(id, words, STATED[axis.name], found, PLACE, basis="own", unit=axis.unit, note=f"Flown at {steps}.")

@@ -1,6 +1,6 @@
-"""Printed gain: what K does to the printed matrices and to the vehicle, with either sign.
+"""Printed gain: effect of K on the printed matrices and on the vehicle, with either sign.
 
-Weights of the gain are not printed; the signs of its entries are those of v = -K e, while eq. 13 says v = +K e.
+The gain's weights are not printed. The signs of its entries are those of v = -K e, while eq. 13 says v = +K e.
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eq. 13 and numbers of its simulation.
 """
@@ -24,13 +24,13 @@ SPECTRA = {
     "minus": "printed A - B K",
     "rigid": "printed A - B K, rigid 5 x 5",
     "damped": "printed A - B K, damping with the model's sign",
-    "uncoupled": "the same, and no modes in Q'",
+    "uncoupled": "printed A - B K, damping with the model's sign, no modes in Q'",
 }
 """Variant -> description."""
 LOST = 10.0
-"""Angle of attack (deg) at which the vehicle counts as lost; its curves hold from 0 to 4."""
-WEIGHTS = "R_e and Q_e are not printed; the gain here is for chosen weights and for the exact matrices."
-CLAIM = "Neither sign holds: not with the printed matrices, not with the exact ones, not in flight."
+"""Angle of attack (deg) beyond which the vehicle counts as lost. Its curves are valid from 0 to 4 deg."""
+WEIGHTS = "R_e and Q_e are not printed. The computed gain is for chosen weights and for the exact matrices."
+CLAIM = "Neither sign is stable with the printed matrices, with the exact matrices, or in flight."
 
 
 def rows() -> Iterator[Row]:
@@ -43,7 +43,7 @@ def rows() -> Iterator[Row]:
         word = "+" if sign > 0 else "-"
         yield same(
             f"stable/exact-{name}",
-            f"exact A {word} B K decays",
+            f"exact A {word} B K is stable",
             True,
             rightmost < 0,
             "[1] simulation: the errors converge",
@@ -56,7 +56,7 @@ def rows() -> Iterator[Row]:
 
 
 def loop_matrix(name: str) -> Any:
-    """Return the matrix (9, 9), or (5, 5), of one of SPECTRA."""
+    """Return the closed-loop matrix, (9, 9) or (5, 5), of one of SPECTRA."""
     A, B, K = A_PRINTED.copy(), B_PRINTED, K_PRINTED
     if name == "plus":
         return A + B @ K
@@ -70,21 +70,21 @@ def loop_matrix(name: str) -> Any:
 
 
 def _spectrum(name: str, words: str) -> Iterator[Row]:
-    """Yield all poles against the oracle's, the rightmost in a separate row; the printed claim."""
+    """Yield the rightmost pole and the largest error of all poles against the oracle's, and the printed claim."""
     poles, id = np.linalg.eigvals(loop_matrix(name)), f"spectrum/{name}"
-    note = "So K was probably designed without what the modes do to Q'." if name == "uncoupled" else ""
+    note = "So K was probably designed without the effect of the modes on Q'." if name == "uncoupled" else ""
     about: Any = {"unit": "1/s", "note": note}
     yield reference(id, f"{words}, rightmost real part", poles.real.max(), PLACE, **about)
     off, about = pole_error(poles, id), about | {"basis": "reference"}
-    yield at_most(f"{id}-poles", f"{words}, poles off by", 0.0, off, PLACE, high=1e-6, **about)
+    yield at_most(f"{id}-poles", f"{words}, largest error of the poles", 0.0, off, PLACE, high=1e-6, **about)
     if name in ("plus", "minus"):
         claim: Any = {"basis": "text", "must_hold": False, "note": CLAIM}
         decays = bool(poles.real.max() < 0)
-        yield same(f"stable/{name}", f"{words} decays", True, decays, "[1] simulation: the errors converge", **claim)
+        yield same(f"stable/{name}", f"{words} is stable", True, decays, "[1] simulation: the errors converge", **claim)
 
 
 def _gain() -> Iterator[Row]:
-    """Yield each entry against that of the reference gain, with the sign of v = -K e."""
+    """Yield each printed entry compared with the reference gain, with the sign of v = -K e."""
     found = -feedback_gain(error_model()[0], strict=1.0).K
     for i, j in np.ndindex(2, 9):
         yield within(

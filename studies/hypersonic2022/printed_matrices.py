@@ -1,7 +1,7 @@
-"""Printed matrices: each number of A and B beside the emulation of the program that seems to have made it.
+"""Printed matrices: each number of A and B compared with an emulation of the program that probably made it.
 
-The emulation repeats that program's errors and is no model; what the corrected model has in the same place stands in
-the last column. Several printed numbers are cut off, not rounded, so magnitudes are held to 1.1 %.
+The emulation repeats that program's errors and is not a model of the vehicle. The note of each row has the corrected
+model's value. Several printed numbers are truncated, not rounded, so magnitudes are compared within 1.1 %.
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, numbers of its simulation.
 """
@@ -30,19 +30,19 @@ FITTED = {
     (8, 7): "w2",
     (8, 8): "ζ2",
 }
-"""Indices in A, from 0, that fixed a constant of the model which [1] does not print."""
+"""Indices in A, from 0 -> constant of the model that [1] does not print and that is fitted to this entry."""
 TRIVIAL = "A", 3, 4
-"""Entries that are 1 in any model."""
+"""Matrix and indices, from 0, of the entry that is 1 in any model."""
 CLOSE_ENTRIES = {(6, 3), (8, 3)}
-"""Entries met to 1e-5."""
+"""Indices of the entries of A that agree within 1e-5."""
 MAGNITUDE, CLOSELY = 0.011, 1e-5
-SIGN = "The model's sign is the other one: the printed one contradicts eqs. 1-3."
-DAMPING = "The printed sign makes the modes grow, against eq. 1 and against an observer whose errors converge."
-UNEXPLAINED = "No variant that was tried gives it: raw or transposed G, a factor of 2, ψ in place of ψ/Iyy."
+SIGN = "The model has the opposite sign. The printed sign contradicts eqs. 1-3."
+DAMPING = "The printed sign makes the modes grow. This contradicts eq. 1 and an observer whose errors converge."
+UNEXPLAINED = "No variant that was tried gives this value: raw or transposed G, a factor of 2, ψ in place of ψ/Iyy."
 
 
 def rows() -> Iterator[Row]:
-    """Yield 33 magnitudes, the lost signs, and their meaning."""
+    """Yield 33 magnitudes, the signs that differ, and the consequences of these signs."""
     made, exact = emulate_linearisation(), error_model()[0]
     for letter, printed, got, right, names in (
         ("A", A_PRINTED, made.A, exact.A, COLUMNS),
@@ -61,7 +61,7 @@ def _entry(letter: str, at: tuple[int, int], name: str, printed: float, got: flo
     id, citation = f"{letter}/{i + 1},{j + 1}", _matrix_citation(letter)
     what = f"{letter}[{i + 1}, {name}], magnitude"
     fitted = letter == "A" and at in FITTED
-    basis = f" [basis] It fixed {FITTED[at]}." if fitted else ""
+    basis = f" [basis] {FITTED[at]} was fitted to this entry." if fitted else ""
     note = f"Exact model: {right:.4g}.{basis}"
     relative = CLOSELY if letter == "A" and at in CLOSE_ENTRIES else MAGNITUDE
     about: dict[str, Any] = {"relative": relative, "note": note, "basis": "input" if fitted else "printed"}
@@ -81,7 +81,7 @@ def _damping() -> Iterator[Row]:
     poles = np.linalg.eigvals(A_PRINTED)
     for k, w in ((1, 16.5), (2, 19.9)):
         near = poles[np.abs(poles - 1j * w).argmin()]
-        what = f"printed A alone, growth of its oscillation near {w} rad/s"
+        what = f"printed A alone, growth rate of the oscillation near {w} rad/s"
         yield reference(f"damping/{k}", what, near.real, _matrix_citation("A"), unit="1/s")
     rightmost = float(np.linalg.eigvals(error_model()[0].A[5:, 5:]).real.max())
     yield direction(

@@ -1,7 +1,7 @@
-"""Trim and model: where level flight is, the loop of pitch and modes, and gravity.
+"""Trim and model: level flight, the coupling of pitch and modes, and gravity.
 
-Trims are of the model as published; the trim that is usually quoted with it belongs to the vehicle to which its curves
-were fitted.
+Trims are those of the model as published. The trim usually quoted with the model belongs to the vehicle to which its
+curves were fitted.
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 1-3.
 """
@@ -32,11 +32,11 @@ LEVEL = f"{PLACE}, level at 85 000 ft, 7702.0808 ft/s"
 QUOTED_PHI = 0.2514
 GROUND = 32.174
 QUOTED = "the trim usually quoted with this model, not in [1]"
-"""Angle of attack 1.5153 deg, fuel ratio 0.2514, elevator 11.4635 deg."""
+"""Citation of the quoted trim: angle of attack 1.5153 deg, fuel ratio 0.2514, elevator 11.4635 deg."""
 
 
 def rows() -> Iterator[Row]:
-    """Yield trims, the residual at the quoted one, forces, the loop of pitch and modes, and gravity."""
+    """Yield trims, the residuals at the quoted trim, forces, the coupling of pitch and modes, and gravity."""
     craft = Hypersonic()
     at = level_trim(craft, QUOTED_H, QUOTED_V)
     yield from _trim(at)
@@ -59,7 +59,7 @@ def _trim(at: LevelTrim) -> Iterator[Row]:
 
 
 def _quoted_trim_rows(craft: Hypersonic) -> Iterator[Row]:
-    """Yield the unbalanced equations there."""
+    """Yield the residuals of the trim equations at the quoted trim."""
     x = craft.level_state(QUOTED_H, QUOTED_V, QUOTED_ALPHA, QUOTED_ELEVATOR)
     u = HypersonicInput(QUOTED_PHI, QUOTED_ELEVATOR)
     along, normal = craft.path_accelerations(0.0, x, u)
@@ -70,7 +70,9 @@ def _quoted_trim_rows(craft: Hypersonic) -> Iterator[Row]:
         "eta1": ("N1/w1²", x.eta1, "(slug ft)^1/2"),
         "eta2": ("N2/w2²", x.eta2, "(slug ft)^1/2"),
     }
-    note = "It trims the vehicle to which the curves of eqs. 1-3 were fitted; the curves do not balance there."
+    note = (
+        "The quoted trim belongs to the vehicle that eqs. 1-3 were fitted to. The fitted curves do not balance there."
+    )
     for name, (words, got, unit) in left.items():
         yield reference(f"quoted/{name}", f"at the quoted trim, {words}", got, QUOTED, unit=unit, note=note)
 
@@ -89,25 +91,25 @@ def _forces(craft: Hypersonic, at: LevelTrim) -> Iterator[Row]:
 
 
 def _loop(craft: Hypersonic) -> Iterator[Row]:
-    """Yield pitch and modes solved together, for each load alone, against the oracle's matrix."""
+    """Yield the coupled pitch and modal accelerations for each load alone, compared with the oracle's matrix."""
     for kmode in KMODES:
         modes = replace(craft.modes, kmode=kmode)
         loads = [modes.solve_accelerations(craft.Iyy, *unit) for unit in np.eye(3)]
         got = np.array([[float(a) for a in column] for column in loads]).T
         want = oracle_values()[f"loop/{kmode}"].reshape(3, 3)
         off = float((np.abs(got - want) / np.abs(want).max(axis=1, keepdims=True)).max())
-        what = f"Q', η1'', η2'' by M, r1, r2, reading {kmode!r} of k_i: off by, in parts of each row's largest"
+        what = f"Q', η1'', η2'' by M, r1, r2, reading {kmode!r} of k_i: largest error, relative to each row's largest"
         yield at_most(f"loop/{kmode}", what, 0.0, off, PLACE, high=1e-11, basis="reference")
 
 
 def _gravity() -> Iterator[Row]:
-    note = "Reconstructed: the attraction at 85 000 ft, by which the printed A is met."
+    note = "Reconstructed: gravity at 85 000 ft, which reproduces the printed A."
     yield reference("gravity/value", "gravity", Hypersonic().g, PLACE, unit="ft/s^2", note=note)
     heavy = replace(Hypersonic(), g=GROUND)
     rows_4_to_9 = (A_PRINTED != 0) & np.isin(np.arange(9), (3, 4, 6, 8))[:, None]
     off = np.abs(np.abs(emulate_linearisation(heavy).A[rows_4_to_9] / A_PRINTED[rows_4_to_9]) - 1)
     count = int(((off > 0.014) & (off < 0.0225)).sum())
-    what = "entries of the printed A that 32.174 ft/s² would leave 1.4 to 2.25 % off"
+    what = "entries of the printed A that are 1.4 to 2.25 % off with 32.174 ft/s²"
     yield same("gravity/ground", what, 5, count, "[1] printed A", basis="own")
     at = level_trim(heavy, QUOTED_H, QUOTED_V)
     pairs = {"alpha": (math.degrees(at.zeta[0]), "deg"), "Phi": (at.u.Phi, "1")}

@@ -15,7 +15,7 @@ RESTART_S = 0.5
 """Time from the end of a killed vehicle to its next start (s). In virtual time a program starts at once."""
 Act = Callable[[FaultFlight], None]
 Prepare = Callable[[FaultFlight], dict[str, dict[str, str]]]
-"""Prepares a flight. Returns environments by process, "vehicle" or "autopilot"."""
+"""Function that prepares a flight and returns environment variables by process, "vehicle" or "autopilot"."""
 
 
 def inject_fault(text: str) -> Act:
@@ -188,7 +188,7 @@ def send_signal(who: str, number: int, then: int | None = None, after: float = 1
 
 
 def restart_autopilot(flight: FaultFlight) -> None:
-    """Kill the autopilot. With the vehicle in failsafe, start another one without a confirmation."""
+    """Kill the autopilot. Once the vehicle is in failsafe, start another autopilot without a confirmation."""
     flight.let_fly(flight.undisturbed_s)
     flight.autopilot.kill()
     flight.vehicle.wait_for("failsafe: no command")
@@ -211,7 +211,7 @@ def restart_vehicle(flight: FaultFlight) -> None:
 
 
 def kill_child(who: str, word: str) -> Act:
-    """Return an act that kills a child process of an end. word: in its command line."""
+    """Return an act that kills a child process of the vehicle or autopilot. word: text in the child's command line."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -222,7 +222,10 @@ def kill_child(who: str, word: str) -> Act:
 
 
 def freeze_child(who: str, word: str, seconds: float) -> Act:
-    """Return an act that stops a child process of an end for a while. word: in its command line."""
+    """Return an act that stops a child process of the vehicle or autopilot for a while.
+
+    word: text in its command line.
+    """
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -245,7 +248,7 @@ def prepare_clock(who: str, seconds: int) -> Prepare:
 
 
 def step_clocks(flight: FaultFlight) -> None:
-    """Let the wall clock jump, and stay there."""
+    """Make the wall clock jump, and keep the offset."""
     flight.let_fly(flight.undisturbed_s)
     flight.step_clocks()
 

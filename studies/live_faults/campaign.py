@@ -1,7 +1,7 @@
 """Campaign: every case once, several at a time, each in a process of its own.
 
-The ends of a flight, and the link between them, are scheduled before ordinary processes where that is allowed. All
-verdicts are based on logged times, so cases that start and end during a flight do not disturb it.
+Vehicle, autopilot and the link between them have priority over ordinary processes where that is allowed. All verdicts
+are based on logged times, so cases that start and end during a flight do not disturb it.
 """
 
 import functools
@@ -55,7 +55,7 @@ def fly_cases(
         jobs: number of cases at a time.
         is_real: True flies real processes in real time; False flies in virtual time.
         seed: seed of virtual time.
-        tell: receives each outcome.
+        tell: function that is called with each outcome.
     """
     apart = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as scratch, ProcessPoolExecutor(jobs, apart) as pool:

@@ -1,4 +1,4 @@
-"""Case of the campaign: its act, its required ending, the required lines of the logs; and the verdict on a flight."""
+"""Cases of the campaign, with act, required ending and required log lines, and the verdict on a flight."""
 
 import contextlib
 import re
@@ -19,12 +19,12 @@ from trimtab.run.replay import describe_replay, replay
 from trimtab.scenarios.recorded import rebuild_scenario
 
 FLY_S, AFTER_S = 4.0, 2.0
-"""Flight time of the autopilot from arming on, and running time of the vehicle after it (s)."""
+"""Flight time (s) of the autopilot after arming, and time (s) for which the vehicle runs on after the flight."""
 FLIES, STOPS, EITHER = "flies on", "stops", "either"
 KILLED = -signal.SIGKILL
 REFUSED = 2
 ENDED = (0, 1)
-"""Exit statuses of an end that was neither refused nor crashed. 1 means that its result lists problems."""
+"""Exit statuses of a process that was neither refused nor crashed. 1 means that its result lists problems."""
 VEHICLE, AUTOPILOT = "vehicle-1", "autopilot-1"
 FAILSAFE = logged_event(VEHICLE, "failsafe: no command")
 
@@ -32,23 +32,23 @@ FAILSAFE = logged_event(VEHICLE, "failsafe: no command")
 CAUSE, UNEXPLAINED, REPLAY = "cause:", "unexplained:", "replay"
 """First words of problems that do not concern safety."""
 WAITING_S = 0.1
-"""Longest wait (s) of a process, the link or the campaign. After a longer one a failure may be due to the wait."""
+"""Longest wait (s) of a process, the link or the campaign. After a longer wait, the wait may cause a failure."""
 UNHEARD_S = 0.04
-"""Delay of a vehicle (s) after which its outputs may have gone safe on their own: they wait 50 ms, armed or not."""
+"""Delay of a vehicle (s) after which its outputs may have gone safe on their own. Outputs wait for 50 ms."""
 
 
 class OpenFlight(Protocol):
-    """Opens a flight, by real processes or in virtual time."""
+    """Function that opens a flight, with real processes or in virtual time."""
 
     def __call__(self, folder: Path, known: VehicleKnowledge, *, serial: bool = False) -> FaultFlight:
-        """Open the line of a flight. serial: over a pair of serial devices."""
+        """Open a flight. serial: True for a link over a pair of serial devices."""
         ...
 
 
 class RefusedStart(NamedTuple):
-    """Autopilot that must be refused, and then flies with the command it was told to type.
+    """Start of an autopilot that must be refused. It then flies with the command that the refusal suggests.
 
-    says: pattern of the message it must get.  keeps_environment: True if its wrong surroundings remain afterwards.
+    says: pattern of the refusal.  keeps_environment: True if the wrong environment remains for the second start.
     """
 
     says: str
@@ -61,13 +61,16 @@ class RefusedStart(NamedTuple):
 class Case(NamedTuple):
     """Fault of the pair, with its required effects.
 
-    does: description of the act on an armed flight.  act: does it.  expected_ending: FLIES, no failsafe; STOPS, one;
-    EITHER.  evidence_checks: required evidence in the logs.  actuator_fault_s: time that actuators ignore commands (s).
+    does: description of the act on an armed flight.  act: function that performs the act.
+    expected_ending: FLIES (no failsafe), STOPS (failsafe) or EITHER.  evidence_checks: required evidence in the logs.
+    actuator_fault_s: time for which actuators ignore commands (s).
     command_delay_s: delay of commands within the vehicle (s), by a fault of its uplink.
-    statuses: exit statuses other than ENDED, by process.  fly: see FLY_S.  missing_requirement: why it cannot be done
-    here, or nothing.  partial: processes whose log may be incomplete.  stopped_s: time that a process was stopped on
-    purpose (s), by its name.  refused_start: refused start of an autopilot, before the flight.  explains: patterns of
-    log lines that the act explains; None: any line is allowed.  has_autopilot: False leaves the flying to the act.
+    statuses: exit statuses other than ENDED, by process.  fly: flight time (s), as FLY_S.
+    missing_requirement: returns the reason why this machine cannot run the case, or an empty text.
+    partial: processes whose log may be incomplete.  stopped_s: process -> time for which it was stopped on purpose (s).
+    refused_start: start of an autopilot that is refused, before the flight.
+    explains: patterns of log lines that the act explains; None allows any line.
+    has_autopilot: False if the act itself flies the vehicle.
     """
 
     name: str
@@ -94,11 +97,12 @@ class Case(NamedTuple):
 class CaseOutcome(NamedTuple):
     """Outcome of a case.
 
-    problems: empty where it holds.  skipped: why it was not done.  waited: what was kept waiting, for how long; empty
-    where nothing was.  replays: bit by bit, of those of the autopilots' logs that hold a step.  repeated: this is the
-    second flight, for in the first one something was kept waiting.
+    problems: problems of the flight, none if the case holds.  skipped: reason why it was not flown.
+    waited: processes that were kept waiting, with their times; empty if none was.
+    replays: for each autopilot log with a step, True if its replay is bit-exact.
+    repeated: True for a second flight, because a process was kept waiting in the first.
     digest: hash of all packets, log rows and events of a flight in virtual time.
-    acted_s: why outputs should have been safe -> longest time (s) for which they acted, in virtual time.
+    acted_s: reason why outputs should have been safe -> longest time (s) for which they acted, in virtual time.
     """
 
     name: str
@@ -114,20 +118,23 @@ class CaseOutcome(NamedTuple):
     acted_s: dict[str, float] = {}
 
     def has_problem(self, kind: str | None) -> bool:
-        """Return whether a problem is of a kind; None: of no kind, so the vehicle was not safe or a process crashed."""
+        """Return True if a problem is of this kind. None is no kind: the vehicle was not safe, or a process crashed."""
         kinds = [next((k for k in (CAUSE, UNEXPLAINED, REPLAY) if p.startswith(k)), None) for p in self.problems]
         return kind in kinds
 
     @property
     def verdict(self) -> str:
-        """Verdict in a word or two. "kept waiting": the case failed on a machine that was too busy for any flight."""
+        """Verdict in one or two words.
+
+        "kept waiting" means that the case failed on a machine that was too busy for any flight.
+        """
         if self.skipped or not self.problems:
             return "skipped" if self.skipped else "holds"
         return "kept waiting" if self.waited else "fails"
 
 
 def fly_case(case: Case, known: VehicleKnowledge, folder: Path, open_flight: OpenFlight = FaultFlight) -> CaseOutcome:
-    """Fly a case and judge it. Errors become problems. open_flight: real processes, or virtual time."""
+    """Fly a case and return its outcome. Errors become problems. open_flight: real processes, or virtual time."""
     why = case.missing_requirement()
     if why:
         return CaseOutcome(case.name, case.does, "", (), (), why)
@@ -162,11 +169,11 @@ def fly_case(case: Case, known: VehicleKnowledge, folder: Path, open_flight: Ope
 
 
 def _start_after_refusal(flight: FaultFlight, start: RefusedStart, duration: float) -> None:
-    """Start an autopilot that is refused, then another one with the command it was told to type."""
+    """Start an autopilot that is refused, then another one with the command that the refusal suggests."""
     environment = start.environment(flight)
     typed = flight.start_refused(*start.options, scenario=start.scenario, **environment)
     if not typed:
-        raise NotReady(f"nothing to type in what it was told: {flight.refused[-1].output_text.strip()[-300:]}", False)
+        raise NotReady(f"the refusal suggests no command: {flight.refused[-1].output_text.strip()[-300:]}", False)
     flight.start_as_told(typed, duration, **(environment if start.keeps_environment else {}))
 
 
@@ -215,7 +222,7 @@ def evaluate_flight(case: Case, ended: list[ProcessResult]) -> CaseOutcome:
 
 
 def _check_replay(name: str, log: Log) -> str:
-    """Return the problem of replaying an autopilot's log over its frames; empty if all bits are equal."""
+    """Return the problem found by replaying an autopilot's log, or an empty text if all bits are equal."""
     try:
         again = replay(log, rebuild_scenario(log, None))
     except InputError as error:
@@ -254,7 +261,7 @@ def _check_log(case: Case, log: Log, told: dict[str, Any] | None) -> list[str]:
 
 
 def _actuator_fault_interval(case: Case, log: Log) -> tuple[float, float] | None:
-    """Return when a fault of the actuators acted, by its event."""
+    """Return the start and end (s) of an actuator fault, from its logged event, or None."""
     if not case.actuator_fault_s:
         return None
     times: list[Any] = [e["t"] for e in log.metadata.get("events", []) if "actuators.fault.word" in e["text"]]

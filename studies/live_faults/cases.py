@@ -1,4 +1,4 @@
-"""Cases of the campaign."""
+"""Cases of the campaign, each with its disturbance and the expected result."""
 
 from studies.live_faults import acts
 from studies.live_faults.case import AUTOPILOT, EITHER, FAILSAFE, FLIES, STOPS, VEHICLE, Case
@@ -12,9 +12,9 @@ from studies.live_faults.words import EvidenceCheck, counter_rise, flag_gap, log
 WORDS = ("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
 PARTS = ("sensor:navigation", "downlink", "uplink", "actuators")
 SILENT = {"off", "stuck", "garbage"}
-"""Fault words of an uplink after which no command is new."""
+"""Fault words of an uplink that let no new command through."""
 NOT_A_NUMBER = ("sensor:navigation", "garbage")
-"""Fault with a NaN, for which the supervisor stops: a vehicle's only sensor cannot be trusted again."""
+"""Fault that yields NaN. The supervisor then ends the flight, as a vehicle's only sensor cannot be trusted again."""
 CUTS = (0.1, 0.3, 1.0, 5.0)
 LOST_S = 9.0
 """Flight time (s): 1 until the link is lost, 5.2 until the supervisor ends the flight, 1.25 until the lift is off."""

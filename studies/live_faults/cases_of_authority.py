@@ -16,7 +16,7 @@ from trimtab.flight.mavlink.stamps import running_clock
 
 SECOND = "autopilot-2"
 CONFIRM = "ended: arming refused: .*; type --rearm at fly"
-"""Message for an autopilot that asks to arm after a failsafe without a confirmation."""
+"""Pattern of the message for an autopilot that asks to arm after a failsafe without a confirmation."""
 OTHER_SYSTEM, COMPUTER = 7, 191
 AHEAD, HOUR = 4_900_000, 36_000_000_000
 """Times of 0.49 s and an hour, in units of 100 ns."""
@@ -25,7 +25,7 @@ FULL_RUDDER = {"valid": 1, "rudder_pulse": 2.1e-3, "speed_rpm": 9000.0}
 
 @contextmanager
 def other_system(flight: FaultFlight) -> Iterator[tuple[Injector, Endpoint]]:
-    """Join the link as another system with the key, past the relay."""
+    """Join the link as another system with the key, bypassing the relay."""
     link, endpoint = flight.join_line(OTHER_SYSTEM, COMPUTER, flight.key)
     try:
         yield Injector(link, endpoint, flight.clock), endpoint
@@ -35,7 +35,7 @@ def other_system(flight: FaultFlight) -> Iterator[tuple[Injector, Endpoint]]:
 
 
 def send_commands(count: int, ahead: int = 0) -> Act:
-    """Return an act: another system with the key commands full rudder, its times ahead of the vehicle's."""
+    """Return an act in which another system with the key commands full rudder, with times ahead of the vehicle's."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -49,7 +49,7 @@ def send_commands(count: int, ahead: int = 0) -> Act:
 
 
 def ask_to_disarm(flight: FaultFlight) -> None:
-    """Ask to disarm as another autopilot with the key, in a flight that is not its own."""
+    """Ask to disarm, as another autopilot with the key, while the first one flies."""
     flight.let_fly(flight.undisturbed_s)
     with other_system(flight) as (injector, endpoint):
         asked = {"command": CommandCode.ARM, "param3": endpoint.session, "target_system": 1, "target_component": 1}
@@ -143,4 +143,4 @@ AUTHORITY: list[Case] = [
         ),
     ),
 ]
-"""Senders with the key but without authority must not be obeyed."""
+"""Cases of senders that have the key but no authority. The vehicle must not obey them."""

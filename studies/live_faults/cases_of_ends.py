@@ -92,7 +92,7 @@ PROCESSES: list[Case] = [
         stopped_s={VEHICLE: 1.0},
     ),
 ]
-"""Ends that die, stop, or are asked to end."""
+"""Cases of a vehicle or an autopilot that dies, stops, or is asked to end."""
 CLOCKS: list[Case] = [
     Case(
         f"{who}-clock-{'on' if seconds > 0 else 'back'}",
@@ -106,7 +106,7 @@ CLOCKS: list[Case] = [
     for who in ("vehicle", "autopilot")
     for seconds in (3600, -3600)
 ]
-"""Wall clocks that jump."""
+"""Cases of wall clocks that jump."""
 DISKS: list[Case] = [
     Case(
         f"{name.partition('-')[0]}-disk-full{'-again' if after else ''}",
@@ -122,7 +122,7 @@ DISKS: list[Case] = [
     for name in (VEHICLE, AUTOPILOT)
     for after in (None, 1.0)
 ]
-"""Full disks."""
+"""Cases of full disks."""
 WRITERS: list[Case] = [
     Case(
         f"{name.partition('-')[0]}-writer-killed",
@@ -135,7 +135,7 @@ WRITERS: list[Case] = [
     )
     for name in (VEHICLE, AUTOPILOT)
 ]
-"""Logs whose writer has died."""
+"""Cases of logs whose writer process has died."""
 
 
 def _signal_cases() -> list[Case]:

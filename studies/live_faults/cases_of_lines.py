@@ -111,7 +111,7 @@ FRAMES: list[Case] = [
         (logged_event(AUTOPILOT, "no data from"),),
     ),
 ]
-"""Frames that are damaged, lost, late, or repeated."""
+"""Cases of frames that are damaged, lost, late, or repeated."""
 POURED: list[Case] = [
     Case(
         "fuzz-up",
@@ -201,11 +201,11 @@ POURED: list[Case] = [
         serial=True,
     ),
 ]
-"""Overload, foreign data, and missing links."""
+"""Cases of overload, foreign data, and missing links."""
 
 
 def send_samples_back(flight: FaultFlight) -> None:
-    """Send fifty validly signed samples with decreasing times, a millisecond each, from half a second ago."""
+    """Send fifty validly signed samples whose times decrease by 1 ms each, from half a second ago."""
     flight.let_fly(flight.undisturbed_s)
     with other_system(flight) as (injector, _):
         now = injector.read_vehicle_time()
@@ -268,7 +268,7 @@ def _cut_one_way_case(direction: int, seconds: float) -> Case:
 
 
 def _line_cases() -> list[Case]:
-    """Return cases of wrong times and numbers, and of a serial link as bad as a datagram link."""
+    """Return cases of wrong times and sequence numbers, and of a serial link with the faults of a datagram link."""
     return [
         Case(
             "numbers-random-up",

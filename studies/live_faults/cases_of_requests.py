@@ -69,7 +69,7 @@ def arm_in_failsafe(flight: FaultFlight) -> None:
 
 
 def start_twin(flight: FaultFlight) -> None:
-    """Start a second vehicle on the link, with the same numbers and the same key; then an autopilot."""
+    """Start a second vehicle on the link, with the same system number and key, then an autopilot."""
     flight.start_twin()
     flight.start_refused()
 
@@ -115,7 +115,7 @@ def _refusals() -> list[Case]:
 
 
 def _station_cases() -> list[Case]:
-    """Return cases of a ground station's requests that are unsupported, or not allowed now."""
+    """Return cases of a ground station's requests that are unsupported, or not allowed at that time."""
     held = absent_event(AUTOPILOT, "supervisor: hold")
     modes = [
         Case(

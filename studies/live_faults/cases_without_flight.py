@@ -50,7 +50,7 @@ int main(void)
 
 
 class ProcessCase(NamedTuple):
-    """Case without a flight. run: takes an empty folder; returns what was seen, and problems."""
+    """Case without a flight. run: function of an empty folder that returns observations and problems."""
 
     name: str
     does: str
@@ -177,7 +177,7 @@ def read_key_from_firmware(folder: Path) -> tuple[list[str], list[str]]:
     modes = ", ".join(f"{f.name} {f.stat().st_mode & 0o777:o}" for f in holders)
     elf = folder / "board" / "firmware.elf"
     if elf in holders or not elf.exists():
-        problems.append("firmware.elf is not there, or holds the key")
+        problems.append("firmware.elf is missing, or contains the key")
     return [f"the key is in {modes or 'no file'}", f"firmware.elf: {elf.stat().st_size} bytes, without it"], problems
 
 
@@ -218,7 +218,7 @@ def list_boards(folder: Path) -> tuple[list[str], list[str]]:
 
 
 def _explain_no_tools(*tools: str) -> Callable[[], str]:
-    return lambda: ", ".join(f"there is no {tool}" for tool in tools if not shutil.which(tool))
+    return lambda: ", ".join(f"{tool} is not installed" for tool in tools if not shutil.which(tool))
 
 
 ARM_TOOLS = _explain_no_tools("arm-none-eabi-gcc", "make")

@@ -50,9 +50,9 @@ TOLD = logged_event(AUTOPILOT, "vehicle: failsafe: no command")
 TOLD_REFUSED = logged_event(AUTOPILOT, "vehicle: commands without authority refused")
 TOLD_DISARMING = logged_event(AUTOPILOT, "vehicle: Disarming by")
 SENT_ONCE = TOLD, TOLD_REFUSED, TOLD_DISARMING
-"""What the vehicle tells the autopilot once. Another disturbance may lose it in transit."""
+"""Messages that the vehicle sends to the autopilot only once. Another disturbance may lose them in transit."""
 BEHIND = r"refused: the clock of 1/191 is \S+ s behind"
-"""Message after a restart: a dead vehicle's stored time is ahead of its clock, so that no stamp is used twice."""
+"""Message after a restart. A dead vehicle's stored time is ahead of its clock, so that no time stamp is used twice."""
 RESTARTED = "no longer armed", "sample rejected", "clock has changed", "of another clock", "too long", BEHIND
 NO_COMMAND = r"failsafe: no command", r"no longer armed"
 LOST = (
@@ -62,14 +62,14 @@ LOST = (
     r"supervisor: flying: found again",
 )
 STALE = r"supervisor: lost: (estimate stale|link lost)", r"supervisor: flying: found again"
-"""Lines that follow from missing commands, from silence, from old samples."""
+"""Patterns of log lines after missing commands (NO_COMMAND), no data (LOST) and old samples (STALE)."""
 UNCONFIRMED = (
     "arming refused: confirmation",
     "(confirmation|speed after failsafe) .* REFUSED$",
-    "frames lost .* REFUSED$",  # those that the killed autopilot's line had lost, as far as they are counted late
+    "frames lost .* REFUSED$",  # frames lost on the killed autopilot's link, if counted late
 )
 REFUSED = logged_event(SECOND, CONFIRM)
-"""Refusal of an autopilot that starts after another fault has caused a failsafe: no confirmation was given."""
+"""Refusal of an autopilot that starts without a confirmation after another fault has caused a failsafe."""
 GARBAGE = "supervisor: (ended|fault): ", "autopilot: fault"
 """Lines that follow from an estimate that is not finite or beyond the envelope."""
 FORGED = "unsigned or signed"
@@ -83,12 +83,13 @@ LONG_S = 20.0
 class Disturbance(NamedTuple):
     """Disturbance of a flight.
 
-    act: the act, with its waits.  ends: how the flight must end, as in Case.  lasts: s.  evidence: what the
-    logs must contain.  explains: patterns of log lines that it explains.  fly: seconds of flight it needs.
-    is_last: the flight does not go on as before, so nothing may be drawn after it.  partial: whose log may be
-        incomplete.
+    act: function that performs it, with its waits.  ends: how the flight must end, as in Case.  lasts: duration (s).
+    evidence: required contents of the logs.  explains: patterns of log lines that it explains.
+    fly: flight time that it needs (s).
+    is_last: True if the flight does not go on as before, so that no disturbance may be drawn after it.
+    partial: processes whose log may be incomplete.
     command_delay_s: delay of commands (s) within the vehicle.
-    missing_requirement: why it cannot be done on this machine, in real time.
+    missing_requirement: returns the reason why this machine cannot do it in real time, or an empty text.
     """
 
     kind: str
@@ -141,7 +142,7 @@ def freeze_autopilot(draw: random.Random) -> Disturbance:
 
 
 def replace_autopilot(draw: random.Random) -> Disturbance:
-    """Draw a second autopilot: after the first was killed it may not arm unconfirmed; or it takes over and flies on."""
+    """Draw a second autopilot. It asks to arm unconfirmed after the first was killed, or takes over and flies on."""
     if draw.random() < 0.5:
         return Disturbance(
             "autopilot replaced",
@@ -383,7 +384,7 @@ def break_sensor(draw: random.Random) -> Disturbance:
         evidence.append(flag_gap(AUTOPILOT, "downlink.navigation.fresh", gap))
     evidence += [FAILSAFE, logged_event(AUTOPILOT, GARBAGE[0])] if not_a_number else []
     explains = (r"fault\.", *(STALE if silent or not_a_number or word in ("slow", "delayed", "intermittent") else ()))
-    explains += LOST if silent else ()  # a vehicle without samples is heard once a second
+    explains += LOST if silent else ()  # a vehicle without samples sends data once a second
     explains += (*GARBAGE, *NO_COMMAND) if not_a_number else ()
     ends = STOPS if not_a_number else FLIES
     does = f"{part} {word} for {seconds} s"
@@ -465,7 +466,7 @@ def spoil_network(draw: random.Random) -> Disturbance:
 
 
 def fill_disk(draw: random.Random) -> Disturbance:
-    """Draw a disk below one of the logs that is full for a while."""
+    """Draw a disk that holds one of the logs and is full for a while."""
     who = draw.choice((VEHICLE, AUTOPILOT))
     seconds = round(draw.uniform(0.3, 1.0), 2)
     return Disturbance(

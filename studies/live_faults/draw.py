@@ -1,4 +1,4 @@
-"""Random flights: one disturbance or two, at random times; or two parts that stall.
+"""Random flights with one or two disturbances at random times, or with two parts that stall.
 
 The required ending, and the required and allowed lines of the logs, follow from what was drawn.
 """
@@ -21,15 +21,15 @@ from trimtab.core.errors import InputError
 DRAWN = "drawn-"
 """Prefix of the names of drawn flights."""
 FIRST_S, LAST_S = (0.3, 0.9), (1.4, 2.0)
-"""Start times of passing and of last disturbances, from arming on (s)."""
+"""Ranges of start times (s after arming) of passing disturbances, and of disturbances that end the flight."""
 GAP_S = 0.0, 1.0
-"""Time between the starts of two stalls (s)."""
+"""Range of the time between the starts of two stalls (s)."""
 KINDS = (*LAST, *STARTS, *PASSING, *SINGLE)
-"""What can be drawn as the main disturbance of a flight, each as often as any other."""
+"""Functions that draw the main disturbance of a flight. Each of them is used equally often."""
 
 
 class DrawnFlight(NamedTuple):
-    """Drawn flight. times: of the starts, from arming on (s).  is_pair: two stalls, the first one first."""
+    """Drawn flight.  times: start times (s after arming).  is_pair: True for two stalls, in order of their starts."""
 
     name: str
     disturbances: tuple[Disturbance, ...]
@@ -48,7 +48,7 @@ class DrawnFlight(NamedTuple):
 
 
 def draw_flight(seed: int, number: int) -> DrawnFlight:
-    """Return the flight of a number, the same whenever and wherever it is drawn."""
+    """Return the drawn flight of a seed and a number, the same at every call and on every machine."""
     draw = random.Random(f"{seed}/{number}")
     main, name = KINDS[number % len(KINDS)], f"{DRAWN}{seed}-{number}"
     if main in STALLS and draw.random() < 0.5:
@@ -89,7 +89,7 @@ def flight_case(flight: DrawnFlight) -> Case:
     if len(several) > 1:
         evidence = [check for check in evidence if check not in SENT_ONCE]
     if (given_up := next((d for d in several if d.kind == "disk hangs" and d.partial), None)) is not None:
-        evidence = list(given_up.evidence)  # the log that was given up may lack the rest
+        evidence = list(given_up.evidence)  # the abandoned log may lack the other evidence
     ending = _expected_ending(several)
     if ending == FLIES and not last.is_last:
         partial = {who for d in several for who in d.partial}
@@ -141,7 +141,7 @@ def _prepare_all(several: Sequence[Disturbance]) -> Prepare:
 
 
 def _act_in_order(drawn: DrawnFlight) -> acts.Act:
-    """Return an act that does each disturbance at its time, even if the other still lasts."""
+    """Return an act that starts each disturbance at its time, even if an earlier one still lasts."""
 
     def act(flight: FaultFlight) -> None:
         flight.undisturbed_s = 0.0
@@ -157,7 +157,7 @@ def _act_in_order(drawn: DrawnFlight) -> acts.Act:
 
 
 class KindCount(NamedTuple):
-    """Counts of the drawn flights of a kind. waited: failed twice while a process waited; repeated: flown twice."""
+    """Counts of the drawn flights of one kind.  waited: failed twice while a process waited.  repeated: flown twice."""
 
     flights: int
     safe: int
@@ -170,7 +170,7 @@ class KindCount(NamedTuple):
 
 
 def count_kinds(outcomes: Mapping[str, CaseOutcome]) -> dict[str, KindCount]:
-    """Return kind -> its count. outcomes: by the flight's name."""
+    """Return the counts of each kind. outcomes: flight name -> outcome."""
     kinds: dict[str, list[CaseOutcome]] = {}
     for name, outcome in outcomes.items():
         kinds.setdefault(read_name(name).kind, []).append(outcome)

@@ -1,7 +1,7 @@
 """Driver of a vehicle's servos and motors in virtual time, and the check of what it applies.
 
 The driver reads the port of the outputs once a millisecond, by the rule of `output_port.OutputReader`. The check knows
-which programs were frozen, starved or dead, and since when the vehicle has heard no autopilot. It needs no log.
+which programs were frozen, starved or dead, and when the vehicle last got a packet of an autopilot. It needs no log.
 """
 
 from collections.abc import Callable, Iterable
@@ -20,7 +20,7 @@ SILENCE = "the last packet of an autopilot"
 
 
 class OutputsCheck:
-    """What the driver of one vehicle applied, and what it should not have applied."""
+    """Check of the outputs that the driver of one vehicle applied."""
 
     def __init__(
         self, name: str, time: VirtualTime, programs: dict[str, VirtualProgram], last_heard: Callable[[], int]
@@ -30,13 +30,13 @@ class OutputsCheck:
         Args:
             name: name of the vehicle.
             time: virtual time of the flight.
-            programs: what must run for the outputs to act -> its program.
+            programs: description -> program that must run for the outputs to act.
             last_heard: returns when the vehicle last got a packet of an autopilot (ns).
         """
         self.name, self._time, self._programs, self._last_heard = name, time, programs, last_heard
         self._ran = dict.fromkeys(programs, time.now)
         self.longest_s: dict[str, float] = {}
-        """Why the outputs should be safe -> longest time (s) for which they acted nevertheless."""
+        """Reason why the outputs should be safe -> longest time (s) for which they acted nevertheless."""
 
     def run(self, clock: VirtualClock, port: Path) -> None:
         """Apply the rows of a port, until the vehicle and its outputs have ended and the outputs are safe."""
@@ -58,7 +58,10 @@ class OutputsCheck:
             self.longest_s[what] = max(self.longest_s.get(what, 0.0), (now - start) / NS_PER_SECOND)
 
     def list_violations(self, command_delay_s: float = 0.0) -> list[str]:
-        """Return where the outputs acted for too long. command_delay_s: delay of commands within the vehicle."""
+        """Return the violations: outputs that acted for too long.
+
+        command_delay_s: delay of commands within the vehicle.
+        """
         return [
             f"{self.name}: the outputs still acted {seconds * 1e3:.0f} ms after {what}"
             for what, seconds in self.longest_s.items()
@@ -67,7 +70,7 @@ class OutputsCheck:
 
 
 def longest_times(checks: Iterable[OutputsCheck]) -> dict[str, float]:
-    """Return why outputs should be safe -> longest time (s) for which outputs acted nevertheless."""
+    """Return the longest time (s) for which outputs acted, by the reason why they should have been safe."""
     longest: dict[str, float] = {}
     for what, seconds in (item for check in checks for item in check.longest_s.items()):
         longest[what] = max(longest.get(what, 0.0), seconds)

@@ -34,7 +34,7 @@ UNDISTURBED_S = 1.0
 
 
 class VehicleKnowledge(NamedTuple):
-    """Knowledge of the vehicle on the ground: its scenario, the names of its parameters, and its dialect."""
+    """Data of the vehicle that the ground has: its scenario, the names of its parameters, and its dialect."""
 
     scenario: Scenario
     names: dict[str, str]
@@ -42,12 +42,12 @@ class VehicleKnowledge(NamedTuple):
 
 
 def collect_knowledge(scenario: Scenario) -> VehicleKnowledge:
-    """Collect the knowledge once for all flights."""
+    """Collect the vehicle's data once for all flights."""
     return VehicleKnowledge(scenario, fault_parameter_names(scenario), scenario_dialect(scenario))
 
 
 class ProcessResult(NamedTuple):
-    """Result of a process. log: path of its log, which may be missing.  read_log: reads it."""
+    """Result of a process. log: path of its log, which may be missing.  read_log: function that reads the log."""
 
     name: str
     status: int | None
@@ -78,12 +78,12 @@ class FaultFlight:
 
     @property
     def vehicle(self) -> Process:
-        """The newest vehicle."""
+        """Vehicle that was started last."""
         return self.vehicles[-1]
 
     @property
     def autopilot(self) -> Process:
-        """The newest autopilot."""
+        """Autopilot that was started last."""
         return self.autopilots[-1]
 
     @property
@@ -97,11 +97,11 @@ class FaultFlight:
 
     @property
     def clock(self) -> Clock:
-        """The clock of the campaign."""
+        """Clock of the campaign."""
         return SYSTEM_CLOCK
 
     def now(self) -> float:
-        """The monotonic time of the campaign (s)."""
+        """Return the monotonic time of the campaign (s)."""
         return monotonic()
 
     def pause(self, seconds: float) -> None:
@@ -131,24 +131,24 @@ class FaultFlight:
         return machine.build_clock(self.folder, seconds)
 
     def step_clocks(self) -> None:
-        """Let the wall clocks of all processes jump that were prepared for it, also of those that start later."""
+        """Make the wall clocks of all prepared processes jump, including processes that start later."""
         (self.folder / "stepped").touch()
 
     def prepare_disk(self, name: str) -> None:
-        """Put a small disk where a process writes its log."""
+        """Mount a small disk where a process writes its log."""
         machine.mount_small_disk(self.log_folder(name))
         self.cleanups.append(lambda: machine.unmount(self.log_folder(name)))
 
     def fill_disk(self, name: str) -> None:
-        """Take all that is left of a small disk."""
+        """Fill the remaining space of a small disk."""
         machine.fill_disk(self.log_folder(name) / "ballast")
 
     def free_disk(self, name: str) -> None:
-        """Give back what `fill_disk` took."""
+        """Free the space that `fill_disk` filled."""
         (self.log_folder(name) / "ballast").unlink()
 
     def join_line(self, system: int, component: int, key: SigningKey | None) -> tuple[Link, Endpoint]:
-        """Join the link as another end that reaches the vehicle past the relay, with a key or without."""
+        """Join the link as another station that bypasses the relay, with a key or without."""
         endpoint = Endpoint(self.knowledge.dialect, system, component, key, unsigned=key is None, datagrams=True)
         return open_link(self.ends.listen), endpoint
 
@@ -187,7 +187,7 @@ class FaultFlight:
         self.autopilots.append(self._start_process(name, words, environment))
 
     def start_refused(self, *options: str, scenario: str = NAME, **environment: str) -> str:
-        """Start an autopilot that must be refused. Return the command it is told to type, or nothing."""
+        """Start an autopilot that must be refused. Return the command that the refusal suggests, or an empty text."""
         name = f"refused-{len(self.refused) + 1}"
         words = ("fly", scenario, "--link", self.ends.link, "--duration", "1 s", *options)
         self.refused.append(self._start_process(name, words, environment))
@@ -196,7 +196,7 @@ class FaultFlight:
         return fix[1] if fix else ""
 
     def start_as_told(self, typed: str, duration: float, **environment: str) -> None:
-        """Start an autopilot with a suggested command. A key's FILE is the vehicle's."""
+        """Start an autopilot with a suggested command, with the vehicle's key for `--key FILE`."""
         words = shlex.split(typed.replace("--key FILE", f"--key {shlex.quote(str(self._key))}"))
         for option, value in (("--out", None), ("--duration", f"{duration} s")):
             at = words.index(option)
@@ -220,7 +220,10 @@ class FaultFlight:
 
     @contextlib.contextmanager
     def open_injector(self) -> Iterator[Injector]:
-        """Join the link past the relay as an injector: one at a time, since all are the same sender."""
+        """Join the link as an injector that bypasses the relay.
+
+        Only one is open at a time, as all are the same sender.
+        """
         with self._injecting:
             link, endpoint = self.join_line(*INJECTOR, self.key)
             try:
@@ -230,14 +233,14 @@ class FaultFlight:
                 link.close()
 
     def start_second(self, name: str, *options: str) -> None:
-        """Start a second `trimtab fly` with the same key, from another computer's folder, past the relay."""
+        """Start a second `trimtab fly` with the same key, from another computer's folder, bypassing the relay."""
         line = ("--link", self.ends.listen, "--duration", "1 s", "--out", str(self.log_folder(name)))
         environment = {"TRIMTAB_CONFIG": str(self.copy_key("second"))}
         words = ("fly", NAME, *line, *options)
         self.autopilots.append(Process(*words, folder=self.folder, name=name, environment=environment))
 
     def finish(self) -> list[ProcessResult]:
-        """Wait for all ends, and return their results."""
+        """Wait until all processes have ended, and return their results."""
         for one in (*self.autopilots, *self.vehicles):
             one.finish()
         return [self._process_result(p, "vehicle.mcap") for p in self.vehicles] + [
@@ -255,7 +258,7 @@ class FaultFlight:
             vehicle.send(signal.SIGINT)
 
     def close(self) -> None:
-        """End everything."""
+        """End all processes and the relay, and clean up."""
         for one in (*self.autopilots, *self.vehicles, *self.refused):
             if one.status is None:
                 one.kill()

@@ -1,4 +1,4 @@
-"""Faults of the machine below a process: its disk, its wall clock."""
+"""Faults of the machine on which a process runs: its disk and its wall clock."""
 
 import contextlib
 import os
@@ -52,14 +52,14 @@ time_t time(time_t *where)
 
 
 def explain_no_compiler() -> str:
-    """Return why a process's wall clock cannot be stepped here; empty if it can."""
+    """Return the reason why a process's wall clock cannot be stepped on this machine, or an empty text."""
     return "" if shutil.which("cc") else "no C compiler to build a wall clock"
 
 
 def build_clock(folder: Path, seconds: int) -> dict[str, str]:
     """Return the environment of a process whose wall clock jumps when the file `stepped` is in the folder.
 
-    A library is put in front of the C library's.
+    It preloads a library whose clock functions replace those of the C library.
     """
     source, library = folder / "clock.c", folder / "clock.so"
     source.write_text(CLOCK, "ascii")
@@ -68,7 +68,7 @@ def build_clock(folder: Path, seconds: int) -> dict[str, str]:
 
 
 def explain_no_mount() -> str:
-    """Return why there can be no small disk here; empty if there can."""
+    """Return the reason why no small disk can be mounted on this machine, or an empty text."""
     if not hasattr(os, "geteuid") or os.geteuid() != 0:
         return "only root may mount a small disk"
     return "" if shutil.which("mount") else "mount not found"

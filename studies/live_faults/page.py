@@ -118,8 +118,8 @@ def write_page(
         outcomes: outcomes of the flown cases.
         names: names of all cases, in the order of the rows.
         wall: duration of the campaign (s).
-        apart: only these cases were flown, not all.
-        is_real: flown in real time.
+        apart: True if only these cases were flown, not all.
+        is_real: True for real time, False for virtual time.
     """
     before = file.read_text("utf-8") if apart and file.exists() else ""
     flown = [one.name for one in outcomes if not one.skipped]
@@ -158,7 +158,7 @@ def format_page(outcomes: Sequence[CaseOutcome], run: str, before: str = "", ord
 
 
 def describe_flights(names: Sequence[str], wall: float, cores: int, *, apart: bool, is_real: bool) -> str:
-    """Return how the named cases were flown. apart: only these cases were flown, not all."""
+    """Return a description of how the named cases were flown. apart: True if only these cases were flown, not all."""
     which = ", ".join(f"`{n}`" for n in names) if apart else f"{len(names)} cases"
     kind = "real" if is_real else "virtual"
     return f"{which} in {kind} time in {wall:.0f} s on {cores} cores (trimtab {__version__})"
@@ -170,7 +170,7 @@ def _read_rows(before: str) -> dict[str, str]:
 
 
 def _read_runs(before: str) -> list[str]:
-    """Return how the rows of a page were flown."""
+    """Return the descriptions of the flights from which a page was written."""
     found = re.search(r"^Flown: (.*)\.$", before, re.MULTILINE)
     return found[1].split("; ") if found else []
 

@@ -1,4 +1,4 @@
-"""Service of a vehicle for a ground station without trimtab: MAVLink's own library, and a socket."""
+"""Test of a vehicle with a ground station without trimtab: MAVLink's own library and a socket."""
 
 import importlib.util
 import socket
@@ -29,7 +29,7 @@ YEAR_2020_NS = 1_577_836_800 * 10**9
 
 
 def explain_no_station() -> str:
-    """Return why there can be no such station here; empty if there can."""
+    """Return the reason why this station cannot run on this machine, or an empty text."""
     return "" if importlib.util.find_spec("pymavlink") else "pymavlink is not installed"
 
 
@@ -47,7 +47,7 @@ class PlainStation:
         self.heard: Counter[str] = Counter()
 
     def write(self, packet: bytes) -> None:
-        """Send a packet of its library."""
+        """Send a packet. MAVLink's library calls this method."""
         self._socket.send(packet)
 
     def listen(self, seconds: float) -> None:

@@ -16,7 +16,10 @@ START_S, END_S = 240.0, 120.0
 
 
 class NotReady(Exception):
-    """Error: a process did not print the awaited text, or did not end. is_late: it got no processor time, or hangs."""
+    """Error: a process did not print the awaited text, or did not end.
+
+    is_late: True if it got no processor time or hangs.
+    """
 
     def __init__(self, text: str, is_late: bool) -> None:
         super().__init__(text)
@@ -40,12 +43,12 @@ class Process:
 
     @property
     def pid(self) -> int:
-        """Number of the process."""
+        """Process ID."""
         return self._process.pid
 
     @property
     def status(self) -> int | None:
-        """Exit status; None while it runs."""
+        """Exit status, or None while the process runs."""
         return self._process.poll()
 
     @property
@@ -55,7 +58,7 @@ class Process:
 
     @property
     def result(self) -> dict[str, Any] | None:
-        """JSON result, printed at its end."""
+        """JSON result that the process prints at its end, else None."""
         lines = self._out.read_text("utf-8", "replace").strip().splitlines()
         with contextlib.suppress(ValueError, IndexError):
             return json.loads(lines[-1])
@@ -67,17 +70,17 @@ class Process:
         while self.output_text.count(text) < count:
             if self.status is not None or monotonic() > given_up:
                 raise NotReady(
-                    f"{self.name} did not say {text!r}: {self.output_text.strip()[-300:]}", self.status is None
+                    f"{self.name} did not print {text!r}: {self.output_text.strip()[-300:]}", self.status is None
                 )
             sleep(LOOK_S)
 
     def send(self, number: int) -> None:
-        """Send a signal."""
+        """Send a signal to the process."""
         with contextlib.suppress(ProcessLookupError):
             self._process.send_signal(number)
 
     def children(self, word: str) -> list[int]:
-        """Return the numbers of its child processes whose command line contains a word."""
+        """Return the IDs of its child processes whose command line contains a word."""
         found = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
         return [int(n) for n in found if word in Path(f"/proc/{n}/cmdline").read_text()]
 

@@ -1,6 +1,6 @@
 """Relay that disturbs the link between an autopilot and a vehicle, over datagrams or a pair of pseudo-terminals.
 
-Everything passes through a separate thread, which asks for real-time scheduling as the ends do.
+All packets pass through a separate thread. It requests real-time scheduling, as vehicle and autopilot do.
 """
 
 import contextlib
@@ -21,11 +21,11 @@ PRIORITY = 39
 MOST_RECENT = 4000
 """Number of packets remembered for each direction."""
 Bend = Callable[[bytes], list[tuple[float, bytes]]]
-"""Function from a packet to delays (s) and bytes."""
+"""Function that returns the packets to send in place of a packet, each with its delay (s)."""
 
 
 def bend_packet(bends: list[Bend], data: bytes) -> list[tuple[float, bytes]]:
-    """Return delays (s) and bytes that several changes, one after the other, make of a packet."""
+    """Return the packets to send in place of a packet, each with its delay (s), after several changes in order."""
     packets = [(0.0, data)]
     for bend in bends:
         packets = [(delay + more, bent) for delay, whole in packets for more, bent in bend(whole)]
@@ -33,7 +33,7 @@ def bend_packet(bends: list[Bend], data: bytes) -> list[tuple[float, bytes]]:
 
 
 class Relay:
-    """Relay of all packets, at once and unchanged by default. Attributes may be changed at any time.
+    """Relay of all packets, by default without delay or change. Attributes may be changed at any time.
 
     bends: direction -> changes of a packet, in their order.
     recent_packets: direction -> packets that passed, the newest last.
@@ -48,22 +48,22 @@ class Relay:
         self._delayed_packets: list[tuple[float, int, int, bytes]] = []
         self._count = 0
         self.longest_wait_s = 0.0
-        """Longest excess of the thread's sleep (s): on a busy machine packets wait that long here."""
+        """Longest excess of the thread's sleep (s). On a busy machine, packets wait that long in the relay."""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def cut_line(self, seconds: float, directions: tuple[int, ...] = (UP, DOWN)) -> None:
-        """Block the link for this long."""
+        """Block the link for a time (s)."""
         for direction in directions:
             self._cut_until[direction] = monotonic() + seconds
 
     def send_bytes(self, direction: int, data: bytes) -> None:
-        """Send own bytes to an end."""
+        """Send bytes of the campaign itself to the vehicle (UP) or the autopilot (DOWN)."""
         self._ends.send_bytes(direction, data)
 
     def close(self) -> None:
-        """Stop relaying."""
+        """Stop relaying packets."""
         self._stop.set()
         self._thread.join(2.0)
         self._ends.close()
@@ -97,7 +97,7 @@ class Relay:
 
 
 class Datagrams:
-    """Ends over UDP on this machine."""
+    """Vehicle and autopilot connected by UDP on this machine."""
 
     def __init__(self) -> None:
         self._near, self._far = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
@@ -131,7 +131,7 @@ class Datagrams:
         return found
 
     def send_bytes(self, direction: int, data: bytes) -> None:
-        """Send bytes to an end. They may be lost."""
+        """Send bytes to the vehicle (UP) or the autopilot (DOWN). They may be lost."""
         with contextlib.suppress(OSError):
             if direction == UP:
                 for vehicle in self._vehicles:
@@ -146,7 +146,7 @@ class Datagrams:
 
 
 class Terminals:
-    """Ends as two serial devices, paths in a folder. Either can be unplugged."""
+    """Vehicle and autopilot with a serial device each, as paths in a folder. Each device can be unplugged."""
 
     def __init__(self, folder: Path) -> None:
         self._paths = folder / "to-vehicle", folder / "to-autopilot"
@@ -157,7 +157,7 @@ class Terminals:
         self.listen, self.link = (f"serial://{path}?baud=115200" for path in self._paths)
 
     def plug_device(self, which: int) -> None:
-        """Create or restore the device of an end (UP: the vehicle's)."""
+        """Create or restore the serial device of the vehicle (UP) or the autopilot (DOWN)."""
         import pty
         import tty
 
@@ -189,7 +189,7 @@ class Terminals:
         return found
 
     def send_bytes(self, direction: int, data: bytes) -> None:
-        """Send bytes to an end. Bytes without room are lost, as on a link without flow control."""
+        """Send bytes to one device. Bytes beyond its buffer are lost, as on a link without flow control."""
         with self._lock, contextlib.suppress(OSError):
             pair = self._pairs[direction]
             if pair:

@@ -1,6 +1,6 @@
 """Frozen, starved and hanging parts that can be drawn for a flight, one at a time and in pairs.
 
-In a pair, one part may keep the other from its usual end. The outputs must be safe in time all the same
+In a pair, one stall may prevent the other's usual ending. The outputs must be safe in time all the same
 (`driver.OutputsCheck`), and one log must show the first cause.
 """
 
@@ -41,28 +41,28 @@ FROZEN = "the outputs' process is frozen"
 STALLED = logged_event(AUTOPILOT, "^this end stalled for")
 DISARMED = logged_event(VEHICLE, "disarmed: disarm request")
 SHOWN_S = 0.4
-"""Time (s) after which a log shows a first cause, whatever stalls next."""
+"""Time (s) after which a log shows the first stall, whatever stalls next."""
 
 
 @runtime_checkable
 class VirtualStalls(Protocol):
-    """What a flight in virtual time can stall, beside what signals do."""
+    """Stalls that a flight in virtual time can cause in addition to signals."""
 
     def starve_process(self, who: str, seconds: float) -> None:
-        """Keep a process from its work."""
+        """Give a process no processor time for a while."""
         ...
 
     def hang_disk(self, name: str, hangs: bool) -> None:
-        """Let writes to the disk below a log hang, or go on."""
+        """Make writes to the disk of a log hang, or continue."""
         ...
 
     def hang_terminal(self, name: str, hangs: bool) -> None:
-        """Let the terminal of a process hang, or go on."""
+        """Make the terminal of a process hang, or continue."""
         ...
 
 
 def starve_process(who: str, seconds: float) -> acts.Act:
-    """Return an act that keeps a process from its work for a while. who: VEHICLE, AUTOPILOT or OUTPUTS."""
+    """Return an act that gives a process no processor time for a while. who: VEHICLE, AUTOPILOT or OUTPUTS."""
 
     def act(flight: FaultFlight) -> None:
         assert isinstance(flight, VirtualStalls)
@@ -73,7 +73,7 @@ def starve_process(who: str, seconds: float) -> acts.Act:
 
 
 def hang_disk_for(name: str, seconds: float) -> acts.Act:
-    """Return an act that lets the disk below a log hang for a while."""
+    """Return an act that makes the disk of a log hang for a while."""
 
     def act(flight: FaultFlight) -> None:
         assert isinstance(flight, VirtualStalls)
@@ -86,7 +86,7 @@ def hang_disk_for(name: str, seconds: float) -> acts.Act:
 
 
 def hang_terminal_for(name: str, seconds: float) -> acts.Act:
-    """Return an act that lets the terminal of a process hang for a while."""
+    """Return an act that makes the terminal of a process hang for a while."""
 
     def act(flight: FaultFlight) -> None:
         assert isinstance(flight, VirtualStalls)
@@ -104,7 +104,7 @@ def explain_virtual_only() -> str:
 
 
 def starve_autopilot(draw: random.Random) -> Disturbance:
-    """Draw an autopilot that gets no processor."""
+    """Draw an autopilot that gets no processor time."""
     seconds = round(draw.uniform(0.5, 1.5), 2)
     return Disturbance(
         "autopilot starved",
@@ -121,7 +121,7 @@ def starve_autopilot(draw: random.Random) -> Disturbance:
 
 
 def starve_vehicle(draw: random.Random) -> Disturbance:
-    """Draw a vehicle that gets no processor. Its outputs are safe meanwhile, and latched."""
+    """Draw a vehicle that gets no processor time. Its outputs are safe meanwhile, and latched."""
     seconds = round(draw.uniform(0.5, 1.5), 2)
     return Disturbance(
         "vehicle starved",
@@ -156,7 +156,7 @@ def freeze_outputs(draw: random.Random) -> Disturbance:
 
 
 def starve_outputs(draw: random.Random) -> Disturbance:
-    """Draw a process of outputs that gets no processor."""
+    """Draw a process of outputs that gets no processor time."""
     seconds = round(draw.uniform(0.3, 1.5), 2)
     return _stalled_outputs(
         "outputs starved",
@@ -186,7 +186,7 @@ def _stalled_outputs(kind: str, does: str, act: acts.Act, seconds: float) -> Dis
 
 
 def hang_disk(draw: random.Random) -> Disturbance:
-    """Draw a disk below one of the logs that hangs: for a while, or until the log is given up."""
+    """Draw a hanging disk of one of the logs, for a while or until the log is given up."""
     who = draw.choice((VEHICLE, AUTOPILOT))
     if draw.random() < 0.5:
         seconds = round(draw.uniform(0.5, 3.0), 2)
@@ -213,7 +213,7 @@ def hang_disk(draw: random.Random) -> Disturbance:
 
 
 def hang_terminal(draw: random.Random) -> Disturbance:
-    """Draw a terminal that takes no lines for a while."""
+    """Draw a terminal that accepts no lines for a while."""
     who, seconds = draw.choice((VEHICLE, AUTOPILOT)), round(draw.uniform(0.5, 6.0), 2)
     return Disturbance(
         "terminal hangs",
@@ -222,7 +222,7 @@ def hang_terminal(draw: random.Random) -> Disturbance:
         FLIES,
         seconds,
         (DISARMED,),
-        ("lines for the user were lost",),  # where the terminal hangs to the end
+        ("lines for the user were lost",),  # if the terminal hangs to the end
         missing_requirement=explain_virtual_only,
     )
 
@@ -249,12 +249,12 @@ CAUSES: dict[str, tuple[EvidenceCheck, ...]] = {
     "link cut": (FAILSAFE, SILENT, counter_rise(AUTOPILOT, "link.lost")),
     "disk full": (printed_line(VEHICLE, "can't be written"), printed_line(AUTOPILOT, "can't be written")),
 }
-"""Kind of a first stall -> evidence, one of which a log or a user is shown in any pair.
+"""Kind of the first stall -> evidence, at least one of which appears in a log or on a terminal in any pair.
 
-The second stall may delay what the outputs report. The driver shows when they were safe.
+The second stall may delay the outputs' report. The driver shows when the outputs were safe.
 """
 UNSEEN = "disk hangs", "terminal hangs"
-"""Kinds of stalls that leave no trace where the flight goes on in order."""
+"""Kinds of stalls that leave no trace if the flight goes on normally."""
 SINGLE = starve_autopilot, starve_vehicle, freeze_outputs, starve_outputs, hang_disk, hang_terminal
 STALLS = (
     *SINGLE,
@@ -310,11 +310,11 @@ STALL_CASES: list[Case] = [
         partial=(VEHICLE,),
     ),
 ]
-"""Hanging disks and terminals, and frozen outputs, one at a time."""
+"""Cases of hanging disks and terminals, and of frozen outputs, one at a time."""
 
 
 def combine_stalls(case: Case, pair: tuple[Disturbance, Disturbance], gap_s: float) -> Case:
-    """Return the case of two stalls, with what must hold whatever the one does to the other.
+    """Return the case of two stalls, with the requirements that hold however the stalls interact.
 
     Args:
         case: case with name, description and act.

@@ -1,6 +1,6 @@
 """Verdict on a vehicle's safety by its own log, every millisecond, without the firmware's code.
 
-All times are the log's, so that a busy machine changes no verdict.
+All times are those of the log, so a busy machine cannot change a verdict.
 """
 
 from itertools import pairwise
@@ -13,11 +13,11 @@ from trimtab.logs.log import Log
 
 DISARMED, COMPUTER, MANUAL, FAILSAFE = range(4)
 SILENCE_S, LIFT_S, SERVO_S, ROW_S = 0.25, 1.0, 0.02, 0.0015
-"""Longest silence without failsafe; time until the lift fan stops; a servo frame; one and a half rows (s)."""
+"""Longest time without a command before failsafe, time until the lift fan stops, servo frame, 1.5 log rows (s)."""
 GAP_S = 0.01
 """Longest time between two rows of a log without a gap (s)."""
 BOUNDS = {"truth.surge_velocity": 2.5, "truth.sway_velocity": 2.5, "truth.yaw_rate": 6.0}
-"""Bounds of a flying vehicle, in m/s and rad/s."""
+"""Signal -> largest magnitude of a vehicle in flight, in m/s or rad/s."""
 REASONS = {CAUSES.index(c) for c in ("arm request", "disarm request", "takeover", "no command since arming")}
 """Causes that may end failsafe, or an armed time without failsafe."""
 
@@ -30,12 +30,12 @@ def mode_stays(log: Log) -> list[tuple[int, int, int, int]]:
 
 
 def find_violations(log: Log, *, broken: tuple[float, float] | None = None, whole: bool = True) -> list[str]:
-    """Return the violated rules; none for a safe vehicle.
+    """Return the violated rules (empty for a safe vehicle).
 
     Args:
         log: log of the vehicle.
         broken: start and end (s) of an injected fault of the actuators, during which they ignore commands.
-        whole: True requires every row up to the end; False judges the rows that are there.
+        whole: True requires a complete log; False judges only the rows that exist.
     """
     found = [
         *_check_force(log, broken),
@@ -48,7 +48,7 @@ def find_violations(log: Log, *, broken: tuple[float, float] | None = None, whol
 
 
 def _check_gaps(log: Log) -> list[str]:
-    """Return gaps of the log."""
+    """Return the longest gap of the log, if it exceeds GAP_S."""
     steps = np.diff(log.t, prepend=log.t[0])
     return (
         [f"the log has a gap of {steps.max():.3f} s at {log.t[np.argmax(steps)]:.3f} s"] if steps.max() > GAP_S else []
@@ -100,7 +100,7 @@ def _check_lift(log: Log) -> list[str]:
 
 
 def _check_latch(log: Log) -> list[str]:
-    """Return ends of failsafe without a request."""
+    """Return ends of failsafe that no request caused."""
     found, before = [], None
     for mode, cause, a, _ in mode_stays(log):
         if before == FAILSAFE and mode != FAILSAFE and cause not in REASONS:

@@ -31,7 +31,7 @@ from trimtab.logs.mcap import write_mcap
 
 CAMPAIGN = "campaign"
 STEP = "STEP_S"
-"""Name in an environment of the seconds by which a wall clock jumps."""
+"""Environment variable with the seconds by which a wall clock jumps."""
 
 
 class VirtualFaultFlight:
@@ -51,10 +51,10 @@ class VirtualFaultFlight:
 
         Args:
             folder: folder for keys, and for files of the outputs.
-            known: knowledge of the vehicle on the ground.
+            known: data of the vehicle that the ground has.
             clock: clock of the campaign's program.
             time: virtual time of the flight.
-            keeps_logs: write logs and output into the folder.
+            keeps_logs: True writes logs and output into the folder.
             has_autopilot: False if the vehicle is not flown by `trimtab fly`.
         """
         self.folder, self.knowledge, self.undisturbed_s = folder, known, UNDISTURBED_S
@@ -81,12 +81,12 @@ class VirtualFaultFlight:
 
     @property
     def vehicle(self) -> VirtualProcess:
-        """The newest vehicle."""
+        """Vehicle that was started last."""
         return self.vehicles[-1]
 
     @property
     def autopilot(self) -> VirtualProcess:
-        """The newest autopilot."""
+        """Autopilot that was started last."""
         return self.autopilots[-1]
 
     @property
@@ -153,14 +153,14 @@ class VirtualFaultFlight:
         self.autopilots.append(self._start_process(name, words, environment))
 
     def start_second(self, name: str, *options: str) -> None:
-        """Start a second `trimtab fly` with the same key, from another computer's folder, past the relay."""
+        """Start a second `trimtab fly` with the same key, from another computer's folder, bypassing the relay."""
         words = ("fly", NAME, "--link", self.ends.listen, "--duration", "1 s", *options)
         config = {"TRIMTAB_CONFIG": str(self.copy_key("second"))}
         self.autopilots.append(self._start_process(name, words, config))
         self._bypassing.append(self.autopilot)
 
     def start_refused(self, *options: str, scenario: str = NAME, **environment: str) -> str:
-        """Start an autopilot that must be refused. Return the command it is told to type, or nothing."""
+        """Start an autopilot that must be refused. Return the command that the refusal suggests, or an empty text."""
         name = f"refused-{len(self.refused) + 1}"
         words = ("fly", scenario, "--link", self.ends.link, "--duration", "1 s", *options)
         self.refused.append(self._start_process(name, words, environment))
@@ -169,7 +169,7 @@ class VirtualFaultFlight:
         return fix[1] if fix else ""
 
     def start_as_told(self, typed: str, duration: float, **environment: str) -> None:
-        """Start an autopilot with a suggested command. A key's FILE is the vehicle's."""
+        """Start an autopilot with a suggested command, with the vehicle's key for `--key FILE`."""
         words = shlex.split(typed.replace("--key FILE", f"--key {shlex.quote(str(self._key))}"))
         for option, value in (("--out", None), ("--duration", f"{duration} s")):
             at = words.index(option)
@@ -180,7 +180,7 @@ class VirtualFaultFlight:
     def _start_process(
         self, name: str, words: tuple[str, ...], environment: dict[str, str], *, host: str = ""
     ) -> VirtualProcess:
-        """host: name of the computer, if it is not the process's own."""
+        """Start a process. host: name of its computer, if this differs from the process's name."""
         where = host or name
         machine = self._machines.setdefault(where, VirtualMachine(self._time, self._network, where))
         machine.port_folder, machine.start_driver = self.folder, self._start_driver
@@ -202,7 +202,7 @@ class VirtualFaultFlight:
         self._time.start(f"driver of {vehicle.name}", lambda clock: check.run(clock, port), clock=vehicle.clock)
 
     def _last_heard(self) -> int:
-        """Return the time (ns) when the vehicle last got a packet of an autopilot, as far as this end knows."""
+        """Return the time (ns) when the vehicle last got a packet of an autopilot, as far as the campaign knows."""
         bypasses = any(one.status is None for one in self._bypassing)
         return self._time.now if bypasses or not self._has_autopilot else self.relay.last_sent_up
 
@@ -211,7 +211,7 @@ class VirtualFaultFlight:
         return {STEP: str(seconds)}
 
     def step_clocks(self) -> None:
-        """Let the wall clocks of all processes jump that were prepared for it, also of those that start later."""
+        """Make the wall clocks of all prepared processes jump, including processes that start later."""
         if not self._is_stepped:
             self._is_stepped = True
             for machine, seconds in self._steps:
@@ -221,23 +221,26 @@ class VirtualFaultFlight:
         """Do nothing: every disk of virtual time can be filled."""
 
     def fill_disk(self, name: str) -> None:
-        """Take all that is left of the disk below a log."""
+        """Fill the remaining space of the disk of a log."""
         self._machines[name].disk.is_full = True
 
     def free_disk(self, name: str) -> None:
-        """Give back what `fill_disk` took."""
+        """Free the space that `fill_disk` filled."""
         self._machines[name].disk.is_full = False
 
     def hang_disk(self, name: str, hangs: bool) -> None:
-        """Let writes to the disk below a log hang, or go on."""
+        """Make writes to the disk of a log hang, or continue."""
         self._machines[name].disk.hangs = hangs
 
     def hang_terminal(self, name: str, hangs: bool) -> None:
-        """Let the terminal of a process hang, or go on."""
+        """Make the terminal of a process hang, or continue."""
         self._machines[name].terminal.hangs = hangs
 
     def starve_process(self, who: str, seconds: float) -> None:
-        """Keep a process from its work. who: name of a process, or OUTPUTS for the outputs of the vehicle."""
+        """Give a process no processor time for a while.
+
+        who: name of a process, or OUTPUTS for the outputs of the vehicle.
+        """
         machine = self._machines["vehicle-1" if who == OUTPUTS else who]
         self._time.keep_busy(machine.outputs[-1] if who == OUTPUTS else machine.program, seconds)
 
@@ -251,7 +254,7 @@ class VirtualFaultFlight:
             injector.inject(plan_fault(self.knowledge.scenario, text, self.knowledge.names))
 
     def join_line(self, system: int, component: int, key: SigningKey | None) -> tuple[Link, Endpoint]:
-        """Join the link as another end that reaches the vehicle past the relay, with a key or without."""
+        """Join the link as another station that bypasses the relay, with a key or without."""
         clock, peer = self._clock_of_caller(), Host("vehicle-1", VEHICLE_PORT)
         socket = self._network.open_socket(clock.program, f"system {system}/{component}", peer=peer)
         endpoint = Endpoint(
@@ -268,7 +271,10 @@ class VirtualFaultFlight:
 
     @contextmanager
     def open_injector(self) -> Iterator[Injector]:
-        """Join the link past the relay as an injector: one at a time, since all are the same sender."""
+        """Join the link as an injector that bypasses the relay.
+
+        Only one is open at a time, as all are the same sender.
+        """
         while self._injecting:
             self.pause(0.001)
         self._injecting = True
@@ -281,7 +287,7 @@ class VirtualFaultFlight:
             self._injecting = False
 
     def finish(self) -> list[ProcessResult]:
-        """Wait for all ends, and return their results."""
+        """Wait until all processes have ended, and return their results."""
         for one in (*self.autopilots, *self.vehicles):
             one.finish()
         return [self._process_result(p, "vehicle.mcap") for p in self.vehicles] + [
@@ -302,7 +308,7 @@ class VirtualFaultFlight:
             vehicle.send(signal.SIGINT)
 
     def close(self) -> None:
-        """End everything."""
+        """Kill all processes that still run."""
         for one in (*self.autopilots, *self.vehicles, *self.refused):
             if one.status is None:
                 one.kill()
@@ -311,7 +317,7 @@ class VirtualFaultFlight:
 def fly_in_virtual_time(
     case: Case, known: VehicleKnowledge, folder: Path, seed: int, *, keeps_logs: bool = False
 ) -> CaseOutcome:
-    """Fly a case in virtual time, and judge it. keeps_logs: write the logs into the folder."""
+    """Fly a case in virtual time, and return its outcome. keeps_logs: True writes the logs into the folder."""
     if case.serial:
         why = "virtual time has no serial devices: needs --real-time"
         return CaseOutcome(case.name, case.does, "", (), (), why)

@@ -47,7 +47,7 @@ class _OwnStream(io.TextIOBase):
 
 
 class _TerminalStream(NamedTuple):
-    """Standard error of a program: a text that stands still while the terminal hangs."""
+    """Standard error of a program. Writing waits while the terminal hangs."""
 
     text: io.StringIO
     terminal: VirtualTerminal
@@ -81,7 +81,7 @@ class VirtualProcess:
             words: words of the command line.
             name: name of the process.
             machine: the computer of the program.
-            pause: lets virtual time pass for the caller.
+            pause: function that lets virtual time pass for the caller.
         """
         self.name, self.machine, self._pause = name, machine, pause
         self._said, self._out = io.StringIO(), io.StringIO()
@@ -89,7 +89,7 @@ class VirtualProcess:
         machine.tell = machine.terminal.open_queue(lambda line: self._said.write(f"{line}\n")).put
         self._program = machine.start(lambda own: self._run([*words, "--json"], own), [*words, "--json"])
         self.disk = machine.disk
-        """The disk as this program sees it; a program that is started later on the machine has another."""
+        """Disk of this program. A program that starts later on the same machine has another disk."""
 
     def _run(self, words: list[str], machine: Machine) -> int:
         _STREAMS.out, _STREAMS.said = self._out, _TerminalStream(self._said, self.machine.terminal)
@@ -106,7 +106,7 @@ class VirtualProcess:
 
     @property
     def status(self) -> int | None:
-        """Exit status; None while it runs."""
+        """Exit status, or None while the process runs."""
         if self._program.is_killed:
             return -self._signal
         return self._program.result if self._program.has_ended else None
@@ -118,7 +118,7 @@ class VirtualProcess:
 
     @property
     def result(self) -> dict[str, Any] | None:
-        """JSON result, printed at its end."""
+        """JSON result that the program prints at its end, else None."""
         lines = self._out.getvalue().strip().splitlines()
         with contextlib.suppress(ValueError, IndexError):
             return json.loads(lines[-1])
@@ -130,11 +130,11 @@ class VirtualProcess:
         given_up = time.seconds + patience
         while self.output_text.count(text) < count:
             if self.status is not None or time.seconds > given_up:
-                raise NotReady(f"{self.name} did not say {text!r}: {self.output_text.strip()[-300:]}", False)
+                raise NotReady(f"{self.name} did not print {text!r}: {self.output_text.strip()[-300:]}", False)
             self._pause(LOOK_S)
 
     def send(self, number: int) -> None:
-        """Send a signal."""
+        """Send a signal to the process."""
         if self._program.has_ended:
             return
         if number in (signal.SIGINT, signal.SIGTERM):
@@ -171,7 +171,7 @@ class VirtualProcess:
         self.send(signal.SIGKILL)
 
     def read_log(self) -> Log:
-        """Return its log. Raises FileNotFoundError if it has none."""
+        """Return the log of the program. Raise FileNotFoundError if it has none."""
         if not self.disk.logs:
             raise FileNotFoundError(f"{self.name} has no log")
         return self.disk.logs[-1].read()

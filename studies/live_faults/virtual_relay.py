@@ -18,7 +18,7 @@ class VirtualEnds:
 
 
 class VirtualRelay:
-    """Relay of all packets, at once and unchanged by default. It has the attributes of `relay.Relay`."""
+    """Relay of all packets, by default without delay or change. It has the attributes of `relay.Relay`."""
 
     def __init__(self, time: VirtualTime, network: VirtualNetwork) -> None:
         self._time, self._network = time, network
@@ -37,12 +37,12 @@ class VirtualRelay:
         network.answer_at(self._far, lambda data, _: self._forward(DOWN, data))
 
     def cut_line(self, seconds: float, directions: tuple[int, ...] = (UP, DOWN)) -> None:
-        """Block the link for this long."""
+        """Block the link for a time (s)."""
         for direction in directions:
             self._cut_until[direction] = self._time.seconds + seconds
 
     def send_bytes(self, direction: int, data: bytes) -> None:
-        """Send own bytes to an end."""
+        """Send bytes of the campaign itself to the vehicle (UP) or the autopilot (DOWN)."""
         if direction == UP:
             for vehicle in self.vehicles:
                 self._network.send(self._far, vehicle, data)

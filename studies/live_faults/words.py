@@ -1,4 +1,4 @@
-"""Evidence in logs: required events, counters and gaps, each quoted where it is found."""
+"""Evidence in logs: required events, counters and gaps. Each check returns a quote of what it finds."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -32,11 +32,11 @@ USUAL = (
 )
 """Patterns of lines in the log of any flight."""
 EvidenceCheck = Callable[[Evidence], str]
-"""Returns a quote of the evidence in a log; empty if it is missing."""
+"""Function that returns a quote of the evidence in a log, or an empty text if it is missing."""
 
 
 def list_unexplained(evidence: Evidence, explains: Sequence[str]) -> list[str]:
-    """Return the log lines that neither the act, given by patterns, nor a usual flight explains."""
+    """Return the log lines that neither a usual flight nor the act, given by patterns, explains."""
     known = [re.compile(p) for p in (*USUAL, *explains)]
     return [
         f"{who}: “{text}”"
@@ -61,7 +61,7 @@ def _join_pieces(texts: Sequence[str]) -> list[str]:
 
 
 def logged_event(who: str, pattern: str) -> EvidenceCheck:
-    """Look for an event of a log."""
+    """Return a check for an event of a log."""
 
     def look(evidence: Evidence) -> str:
         log = evidence.logs.get(who)
@@ -74,12 +74,12 @@ def logged_event(who: str, pattern: str) -> EvidenceCheck:
 
 
 def either_of(*checks: EvidenceCheck) -> EvidenceCheck:
-    """Look for the first of several kinds of evidence."""
+    """Return a check for any of several kinds of evidence, which quotes the first."""
     return lambda evidence: next((said for said in (check(evidence) for check in checks) if said), "")
 
 
 def counter_rise(who: str, path: str, least: int = 1) -> EvidenceCheck:
-    """Look for a counter of a log that has risen."""
+    """Return a check for a counter of a log that has risen."""
 
     def look(evidence: Evidence) -> str:
         log = evidence.logs.get(who)
@@ -92,7 +92,7 @@ def counter_rise(who: str, path: str, least: int = 1) -> EvidenceCheck:
 
 
 def flag_gap(who: str, path: str, least: float) -> EvidenceCheck:
-    """Look for a flag of a log that stayed down for at least this time (s) between two times that it was up."""
+    """Return a check for a flag of a log that was false for at least this time (s) between two times it was true."""
 
     def look(evidence: Evidence) -> str:
         log = evidence.logs.get(who)
@@ -106,7 +106,7 @@ def flag_gap(who: str, path: str, least: float) -> EvidenceCheck:
 
 
 def peak_level(who: str, path: str, least: float) -> EvidenceCheck:
-    """Look for a signal of a log that has reached a level."""
+    """Return a check for a signal of a log that has reached a level."""
 
     def look(evidence: Evidence) -> str:
         log = evidence.logs.get(who)
@@ -119,7 +119,7 @@ def peak_level(who: str, path: str, least: float) -> EvidenceCheck:
 
 
 def printed_line(who: str, pattern: str) -> EvidenceCheck:
-    """Look for a line for the user, on standard error."""
+    """Return a check for a line for the user, on standard error."""
 
     def look(evidence: Evidence) -> str:
         found = re.search(f".*(?:{pattern}).*", evidence.process_results[who].output_text)
@@ -129,7 +129,7 @@ def printed_line(who: str, pattern: str) -> EvidenceCheck:
 
 
 def counter_below(who: str, path: str, limit: int) -> EvidenceCheck:
-    """Look for a counter of a log that rose by less than an implausible number."""
+    """Return a check for a counter of a log that rose by less than an implausible number."""
 
     def look(evidence: Evidence) -> str:
         log = evidence.logs.get(who)
@@ -140,7 +140,7 @@ def counter_below(who: str, path: str, limit: int) -> EvidenceCheck:
 
 
 def absent_event(who: str, pattern: str) -> EvidenceCheck:
-    """Check that a log lacks a line."""
+    """Return a check that a log lacks a line."""
     present = logged_event(who, pattern)
 
     def look(evidence: Evidence) -> str:
@@ -150,7 +150,7 @@ def absent_event(who: str, pattern: str) -> EvidenceCheck:
 
 
 def arming_count(number: int) -> EvidenceCheck:
-    """Check the number of armings in the vehicle's log."""
+    """Return a check of the number of armings in the vehicle's log."""
 
     def look(evidence: Evidence) -> str:
         events = evidence.logs["vehicle-1"].metadata.get("events", []) if "vehicle-1" in evidence.logs else []
@@ -161,7 +161,7 @@ def arming_count(number: int) -> EvidenceCheck:
 
 
 def exit_status(who: str, number: int) -> EvidenceCheck:
-    """Check the exit status of a process."""
+    """Return a check of the exit status of a process."""
 
     def look(evidence: Evidence) -> str:
         status = evidence.process_results[who].status
@@ -171,7 +171,7 @@ def exit_status(who: str, number: int) -> EvidenceCheck:
 
 
 def outputs_safe(why: str, most_ms: float = 100.0) -> EvidenceCheck:
-    """Look for outputs that went safe on their own, soon enough after the last row of the vehicle's process."""
+    """Return a check for outputs that went safe on their own soon enough after the last row of the vehicle."""
 
     def look(evidence: Evidence) -> str:
         file = evidence.process_results["vehicle-1"].log.with_name("outputs.txt")
@@ -183,7 +183,7 @@ def outputs_safe(why: str, most_ms: float = 100.0) -> EvidenceCheck:
 
 
 def first_evidence(*several: EvidenceCheck) -> EvidenceCheck:
-    """Return the first evidence that is found."""
+    """Return a check for the first of several kinds of evidence that is found."""
 
     def look(evidence: Evidence) -> str:
         return next((said for words in several if (said := words(evidence))), "")

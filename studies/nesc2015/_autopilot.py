@@ -1,7 +1,7 @@
-"""The autopilot of the F-16's cases: two linear-quadratic regulators, and what they are told to hold.
+"""Autopilot of the F-16's cases: two linear-quadratic regulators, and their commands.
 
-Its gains are those of F16_control.dml and F16_gnc.dml of [1], per knot, degree and rad/s; they hold 10 013 ft and 287.8
-knots. No state is estimated and none is kept: what is fed back is the truth.
+Its gains are those of F16_control.dml and F16_gnc.dml of [1], per knot, degree and rad/s, for 10 013 ft and 287.8
+knots. The true state is fed back. The autopilot has no estimator and no internal state.
 """
 
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ ASIDE = np.array(
 )
 """Gains of stick and pedals over roll, sideslip (deg), roll rate, yaw rate (rad/s)."""
 TRIM_STICK, TRIM_ANGLE = 0.1296382327486013, 2.653813535191715
-"""Stick, angle of attack and pitch (deg) of the design point."""
+"""Stick at the design point, and angle of attack there, which equals pitch (deg)."""
 SEA_DENSITY = standard_atmosphere(0.0).density
 MILE, DEGREE = 6076.12, 60 * 6076.12
 """Length of a nautical mile, and of a degree of the earth (ft)."""
@@ -39,7 +39,7 @@ MILE, DEGREE = 6076.12, 60 * 6076.12
 class Command(NamedTuple):
     """Commands that the autopilot holds.
 
-    altitude: ft.  speed: equivalent airspeed, knots.  course: deg from north.  offset: of the track, to the right, ft.
+    altitude: ft.  speed: equivalent airspeed, knots.  course: deg from north.  offset: to the right of the track, ft.
     """
 
     altitude: Any
@@ -49,7 +49,7 @@ class Command(NamedTuple):
 
 
 def control(flight: FlightCondition, command: Command, *, stick: Any, throttle: Any, design: Any) -> F16Controls:
-    """Return surfaces and throttle. stick, throttle: in trim; design: angle of attack and pitch there (deg)."""
+    """Return surfaces and throttle. stick, throttle: in trim.  design: angle of attack and pitch in trim (deg)."""
     alpha, beta = (angle / DEG for angle in flow_angles(flight.flow))
     roll, pitch, yaw = flight.angles / DEG
     p, q, r = flight.flow.rate
@@ -80,7 +80,7 @@ def circle_pole(flight: FlightCondition) -> tuple[Any, Any]:
 
 
 def circle_date_line(flight: FlightCondition) -> tuple[Any, Any]:
-    """Return the same about the place where the equator meets the date line, anticlockwise."""
+    """Return course (deg) and offset (ft) of an anticlockwise circle of three miles about 0° N, 180° E."""
     longitude = flight.longitude / DEG
     north = flight.latitude / DEG * DEGREE
     east = jnp.where(longitude > 0, longitude - 180, longitude + 180) * DEGREE * jnp.cos(flight.latitude)

@@ -1,4 +1,4 @@
-"""Trajectories of NASA's simulations: what is kept of them, in SI units, and the band that they span."""
+"""Trajectories of NASA's simulations in SI units, and the band that they span."""
 
 import csv
 import functools
@@ -15,7 +15,7 @@ KNOT, RANKINE = 1852 / 3600, 5 / 9
 
 
 class Signal(NamedTuple):
-    """Signal of NASA's simulations. name: here.  unit: here.  factor: NASA's unit in this unit."""
+    """Signal of NASA's simulations. name, unit: in this study.  factor: NASA's unit in this study's unit."""
 
     name: str
     unit: str
@@ -55,8 +55,8 @@ SIGNALS: dict[str, Signal] = {
 class Band(NamedTuple):
     """Band of NASA's simulations for one signal of a case.
 
-    t: (n,) s.  low, high: least and greatest at each instant (n,).  middle: the median (n,).  simulations: which.
-    values: (k, n); all about the middle's turn where it is an angle.
+    t: (n,) s.  low, high: least and greatest at each instant (n,).  middle: the median (n,).  simulations: their names.
+    values: of each simulation (k, n). Angles are continued on the first simulation's turn.
     """
 
     t: Any
@@ -69,7 +69,7 @@ class Band(NamedTuple):
 
 @functools.cache
 def read_case(case: str) -> dict[str, dict[str, Any]]:
-    """Return simulation -> signal -> (n,) in SI units, with "time" (n,); NaN where it was not given."""
+    """Return simulation -> signal -> (n,) in SI units, with "time" (n,); NaN where a value was not given."""
     with (DATA / f"{case}.csv").open(encoding="utf-8", newline="") as lines:
         heading, *rows = csv.reader(lines)
     found: dict[str, dict[str, Any]] = {}

@@ -1,4 +1,4 @@
-"""The cases flown: bodies, earths, winds and starts of the report, and our signals by NASA's names."""
+"""Cases of falling and shot bodies: bodies, earth models, winds and initial states, and signals by NASA's names."""
 
 import functools
 from collections.abc import Mapping
@@ -18,10 +18,10 @@ from trimtab.environment.wind import Wind
 from trimtab.vehicles.rigid_body import NO_WRENCH, BluntBody, FlightCondition, RigidBody, RigidBodyState, Wrench
 
 STEP = 0.01
-"""Step of RK4 (s). Halved, no signal moves by more than a part in 1e9 of its size (test)."""
+"""Step of RK4 (s). Half of it changes no signal by more than 1e-9 of its size (test)."""
 BALL = RigidBody(mass=SLUG, inertia=np.full(3, 3.6 * SLUG * FOOT**2))
 DRAG = BluntBody(area=0.1963495 * FOOT**2, drag=0.1, span=FOOT, chord=FOOT)
-"""Ball of half a foot across, whose inertia is not that of a solid one: 3.6 slug ft²."""
+"""Ball of half a foot in diameter. Its inertia, 3.6 slug ft², is not that of a solid ball."""
 DRAGGED_BALL = replace(BALL, aerodynamics=DRAG)
 BRICK = RigidBody(mass=0.155404754 * SLUG, inertia=np.array([0.00189422, 0.006211019, 0.007194665]) * SLUG * FOOT**2)
 DAMPING = BluntBody(
@@ -33,11 +33,11 @@ DAMPING = BluntBody(
     pitch_damping=-1.0,
     yaw_damping=-1.0,
 )
-"""Inertia of the brick. Its file has a drag of 0.01, which NASA's simulations omitted, as their forces show."""
+"""Damping of the brick. NASA's file has a drag of 0.01, but the forces of its simulations show that they omitted it."""
 
 
 class Case(NamedTuple):
-    """Case. body: what flies.  start: its state.  title: what it shows.  where: place in the report."""
+    """Case.  body: body that flies.  start: initial state.  title: description of the case."""
 
     body: RigidBody
     start: RigidBodyState
@@ -45,13 +45,19 @@ class Case(NamedTuple):
 
 
 def _drop(body: RigidBody, rate: Any = (0.0, 0.0, 0.0)) -> RigidBodyState:
-    """Return a start 30 000 ft above the sea, at latitude and longitude zero, level, nose north. rate: in I (rad/s)."""
+    """Return an initial state at 30 000 ft, latitude and longitude zero, level, nose north.
+
+    rate: relative to I (rad/s).
+    """
     none = np.zeros(3)
     return body.start(0.0, 0.0, 30_000 * FOOT, velocity=none, angles=none, rate=rate, over_ground=False)
 
 
 def _shoot(body: RigidBody, course: float) -> RigidBodyState:
-    """Return a start from the sea, up at 45°, level and turning with the earth, at a course (rad) from north."""
+    """Return an initial state at sea level that climbs at 45° on a course (rad) from north.
+
+    The body is level, at rest.
+    """
     speed = 1000 * FOOT
     velocity = speed * np.array([np.cos(course), np.sin(course), -1.0])
     angles, none = np.array([0.0, 0.0, course]), np.zeros(3)
@@ -60,7 +66,7 @@ def _shoot(body: RigidBody, course: float) -> RigidBodyState:
 
 @functools.cache
 def cases() -> Mapping[str, Case]:
-    """Return NASA's number -> the case."""
+    """Return the cases by NASA's numbers."""
     tumbling = np.array([10.0, 20.0, 30.0]) * DEG
     damped = replace(BRICK, aerodynamics=DAMPING)
     still, turning = (replace(DRAGGED_BALL, earth=round_earth(rate)) for rate in (0.0, Earth().rate))
@@ -70,18 +76,21 @@ def cases() -> Mapping[str, Case]:
         "01": Case(BALL, _drop(BALL), "a ball dropped, without drag"),
         "02": Case(BRICK, _drop(BRICK, tumbling), "a brick that tumbles"),
         "03": Case(damped, _drop(damped, tumbling), "a brick that tumbles, damped by the air"),
-        "04": Case(still, _drop(still, tumbling), "a ball with drag over a round earth that stands still"),
-        "05": Case(turning, _drop(turning, tumbling), "a ball with drag over a round earth that turns"),
+        "04": Case(still, _drop(still, tumbling), "a ball with drag over a round earth that does not rotate"),
+        "05": Case(turning, _drop(turning, tumbling), "a ball with drag over a round earth that rotates"),
         "06": Case(DRAGGED_BALL, _drop(DRAGGED_BALL), "a ball with drag over the ellipsoid"),
-        "07": Case(breeze, _drop(breeze), "the same in a steady wind"),
-        "08": Case(shear, _drop(shear), "the same in a wind that grows with the height"),
+        "07": Case(breeze, _drop(breeze), "a ball with drag over the ellipsoid in a steady wind"),
+        "08": Case(shear, _drop(shear), "a ball with drag over the ellipsoid in a wind that grows with height"),
         "09": Case(DRAGGED_BALL, _shoot(DRAGGED_BALL, 90 * DEG), "a ball shot eastward"),
         "10": Case(DRAGGED_BALL, _shoot(DRAGGED_BALL, 0.0), "a ball shot northward"),
     }
 
 
 def name_signals(flight: FlightCondition, rate: Any, wrench: Wrench) -> dict[str, Any]:
-    """Return our signals by NASA's names, in SI units, of a flight, its rate in I (3,) (rad/s) and the air's effect."""
+    """Return signals by NASA's names, in SI units.
+
+    rate: relative to I (3,) (rad/s).  wrench: force and moment of the air.
+    """
     air = flight.flow.air
     return {
         **{f"feVelocity_ft_s_{axis}": flight.velocity[i] for i, axis in enumerate("XYZ")},
@@ -103,7 +112,7 @@ def name_signals(flight: FlightCondition, rate: Any, wrench: Wrench) -> dict[str
 
 
 def signals(body: RigidBody, t: Any, x: RigidBodyState) -> dict[str, Any]:
-    """Return our signals by NASA's names, in SI units, of a body in the air."""
+    """Return signals of a body in the air by NASA's names, in SI units."""
     flight = body.flight(t, x)
     wrench = body.aerodynamics.wrench(flight.flow) if body.aerodynamics is not None else NO_WRENCH
     return name_signals(flight, x.rate, wrench)
@@ -111,7 +120,10 @@ def signals(body: RigidBody, t: Any, x: RigidBodyState) -> dict[str, Any]:
 
 @functools.cache
 def fly(case: str, seconds: int = 30, step: float = STEP) -> dict[str, Any]:
-    """Return NASA's name of a signal -> ours each second (seconds + 1,), with "time"; compiled to C."""
+    """Return the signals of a case by NASA's names, once per second (seconds + 1,), with "time".
+
+    The loop is compiled to C.
+    """
     body, start, _ = cases()[case]
     n = round(1 / step)
 

@@ -1,4 +1,4 @@
-"""The F-16's cases: trimmed, told to change height, speed, course and track, and circling where longitudes meet."""
+"""Cases of the F-16: in trim, with changes of height, speed, course and track, and on circles where longitudes meet."""
 
 import functools
 from collections.abc import Mapping
@@ -29,20 +29,20 @@ from trimtab.vehicles.f16 import F16, F16Controls
 from trimtab.vehicles.rigid_body import FlightCondition, RigidBodyState
 
 STEP = 0.005
-"""Step of RK4 (s). The autopilot is called four times in each, as if continuous."""
+"""Step of RK4 (s). The autopilot runs four times per step, as if it were continuous."""
 JET = F16()
 KITTY_HAWK = (36.01916667, -75.67444444, 10_013.0)
-"""Start: latitude, longitude (deg), altitude (ft)."""
+"""Initial latitude, longitude (deg) and altitude (ft)."""
 NORTH_EAST, FAST = (400.0, 400.0), (1414.213562, 1414.213562)
-"""Speed over the ground (ft/s)."""
+"""Initial velocity over the ground, north and east (ft/s)."""
 AIRSPEED = 287.98158203
 """Equivalent airspeed of 565.6854 ft/s at 10 013 ft (knots)."""
 SLOWER = 5.0
-"""Steps of the commanded airspeed (knots): [1]'s model file says 10, the simulations fly 5, and one 11."""
+"""Step of the commanded airspeed (knots). [1]'s model file says 10, the simulations use 5, and one of them 11."""
 
 
 class Trim(NamedTuple):
-    """Level flight without acceleration along and down.
+    """Level flight without acceleration along the track or down, and without pitch acceleration.
 
     pitch: rad.  stick: -1 to 1, aft.  throttle: 0 to 1.  state: at time zero.
     """
@@ -54,10 +54,11 @@ class Trim(NamedTuple):
 
 
 class JetCase(NamedTuple):
-    """One case. title: what it shows.  place: latitude, longitude (deg), altitude (ft).  velocity: north, east (ft/s).
+    """Case of the F-16.  title: description.  place: latitude, longitude (deg), altitude (ft).
 
-    seconds: how long.  command: of the time (s) and the flight, what the autopilot is to hold; None: the surfaces stay
-    in trim.  own_trim: the autopilot's angle of design is that of our trim.
+    velocity: north, east (ft/s).  seconds: duration.  command: function of time (s) and flight that returns the
+    autopilot's command; None keeps the surfaces in trim.  own_trim: True if the autopilot's design angle is that of the
+    trim computed here.
     """
 
     title: str
@@ -69,7 +70,7 @@ class JetCase(NamedTuple):
 
 
 def start_level(place: tuple[float, float, float], velocity: tuple[float, float], pitch: Any) -> RigidBodyState:
-    """Return a level start over the ground, nose along the track, turning with the plumb line below."""
+    """Return a level initial state, nose along the track, that rotates with the local vertical."""
     latitude, longitude, altitude = place[0] * DEG, place[1] * DEG, place[2] * FOOT
     v = np.array([*velocity, 0.0]) * FOOT
     angles = jnp.stack([jnp.zeros_like(pitch), pitch, jnp.arctan2(v[1], v[0]) + 0 * pitch])
@@ -82,7 +83,7 @@ def start_level(place: tuple[float, float, float], velocity: tuple[float, float]
 
 
 def trim(place: tuple[float, float, float], velocity: tuple[float, float]) -> Trim:
-    """Return pitch, stick and throttle of the steady flight."""
+    """Return pitch, stick and throttle of level steady flight."""
     along = np.array(velocity) / np.hypot(*velocity)
 
     @jax.jit
@@ -104,7 +105,7 @@ def step_at(t: Any, begin: float, size: float) -> Any:
 
 
 def track_offset(flight: FlightCondition) -> Any:
-    """Return the offset to the right of the line north-east from Kitty Hawk, on a map that is flat there (ft)."""
+    """Return the distance (ft) to the right of a line north-east from Kitty Hawk, on a map that is flat there."""
     latitude, longitude = KITTY_HAWK[0] * DEG, KITTY_HAWK[1] * DEG
     s2 = np.sin(latitude) ** 2
     north = (flight.latitude - latitude) * SEMI_MAJOR * (1 - ECCENTRICITY2) / (1 - ECCENTRICITY2 * s2) ** 1.5
@@ -114,7 +115,7 @@ def track_offset(flight: FlightCondition) -> Any:
 
 @functools.cache
 def jet_cases() -> Mapping[str, JetCase]:
-    """Return NASA's number -> the case."""
+    """Return the cases of the F-16 by NASA's numbers."""
 
     def hold(altitude: Any = 0.0, speed: Any = 0.0, course: Any = 0.0, offset: Any = 0.0) -> Command:
         return Command(KITTY_HAWK[2] + altitude, AIRSPEED + speed, 45.0 + course, offset)
@@ -145,7 +146,7 @@ def jet_cases() -> Mapping[str, JetCase]:
 
 @functools.cache
 def fly_jet(case: str, step: float = STEP) -> dict[str, Any]:
-    """Return NASA's name of a signal -> ours each second, with "time"; compiled to C."""
+    """Return the signals of a case by NASA's names, once per second, with "time". The loop is compiled to C."""
     _, place, velocity, seconds, command, own_trim = jet_cases()[case]
     level, n = trim(place, velocity), round(1 / step)
     design = level.pitch / DEG if own_trim else TRIM_ANGLE

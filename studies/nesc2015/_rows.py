@@ -1,4 +1,4 @@
-"""Rows and pictures of a case: how far each of our signals is outside of what NASA's simulations span."""
+"""Rows and plots of a case: distance of each signal outside the band of NASA's simulations."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,21 +13,21 @@ from trimtab.plots.style import BLUE, GREY, VERMILION, new_figure, save_figure, 
 from trimtab.study import Row, at_most
 
 OF_BAND, OF_SIZE, OF_FEW = 0.01, 1e-6, 0.1
-"""Margin of a band: of its own greatest width, and of the signal's greatest size (units were rounded: feet, slugs).
-Three simulations span less than six would, so that of their band it is a tenth."""
+"""Margins outside a band: a share of its largest width, a share of the signal's largest size (units were rounded: feet,
+slugs), and a share of the width of a band of FEW simulations, which is narrower than one of six."""
 FEW = 3
 JUMPS = {"13p1": 5, "13p2": 5, "13p3": 15, "13p4": 20}
-"""Times of command jumps (s): there and at the start surfaces have two positions, and so do the air's effects."""
+"""Times of command steps (s). There and at the start, surfaces and aerodynamic forces have two values."""
 OPEN = {
-    ("13p4", "aero_bodyForce_lbf_Y"): "A second after the jump the force falls from 44 to 20 kN; ours is 50 ms ahead.",
-    ("13p4", "airDensity_slug_ft3"): "By 6e-8 more: our air is a millionth thinner, our height 1 cm more than theirs.",
+    ("13p4", "aero_bodyForce_lbf_Y"): "A second after the step the force falls from 44 to 20 kN; here 50 ms earlier.",
+    ("13p4", "airDensity_slug_ft3"): "Off by 6e-8: the air here is a millionth thinner, the height 1 cm larger.",
 }
 """Signals that leave their band by a little more than its margin, with the reason."""
 DRAWN = ("altitudeMsl_ft", "feVelocity_ft_s_Y", "eulerAngle_deg_Yaw", "bodyAngularRateWrtEi_deg_s_Pitch", "mach")
 
 
 def ours_in(band: Band, case: str, signal: str) -> Any:
-    """Our signal (n,) at the band's instants, an angle by the turn of the band's."""
+    """Return the computed signal (n,) at the band's instants, with an angle on the same turn as the band."""
     flight = fly_jet(case) if case in jet_cases() else fly(case)
     ours = flight[signal][np.isin(flight["time"], band.t)]
     return band.middle + turn_near(ours - band.middle) if SIGNALS[signal].unit == "rad" else ours
@@ -39,7 +39,7 @@ def title_of(case: str) -> str:
 
 
 def margin_of(band: Band) -> float:
-    """Return the accepted distance of a signal outside its band."""
+    """Return the accepted distance of a signal outside a band."""
     of_band = OF_FEW if len(band.simulations) <= FEW else OF_BAND
     return float(of_band * np.max(band.high - band.low) + OF_SIZE * np.max(np.abs(band.values)))
 
@@ -51,7 +51,7 @@ def outside(band: Band, ours: Any, leave_out: tuple[float, ...] = ()) -> float:
 
 
 def rows_of(numbers: tuple[str, ...]) -> Iterator[Row]:
-    """Yield each signal of each case against its band; for falls, the height against the nearest simulation."""
+    """Yield each signal of each case against its band, and for bodies the height against the nearest simulation."""
     for case in numbers:
         title = title_of(case)
         for signal, (name, unit, _) in SIGNALS.items():
@@ -66,7 +66,7 @@ def rows_of(numbers: tuple[str, ...]) -> Iterator[Row]:
                 unit=unit,
                 must_hold=(case, signal) not in OPEN,
                 note=OPEN.get((case, signal), "")
-                or f"Printed: how far {len(band.simulations)} simulations are apart; computed: ours outside of them.",
+                or f"Printed: spread of {len(band.simulations)} simulations. Computed: distance outside their band.",
             )
         if case in jet_cases():
             continue
@@ -75,13 +75,13 @@ def rows_of(numbers: tuple[str, ...]) -> Iterator[Row]:
         nearest = int(np.argmin(away))
         yield at_most(
             f"{case}/nearest",
-            f"{title}: height, from simulation {band.simulations[nearest]}",
+            f"{title}: height, difference from simulation {band.simulations[nearest]}",
             float(np.median(away)),
             float(away[nearest]),
             f"[1] case {case.lstrip('0').replace('p', '.')}, its data",
             high=OF_SIZE * float(np.max(np.abs(band.values))),
             unit="m",
-            note="The nearest of them. Printed: the median of their distances from ours.",
+            note="This simulation is the nearest. Printed: median difference of all simulations.",
         )
 
 
@@ -91,7 +91,7 @@ def _jumps(case: str, signal: str) -> tuple[float, ...]:
 
 
 def draw_cases(folder: Path, numbers: tuple[str, ...]) -> Iterator[Path]:
-    """Plot each case: differences from the median of NASA's simulations; theirs, their band, ours."""
+    """Plot each case as difference from the median of NASA's simulations: simulations, their band, and trimtab."""
     folder.mkdir(parents=True, exist_ok=True)
     for case in numbers:
         figure = new_figure(15.0, 3.4)
@@ -105,6 +105,8 @@ def draw_cases(folder: Path, numbers: tuple[str, ...]) -> Iterator[Path]:
             axes.set_xlabel("s", fontsize=9)
         path = folder / f"case-{case}.png"
         title = f"case {case.lstrip('0').replace('p', '.')}, {title_of(case)}"
-        figure.suptitle(f"{title}: off the median of NASA's simulations (blue); ours red, dashed", fontsize=10)
+        figure.suptitle(
+            f"{title}: difference from the median of NASA's simulations (blue); trimtab red, dashed", fontsize=10
+        )
         save_figure(figure, path)
         yield path

@@ -1,9 +1,9 @@
-"""Make data/ of NASA's own files: every second of each simulation, the signals that most of them give.
+"""Make data/ from NASA's own files: one row per second of each simulation, with the signals that most of them give.
 
     python -m studies.nesc2015.decimate FOLDER
 
-FOLDER is `Atmospheric_checkcases` of NASA's archive, with a folder a case. Numbers are written as they are, to ten
-figures, in NASA's units; nothing is interpolated.
+FOLDER is `Atmospheric_checkcases` of NASA's archive, with one folder per case. Numbers are written to ten figures in
+NASA's units, without interpolation.
 """
 
 import csv
@@ -14,11 +14,14 @@ from pathlib import Path
 from studies.nesc2015._data import DATA, SIGNALS
 
 STEP, NEAR = 1.0, 2e-3
-"""Time between two kept rows (s), and largest distance of an instant from it."""
+"""Time between two kept rows (s), and largest distance (s) of a row from a multiple of that time."""
 
 
 def decimate(folder: Path, case: str) -> list[list[str]]:
-    """Return the rows of one case: simulation, time, SIGNALS; empty where a simulation does not give a signal."""
+    """Return the rows of one case: simulation, time, SIGNALS.
+
+    A field is empty if a simulation does not give the signal.
+    """
     rows = []
     for file in sorted(folder.glob(f"Atmos_{case}_*/Atmos_{case}_sim_*.csv")):
         simulation = re.sub(r".*_sim_(\d+)\.csv", r"\1", file.name)
@@ -40,7 +43,7 @@ def decimate(folder: Path, case: str) -> list[list[str]]:
 
 
 def main() -> None:
-    """Write a file for each case in FOLDER."""
+    """Write one file to data/ for each case in FOLDER."""
     folder = Path(sys.argv[1])
     for place in sorted(folder.glob("Atmos_*")):
         case = place.name.split("_")[1]

@@ -1,6 +1,6 @@
-"""Balls that fall: gravity, rotation, drag and wind, one after the other.
+"""Falling balls: gravity, rotation, drag and wind, added one by one.
 
-Over a round earth and an ellipsoid, still and turning, in still air and in wind.
+The earth is round or an ellipsoid, rotating or not. The air is still or moves.
 """
 
 from collections.abc import Iterator

@@ -1,6 +1,6 @@
 """The F-16's coefficients against the checks of its model file.
 
-F16_aero.dml brings sixteen flights with the six coefficients of each.
+F16_aero.dml contains sixteen flight conditions with the six coefficients of each.
 """
 
 import json
@@ -30,7 +30,7 @@ COEFFICIENTS = (
 
 
 def coefficients_of(given: dict[str, float]) -> Any:
-    """Return our coefficients (6,) for the inputs of a check."""
+    """Return the computed coefficients (6,) for the inputs of a check."""
     speed, alpha, beta = given["trueAirspeed"] * FOOT, given["angleOfAttack"] * DEG, given["angleOfSideslip"] * DEG
     way = np.array([np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)])
     elevator, aileron, rudder = (given[name] * DEG for name in SURFACES)
@@ -43,5 +43,5 @@ def rows() -> Iterator[Row]:
     for i, check in enumerate(json.loads((DATA / "f16_checks.json").read_text(encoding="utf-8"))):
         wanted = np.array([check["outputs"][name] for name in COEFFICIENTS])
         off = float(np.max(np.abs(coefficients_of(check["inputs"]) - wanted)))
-        what = f"{check['name'].lower()}: six coefficients, off by"
+        what = f"{check['name'].lower()}: six coefficients, largest difference"
         yield at_most(f"check-{i}", what, 0.0, off, "[1] F16_aero.dml", high=1e-13)

@@ -1,6 +1,6 @@
 """An F-16 in trim, and with its autopilot: height, speed, course, track, and circles where longitudes meet.
 
-The autopilot looks at the truth each 10 ms.
+The autopilot uses the true state.
 """
 
 from collections.abc import Iterator

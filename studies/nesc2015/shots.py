@@ -1,6 +1,6 @@
 """Balls shot from the sea: eastward and northward.
 
-The turning earth takes the northward one aside.
+The earth's rotation deflects the northward shot.
 """
 
 from collections.abc import Iterator

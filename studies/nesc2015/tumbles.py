@@ -1,6 +1,6 @@
 """A brick that tumbles: torque-free, and damped by the air.
 
-The damped brick comes to rest; its last angles are what little is left of its rates.
+The damped brick comes to rest.
 """
 
 from collections.abc import Iterator

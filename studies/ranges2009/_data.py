@@ -1,13 +1,14 @@
 """Plaza1 and Plaza2 as logs of trimtab.
 
-What the files hold, and what was mended:
+Contents of the files, and corrections to them:
 
-- Positions x, y are taken as east, north; headings count from x to y there, from north to east here.
-- Odometry is a way and an angle since the reading before. The way is never negative, also where the vehicle backs up.
-- Plaza1's ranges come in three pieces that overlap in time by a minute each: they are sorted. Where two bear the same
-  time, the second counts 100 ns later.
-- The heading of Plaza2's ground truth points backwards: half a turn is added.
-- The truth is at the instants of the odometry.
+- Positions x, y are taken as east, north. Headings are measured from x to y in the files, from north to east here.
+- Each odometry reading has a distance and an angle since the previous reading. The distance is never negative, even if
+  the vehicle backs up.
+- Plaza1's ranges come in three pieces that overlap by a minute each, so they are sorted. If two ranges have the same
+  time, the second is moved by 100 ns.
+- The heading of Plaza2's ground truth points backwards, so half a turn is added.
+- The truth is given at the times of the odometry.
 """
 
 import functools
@@ -30,14 +31,16 @@ from trimtab.logs.samples import SampleSeries, log_samples
 NAMES = ("Plaza1", "Plaza2")
 OTHER = {"Plaza1": "Plaza2", "Plaza2": "Plaza1"}
 HEADING_OFFSET = {"Plaza1": 0.0, "Plaza2": math.pi}
-"""Offset of the heading of the ground truth."""
+"""Correction (rad) added to the heading of the ground truth."""
 
 
 class Plaza(NamedTuple):
-    """A log's numbers in the frames of this package; times in s from the first truth.
+    """Data of a log in the frames of this package. Times are in s from the first truth.
 
-    t: (n,) of truth and odometry.  north, east, heading: truth (n,).  distance, turn: odometry since the first (n,).
-    range_t, beacon, range: of each range (m,).  beacons: (4, 3) m.  ids: of the radios, in that order.
+    t: times of truth and odometry (n,).  north, east, heading: truth (n,).
+    distance, turn: odometry, summed since the first reading (n,).
+    range_t, beacon, range: time, beacon and length of each range (m,).  beacons: positions (4, 3) in m.
+    ids: radio of each beacon.
     """
 
     t: Any
@@ -94,18 +97,24 @@ def plaza_log(name: str) -> Log:
     """Return the data as a log: samples of `odometry` and `ranging`, and the truth."""
     p = read_plaza(name)
     arrived = np.arange(len(p.ids)) == p.beacon[:, None]
-    metre, radian = Quantity("m", "Way driven since the first reading."), Quantity("rad", "Angle turned since then.")
+    metre, radian = (
+        Quantity("m", "Distance driven since the first reading."),
+        Quantity("rad", "Angle turned since the first reading."),
+    )
     odometry = SampleSeries(_ticks(p.t), {"distance": p.distance, "turn": p.turn}, {"distance": metre, "turn": radian})
     ranging = SampleSeries(
         _ticks(p.range_t),
         {"range": np.where(arrived, p.range[:, None], 0.0), "arrived": arrived},
-        {"range": Quantity("m", "To each radio; 0 where none came."), "arrived": Quantity("1", "Which came.")},
+        {
+            "range": Quantity("m", "Range to each radio; 0 if none arrived."),
+            "arrived": Quantity("1", "True for each range that arrived."),
+        },
     )
     truth = SampleSeries(
         _ticks(p.t),
         {"heading": p.heading, "north": p.north, "east": p.east},
         {
-            "heading": Quantity("rad", "From north to the vehicle's x axis; unwrapped.", kind="angle"),
+            "heading": Quantity("rad", "Heading from north to the vehicle's x axis, unwrapped.", kind="angle"),
             "north": Quantity("m", "Position, north.", frame="W"),
             "east": Quantity("m", "Position, east.", frame="W"),
         },
@@ -116,11 +125,11 @@ def plaza_log(name: str) -> Log:
 
 @functools.cache
 def written_log(name: str, folder: Path) -> Log:
-    """Return the same through a file, as it is replayed."""
+    """Return the log of a data set, written to a file and read back, as for a replay."""
     return read_mcap(write_mcap(plaza_log(name), folder / f"{name}.mcap"))
 
 
 def _ticks(seconds: Any) -> Any:
-    """Return whole ticks that increase by at least one."""
+    """Return times as integer ticks, each at least one tick after the previous one."""
     ticks, order = np.round(seconds * UNITS_PER_SECOND).astype(np.int64), np.arange(len(seconds))
     return np.maximum.accumulate(ticks - order) + order

@@ -1,4 +1,4 @@
-"""The filters of the study, with the errors that they believe: those tuned on the other log, and a few never tuned."""
+"""Filters of the study and their noise parameters. Most are tuned on the other log, a few are not tuned."""
 
 import functools
 import json
@@ -14,29 +14,30 @@ from trimtab.estimators.ranging.odometry import OdometryNoise, OdometryRanging, 
 
 TUNED = Path(__file__).parent / "tuned.json"
 BEFORE = {"slip": 0.05, "noise": 0.5}
-"""Start of tuning."""
+"""Initial parameters of the tuning."""
 TURN, SIGMA_TURN_BIAS, SIGMA_COURSE, SIGMA_SCALE, SIGMA_ERROR = 1e-3, 0.01, 0.02, 0.01, 0.1
-"""Not tuned, as a small gyro and a careful survey have it: noise of the heading (rad/sqrt(s)); standard deviations of
-the turn's bias (rad/s), of the axis over the course (rad), of the scale about that of the other log, of a radio's
-error (m)."""
+"""Parameters that are not tuned, for a small gyro and a careful survey: heading noise (rad/sqrt(s)), and standard
+deviations of the turn's bias (rad/s), of the axis relative to the course (rad), of the scale relative to the other
+log's, and of a radio's error (m).
+"""
 
 START_SIGMA = 2.0
-"""Standard deviation of a place from two ranges (m): the scale alone is 1 % of 80 m off."""
+"""Standard deviation of a position from two ranges (m). The scale error alone is 1 % of 80 m."""
 
 
 @functools.cache
 def read_tuned() -> dict[str, dict[str, float]]:
-    """Return name of a log -> parameters found on it, by ``python -m studies.ranges2009.tune``."""
+    """Return the parameters tuned on each log, by its name, from ``python -m studies.ranges2009.tune``."""
     return json.loads(TUNED.read_text(encoding="utf-8"))
 
 
 def believed_on(name: str) -> dict[str, float]:
-    """Return the parameters of a filter on a log: those found on the other log."""
+    """Return the filter parameters for a log, tuned on the other log."""
     return read_tuned()[OTHER[name]]
 
 
 def odometry_filter(p: Plaza, believed: dict[str, Any], scale: Any) -> OdometryRanging:
-    """The tightly coupled filter; believed: as BEFORE.  It begins where the truth does."""
+    """Return the tightly coupled filter, started at the first true pose. believed: parameters named as in BEFORE."""
     start = PlanarStart(
         heading=p.heading[0],
         north=p.north[0],
@@ -65,7 +66,7 @@ def particle_filter(name: str) -> OdometryParticle:
 
 
 def lagged_filter(name: str) -> LaggedOdometry:
-    """Return the tightly coupled filter's place of 4 to 5 s ago, continued with later data."""
+    """Return the fixed-lag form of the tightly coupled filter for a log, with an estimate that is 4 to 5 s old."""
     return LaggedOdometry(filter=tight_filter(name))
 
 
@@ -75,5 +76,5 @@ def plaza1() -> OdometryRanging:
 
 
 def plaza2() -> OdometryRanging:
-    """Return the same for Plaza2."""
+    """Return the filter for ``trimtab replay Plaza2.mcap --estimator studies.ranges2009._filters:plaza2``."""
     return tight_filter("Plaza2")

@@ -1,4 +1,4 @@
-"""The filters stepped over the logs, their errors over the truth, and gtsam's batch solution."""
+"""Runs of the filters on the logs, with their errors, and gtsam's batch solution."""
 
 import functools
 import json
@@ -18,16 +18,17 @@ from trimtab.run.replay_estimator import replay_estimator
 BATCH = Path(__file__).parent / "batch.json"
 FILTERS = {"tight": tight_filter, "particle": particle_filter, "lagged": lagged_filter}
 CAUSAL = ("tight", "particle")
-"""Filters whose estimate is of now."""
+"""Filters that estimate the present position."""
 TAIL = 0.025
-"""Probability on each side of a band of 95 %."""
+"""Probability beyond each side of a 95 % band."""
 
 
 class Flight(NamedTuple):
-    """A filter's run over a log, at the instants of the truth where it was valid.
+    """Run of a filter on a log, at those instants of the truth where its estimate was valid.
 
-    log: all of it.  rows: of the truth (n,), at which it came.  t: that it is of, s (n,).
-    place: north, east (n, 2).  error: over the truth of t (n, 2).  P: its covariance (n, 2, 2).
+    log: complete log of the run.  rows: indices of the truth at which an estimate came (n,).
+    t: time for which each estimate is valid, s (n,).  place: north, east (n, 2).
+    error: estimate minus truth at t (n, 2).  P: covariance of the position (n, 2, 2).
     """
 
     log: Log
@@ -39,17 +40,17 @@ class Flight(NamedTuple):
 
     @property
     def rms(self) -> float:
-        """Return the horizontal error (m)."""
+        """Return the rms of the horizontal error (m)."""
         return float(np.sqrt(np.mean(np.sum(self.error**2, axis=1))))
 
     @property
     def sigma(self) -> float:
-        """Return the filter's own standard deviation (m)."""
+        """Return the rms of the filter's own horizontal standard deviation (m)."""
         return float(np.sqrt(np.mean(np.trace(self.P, axis1=1, axis2=2))))
 
     @property
     def normalised(self) -> Any:
-        """Return the errors in sigmas, independent of each other if the filter is consistent (n, 2)."""
+        """Return the normalised errors (n, 2), uncorrelated with unit variance if the filter is consistent."""
         half = np.linalg.cholesky(self.P)
         return np.linalg.solve(half, self.error[:, :, None])[:, :, 0]
 
@@ -61,7 +62,7 @@ class Flight(NamedTuple):
 
 @functools.cache
 def fly(name: str, kind: str) -> Flight:
-    """Run a filter, one of FILTERS, over a log, through its file."""
+    """Run a filter, one of FILTERS, on a log that is written to a file and read back."""
     with tempfile.TemporaryDirectory() as folder:
         log = replay_estimator(written_log(name, Path(folder)), FILTERS[kind](name), seed=1)
     of_truth = log["downlink.odometry.fresh"]
@@ -81,9 +82,9 @@ def read_batch() -> Mapping[str, Any]:
 
 
 class CausalComparison(NamedTuple):
-    """A filter beside batch solutions of all that had come by the same instants.
+    """Comparison of a filter with batch solutions from all data up to the same instants.
 
-    filter_rms, batch_rms: over the truth (m).  difference: rms of one from the other (m).
+    filter_rms, batch_rms: rms errors (m).  difference: rms difference of the filter from the batch (m).
     """
 
     filter_rms: float
@@ -92,7 +93,10 @@ class CausalComparison(NamedTuple):
 
 
 def compare_causal(name: str, flight: Flight) -> CausalComparison:
-    """Evaluate at the ends of the batch solutions. Errors are NaN if the filter was not valid at one of them."""
+    """Compare a filter with the ends of the batch solutions.
+
+    Errors are NaN if the filter was invalid at any of them.
+    """
     p, table = read_plaza(name), np.asarray(read_batch()[name]["causal"])
     rows, batch = table[:, 0].astype(int), table[:, 1:]
     truth = np.stack([p.north, p.east], axis=1)[rows]

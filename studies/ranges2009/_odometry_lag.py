@@ -24,7 +24,7 @@ from trimtab.estimators.ranging.odometry import (
 )
 
 POSE = 3
-"""Number of states kept of an instant: heading, north, east."""
+"""Number of states of a kept pose: heading, north, east."""
 
 
 @record
@@ -41,15 +41,15 @@ class LaggedState:
 class LaggedOdometry:
     """Fixed-lag smoother: `OdometryRanging` for some seconds ago, corrected by all later measurements.
 
-    The state keeps `kept` poses, spaced so that the oldest is between `lag` and `lag` and one spacing old; their
-    covariances with the present let each range correct them, too. `Estimate.age` gives the age.
+    The state keeps `kept` poses. Their spacing makes the oldest between `lag` and `lag` plus one spacing old. Their
+    covariances with the present state let each range correct them, too. `Estimate.age` gives the age.
 
     Frames:  beacons in W; level vehicle on a flat floor.
     Valid:   once the oldest pose has that age; before, the estimate is that of the start.
     Source:  Moore 1973; docs page.
     """
 
-    filter: OdometryRanging = part("Filter that runs on the present.", default=OdometryRanging())
+    filter: OdometryRanging = part("Filter that estimates the present state.", default=OdometryRanging())
     lag: Scalar = quantity("s", "Minimum age of the estimate.", default=4.0, above=0)
     kept: int = option("Number of poses kept in the state.", default=5)
 
@@ -67,7 +67,7 @@ class LaggedOdometry:
             )
 
     def init(self, key: Key) -> LaggedState:
-        """Return the initial state, before any measurement; every kept pose is the first."""
+        """Return the initial state, before any measurement. Every kept pose is the initial pose."""
         drive = self.filter.init(key)
         copies = np.tile(np.eye(POSE, drive.x.shape[0]), (self.kept, 1))
         T = jnp.asarray(np.concatenate([np.eye(drive.x.shape[0]), copies]))
@@ -80,7 +80,7 @@ class LaggedOdometry:
         )
 
     def step(self, t: Any, state: LaggedState, frame: Frame) -> tuple[LaggedState, Estimate]:
-        """Return the past estimate at integer time t; its state is a RobotNavigation with the present counters."""
+        """Return the past estimate at integer time t. Its state is a RobotNavigation with the present counters."""
         drive, came = drive_on(self.filter, state.drive, t, frame)
         s = _keep_pose(self, replace(state, drive=drive))
         drive, ranged = fuse_ranges(self.filter, s.drive, t, frame)
@@ -94,7 +94,7 @@ class LaggedOdometry:
 
 
 def _keep_pose(form: LaggedOdometry, s: LaggedState) -> LaggedState:
-    """Keep the present pose and drop the oldest, if the newest kept one is a spacing old."""
+    """Keep the present pose and drop the oldest, if the newest kept pose is at least one spacing old."""
     drive, size = s.drive, s.drive.x.shape[0]
     n = size - POSE * form.kept
     T = np.eye(size)

@@ -38,7 +38,7 @@ from trimtab.estimators.ranging.particle_cloud import Cloud, cloud_moments, effe
 from trimtab.estimators.ranging.position import SQUARE
 
 EVIDENCE = 20
-"""Number of ranges over which the share of accepted ones is averaged."""
+"""Number of ranges over which the share of accepted ranges is averaged."""
 ACCEPTED_MIN = 0.5
 """Smallest share of accepted ranges of a valid estimate."""
 THROW, COMB = 1, 3
@@ -63,7 +63,7 @@ class OdometryParticleState:
 class OdometryParticle:
     """Particles that are Gaussians in the state of `OdometryRanging`, each with its own initial heading.
 
-    The particles are drawn when two beacons have been received within `pair_time`: around the two places where their
+    The particles are drawn when two beacons have been received within `pair_time`: around the two positions where their
     circles intersect, with all headings. A range that contradicts most particles changes their weights little. The
     estimate is valid only while most ranges are accepted.
 
@@ -74,8 +74,8 @@ class OdometryParticle:
 
     noise: OdometryNoise = part("Noise of the odometry.", default=OdometryNoise())
     errors: RadioErrors = part("Errors of the ranges.", default=RadioErrors())
-    start: PlanarStart = part("Sigmas of turn bias and course; the initial pose is not read.", default=PlanarStart())
-    beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
+    start: PlanarStart = part("Sigmas of turn bias and course. The initial pose is not used.", default=PlanarStart())
+    beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's antenna.", default=0.0, frame="W")
     longest: Scalar = quantity("s", "Maximum time between a range and the newest odometry.", default=1.0, above=0)
     pair_time: Scalar = quantity(
@@ -127,7 +127,7 @@ class OdometryParticle:
         )
 
     def step(self, t: Any, state: OdometryParticleState, frame: Frame) -> tuple[OdometryParticleState, Estimate]:
-        """Return the estimate at integer time t; its state is a RobotNavigation, the heading in [-pi, pi)."""
+        """Return the estimate at integer time t. Its state is a RobotNavigation with the heading in [-pi, pi)."""
         drive, came, motion = read_odometry(state.drive, frame.samples[self.odometry], t, self.noise.grip)
         s, running = replace(state, drive=drive), state.effective > 0
 
@@ -189,9 +189,9 @@ def throw_particles(form: OdometryParticle, s: OdometryParticleState, recent: An
 
 
 def weigh_range(form: OdometryParticle, s: OdometryParticleState, i: Any, z: Any, ahead: Any) -> OdometryParticleState:
-    """Update and weigh every particle with a range z (m) to beacon i; resample if few of them have weight.
+    """Update and weight every particle with a range z (m) to beacon i. Resample if few particles have weight.
 
-    p(z) = (1 - wrong) N(innovation; 0, S) + wrong / width, and outside a particle's gate a range corrects nothing.
+    p(z) = (1 - wrong) N(innovation; 0, S) + wrong / width. A range outside a particle's gate does not correct it.
     """
     e, fix = form.errors, s.drive.fix
     R = jnp.reshape(e.noise**2, (1, 1))

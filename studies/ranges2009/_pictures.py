@@ -1,4 +1,4 @@
-"""Pictures of the study."""
+"""Plots of the study of ranging radios."""
 
 import math
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ LAGS = 20
 
 
 def draw_noise(path: Path, name: str, noise: Any, ids: tuple[int, ...]) -> Path:
-    """Plot errors of a log's ranges: over distance, their residuals, distribution and memory."""
+    """Plot the errors of a log's ranges over distance, and residuals, distribution and autocorrelation."""
     figure = new_figure(13.0, 8.0)
     over, left, shape, memory = np.ravel(figure.subplots(2, 2))
     for i, radio in enumerate(ids):
@@ -34,18 +34,18 @@ def draw_noise(path: Path, name: str, noise: Any, ids: tuple[int, ...]) -> Path:
     bound = 2 / np.sqrt(len(noise.residual) / len(ids))
     for level in (-bound, bound):
         memory.axhline(level, color=GREY, lw=0.8, ls="--")
-    style_axes(over, "range minus true distance", "lines: fitted to each radio", "m")
-    style_axes(left, "what is left", f"standard deviation {sigma:.3f} m", "m")
-    style_axes(shape, "its distribution", "red: normal", "1/m")
-    style_axes(memory, "its autocorrelation", "dashed: two sigmas of white noise")
+    style_axes(over, "range minus true distance", "lines: fit to each radio", "m")
+    style_axes(left, "residuals of the fits", f"standard deviation {sigma:.3f} m", "m")
+    style_axes(shape, "distribution of the residuals", "red: normal", "1/m")
+    style_axes(memory, "autocorrelation of the residuals", "dashed: two sigmas of white noise")
     over.legend(frameon=False, fontsize=8, markerscale=4)
-    for axes, label in ((over, "distance (m)"), (left, "distance (m)"), (shape, "m"), (memory, "ranges later")):
+    for axes, label in ((over, "distance (m)"), (left, "distance (m)"), (shape, "m"), (memory, "lag (ranges)")):
         axes.set_xlabel(label, fontsize=9)
     return _save(figure, path, f"{name}: noise of the ranges")
 
 
 def draw_way(path: Path, name: str, plaza: Any, flights: Mapping[str, Any], batch: Mapping[str, Any]) -> Path:
-    """Plot the path: truth, each filter, and gtsam's batch; east to the right, north up."""
+    """Plot the true path, each filter's path and that of gtsam's batch, with north up."""
     figure = new_figure(5.0 + 5.5 * len(flights), 6.5)
     every = np.ravel(figure.subplots(1, len(flights) + 1, sharex=True, sharey=True))
     rows = np.asarray(batch["row"])
@@ -62,11 +62,11 @@ def draw_way(path: Path, name: str, plaza: Any, flights: Mapping[str, Any], batc
         axes.set_aspect("equal", adjustable="box")
         axes.legend(frameon=False, fontsize=8, loc="lower left")
     every[0].set_ylabel("north (m)", fontsize=9)
-    return _save(figure, path, f"{name}: the way")
+    return _save(figure, path, f"{name}: path")
 
 
 def draw_errors(path: Path, title: str, flight: Any) -> Path:
-    """Plot errors with three sigmas, NEES in time with the band of one draw, and the innovations in their sigmas."""
+    """Plot errors with three sigmas, NEES over time with the band of a single instant, and normalised innovations."""
     figure = new_figure(13.0, 9.5)
     grid = figure.add_gridspec(4, 2)
     north, east, nees = (figure.add_subplot(grid[k, :]) for k in range(3))
@@ -77,7 +77,7 @@ def draw_errors(path: Path, title: str, flight: Any) -> Path:
         axes.plot(flight.t, flight.error[:, k], color=BLUE, lw=0.7)
         axes.set_ylim(-2.5, 2.5)
         beyond = float(np.mean(np.abs(flight.error[:, k]) > sigma))
-        style_axes(axes, f"{name}: estimate minus truth", f"three sigmas; {100 * beyond:.2f} % beyond", "m")
+        style_axes(axes, f"{name}: estimate minus truth", f"three sigmas; {100 * beyond:.2f} % outside", "m")
     z = flight.normalised
     values, judged = np.sum(z * z, axis=1), flight.consistency()
     low, high = chi_square_bounds(2, 1)
@@ -85,7 +85,7 @@ def draw_errors(path: Path, title: str, flight: Any) -> Path:
     nees.plot(flight.t, values, color=BLUE, lw=0.6)
     nees.axhline(judged.mean, color=VERMILION, lw=1.2)
     nees.set_ylim(0, 20)
-    words = f"mean {judged.mean:.2f}, its band {judged.low:.2f} to {judged.high:.2f}; shaded: 95 % of single instants"
+    words = f"mean {judged.mean:.2f}, band of the mean {judged.low:.2f} to {judged.high:.2f}; shaded: 95 % of instants"
     style_axes(nees, "NEES of the position", words)
     nees.set_xlabel("time (s)", fontsize=9)
     fix = "estimate.state.position_fix"
@@ -93,12 +93,12 @@ def draw_errors(path: Path, title: str, flight: Any) -> Path:
     bins = np.linspace(-5, 5, 61)
     shape.hist(y, bins.tolist(), density=True, color=BLUE, alpha=0.5)
     shape.plot(bins, np.exp(-0.5 * bins**2) / np.sqrt(2 * np.pi), color=VERMILION, lw=1.2)
-    style_axes(shape, "innovations of the ranges", "in their sigmas; red: normal")
+    style_axes(shape, "innovations of the ranges", "normalised; red: normal")
     levels = np.linspace(0, 4.5, 91)
     tails.semilogy(levels, [max(float(np.mean(np.abs(y) > v)), 1e-5) for v in levels], color=BLUE)
     tails.semilogy(levels, [_normal_beyond(v) for v in levels], color=VERMILION, lw=1.2)
     tails.set_ylim(1e-4, 1)
-    style_axes(tails, "share beyond so many sigmas", "red: normal")
+    style_axes(tails, "share beyond a number of sigmas", "red: normal")
     return _save(figure, path, title)
 
 

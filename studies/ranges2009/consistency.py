@@ -1,7 +1,7 @@
-"""Does a filter that was tuned on the other log know how wrong it is on this one?
+"""Consistency: accuracy of the covariance of a filter that was tuned on the other log.
 
-Errors of one drive hang together in time: a band of 95 % for the average over 9658 instants is that of as many
-independent draws as these are worth (`trimtab.logs.consistency`), which is some hundred.
+Errors of one drive are correlated in time. So the 95 % band for the average over 9658 instants is that of the effective
+number of independent draws (`trimtab.logs.consistency`), about a hundred.
 """
 
 from collections.abc import Iterator
@@ -20,20 +20,20 @@ PLACE = "[1] the data"
 RARE = 13.816
 """99.9 % quantile of chi-square with two degrees of freedom."""
 BACKWARDS = (
-    "Too sure for some ten seconds at a time: at 1406 s and 1928 s the vehicle backs up, and its odometry, without a "
-    "sign, says forwards. The average can't show it, for in between the filter is too careful."
+    "Overconfident for about ten seconds, twice: at 1406 s and 1928 s the vehicle backs up, and its unsigned odometry "
+    "shows forward motion. The average cannot show this, because the filter is too cautious in between."
 )
 
 
 def rows() -> Iterator[Row]:
-    """Yield NEES of the place over the whole drive, NIS of the ranges, whiteness of the innovations."""
+    """Yield the NEES of the position over the whole drive, the NIS of the ranges, and whiteness of the innovations."""
     for name in NAMES:
         for kind in FILTERS:
             flight = fly(name, kind)
             nees, what = flight.consistency(), f"{name}, {kind} filter"
             yield band(
-                f"{name}/{kind}/nees", f"{what}: NEES of the place", 2.0, nees.mean, PLACE, low=nees.low,
-                high=nees.high, basis="input", note=f"The drive is worth {nees.draws:.0f} draws.",
+                f"{name}/{kind}/nees", f"{what}: NEES of the position", 2.0, nees.mean, PLACE, low=nees.low,
+                high=nees.high, basis="input", note=f"The drive has {nees.draws:.0f} effective draws.",
             )  # fmt: skip
             beyond = float(np.mean(np.sum(flight.normalised**2, axis=1) > RARE))
             yield at_most(
@@ -50,13 +50,13 @@ def rows() -> Iterator[Row]:
                 high=ranges.nis.high, basis="input",
             )  # fmt: skip
             yield direction(
-                f"{name}/{kind}/white", f"{what}: innovations are white, p", "white", ranges.p, PLACE, above=TAIL,
+                f"{name}/{kind}/white", f"{what}: innovations are white, p-value", "white", ranges.p, PLACE, above=TAIL,
                 basis="input",
             )  # fmt: skip
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Plot errors with three sigmas, NEES in time, innovations."""
+    """Plot errors with three sigmas, NEES over time, and innovations."""
     for name in NAMES:
         for kind in FILTERS:
             yield draw_errors(folder / f"errors-{name}-{kind}.png", f"{name}, {kind} filter", fly(name, kind))

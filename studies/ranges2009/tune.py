@@ -1,8 +1,8 @@
-"""Tune the filter on each log by itself: the errors under which its innovations were most probable.
+"""Tune the filter on each log separately: find the noise parameters that maximise the likelihood of its innovations.
 
     python -m studies.ranges2009.tune
 
-Nothing is compared with the truth, which only gives the start. What is found on one log is used on the other.
+Tuning uses the truth only for the initial pose. Parameters found on one log are used on the other.
 """
 
 import json
@@ -20,15 +20,15 @@ from trimtab.run.replay import find_steps
 from trimtab.run.replay_estimator import estimator_block
 
 SCALE_BEFORE = 0.05
-"""A-priori excess of the ranges: about the thickness of what is not air."""
+"""A-priori excess of the ranges, for delays in material other than air."""
 EVALUATIONS = 40
 
 
 def tune_log(name: str) -> dict[str, float]:
-    """Parameters found on one log: BEFORE's names, and the final scale of the filter."""
+    """Return the parameters tuned on one log: those of BEFORE, and the final scale of the filter."""
     p, log = read_plaza(name), plaza_log(name)
     scale, found, cost = SCALE_BEFORE, dict(BEFORE), 0.0
-    for _ in range(2):  # the second time with the scale that the first ended with
+    for _ in range(2):  # the second pass starts with the final scale of the first
         likelihood = _likelihood(p, log, scale)
         begin = np.log([found[k] for k in BEFORE])
         simplex = np.vstack([begin, begin + 0.5 * np.eye(len(begin))])
@@ -40,7 +40,7 @@ def tune_log(name: str) -> dict[str, float]:
 
 
 def _likelihood(p: Any, log: Any, scale: float) -> Any:
-    """Return minus the log likelihood of a log's ranges, less a constant, and the last scale. Arguments: logarithms."""
+    """Return a function of log parameters: negative log likelihood of the ranges, up to a constant, and final scale."""
     block = estimator_block(log, odometry_filter(p, BEFORE, scale))
     leaves, tree = jax.tree.flatten(block.input)
     inputs = find_steps(log, leaf_paths(block.input), 1).inputs
@@ -70,7 +70,7 @@ def _likelihood(p: Any, log: Any, scale: float) -> Any:
 
 
 def main() -> None:
-    """Tune on each log, and write the result."""
+    """Tune on each log, and write the parameters to tuned.json."""
     found = {}
     for name in NAMES:
         found[name] = tune_log(name)

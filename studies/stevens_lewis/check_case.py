@@ -1,7 +1,7 @@
-"""The check case of the F-16's program: thirteen derivatives in a violent attitude.
+"""Check case of the F-16's program: thirteen derivatives at an extreme flight condition.
 
-[1] prints them to seven figures, for the centre of mass at 0.4 chords. Its program turns by nine constants of the
-inertia that are rounded to four figures, so the vehicle's own moments are held by these.
+[1] prints them to seven figures, for the centre of mass at 0.4 chords. Its program computes angular
+accelerations with nine inertia constants rounded to four figures, so the rows use these with the computed moments.
 """
 
 from collections.abc import Iterator
@@ -48,20 +48,20 @@ PRINTED = {
     "altitude": (248.1241, FOOT, "ft/s"),
     "power": (-58.68999, 0.01, "%/s"),
 }
-"""Derivative -> number, unit in SI, unit."""
+"""Derivative -> printed number, factor to SI units, printed unit."""
 C1, C2, C3, C4, C5, C6, C7, C8, C9 = -0.770, 0.02755, 1.055e-4, 1.642e-6, 0.9604, 1.759e-2, 1.792e-5, -0.7336, 1.587e-5
-"""Inertia constants of the program, slugs and feet."""
+"""Inertia constants of the program, in slugs and feet."""
 MOMENTUM = 160.0
-"""Angular momentum of its engine."""
+"""Angular momentum of the engine (slug ft²/s)."""
 RELATIVE_ERROR_MAX = 1e-5
 """Relative tolerance: the program uses 57.3 degrees per radian in one place."""
 LESS = 1.3825e-4
-"""Change of the rolling moment's coefficient with which both rows that fail would hold."""
-WHY = f"As if Cl were {LESS:.2e} less, for p' and r' alike; no single value of the tables, in thousandths, is that."
+"""Decrease of the rolling moment's coefficient with which both failing rows would hold."""
+WHY = f"A Cl that is {LESS:.2e} smaller explains both p' and r'. No single table entry, given in thousandths, does."
 
 
 def turn_by_constants(craft: F16FlatEarth) -> Any:
-    """Return the angular acceleration (3,) of the vehicle's own moments, by the program's constants."""
+    """Return the angular acceleration (3,) due to the computed moments, with the program's constants."""
     roll, pitch, yaw = np.asarray(craft.loads(STATE, CONTROLS).wrench.moment) / (POUND_FORCE * FOOT)
     p, q, r = STATE.roll_rate, STATE.pitch_rate, STATE.yaw_rate
     return np.array(
@@ -74,7 +74,7 @@ def turn_by_constants(craft: F16FlatEarth) -> Any:
 
 
 def rows() -> Iterator[Row]:
-    """Yield each derivative; those of the rates by the program's constants."""
+    """Yield each derivative. Those of the rates use the program's constants."""
     craft = replace(F16FlatEarth(), centre=0.4)
     rate = craft.dynamics(0.0, STATE, CONTROLS)
     names = [name for name in PRINTED if name.endswith("_rate")]

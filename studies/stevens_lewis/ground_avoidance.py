@@ -1,10 +1,10 @@
-"""The gains of the F-16's load-factor control, and two flights that avoid the ground.
+"""Gains of the F-16's load-factor control, and two flights that avoid the ground.
 
-AeroBenchVV, the program of [2]'s authors, flies gains of a linear quadratic regulator; here they are designed again.
-Its two flights (`run_GCAS`, `run_GCAS_inverted`, with the model "stevens") are flown by our law, without errors and
-lags: what is held is how low each gets. `tests/oracles` flies them by the book's equations; AeroBenchVV itself gets to
-406.9 and 960.9 ft. Both ask their modes each 1/30 s, in which the dive falls 8 ft, ours each 10 ms; our accelerometers
-feel the centripetal part, too.
+AeroBenchVV, the program of [2]'s authors, uses gains of a linear quadratic regulator. These gains are designed again
+here. Its two flights (`run_GCAS`, `run_GCAS_inverted`, with the model "stevens") are flown with this package's law,
+without errors and lags, and the lowest altitudes are compared. `tests/oracles` computes them by the book's equations.
+AeroBenchVV itself reaches 406.9 and 960.9 ft. Both programs update their modes every 1/30 s, in which the dive descends
+8 ft. This package does so every 10 ms, and its accelerometers also measure the centripetal acceleration.
 """
 
 from collections.abc import Iterator
@@ -27,23 +27,26 @@ LATERAL = (
     (37.84483, -25.40956, -6.82876, -332.88343, -17.15997),
     (-23.91233, 5.69968, -21.63431, 64.49490, -88.36203),
 )
-"""u = -K x, surfaces in degrees, states in rad and rad/s, integrals of load (g), roll rate, side load and yaw rate."""
+"""Gains K of u = -K x, with surfaces in degrees, and states in rad and rad/s.
+
+The integrals are of load (g), roll rate, side load and yaw rate.
+"""
 FED_BACK = ("alpha", "pitch rate", "load integral"), ("beta", "roll rate", "yaw rate", "roll integral", "side integral")
 GAIN = 0.003
 """Relative tolerance of a gain: AeroBenchVV has -0.415 for -0.416 in its table of the normal force."""
 LOWEST = {"dive": 407.11, "inverted": 961.14}
 """Lowest altitude of the two flights (ft): python -m oracles.f16_ground_avoidance."""
 FALL = 8.5
-"""Descent in one of the oracle's instants (ft): 540 ft/s, 27 degrees down."""
+"""Descent in one update of the oracle (ft), at 540 ft/s and 27 degrees down."""
 
 
 ERRORS = "air-data-bias", "air-data-noise", "inertial-bias", "inertial-noise", "actuator-lag", "rate-limit"
-"""Errors that AeroBenchVV does not model; its surfaces have stops."""
+"""Faults that are switched off because AeroBenchVV does not model them. Its surfaces have stops."""
 
 
 @cache
 def fly(start: str) -> Any:
-    """Fly with the published gains, without ERRORS. The deck is a little higher, for a recovery at once."""
+    """Fly with the published gains, without ERRORS. The deck is raised a little to start the recovery at once."""
     settings = {"start": start, "gains": "published", "autopilot.law.deck": "335"}
     return simulate(build("f16/gcas", settings, ERRORS), seed=0)
 
@@ -81,7 +84,7 @@ def rows() -> Iterator[Row]:
             tolerance=FALL,
             unit="ft",
             basis="reference",
-            note="Not printed: from an oracle; AeroBenchVV, run for it, gives 0.2 to 0.3 ft less.",
+            note="Not printed; computed by an oracle. AeroBenchVV itself gives 0.2 to 0.3 ft less.",
         )
 
 

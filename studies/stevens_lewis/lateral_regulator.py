@@ -1,10 +1,9 @@
-"""The lateral regulator of the F-16: gains from measured outputs that make a quadratic cost least.
+"""Lateral regulator of the F-16: output-feedback gains that minimise a quadratic cost.
 
-Sideslip, roll, roll rate and yaw rate with two actuators and a washout of the yaw rate; fed back are the yaw rate that
-is washed out, roll rate, sideslip and roll, in degrees. The cost is an average over all first states.
-
-Weights and printed gains are from public transcriptions of [1], of which some have -0.11 for the aileron's sideslip
-gain: the cost decides.
+The states are sideslip, roll, roll rate and yaw rate, two actuators and a washout of the yaw rate. The washed-out yaw
+rate, roll rate, sideslip and roll are fed back, in degrees. The cost is an average over all initial states. Weights and
+printed gains are from public transcriptions of [1]. Some of these have -0.11 for the aileron's sideslip gain; 0.11 has
+the lower cost.
 """
 
 from collections.abc import Iterator
@@ -24,12 +23,12 @@ ACTUATOR, WASHOUT = 20.2, 1.0
 """Poles (1/s) of both actuators and of the washout."""
 Q = np.diag([50.0, 100.0, 100.0, 50.0, 0.0, 0.0, 1.0])
 R = 0.1 * np.eye(2)
-"""Weight of both commands (deg)."""
+"""Weight of both surface commands (deg)."""
 SURFACES = ("aileron", "rudder")
 MEASURED = ("washed_yaw_rate", "roll_rate", "beta", "roll")
 PRINTED = np.array([[-0.56, -0.44, 0.11, -0.35], [-1.19, -0.21, -0.44, 0.26]])
 COST_EXCESS_MAX = 1e-4
-"""Relative excess of the cost at which a search may stop early: that of the printed gains, to its first figure."""
+"""Relative excess of the cost at which a search may stop: that of the printed gains, to its first figure."""
 
 
 class LateralLoop(NamedTuple):
@@ -40,7 +39,7 @@ class LateralLoop(NamedTuple):
     C: Any
 
     def cost(self, K: Any) -> tuple[float, Any]:
-        """Return half the trace of P, with A'P + P A + Q + C'K'R K C = 0 in closed loop, and its gradient over K."""
+        """Return half the trace of P, with A'P + P A + Q + C'K'R K C = 0 in closed loop, and its gradient in K."""
         closed = self.A - self.B @ K @ self.C
         if np.linalg.eigvals(closed).real.max() >= 0:
             return np.inf, np.zeros_like(K)
@@ -64,7 +63,7 @@ def lateral_loop() -> LateralLoop:
 
 
 def find_gains(loop: LateralLoop) -> tuple[Any, Any]:
-    """Return the gains (2, 4) of least cost, from the printed ones on, and their tolerances at COST_EXCESS_MAX."""
+    """Return the gains (2, 4) of least cost, found from the printed gains, and their tolerances at COST_EXCESS_MAX."""
 
     def flat_cost(k: Any) -> tuple[float, Any]:
         value, slope = loop.cost(k.reshape(PRINTED.shape))
@@ -78,7 +77,7 @@ def find_gains(loop: LateralLoop) -> tuple[Any, Any]:
 
 
 def rows() -> Iterator[Row]:
-    """Yield each gain, and the cost of the printed ones."""
+    """Yield each gain, and the excess cost of the printed gains."""
     loop = lateral_loop()
     gains, open_by = find_gains(loop)
     for i, j in np.ndindex(PRINTED.shape):
@@ -94,5 +93,5 @@ def rows() -> Iterator[Row]:
             unit="s" if "rate" in name else "1",
         )
     more = loop.cost(PRINTED)[0] / loop.cost(gains)[0] - 1
-    what = "what the printed gains cost more than ours, part of the cost"
+    what = "relative excess cost of the printed gains over the computed gains"
     yield at_most("cost", what, 0.0, more, "[1] example 5.3-1", high=COST_EXCESS_MAX, unit="1", basis="reference")

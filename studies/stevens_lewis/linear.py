@@ -1,6 +1,6 @@
 """Linear models of the F-16 at its nominal trim, and their poles.
 
-Straight and level at 502 ft/s and sea level, the centre of mass at 0.35 chords; surfaces in degrees.
+Flight is straight and level at 502 ft/s and sea level. The centre of mass is at 0.35 chords. Surfaces are in degrees.
 """
 
 from collections.abc import Iterator
@@ -42,22 +42,25 @@ A_ASIDE = np.array(
 )
 B_ASIDE = np.array([[0.0003, 0.0008], [0.0, 0.0], [-0.7333, 0.1315], [-0.0319, -0.0620]])
 LOADS = np.array([-16.26, -0.9788, 0.04852])
-"""Row of A of the integral of wanted less actual load factor, 15 ft before the centre of mass, over angle of attack
-(rad), pitch rate, elevator (deg)."""
+"""Derivative of commanded minus actual load factor, 15 ft ahead of the centre of mass, with respect to angle of attack
+(rad), pitch rate (rad/s) and elevator (deg)."""
 NAMES = {
     "4.4-1": ("fast-pitch", "slow-pitch", "slow-pitch", "growing-pitch"),
     "5.3-1": ("roll-subsidence", "dutch-roll", "dutch-roll", "spiral"),
 }
-"""Poles, the largest first: with its mass at 0.35 chords it has no short period and is unstable in pitch."""
+"""Names of the poles, the largest first.
+
+With the mass at 0.35 chords there is no short period, and pitch is unstable.
+"""
 FIGURES = 1e-3
-"""Relative tolerance: numbers from differences at a trim of four figures, with an inertia of four figures."""
+"""Relative tolerance. The printed numbers are finite differences, with a trim and inertias of four figures."""
 MISPRINT = "5.3-1/A/roll/yaw_rate"
-"""The kinematics have tan(pitch) there, 0.0369, at any trim of this attitude."""
+"""Row of a misprint. The kinematics give tan(pitch) = 0.0369 for this entry."""
 
 
 @cache
 def linear_model() -> LinearModel:
-    """Return the model in feet, radians and degrees of the surfaces."""
+    """Return the linear model in feet and radians, with surfaces in degrees."""
     level = find_trim("nominal")
     x, u = F16State(*[0.0] * 13), F16Controls(*[0.0] * 4)
     states = np.ones(13)
@@ -68,7 +71,7 @@ def linear_model() -> LinearModel:
 def _entries(
     letter: str, printed: Any, computed: Any, names: tuple[str, ...], columns: tuple[str, ...], place: str
 ) -> Iterator[Row]:
-    """Yield each number that is neither zero nor one."""
+    """Yield each printed entry that is neither zero nor one."""
     for i, j in np.ndindex(printed.shape):
         value = float(printed[i, j])
         if value in (0.0, 1.0) or abs(value) < 1e-9:
@@ -83,12 +86,15 @@ def _entries(
             relative=FIGURES,
             tolerance=0.6e-4 if place == "5.3-1" else 0.0,
             must_hold=id != MISPRINT,
-            note="A misprint: tan(pitch), of any attitude 0.0369." if id == MISPRINT else "",
+            note="A misprint: the entry is tan(pitch), 0.0369 here." if id == MISPRINT else "",
         )
 
 
 def _poles(place: str, printed: Any, computed: Any) -> Iterator[Row]:
-    """Yield each pole of a printed matrix, and ours. Its tolerance is that of the entries, to first order."""
+    """Yield each pole of a printed and a computed matrix.
+
+    The tolerance follows from that of the entries, to first order.
+    """
     found: Any = eig(printed, left=True, right=True)
     poles, left, right = found
     ours = np.linalg.eigvals(computed)
@@ -104,12 +110,12 @@ def _poles(place: str, printed: Any, computed: Any) -> Iterator[Row]:
         for part, value, own in (("real", poles[i].real, near.real), ("imaginary", poles[i].imag, near.imag)):
             if value:
                 id, what = f"{place}/pole/{name}/{part}", f"{name.replace('-', ' ')}, {part} part"
-                about = f"[1] example {place}, of its matrix"
+                about = f"[1] example {place}, poles of its matrix"
                 yield within(id, what, float(value), float(own), about, tolerance=off, unit="1/s", basis="reference")
 
 
 def rows() -> Iterator[Row]:
-    """Yield the entries of the matrices, those of the load factor, and the poles of the printed matrix."""
+    """Yield the entries of the matrices, the derivatives of the load factor, and the poles of the printed matrices."""
     along = linear_model().part(ALONG, ["elevator"], ["normal_load"])
     yield from _entries("A", A_ALONG, along.A, ALONG, ALONG, "4.4-1")
     yield from _entries("B", B_ALONG[:, None], along.B, ALONG, ("elevator",), "4.4-1")
@@ -123,5 +129,5 @@ def rows() -> Iterator[Row]:
     normal = along.part(NORMAL, ["elevator"], ["normal_load"])
     ours = [*-normal.C[0], -normal.D[0, 0]]
     for name, printed, computed in zip((*NORMAL, "elevator"), LOADS, ours, strict=True):
-        what = f"load wanted less load over {name.replace('_', ' ')}"
+        what = f"commanded minus actual load per {name.replace('_', ' ')}"
         yield within(f"5.4-1/{name}", what, printed, computed, "[1] example 5.4-1", relative=FIGURES)

@@ -1,7 +1,7 @@
-"""Trims of the F-16: straight and level for three places of the centre of mass, a turn, a pull-up.
+"""Trims of the F-16: straight and level with three positions of the centre of mass, a turn, and a pull-up.
 
-All at 502 ft/s and sea level. The turn is level and without side force, at 0.3 rad/s; the pull-up goes through
-the level at 0.3 rad/s.
+All trims are at 502 ft/s and sea level. The turn is level and without side force, at 0.3 rad/s. The pull-up passes
+through level flight at 0.3 rad/s.
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,7 +24,10 @@ TURN = (*PULL_UP, "roll", "roll_rate", "pitch_rate", "yaw_rate")
 
 
 class TrimCase(NamedTuple):
-    """Trim. title: a name.  centre: of mass (chords).  free: unknowns.  rates: wanted derivatives.  pitch_rate: rad/s.
+    """Printed trim.
+
+    title: description.  centre: centre of mass (chords).  free: unknowns.  rates: required derivatives.
+    pitch_rate: rad/s.
 
     printed: name -> number of [1], with its figures; angles in rad, surfaces in degrees.
     """
@@ -81,11 +84,11 @@ CASES = {
     ),
 }
 FIGURES = 2.5e-4
-"""Relative tolerance for a search that stops before it is at rounding; half of the last digit is added."""
+"""Relative tolerance of a search that stops before rounding error. Half of the last printed digit is added."""
 OPEN = {
-    ("turn", "aileron"): "By 0.005 degrees; our trim leaves 1e-10 of every equation. Not explained.",
-    ("turn", "rudder"): "By 0.0007 degrees. As the aileron.",
-    ("pull-up", "rudder"): "By 0.00002 degrees. As the aileron.",
+    ("turn", "aileron"): "Off by 0.005 degrees, not explained. The residuals of the computed trim are 1e-10.",
+    ("turn", "rudder"): "Off by 0.0007 degrees, not explained.",
+    ("pull-up", "rudder"): "Off by 0.00002 degrees, not explained.",
 }
 SURFACES = ("elevator", "aileron", "rudder")
 UNITS = {"alpha": "rad", "roll": "rad", "pitch": "rad", "throttle": "1"} | dict.fromkeys(SURFACES, "deg")

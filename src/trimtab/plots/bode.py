@@ -33,7 +33,7 @@ def plot_bode(loop: LoopMap, path: PicturePath = None, title: str = "") -> "Figu
         dashes = DASHES[k % len(DASHES)]
         size = 20 * np.log10(np.maximum(np.abs(column), 1e-12))
         phase = np.degrees(np.unwrap(np.angle(column)))
-        if crossings[name]:  # where the size is 1, the phase margin is what lies above -180 degrees
+        if crossings[name]:  # at magnitude 1, the phase margin is the phase above -180 degrees
             frequency, margin = crossings[name][-1]
             own = np.interp(np.log(frequency), np.log(w), phase)
             phase -= 360 * np.round((own - np.degrees(margin) + 180) / 360)

@@ -28,7 +28,7 @@ LOOKS = 60
 HUGE = 1e12
 """Value drawn in place of infinity, which matplotlib cannot draw. It is far outside the plot."""
 BEYOND = 4.0
-"""Half width of a histogram around the median, in widths of its middle 90 %. Values outside are only counted."""
+"""Half width of a histogram around the median, in widths of the middle 90 % of values. Others are only counted."""
 
 
 def plot_parallel(
@@ -38,11 +38,11 @@ def plot_parallel(
     title: str = "",
     units: Mapping[str, str] = MappingProxyType({}),
 ) -> "Figure":
-    """Draw each run as a line through its parameters, failures on top; of many runs, draw some, and state how many.
+    """Draw each run as a line through its parameters, failures on top. Of many runs, only some are drawn.
 
     Args:
         parameters: values by name, each of shape (n,): numbers, finite.
-        success: of each run, shape (n,).
+        success: success of each run, shape (n,).
         path: where to save, see `PicturePath`.
         title: title of the plot.
         units: units of the parameters, by name, if any.
@@ -96,7 +96,7 @@ def _axis_positions(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any,
 
 
 def _draw_lines(axes: Any, places: Any, colour: str, order: int) -> None:
-    """Draw lines of places (runs, parameters), fainter for more lines; a higher order lies on top."""
+    """Draw lines of places (runs, parameters), fainter for more lines. Lines of a higher order are on top."""
     from matplotlib.collections import LineCollection
 
     k = np.arange(places.shape[1])
@@ -133,7 +133,7 @@ def plot_histogram(
         title: title of the plot.
         label: name and unit of the metric.
         level: confidence of each band.
-        limit: a required value, drawn as a line if it is near the values; the legend names it in any case.
+        limit: a required value, drawn as a line if it is near the values. The legend always names the limit.
     """
     figure, axes = _new_axes(7.0, 4.4, title)
     x = as_column(values, "plot_histogram")
@@ -165,11 +165,11 @@ def plot_convergence(
     level: float = 0.95,
     limit: float | None = None,
 ) -> "Figure":
-    """Draw an estimate with its interval against the number of runs: for one number of runs, and for all at once.
+    """Draw an estimate over the number of runs, with intervals valid at one number, and at all numbers at once.
 
     Args:
         values: success (true or false) or a metric of runs 0 to n - 1, shape (n,).
-        p: level of the quantile of the metric; None: the share of successes.
+        p: level of the quantile of the metric. None: the share of successes.
         path, title: as in `plot_histogram`.
         label: label of the vertical axis.
         level: confidence of the intervals.
@@ -239,7 +239,7 @@ def _histogram_edges(finite: Any) -> tuple[float, float]:
 
 
 def _draw_limit(axes: Any, limit: float, left: float, right: float) -> None:
-    """Draw a limit as a line; a limit far from the edges would squeeze the bars, so only the legend names it."""
+    """Draw a limit as a line. A limit far from the edges would squeeze the bars, so only the legend names it."""
     name, style = f"limit {limit:g}", {"color": VERMILION, "linewidth": 1.2, "linestyle": "--"}
     if left - (right - left) <= limit <= right + (right - left):
         axes.axvline(limit, label=name, **style)
@@ -264,7 +264,7 @@ def _quantile_interval(x: Any, p: float | None, level: float, anytime: bool) -> 
 
 
 def _estimate_limits(estimates: Any, limit: float | None) -> tuple[float, float]:
-    """Return the range of estimates and bands in the later half; an unbounded band goes to the edge."""
+    """Return the range of estimates and bands in the later half. An unbounded band extends to the edge."""
     shown = estimates[len(estimates) // 2 :]
     shown = np.r_[shown[np.isfinite(shown)], [] if limit is None else [limit]]
     if not len(shown):

@@ -12,7 +12,7 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 DRAWN_MOTION_MIN = 0.01
-"""Smallest motion of a drawn state, relative to the largest motion in its unit; outputs are always drawn."""
+"""Smallest motion of a drawn state, relative to the largest motion in its unit. Outputs are always drawn."""
 ROUNDING = 1e-6
 """Motion of a state, relative to its size, below which it is constant."""
 
@@ -27,16 +27,16 @@ def plot_inversion(
     units: Mapping[str, str] | None = None,
     outputs: tuple[str, ...] = (),
 ) -> "Figure":
-    """Draw outputs, each other state that moves, and each input, over time; the course itself is shaded.
+    """Draw outputs, each other state that moves, and each input, over time. The course itself is shaded.
 
     Args:
         found: result of the inversion.
-        states, inputs: names of its columns.
+        states, inputs: names of the columns of states and inputs.
         span: beginning and end of the course (s).
         path: where to save, see `PicturePath`.
         title: title of the plot.
-        units: units of states and inputs, by name; angles in rad are drawn in degrees.
-        outputs: outputs that follow the course; those that are states are drawn first.
+        units: units of states and inputs, by name. Angles in rad are drawn in degrees.
+        outputs: outputs that follow the course. Outputs that are states are drawn first.
     """
     units = units or {}
     moves = dict(zip(states, np.ptp(found.x, axis=0).tolist(), strict=True))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 COLUMNS, WIDTH, ROW_HEIGHT, TOP = 3, 16.0, 2.1, 0.7
 ROOM = 1.6
-"""Range of the axes, in bands late in the run, because the start may lie far outside."""
+"""Range of the axes, relative to errors and bands late in the run. The start may lie far outside."""
 
 
 def plot_navigation(log: Log, path: PicturePath = None, title: str = "Navigation") -> "Figure":
@@ -24,7 +24,7 @@ def plot_navigation(log: Log, path: PicturePath = None, title: str = "Navigation
     Args:
         log: log of a run whose estimate has sigmas and innovations.
         path: where to save, see `PicturePath`.
-        title: title of the plot; the verdict is next to it.
+        title: title of the plot, which the verdict follows.
     """
     states, aided = state_series(log), innovations(log)
     if not states:

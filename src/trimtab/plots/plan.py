@@ -41,7 +41,7 @@ FENCE_FARTHEST = 0.7
 
 
 class Fence(NamedTuple):
-    """Bounds of a supervisor (m): north, east, and distance from the origin; infinite without a bound."""
+    """Bounds of a supervisor (m): north, east, and distance from the origin. Infinite means no bound."""
 
     south: float = -np.inf
     north: float = np.inf
@@ -67,7 +67,7 @@ def _prefix(log: Log) -> str:
 
 
 def plot_plan(log: Log, ideal: Log | None = None, path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw the plan view of a run by itself.
+    """Draw the plan view of a run in its own figure.
 
     Args:
         log: the run.
@@ -170,7 +170,7 @@ def draw_profile(axes: Any, log: Log, ideal: Log | None = None) -> None:
 
 
 def _draw_headings(axes: Any, headings: Any, places: Any, length: float) -> None:
-    """Draw short lines from the craft along its nose, at even times; places: east, north (2, n)."""
+    """Draw short lines from the craft along its nose, at evenly spaced times. places: east, north (2, n)."""
     at = np.unique(np.linspace(0, len(headings) - 1, MARKS).astype(int))
     heading, places = headings[at], places[:, at]
     ahead = length * np.array([np.sin(heading), np.cos(heading)])

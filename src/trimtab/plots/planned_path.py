@@ -16,7 +16,7 @@ EACH = 50
 
 
 def plot_planned_path(task: PlanTask, plan: FlownPlan, path: PicturePath = None, title: str = "Plan") -> "Figure":
-    """Draw a plan: north up, east to the right; circles are the craft, ticks its nose.
+    """Draw a plan: north up, east to the right. Circles show the craft, and ticks its nose.
 
     Args:
         task: the planning task.

@@ -19,7 +19,7 @@ SHOWN_PREFIXES = ("estimate.state.", "law.demand.", "command.value.")
 
 
 def common_signals(recorded: Log, replayed: Log) -> list[str]:
-    """Return common real signals of one component: estimated states without their sigmas, demands, commands."""
+    """Return the scalar real signals that both logs have: estimated states without sigmas, demands, commands."""
     both = [p for p in recorded.paths if p in replayed and p.startswith(SHOWN_PREFIXES)]
     plain = [p for p in both if p.count(".") == 2 and not p.rpartition(".")[2].startswith("sigma_")]
     return [p for p in plain if recorded[p].dtype.kind == "f" and recorded[p].ndim == replayed[p].ndim == 1]
@@ -34,11 +34,11 @@ def interpolate_truth(log: Log, path: str, ticks: Any) -> Any:
 
 
 def plot_replay(log: Log, recorded: Log, replayed: Log, path: PicturePath = None, title: str = "Replay") -> "Figure":
-    """Draw the recorded signals with the replayed ones over them, and the errors, or the difference, next to them.
+    """Draw the recorded signals with the replayed ones over them, and next to them the errors or the difference.
 
     Args:
         log: the whole log, which may have the truth.
-        recorded, replayed: the signals at the control instants, as `run.replay` gives them.
+        recorded, replayed: the signals at the control instants, as `run.replay` returns them.
         path: where to save, see `PicturePath`.
         title: title of the plot.
     """

@@ -1,8 +1,8 @@
-"""One picture of a run: the main signals over a common time axis, with the ideal run for comparison.
+"""Plot of a run: the main signals over a common time axis, with the ideal run for comparison.
 
-Which panels there are follows from the log's paths, so that any vehicle, law and actuator gets its picture. A vehicle
-in space has altitude, speed, attitude in degrees and rates in the place of its vectors and its quaternion, and beside
-them its track from above and from the side.
+The panels follow from the log's paths, so the plot works for any vehicle, law and actuator. A vehicle in space has
+altitude, speed, attitude in degrees and rates in place of its vectors and its quaternion, and next to them its track
+from above and from the side.
 """
 
 import dataclasses
@@ -44,7 +44,7 @@ COLUMNS, WIDTH, ROW_HEIGHT = 3, 16.0, 1.85
 LEFT, RIGHT, TOP, BOTTOM, GAP = 0.85, 0.25, 0.95, 0.6, 0.9
 """Margins and gap between columns (inches)."""
 PLAN_ROWS = 3
-"""Number of rows of the last column for the plan view; the profile of a vehicle in space has one more below."""
+"""Number of rows of the last column for the plan view. The profile of a vehicle in space has one more row below."""
 IN_SPACE = {
     "Altitude": ("altitude",),
     "Speed": ("ground_speed", "climb", "air_speed"),
@@ -60,7 +60,7 @@ TITLE_POINTS, NOTE_POINTS, PANEL_POINTS = 6.2, 3.8, 300.0
 
 @dataclasses.dataclass(frozen=True)
 class Panel:
-    """One panel. kind: line, log, mode, age or flags; demand_path: signal drawn behind."""
+    """One panel. kind: line, log, mode, age or flags.  demand_path: signal drawn behind, in grey."""
 
     title: str
     paths: tuple[str, ...]
@@ -78,7 +78,7 @@ def plot_run(
     *,
     targets: Iterable[Target] = (),
 ) -> "Figure":
-    """Draw a run; with a path also save it (PNG, or the format of the suffix; the file is written atomically).
+    """Draw a run, and save the plot if there is a path (PNG, or the format of the suffix, written atomically).
 
     >>> from trimtab import plot_run, simulate
     >>> len(plot_run(simulate("hovercraft/spin", duration="100 ms")).axes) > 4
@@ -86,10 +86,10 @@ def plot_run(
 
     Args:
         real: the run.
-        ideal: the run to compare with, or None; drawn for the truth and the law. A path here is that of the file.
+        ideal: the run to compare with in truth and law, or None. A path given here is that of the file.
         path: path of the saved file.
-        title: title of the plot; default: the scenario and the seed.
-        targets: drawn as a line with its band, in the panel of their signal.
+        title: title of the plot. Default: the scenario and the seed.
+        targets: targets, each drawn as a line with its band in the panel of its signal.
     """
     check_log(real, "plot_run({})")
     from matplotlib.figure import Figure
@@ -173,7 +173,7 @@ def select_panels(log: Log, aimed: Collection[str] = ()) -> list[Panel]:
 
 
 def _tell_apart(panels: list[Panel]) -> list[Panel]:
-    """Add the origin to repeated panel titles: Heading, law.demand."""
+    """Add the origin to repeated panel titles, as in Heading, law.demand."""
     titles = [panel.title for panel in panels]
     return [
         dataclasses.replace(panel, title=f"{panel.title}, {panel.paths[0].rpartition('.')[0]}")
@@ -184,7 +184,7 @@ def _tell_apart(panels: list[Panel]) -> list[Panel]:
 
 
 def _panel_places(count: int, side_rows: int) -> list[tuple[int, int]]:
-    """Return row and column of each panel, in reading order around the views of the track."""
+    """Return row and column of each panel, in reading order, without the cells of the track's views."""
     cells = ((row, column) for row in range(count + side_rows) for column in range(COLUMNS))
     free = (cell for cell in cells if not (cell[0] < side_rows and cell[1] == COLUMNS - 1))
     return list(itertools.islice(free, count))
@@ -202,7 +202,7 @@ def _is_idle(log: Log, path: str) -> bool:
 
 
 def _title_of_path(path: str) -> str:
-    """Return a title from a path: surge_velocity becomes Surge velocity, speed_rpm Speed; symbols such as FX stay."""
+    """Return a title from a path: surge_velocity becomes Surge velocity, speed_rpm Speed. Symbols such as FX stay."""
     name = path.rsplit(".", 1)[-1].removesuffix("_rpm").replace("_", " ")
     return name if len(name) == 1 else name[0].upper() + name[1:]
 
@@ -238,7 +238,7 @@ def _draw_panel(axes: Any, panel: Panel, real: Log, ideal: Log | None, targets: 
         _draw_line(axes, panel, real, path, SEVERAL[i:] if several else [BLUE], lw=1.0)
         if ideal is not None and panel.compares_ideal and path in ideal:
             style = {"ls": "--"} if several else {}
-            low = 0.1 if panel.kind == "mode" else 0.0  # so that both can be seen where they agree
+            low = 0.1 if panel.kind == "mode" else 0.0  # so that both lines can be seen where they agree
             _draw_line(axes, panel, ideal, path, SEVERAL[i:] if several else [VERMILION], lw=1.3, lower=low, **style)
     _draw_limits(axes, panel, real)
     labels = [_title_of_path(p) if p.startswith(FLIGHT) else p for p in panel.paths]

@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 
 WIDTH, FALSIFY_HEIGHT, TUNE_HEIGHT = 13.0, 4.6, 4.2
 WORST = 60
-"""Number of the worst candidates drawn across the box."""
+"""Number of worst candidates whose coordinates are drawn."""
 
 
 def plot_falsify(
@@ -58,7 +58,7 @@ def _draw_margins(axes: Any, search: FalsificationResult) -> None:
 
 
 def _draw_candidates(axes: Any, search: FalsificationResult, names: list[str]) -> None:
-    """Draw coordinates of the worst candidates; those of the worst one are joined by a line."""
+    """Draw the coordinates of the worst candidates. A line joins those of the worst candidate."""
     _, once = np.unique(search.points, axis=0, return_index=True)
     worst = once[np.argsort(search.candidate_margins.min(axis=1)[once], kind="stable")][:WORST][::-1]
     rows = np.arange(len(names))

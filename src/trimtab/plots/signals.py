@@ -1,4 +1,4 @@
-"""Plot of any signals of one log or of several, by their paths: one panel for each, over one time axis."""
+"""Plot of signals of one or several logs, by their paths: one panel per signal, over one time axis."""
 
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
@@ -35,7 +35,7 @@ PANELS_MAX = 24
 def select_paths(log: Log, wanted: Sequence[str]) -> list[str]:
     """Select numbers of a log by their paths, in the given order: "truth.yaw_rate", "truth.velocity[2]", "law.*".
 
-    A vector gives each of its numbers; derived signals of a flight in space, such as "flight.roll", count too.
+    A vector is split into its numbers. Derived signals of a flight in space, such as "flight.roll", are included.
 
     Raises: InputError with similar paths.
     """
@@ -61,12 +61,12 @@ def select_paths(log: Log, wanted: Sequence[str]) -> list[str]:
 
 
 def plot_signals(logs: Mapping[str, Log], paths: Sequence[str], path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw signals, one panel each; with a path also save the plot.
+    """Draw signals, one panel each, and save the plot if there is a path.
 
     Args:
-        logs: name -> log; with several each has its colour, and a log that lacks a signal is left out there.
+        logs: name -> log. Each log has its colour, and is left out of the panels of signals that it lacks.
         paths: paths of numbers, as returned by `select_paths`.
-        path: where to save; PNG, PDF or SVG by its suffix.
+        path: where to save. The suffix decides: PNG, PDF or SVG.
         title: title of the plot.
     """
     from matplotlib.figure import Figure

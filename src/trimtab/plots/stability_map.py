@@ -31,7 +31,7 @@ def plot_stability_map(
     Args:
         region: the map.
         path: where to save, see `PicturePath`.
-        title: title of the plot; default: the scenario's name.
+        title: title of the plot. Default: the scenario's name.
         theory: criteria whose curves are drawn too.
     """
     from matplotlib.colors import LinearSegmentedColormap

@@ -1,6 +1,6 @@
 """Style of all plots: colours, grid, titles, lines thinned to the resolution of a screen, and saving.
 
-Colours: Okabe and Ito, "Color universal design", 2008; distinguishable also without colour vision.
+Colours: Okabe and Ito, "Color universal design", 2008. They can be distinguished without colour vision.
 """
 
 import io
@@ -22,27 +22,27 @@ ORANGE, PURPLE, SKY_BLUE = "#E69F00", "#CC79A7", "#56B4E9"
 SEVERAL = (BLUE, ORANGE, GREEN, PURPLE, SKY_BLUE, VERMILION, "#000000")
 DPI = 100
 PicturePath = str | os.PathLike[str] | None
-"""Path of a saved plot: PNG, or the format of the suffix; written atomically. None: not saved."""
+"""Path of a saved plot: PNG, or the format of the suffix, written atomically. None: not saved."""
 BINS = 600
 """Number of bins of a line, about the width of a panel in pixels. Each bin keeps its extremes."""
 COLUMNS, TURNS, SWINGS, STRETCH = 100, 4, (0.2, 0.5), 15
 """Criterion of chatter. A line is cut into COLUMNS columns. It chatters if it reverses TURNS times in each of STRETCH
-adjacent columns, by the smaller share of its span in all, and by the larger share in half of them. A period is then at
-most some pixels wide.
+adjacent columns, by the smaller of SWINGS (shares of its span) in all of them, and by the larger in half of them. A
+period is then at most some pixels wide.
 """
 CHATTER = "chatter: range and mean"
 """Legend entry of a range that is drawn instead of a line."""
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """Create a white figure, in inches, whose panels make room for one another."""
+    """Create a white figure with a size in inches and a layout without overlaps."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=DPI, facecolor="white", layout="constrained")
 
 
 def style_grid(axes: Any) -> None:
-    """Draw a light grid below everything, and small numbers."""
+    """Draw a light grid below all curves, and small tick labels."""
     axes.grid(color="#d8d8d8", lw=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8)
@@ -77,9 +77,10 @@ def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray
 
 
 def draw_line(axes: Any, t: np.ndarray, x: np.ndarray, *, logarithmic: bool = False, **look: Any) -> None:
-    """Draw a thinned line; where it would chatter into a solid block, draw its range, pale, and its mean.
+    """Draw a thinned line. Where it would chatter into a solid block, draw its range, pale, and its mean.
 
-    Shapes (n,) and (n,).  logarithmic: scale on which chatter is judged.  look: of `axes.plot`, with a color.
+    Shapes (n,) and (n,).  logarithmic: scale on which chatter is judged.  look: options of `axes.plot`, including
+    color.
     """
     x = np.asarray(x, np.float64)
     if len(x) > 4 * BINS:
@@ -98,13 +99,13 @@ def draw_line(axes: Any, t: np.ndarray, x: np.ndarray, *, logarithmic: bool = Fa
 
 
 def _column_ranges(x: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return lowest, highest and mean of each column of `size` points; missing if a point is missing."""
+    """Return lowest, highest and mean of each column of `size` points. A column with a missing point gives NaN."""
     padded = np.append(x, np.full(-len(x) % size, x[-1])).reshape(-1, size)
     return padded.min(1), padded.max(1), padded.mean(1)
 
 
 def _chattering_columns(x: np.ndarray, size: int) -> np.ndarray:
-    """Return the columns in which a line chatters; a start far off does not count in its span."""
+    """Return the columns in which a line chatters. A far-off start does not count in the line's span."""
     low, high, _ = _column_ranges(x, size)
     known = np.isfinite(low) & np.isfinite(high)
     if not known.any():
@@ -123,7 +124,7 @@ def _chattering_columns(x: np.ndarray, size: int) -> np.ndarray:
 
 
 def has_chatter(axes: Any) -> bool:
-    """Return True if a chattering line was drawn there."""
+    """Return True if a chattering line was drawn in these axes."""
     return any(one.get_label() == CHATTER for one in axes.collections)
 
 
@@ -135,7 +136,7 @@ def save_figure(
         figure.suptitle(title, fontsize=title_size, weight="bold", x=0.01, ha="left")
     if note:
         figure.text(0.99, 0.99, note, fontsize=10, color=GREY, ha="right", va="top")
-    figure.__dict__["_repr_png_"] = partial(_draw_png, figure)  # by which a notebook shows it, without any magic
+    figure.__dict__["_repr_png_"] = partial(_draw_png, figure)  # used by notebooks to display the figure
     if path is None:
         return figure
     file, kinds = Path(path), figure.canvas.get_supported_filetypes()

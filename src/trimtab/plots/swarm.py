@@ -25,11 +25,11 @@ WIDTH, HEIGHT = 14.0, 7.0
 WAY_POINTS = 400
 """Maximum number of drawn points of a craft's path."""
 NOSE = 0.45
-"""Length of the mark for the direction of a craft's nose (m)."""
+"""Length of the mark that shows the direction of a craft's nose (m)."""
 
 
 def plot_swarm(real: Log, ideal: Log | None = None, path: PicturePath = None, title: str = "Swarm") -> "Figure":
-    """Draw the paths of all craft from above, the least distance of two, and the largest distance from a place.
+    """Draw the paths of all craft from above, the least distance of two craft, and the largest from a wanted position.
 
     Args:
         real: log of a run whose truth has north, east and heading of several craft.
@@ -43,7 +43,10 @@ def plot_swarm(real: Log, ideal: Log | None = None, path: PicturePath = None, ti
     figure = new_figure(WIDTH, HEIGHT)
     panels: Any = figure.subplot_mosaic([["floor", "spacing"], ["floor", "astray"]], width_ratios=(1.1, 1.0))
     _draw_floor(panels["floor"], real)
-    notes = (("spacing", "smallest distance between two craft"), ("astray", "largest distance from the place"))
+    notes = (
+        ("spacing", "smallest distance between two craft"),
+        ("astray", "largest distance from the wanted position"),
+    )
     for name, note in notes:
         _draw_distance(panels[name], real, ideal, name, note)
     panels["astray"].set_xlabel("time (s)", fontsize=9)

@@ -1,6 +1,6 @@
 """Plot of the tracking in a run: wanted and flown signals, inputs, then unmeasured states with their estimates.
 
-The rows follow from the log's paths: a signal `law.X_wanted` next to `truth.X` makes one.
+The rows follow from the log's paths: a signal `law.X_wanted` next to `truth.X` makes a row.
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -51,7 +51,7 @@ def tracking_rows(log: Log) -> list[SignalRow]:
 
 
 def plot_tracking(log: Log, path: PicturePath = None, title: str = "Tracking") -> "Figure":
-    """Draw each wanted signal with its error; inputs between tracked and estimated ones.
+    """Draw each wanted signal with its error. Inputs are between tracked and estimated signals.
 
     Args:
         log: log of a run whose law logs `X_wanted` for signals X of the truth.
@@ -131,7 +131,7 @@ def _draw_row(pair: Any, log: Log, row: SignalRow) -> None:
 def _sigma(log: Log, name: str) -> np.ndarray | None:
     """Return the estimator's sigma: a signal of the state, or one element of a vector.
 
-    The vector has the order in which the states of the model without measurement stand in the log.
+    The vector has the order in which the states of the model without measurement appear in the log.
     """
     path, several = f"estimate.state.sigma_{name}", "estimate.state.sigma"
     if path in log:
@@ -143,7 +143,7 @@ def _sigma(log: Log, name: str) -> np.ndarray | None:
 
 
 def _draw_error(axes: Any, log: Log, shown: list[tuple[np.ndarray, str]], sigma: np.ndarray | None = None) -> None:
-    """Draw errors, each with its colour, and the band of two sigmas; a start far off is in an inset."""
+    """Draw errors, each with its colour, and the band of two sigmas. A far-off start is drawn in an inset."""
     band = [] if sigma is None else [-2 * sigma, 2 * sigma]
     end = _set_vertical_range(axes, log, *band, *(x for x, _ in shown))
     views = [(axes, slice(None))]
@@ -171,9 +171,9 @@ def _signed_difference(log: Log, path: str, a: np.ndarray, b: np.ndarray) -> np.
 
 
 def _set_vertical_range(axes: Any, log: Log, *signals: np.ndarray, middle: bool = False) -> int:
-    """Set the vertical range after the first twentieth of the run, because a start far off would hide all else.
+    """Set the vertical range from the run after its first twentieth, because a far-off start would hide the rest.
 
-    Returns: row from which the last signal's start stays within the range; 0 if it was never outside.
+    Returns: row from which the last signal's start stays within the range, or 0 if it was never outside.
     """
     first = len(log) // 20
     late = np.concatenate([x[first:] for x in signals])

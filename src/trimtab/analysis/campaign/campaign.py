@@ -41,7 +41,7 @@ from trimtab.run.simulate import simulate
 
 
 class CampaignResult(NamedTuple):
-    """Result of a campaign. columns: name -> values (n,); the column `run` holds the number of each row's run.
+    """Result of a campaign. columns: name -> values (n,). The column `run` has the run number of each row.
 
     success: share of successful runs, with its interval.  flown_runs, wall_s: number of runs flown in this session, and
     duration of these flights (s).  block: number of runs simulated together.  identity: data that determine the rows,
@@ -105,11 +105,12 @@ class Campaign:
         seed: seed of the campaign.
         spread: path -> distribution or its text, e.g. {"world.vehicle.mass": "normal(100%, 5%)"}.
         correlate: pairs of paths -> correlation, e.g. {("world.vehicle.mass", "world.vehicle.inertia"): 0.8}.
-        metrics: texts, e.g. "settling:yaw_rate", or functions from `Rows` to (n,). Default: the metrics of each target.
+        metrics: names, e.g. "settling:yaw_rate", or functions from `Rows` to values (n,). Default: the metrics of each
+            target.
         success: conditions, e.g. "settling:yaw_rate <= 10". Default: each target is reached and held.
         sampling: "random", "sobol" or "latin".
-        settings, without, faults: as in `trimtab run`; only for a scenario given by name.
-        log_period: time between the rows that metrics see (100 ns).
+        settings, without, faults: as in `trimtab run`, only for a scenario given by name.
+        log_period: time between the logged rows that metrics use (100 ns).
 
     Raises: InputError for a campaign that can't be flown, before any run starts.
     """
@@ -181,16 +182,16 @@ class Campaign:
         """Fly the runs that are not yet finished.
 
         Args:
-            store: folder of a Zarr store. Finished rows are saved there, and reused.
+            store: folder of a Zarr store. Finished rows are saved there and reused.
             backend: "auto", "c" or "jax", as in `simulate`.
-            threads: number of threads; None: one for each core.
-            workers: function that flies the blocks; None: this process flies them.
-            stop: function called after each block with the columns of all runs before the first unfinished run; the
+            threads: number of threads. None: one for each core.
+            workers: function that flies the blocks. None: this process flies them.
+            stop: function called after each block with the columns of all runs before the first unfinished run. The
                 campaign ends when the function returns True.
             progress: function called with the number of finished rows.
             about: further attributes for the store.
 
-        Raises: InputError if the store holds another campaign, another process is writing to it, or the disk is full.
+        Raises: InputError if the store is of another campaign, another process is writing to it, or the disk is full.
         """
         began = time.perf_counter()
         if workers is not None and not self.by_name:
@@ -212,7 +213,7 @@ class Campaign:
             with open_store(folder, attributes, self._example_row(), self.plan.runs, block) as rows:
                 flown = self._fly_blocks(fly, used, rows, block, stop, count)
                 columns = rows.read()
-            n = int(np.searchsorted(columns["run"], self.plan.runs))  # a store may hold more runs
+            n = int(np.searchsorted(columns["run"], self.plan.runs))  # a store may contain more runs
             columns = {name: column[:n] for name, column in columns.items()}
         good = proportion(int(columns["success"].sum()), len(columns["run"]))
         return CampaignResult(self.plan, columns, good, flown, time.perf_counter() - began, block, who)
@@ -250,7 +251,7 @@ class Campaign:
         """Return the uncompressed size of one run's row, in bytes."""
         return (
             sum(column.itemsize for column in self._example_row().values()) + 1
-        )  # plus one byte: whether the row is done
+        )  # plus one byte for the flag of a finished row
 
     def scenario(self, run: int) -> Scenario:
         """Return the scenario of one run, with the run's own parameters."""

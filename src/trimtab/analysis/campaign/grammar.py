@@ -1,17 +1,17 @@
 """Grammar of metrics, conditions, requirements, stopping rules and costs, as the user types them.
 
     METRIC       KIND:SIGNAL, as in settling:yaw_rate, robustness:FORMULA, or file.py:function
-    CONDITION    METRIC <= NUMBER                       a run is a success if it holds; <, > and >= too
+    CONDITION    METRIC <= NUMBER                       success of a run, with <=, <, > or >=
                  FORMULA                                the same as robustness:FORMULA > 0
     STATISTIC    success, pNN(METRIC), mean(METRIC), max(METRIC), min(METRIC)
-    REQUIREMENT  STATISTIC <= NUMBER @ CONFIDENCE%      the campaign must show this; >= too
+    REQUIREMENT  STATISTIC <= NUMBER @ CONFIDENCE%      the campaign must show this, with <= or >=
     STOP         width(STATISTIC) <= NUMBER @ CONFIDENCE%
-    COST         WEIGHT*METRIC + METRIC + …             tuning minimises it; a robustness has a negative weight,
+    COST         WEIGHT*METRIC + METRIC + …             sum that tuning minimises. A robustness has a negative weight,
                                                         as in -robustness:FORMULA, so that it is maximised
 
-The name of a metric may contain colons and dots. The default confidence is 95 %. Numbers are in SI units; a success may
+The name of a metric may contain colons and dots. The default confidence is 95 %. Numbers are in SI units. A success may
 also be in per cent. A FORMULA is written in signal temporal logic, see `core.formula`. `statistics` and `search.cost`
-compute what a text stands for.
+compute the values.
 """
 
 import math
@@ -30,7 +30,7 @@ from trimtab.core.units import NUMBER, find_sizes
 ROBUSTNESS = "robustness"
 """Kind of the metric that measures how far a run is from violating a formula."""
 LEVEL = 0.95
-"""Confidence of a requirement or a stopping rule whose text gives none, as a probability."""
+"""Default confidence of a requirement or a stopping rule, as a probability."""
 EXTREMES = ("max", "min")
 COMPARE: Mapping[str, Callable[[Any, Any], Any]] = {
     "<=": operator.le,
@@ -72,7 +72,7 @@ class Condition(NamedTuple):
     bound: float
 
     def holds(self, column: Any) -> Any:
-        """Return, for each run (n,), whether the condition holds; False where the metric is NaN."""
+        """Return True for each run (n,) in which the condition holds. It does not hold if the metric is NaN."""
         with np.errstate(invalid="ignore"):
             return COMPARE[self.compare](column, self.bound)
 
@@ -94,7 +94,7 @@ class Requirement(NamedTuple):
     level: float
 
     def check(self, metrics: Iterable[str], *, anytime: bool = False) -> None:
-        """Raise InputError if the requirement can't be judged, before any run starts.
+        """Raise InputError if the requirement cannot be evaluated, before any run starts.
 
         Args:
             metrics: names of the campaign's metrics.
@@ -108,7 +108,9 @@ class Requirement(NamedTuple):
 
 
 class StoppingRule(NamedTuple):
-    """Rule for stopping a campaign. text: as typed. statistic: success or quantile. metric, p: of the quantile.
+    """Rule for stopping a campaign.
+
+    text: as typed. statistic: success or quantile. metric, p: metric and level of the quantile.
 
     width: width of the whole interval, upper minus lower bound, in the metric's unit.  level: two-sided confidence.
     """
@@ -236,7 +238,7 @@ def _split_outside(text: str, separator: str) -> list[str]:
 
 
 def _parse_statistic(text: str, part: str, forms: Iterable[str]) -> tuple[str, str, float]:
-    """Read the text of a statistic; return the statistic, its metric and its p, as in `Requirement`."""
+    """Return the statistic of a text, its metric and its p, as in `Requirement`."""
     if text == "success":
         return "success", "success", math.nan
     call = _CALL.fullmatch(text)
@@ -254,7 +256,7 @@ def _parse_statistic(text: str, part: str, forms: Iterable[str]) -> tuple[str, s
 
 
 def _parse_level(text: str | None, part: str) -> float:
-    """Read a confidence, "95%" or "0.95", above 50 % and below 100 %; the default is 95 %."""
+    """Read a confidence, "95%" or "0.95", above 50 % and below 100 %. The default is 95 %."""
     if text is None:
         return LEVEL
     level = _parse_number(text.strip(), percent=True)
@@ -265,7 +267,7 @@ def _parse_level(text: str | None, part: str) -> float:
 
 
 def _parse_number(text: str, *, percent: bool = False) -> float | None:
-    """Read a number, or return None; with `percent`, "95%" gives 0.95."""
+    """Read a number, or return None. With `percent`, "95%" gives 0.95."""
     share = percent and text.endswith("%")
     try:
         return float(text.removesuffix("%") if share else text) / (100 if share else 1)

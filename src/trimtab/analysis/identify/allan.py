@@ -29,9 +29,12 @@ ROUNDS = 8
 FINEST = 32
 """Minimum number of lags, within the shorter averaging time, at which a covariance is computed."""
 KNOCK = 10.0
-"""Largest accepted change between two samples, in standard deviations; Gaussian noise exceeds it with 1e-23."""
+"""Largest accepted change between two samples, in standard deviations.
+
+Gaussian noise exceeds it with probability 1e-23.
+"""
 MISFIT = 10.0
-"""Largest accepted misfit: weighted squares over the degrees of freedom; 1 for a good log."""
+"""Largest accepted misfit: weighted squares over the degrees of freedom. A good log has 1."""
 MEDIAN = 0.6744897501960817
 """Median of the absolute value of a standard normal number."""
 
@@ -48,7 +51,7 @@ class Coefficient:
 
 @record
 class AllanFit:
-    """Allan deviation of a still log, and the fitted model; U is the unit of the log (rad/s or m/s²).
+    """Allan deviation of a still sensor's log, and the fitted model. U is the unit of the log (rad/s or m/s²).
 
     Source: IEEE Std 952-1997, annex C; this module.
     """
@@ -68,7 +71,7 @@ class AllanFit:
 
 @record
 class FilterNoise:
-    """Noise of one axis for a filter that steps with the sensor; U is the sensor's unit. Source: this module."""
+    """Noise of one axis for a filter that steps with the sensor. U is the sensor's unit. Source: this module."""
 
     sample_variance: Scalar = quantity("U^2", "Measurement noise R, for a sample used as a measurement: N²/dt.")
     integral_variance: Scalar = quantity("(U s)^2", "Process noise Q of the integrated state in one step: N² dt.")
@@ -76,7 +79,7 @@ class FilterNoise:
 
 
 def overlapping_variance(y: Any, averages: Any) -> Any:
-    """Return the overlapping Allan variance of samples y (n,) at averages of m samples (k,); shape (k,).
+    """Return the overlapping Allan variance of samples y (n,) at averages of m samples (k,), shape (k,).
 
     Source: Riley, NIST SP 1065, eq. 9.
     """
@@ -86,7 +89,7 @@ def overlapping_variance(y: Any, averages: Any) -> Any:
 
 
 def octave_averages(samples: int) -> tuple[int, ...]:
-    """Return averages of 1, 2, 4, … samples, up to an eighth of the log; longer ones are too uncertain."""
+    """Return averages of 1, 2, 4, … samples, up to an eighth of the log. Longer averages are too uncertain."""
     return tuple(2**k for k in range(max(int(math.log2(samples / 8)), 0) + 1))
 
 
@@ -96,7 +99,7 @@ def fit_allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None =
     Args:
         y: samples (n,) of one axis, evenly spaced, at least 128. The mean has no effect, a ramp does.
         sampling_period: time between samples (s).
-        averages: numbers of samples to average over; default: octaves.
+        averages: numbers of samples to average over. Default: octaves.
     """
     y = np.asarray(y, np.float64)
     if y.ndim != 1 or len(y) < 128 or not np.isfinite(y).all():
@@ -145,7 +148,7 @@ def confidence_interval(fit: AllanFit) -> tuple[Any, Any]:
 
 
 def filter_noise(fit: AllanFit, sampling_period: float | None = None) -> FilterNoise:
-    """Compute the discrete noise of a filter that steps every `sampling_period` (s); default: that of the log.
+    """Compute the discrete noise of a filter that steps every `sampling_period` (s), by default that of the log.
 
     Flicker has no finite state. It is replaced by the random walk that has the flicker's Allan variance where white
     noise falls below it: tau = N²/(0.44 B²). The filter then relies on its bias no longer than that time.
@@ -187,7 +190,7 @@ def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
 
 
 def _coefficient(square: float, error: float) -> Coefficient:
-    """Return a coefficient from its square; its interval is the root of the square's interval."""
+    """Return a coefficient from its square. The interval is the square root of the square's interval."""
     high = math.sqrt(square + NORMAL95 * error)
     value = math.sqrt(square)
     near_zero = square < error

@@ -12,7 +12,10 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, quantity, record
 
 ANGLES = np.radians([15.0, 60.0, 90.0, 120.0, 165.0])
-"""Angles of a beacon about the path's main line (rad) at which searches start. All fit its distance from the line."""
+"""Angles of a beacon about the path's main line (rad) at which searches start.
+
+All fit the beacon's distance from it.
+"""
 DAMPING, DAMPING_MAX = 1e-3, 1e12
 """First and largest damping of a search step, relative to the diagonal of J'J."""
 CONVERGED = 1e-8
@@ -33,9 +36,9 @@ class BeaconSurvey:
     Source:  Triggs et al., "Bundle adjustment: a modern synthesis", 1999; the task is from [1] chapter 7.
     """
 
-    beacons: Any = quantity("m", "Positions (n, 3).", frame="W")
+    beacons: Any = quantity("m", "Positions of the beacons (n, 3).", frame="W")
     covariance: Any = quantity("m^2", "Covariance of each beacon's position (n, 3, 3).")
-    path: Any = quantity("m", "North, east of the unit at each ping (k, 2).", frame="W")
+    path: Any = quantity("m", "North and east of the ranging unit at each ping (k, 2).", frame="W")
     residual: Scalar = quantity("1", "Root of the sum of squared weighted residuals over their degrees of freedom.")
     iterations: Scalar = quantity("1", "Number of steps of the Levenberg-Marquardt search.", kind="count")
 
@@ -50,17 +53,17 @@ def survey_beacons(
     """Estimate beacons and path by least squares over all pings, from ranges and the steps between them.
 
     Args:
-        ranges: true ranges (m), corrected for the cone error, shape (k, n); NaN without a reply.
+        ranges: true ranges (m), corrected for the cone error, shape (k, n). NaN means no reply.
         odometry: step from each ping to the next (m), north and east, shape (k - 1, 2), from odometry or inertial
-            navigation. Its frame becomes W, with the place of the first ping as origin.
+            navigation. Its frame becomes W, with the position of the first ping as origin.
         range_noise: standard deviation of a range (m).
         odometry_noise: standard deviation of each coordinate of a step (m).
         iterations: maximum number of damped steps from each start.
 
     The unit stays at down = 0 and the beacons are above it. Each beacon needs four pings that are not on one line.
 
-    Raises: InputError if no search converges, if several places fit the ranges equally well, or if the standard error
-    of a coordinate exceeds DETERMINED times the distance.
+    Raises: InputError if no search converges, if several positions fit the ranges equally well, or if the standard
+    error of a coordinate exceeds DETERMINED times the distance.
     """
     ranges, odometry = _check_ranges(ranges, odometry, range_noise, odometry_noise)
     k, n = ranges.shape
@@ -97,14 +100,14 @@ class _SearchEnd(NamedTuple):
 
 
 def _put_above(end: _SearchEnd, n: int) -> _SearchEnd:
-    """Return the result with all beacons above the ranging unit; mirrored below it, a beacon has the same ranges."""
+    """Return the result with all beacons above the ranging unit. A beacon mirrored below it has the same ranges."""
     sign = np.ones(len(end.x))
     sign[2 : 3 * n : 3] = np.where(end.x[2 : 3 * n : 3] > 0, -1.0, 1.0)
     return end._replace(x=end.x * sign, covariance=end.covariance * np.outer(sign, sign))
 
 
 def _search(residuals: Callable[[Any], tuple[Any, Any]], x: Any, iterations: int) -> _SearchEnd | None:
-    """Return the result of a damped search; None if the search does not converge or its unknowns are not determined.
+    """Return the result of a damped search, or None if it does not converge or does not determine the unknowns.
 
     Source: D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", SIAM J. 11 (1963).
     """
@@ -139,9 +142,9 @@ def _search(residuals: Callable[[Any], tuple[Any, Any]], x: Any, iterations: int
 
 
 def _refuse_doubt(best: _SearchEnd, found: list[_SearchEnd], n: int, path: Any, near: float) -> None:
-    """Raise InputError if another place of a beacon fits as well, or if the ranges do not determine its place.
+    """Raise InputError if another position of a beacon fits as well, or if the ranges do not determine its position.
 
-    near: difference of the sums of squares below which two places fit equally well.
+    near: difference of the sums of squares below which two positions fit equally well.
     """
     fix = "drive a loop under the beacon, as wide as the beacon is high, and measure more ranges"
     errors = np.sqrt(np.diag(best.covariance)[: 3 * n]).reshape(n, 3)
@@ -177,7 +180,7 @@ def _guess_beacon(path: Any, ranges: Any, number: int, angle: float) -> Any:
     """Estimate a beacon (3,), from its position along the path's main line and its distance from the line.
 
     rho^2 = s^2 - 2 a s + c is linear in a and c, with s along the line and c - a^2 the square of the distance.
-    angle: of the beacon about the line (rad), from starboard upwards.
+    angle: angle of the beacon about the line (rad), from starboard upwards.
     """
     there = np.isfinite(ranges)
     if there.sum() < 4:
@@ -200,7 +203,7 @@ def _guess_beacon(path: Any, ranges: Any, number: int, angle: float) -> Any:
 def _weighted_residuals(
     x: Any, ranges: Any, odometry: Any, range_noise: float, odometry_noise: float
 ) -> tuple[Any, Any]:
-    """Return weighted residuals and their Jacobian: unknowns are n beacons (3 each), then k - 1 places (2 each)."""
+    """Return weighted residuals and their Jacobian: unknowns are n beacons (3 each), then k - 1 positions (2 each)."""
     k, n = ranges.shape
     beacons = x[: 3 * n].reshape(n, 3)
     path = np.concatenate([np.zeros((1, 2)), x[3 * n :].reshape(k - 1, 2)])

@@ -2,7 +2,7 @@
 
     J r' = -(c0 tanh(r/r0) + c1 r + c2 |r| r)        m u' = -(c0 tanh(u/u0) + c1 u + c2 |u| u)
 
-The model is fitted to the speeds (output error), with the first speed of each trial. Coefficients are never negative.
+The model is fitted to the speeds (output error), with the initial speed of each trial. Coefficients are never negative.
 
 Source: the form is that of `vehicles.hovercraft.Friction`; the fit, Ljung, "System identification", 1999, section 7.2.
 """
@@ -51,7 +51,7 @@ class FrictionFit(NamedTuple):
 
 
 def split_trials(data: Measurements, speed: str) -> list[tuple[Any, Any]]:
-    """Return times and speeds of each trial, by the column `trial`; without it, one trial."""
+    """Return times and speeds of each trial, by the column `trial`. Without this column, all rows are one trial."""
     lines = np.asarray(data.lines)
     which = data[TRIAL] if TRIAL in data else np.zeros(len(data))
     trials = []
@@ -84,7 +84,7 @@ def fit_coast_down(
         inertia: J (kg m²) or m (kg).
         kind: "torque" for a spin, "force" for a glide.
         slip: speed at which dry friction is nearly full, as in the model.
-        inertia_error: standard error of the inertia; all coefficients are proportional to the inertia.
+        inertia_error: standard error of the inertia. All coefficients are proportional to the inertia.
     """
     size = max(float(np.max(np.abs(v))) for _, v in trials)
     falls = max(float(np.abs(v[:3]).mean() - np.abs(v[-3:]).mean()) for _, v in trials)
@@ -137,9 +137,9 @@ def _scales(trials: Sequence[tuple[Any, Any]], size: float) -> Any:
 
 
 def _coast(c: Any, v0: float, t: Any, slip: float) -> Any:
-    """Return speeds (n,) at times t (n,) under v' = -(c0 tanh(v/slip) + c1 v + c2 |v| v), from v0; Runge-Kutta.
+    """Return speeds (n,) at times t (n,) under v' = -(c0 tanh(v/slip) + c1 v + c2 |v| v), from v0.
 
-    Dry friction changes over `slip`; the step follows the faster of the two effects.
+    Dry friction changes over `slip`. The step is small enough for the fastest friction effect.
     """
     longest = min(0.02, 0.5 / (c[0] / slip + c[1] + 2 * c[2] * abs(v0) + 1e-9))
     v, out = float(v0), np.empty(len(t))

@@ -31,8 +31,9 @@ GAP = 2.0
 class FlightData(NamedTuple):
     """Data of a log for identification. commands: record of arrays (m, …).
 
-    command_ticks: (m,), time of each command.  ticks: (n,).  y: (n, k), fields of the vehicle's state; NaN: not
-    measured.  valid: (m,) bool, False where the actuators were neutral for lack of a command.  None: always valid.
+    command_ticks: (m,), time of each command.  ticks: (n,), time of each y.  y: (n, k), fields of the vehicle's state;
+    NaN: not measured.  valid: (m,) bool, False where the actuators were neutral for lack of a command.  None: always
+    valid.
     """
 
     name: str
@@ -49,7 +50,7 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
     Args:
         log: log of a run, a flight, or of another system by a mapping.
         scenario: scenario with the same vehicle and actuators.
-        sensor: block of the measurements, e.g. "sensors.mocap"; None: the only block that measures the vehicle's state.
+        sensor: block of the measurements, e.g. "sensors.mocap". None: the only block that measures the vehicle's state.
         name: name of the log, for errors.
 
     Raises: InputError if the log has no commands of these actuators, or no field of the vehicle's state.
@@ -70,7 +71,7 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
     states = [path for path, _, _ in leaves(scenario.initial)]
     block = _measuring_block(log, states, sensor, where)
     ticks, y = _read_measured(log, block, states)
-    if base.startswith("downlink."):  # of another system: its inputs before the first command are unknown
+    if base.startswith("downlink."):  # log of another system: inputs before the first command are unknown
         driven = ticks >= log.ticks[int(np.argmax(valid))]
         ticks, y = ticks[driven], y[driven]
     _refuse_jumps(where, scenario, states, ticks, y)
@@ -185,7 +186,7 @@ def lay_on_grid(grid: int, flight: FlightData) -> GridCommands:
 
 
 def actuate(actuators: Any, grid: int, commands: GridCommands) -> Any:
-    """Return the integrals of the vehicle's input from the first multiple of the grid to each (n + 1,)."""
+    """Return the time integrals of the vehicle's input, from the first grid instant to each grid instant (n + 1,)."""
     drive = replace(actuators, period=grid)
 
     def advance(state: Any, row: Any) -> Any:
@@ -205,7 +206,7 @@ def mean_input(integral: Any, grid: int, edges: Any, delay: Any) -> Any:
     """Return the mean input over each step (n,), with commands acting `delay` (s) later.
 
     Args:
-        integral: result of `actuate`.  edges: ends of the steps in grid units from its start (n,), the first a start.
+        integral: result of `actuate`.  edges: boundaries of the steps in grid units (n,), from its start.
     """
     place = jnp.asarray(edges) - delay / to_seconds(grid)
 

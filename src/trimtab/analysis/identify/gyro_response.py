@@ -31,7 +31,7 @@ MOST_DELAY = 8
 SETTLE = 4
 """Number of samples ignored at the start, which depend on earlier rates."""
 INSIDE = 0.999
-"""Largest reflection coefficient; keeps the poles inside the unit circle."""
+"""Largest reflection coefficient. It keeps the poles inside the unit circle."""
 WILD = 12.0
 """Deviation of a sample from the model, in standard deviations, beyond which the sample is an error."""
 NAMES = ("IdentifiedGyro.b0", "IdentifiedGyro.a1", "IdentifiedGyro.a2")

@@ -1,6 +1,6 @@
 """Identification of a scenario's world from logs: its actuators and its vehicle, driven by the logged commands.
 
-The commands of a log are the input of the scenario's actuators. Their output, later by the delay to be found, drives
+The commands of a log are the input of the scenario's actuators. The actuators' output, late by an unknown delay, drives
 the vehicle from one measurement to the next. The measurements are fields of the vehicle's state, such as the pose of
 a motion capture system.
 """
@@ -42,19 +42,19 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.fit_parameters import DELAY, FitParameter, find_parameters, find_scale
 
 UNMEASURED = 2.0
-"""Standard deviation, in SI, of an unmeasured number of the state at the start of a stretch: about the scenario's first
-value, and increased by the size of that value."""
+"""Standard deviation (SI units) of an unmeasured state at the start of a stretch, about the scenario's initial value.
+The magnitude of that value is added."""
 NOISE_START = {"m": 5e-3, "rad": 5e-3, "m/s": 2e-2, "rad/s": 2e-2}
 PROCESS_START = {"m/s": 1e-3, "rad/s": 1e-2}
 """Start value of the process noise intensity, by unit of the state: (unit)² per second."""
 LEAST_PROCESS = math.log(1e-8)
 """Logarithm of the least process noise intensity: no model is better than 0.1 mm/s or mrad/s in a second."""
 HORIZON = 1.0
-"""Time that a prediction looks ahead, s."""
+"""Prediction horizon (s)."""
 
 
 EXPLAINED = 0.5
-"""Largest prediction error of a fitted model, as a fraction of a field's change, at which it explains the field."""
+"""Largest prediction error, as a fraction of a field's change, with which a fitted model explains the field."""
 
 
 CORRELATED = 0.5
@@ -65,11 +65,11 @@ class Identified(NamedTuple):
     """Identified parameters. values, intervals: (m,), (m, 2).  groups: parameters that can't be distinguished.
 
     noise: standard deviation of each measured field.  process: intensity of each field of the state (unit²/s).
-    unexplained: field -> rms of predictions `HORIZON` ahead of the fitted flights, and of its change in that time, if
-    the first is not much less. Then the model, or units, signs or axes of the log are wrong.
-    correlated: if there are unexplained fields, field -> large correlation of successive innovations. The sensor errors
-    are then not white noise, and the law's reaction to them is attributed to the vehicle.
-    held_out: field -> rms of predictions `HORIZON` ahead, nominal and fitted, of flights that were not fitted.
+    unexplained: field -> rms error of predictions `HORIZON` ahead in the fitted flights, and rms change of the field in
+    that time, if the error is not much smaller. Then the model, or units, signs or axes of the log are wrong.
+    correlated: field -> large correlation of successive innovations, only if there are unexplained fields. The sensor
+    errors are then not white noise, and the law's reaction to them is attributed to the vehicle.
+    held_out: field -> rms error of predictions `HORIZON` ahead, nominal and fitted, in flights that were not fitted.
     """
 
     parameters: tuple[FitParameter, ...]
@@ -106,7 +106,7 @@ def identify(
         flights: flights to fit.
         paths: settings below world.vehicle and world.actuators, and "delay".
         held_out: flights by which nominal and fitted values are compared.
-        tell: called with stage, iteration and log likelihood.
+        tell: function called with stage, iteration and log likelihood.
 
     Raises: InputError for parameters that can't be fitted.
     """
@@ -141,7 +141,7 @@ def _identify_group(
     held_out: Sequence[FlightData],
     tell: Callable[[str, int, float], None],
 ) -> Identified:
-    """Return the parameters from flights of one craft."""
+    """Return the parameters identified from flights of one craft."""
     parameters, timeline, first = world.parameters, world.timeline(flights), world.start()
     m, count = len(parameters), len(first)
     noise_only = np.arange(count) >= m
@@ -223,7 +223,7 @@ class _IdentifiedWorld:
         return low, high
 
     def _model(self) -> Model:
-        """Return the model to fit; its inputs are computed from the drive of `timeline`."""
+        """Return the model to fit. Its inputs are computed from the drive of `timeline`."""
         m, k = len(self.parameters), len(self.measured)
         spread = (UNMEASURED + np.abs(self.initial)) ** 2
         spread[list(self.measured)] = [(5 * NOISE_START.get(self.units[i], 1e-2)) ** 2 for i in self.measured]
@@ -306,7 +306,7 @@ class _IdentifiedWorld:
         return found
 
     def noise_of(self, p: Any) -> tuple[dict[str, float], dict[str, float]]:
-        """Return the standard deviation of each measured field, and the process noise intensity of each driven one."""
+        """Return the standard deviation of measured fields, and the process noise intensity of driven fields."""
         m, k = len(self.parameters), len(self.measured)
         noise = {self.fields[i]: float(np.exp(v / 2)) for i, v in zip(self.measured, p[m : m + k], strict=True)}
         return noise, {self.fields[i]: float(np.exp(v)) for i, v in zip(self.driven, p[m + k :], strict=True)}
@@ -334,7 +334,7 @@ class _IdentifiedWorld:
         return any(p.path.startswith("world.actuators.") for p in self.parameters)
 
     def _driven_fields(self) -> tuple[int, ...]:
-        """Return the fields of the state whose derivatives depend on input or parameters; the others are exact."""
+        """Return the fields of the state whose derivatives depend on input or parameters. Others have no noise."""
         vehicle, neutral = self.world.vehicle, to_arrays(self.world.actuators.neutral().u)
         rng = np.random.default_rng(0)
         x = jax.tree.unflatten(self.tree, list(0.5 + rng.uniform(size=self.size)))

@@ -32,7 +32,7 @@ class SlopeFit:
     standard_error: Scalar = quantity("rad/s^2", "Standard error of the slope, from the residuals.")
     offset: Scalar = quantity("rad/s", "Yaw rate of the fitted line at the start of the window.")
     residual: Scalar = quantity("rad/s", "Standard deviation of the residuals.")
-    samples: Scalar = quantity("1", "Samples used.", kind="count")
+    samples: Scalar = quantity("1", "Number of samples used.", kind="count")
 
 
 def lateral_force(force: Any, force_angle: Any) -> Any:
@@ -52,9 +52,9 @@ def trial_inertia(
 
     Args:
         trial: measured values.
-        arm: centre of mass to rudder pivot (m).
-        force_angle: rudder angle to force angle, e.g. ``RudderGeometry().force_angle``.
-        decimals: number of decimals to which FY is rounded first; 2 reproduces the thesis' table. None: no rounding.
+        arm: distance from the centre of mass to the rudder pivot (m).
+        force_angle: function from rudder angle to force angle, e.g. ``RudderGeometry().force_angle``.
+        decimals: number of decimals to which FY is rounded first. 2 reproduces the thesis's table. None: no rounding.
     """
     FY = lateral_force(trial.force, force_angle(trial.rudder_angle))
     FY = FY if decimals is None else np.round(FY, decimals)
@@ -98,7 +98,10 @@ def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
 
 
 class LinearPortion(NamedTuple):
-    """Linear part of a spin-up. start: time of release (s).  window: duration of the linear rise (s).  fit: line."""
+    """Linear part of a spin-up.
+
+    start: time of release (s).  window: duration of the linear rise (s).  fit: line fit.
+    """
 
     start: float
     window: float
@@ -108,9 +111,9 @@ class LinearPortion(NamedTuple):
 def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
     """Find the release of a held vehicle, and the time for which its yaw rate then rises linearly.
 
-    The release is the start of the best parabola that is level before it. The window is the longest in which the bend q
-    of r = s t + q t² changes the line's slope (by q times the window) by less than half its standard error. The stated
-    error therefore holds.
+    The release is the instant at which the best fit changes from a rate of zero to a parabola. The window is the
+    longest in which the bend q of r = s t + q t² changes the line's slope (by q times the window) by less than half its
+    standard error. The stated error therefore holds.
 
     Args:
         t: times (s), shape (n,), at least 20, rising.
@@ -148,5 +151,5 @@ def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
 
 
 def inertia_error(J: Any, fit: SlopeFit, force_error: Any = 0.0) -> Any:
-    """Return the standard error (kg m^2) of J from that of the slope and a relative error of the lateral force."""
+    """Return the standard error (kg m^2) of J, from the slope's error and a relative error of the lateral force."""
     return abs(J) * np.sqrt((fit.standard_error / fit.slope) ** 2 + force_error**2)

@@ -1,8 +1,8 @@
 """Noise of an inertial unit as a calibration: the noise of its sensors, and a filter's Q and R.
 
-A triad's model has one number for its three axes: their root mean square. A planar filter has separate numbers for the
-axes that it uses: the gyro about the vertical, the accelerometers forward and to starboard. The sensor's model does not
-include flicker; the filter's walk includes its share, see `allan.filter_noise`.
+The model of a triad has one number for its three axes, their root mean square. A planar filter has separate numbers
+for the axes that it uses: the gyro about the vertical, the accelerometers forward and to starboard. The sensor's model
+does not include flicker. The filter's walk includes its share, see `allan.filter_noise`.
 """
 
 import math
@@ -20,7 +20,7 @@ AXES = "xyz"
 
 
 class Triad(NamedTuple):
-    """Entries of a calibration for a sensor with three axes. unit: of a sample. record: sensor model.
+    """Entries of a calibration for a sensor with three axes. unit: unit of a sample. record: sensor model.
 
     white: axis -> filter's entry for the variance of a sample. walk: axes, and filter's entry for their bias walk.
     """
@@ -62,9 +62,9 @@ def noise_calibration(
 
     Args:
         triad: "gyro" or "accelerometer".
-        axes: 0, 1 and 2 for x, y and z -> fit, in SI; at least one.
+        axes: axis (0, 1, 2 for x, y, z) -> fit in SI units, for at least one axis.
         source: description of the data.
-        step: step of the filter (s); None: that of the samples.
+        step: step of the filter (s). None: the time between samples.
     """
     about: dict[str, Any] = {"source": source, "procedure": f"{triad} noise"}
     own, of_sensor = _sensor_numbers(TRIADS[triad], axes)
@@ -129,7 +129,7 @@ def _is_shown(value: float, error: float) -> bool:
 
 
 def _square(c: Coefficient) -> tuple[float, float]:
-    """Return the square of a coefficient and its standard error; its interval is the root of the square's interval."""
+    """Return the square of a coefficient and the standard error of the square, from the upper end of the interval."""
     return float(c.value) ** 2, (float(c.high) ** 2 - float(c.value) ** 2) / NORMAL95
 
 

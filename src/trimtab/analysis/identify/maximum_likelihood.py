@@ -9,7 +9,7 @@ by all parameters at once, including noise variances. The parameters follow Fish
 
     I_ij = sum( e_i' e_j'/s + s_i' s_j'/(2 s²) )      g_i = sum( -e e_i'/s + (e²/s - 1) s_i'/(2 s) )
 
-The first state of a flight, and after a long gap, is nearly unknown; it is therefore estimated, too.
+The first state of a flight, and the first after a long gap, are nearly unknown, so they are estimated, too.
 
 Source: Åström, "Maximum likelihood and prediction error methods", Automatica 16 (1980); Kristensen, Madsen, Jørgensen,
 "Parameter estimation in stochastic grey-box models", Automatica 40 (2004), for scoring with a filter's innovations;
@@ -35,7 +35,7 @@ HALF_CHI = 1.9207294103470585
 COLLINEAR = 1e-4
 """Eigenvalue of the normalised information matrix below which its eigenvector is not identifiable."""
 SHARE = 0.3
-"""Smallest component of a parameter in an eigenvector that is not identifiable, for which the parameter is reported."""
+"""Smallest component of a non-identifiable eigenvector for which the corresponding parameter is reported."""
 REACHES = np.array([-1.4, -0.8, 0.8, 1.4])
 """Points of the profile likelihood, in units of half the 95 % interval that the information matrix gives."""
 CORRECTIONS = 1
@@ -61,7 +61,7 @@ class Timeline(NamedTuple):
 class Model(NamedTuple):
     """Model to fit. Functions of the parameters p (m,), in any unit.
 
-    step(p, x, u, h): the next state (d,) of state (d,) and input.  inputs(p, drive): of every step, (n, …) each.
+    step(p, x, u, h): the next state (d,) of state (d,) and input.  inputs(p, drive): inputs of every step, (n, …) each.
     process(p): q (d,), per second.  noise(p): r (k,).  measured: indices (k,).  wraps: (k,) bool, True for angles.
     spread: variances (d,) of the first state of a stretch.
     """
@@ -76,7 +76,10 @@ class Model(NamedTuple):
 
 
 class Innovations(NamedTuple):
-    """Innovations. e, s: innovation, its variance (n, k); 0, 1 without measurement.  x: states after updates (n, d)."""
+    """Innovations.
+
+    e, s: innovation and its variance (n, k), 0 and 1 without measurement.  x: states after updates (n, d).
+    """
 
     e: Any
     s: Any
@@ -161,7 +164,7 @@ def maximise_likelihood(
         likelihood: likelihood of the model.  timeline: the flights.
         p: start of the search (m,).
         low, high: bounds (m,).
-        free: (m,) bool, True for parameters that may change; None: all.
+        free: (m,) bool, True for parameters that may change. None: all.
         tell: function called with iteration and log likelihood.
     """
     score, value = (functools.partial(f, timeline) for f in (likelihood.score, likelihood.value))
@@ -224,13 +227,13 @@ def compile_likelihood(model: Model) -> CompiledLikelihood:
 def profile_intervals(
     likelihood: CompiledLikelihood, timeline: Timeline, estimate: LikelihoodEstimate, of: Any, free: Any
 ) -> Any:
-    """Return 95 % intervals (len(of), 2) of parameters `of`, from the fall of the likelihood as each is moved.
+    """Return 95 % intervals (len(of), 2) of parameters `of`, from the fall of the likelihood as each parameter moves.
 
     The other parameters are optimised again: first by the information at the estimate, then by scoring steps with the
-    gradient there. An end beyond all tried places is infinite.
+    gradient there. An end beyond all tried points is infinite.
 
     Args:
-        of: indices.  free: (m,) bool, True for parameters that follow; noise, hardly observable, should not follow.
+        of: indices.  free: (m,) bool, True for parameters that follow. Noise parameters should not.
     """
     index, p = np.flatnonzero(free), np.asarray(estimate.p)
     I = estimate.information[np.ix_(index, index)]
@@ -286,7 +289,7 @@ def name_collinear(information: Any, names: list[str]) -> list[tuple[str, ...]]:
 
 
 def _damped_solve(A: Any, b: Any, damping: float) -> Any:
-    """Solve (A + damping diag(A)) x = b; directions that A does not determine stay unchanged."""
+    """Solve (A + damping diag(A)) x = b. x is zero in directions that A does not determine."""
     size = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     C = A / np.outer(size, size)
     values, vectors = np.linalg.eigh((C + C.T) / 2)
@@ -302,7 +305,7 @@ def _end_of_interval(reach: Any, fall: Any, sign: int) -> float:
     x, y = np.concatenate([[0.0], x[order]]), np.concatenate([[0.0], y[order]])
     wanted = np.sqrt(HALF_CHI)
     beyond = np.flatnonzero((y >= wanted) | ~np.isfinite(y))
-    if not len(beyond):  # extrapolate from the last two, if they rise at all
+    if not len(beyond):  # extrapolate from the last two points, if the curve rises there
         slope = (y[-1] - y[-2]) / (x[-1] - x[-2])
         return sign * float(x[-1] + (wanted - y[-1]) / slope) if slope > 0.2 * wanted / x[-1] else sign * np.inf
     k = int(beyond[0])

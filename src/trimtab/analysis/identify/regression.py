@@ -1,8 +1,8 @@
-"""Least squares of a few numbers, with their covariance, and without outliers.
+"""Least-squares fit of a few numbers, with their covariance, and without outliers.
 
-Outliers are found from a fit that they can't influence (least absolute deviations), and then tested on ordinary least
-squares of the others: a reading is left out, and named, if its distance from the line of the others exceeds the
-distance that occurs by chance in one of a hundred such lists.
+Outliers are found from a fit that they cannot influence (least absolute deviations), and then tested against ordinary
+least squares of the other readings. A reading is left out and reported if its distance from the fit of the others
+exceeds the distance that occurs by chance in one of a hundred such lists.
 
 Source: Rousseeuw, Leroy, "Robust regression and outlier detection", 1987, section 5.1, for the scale and the
 re-weighting; Weisberg, "Applied linear regression", 2005, section 9.1, for the test of one reading against the others.
@@ -46,12 +46,12 @@ class LinearFit(NamedTuple):
 
 
 def fit_linear(A: Any, y: Any, floor: float = 0.0) -> LinearFit:
-    """Fit y (n,) by A (n, k) with least squares, without outliers; n > k.
+    """Fit y (n,) by A (n, k) with least squares, without outliers. n must exceed k.
 
     Args:
-        A: factor of each number, of full rank.
+        A: matrix of factors, one column for each number, of full rank.
         y: readings.
-        floor: minimum standard deviation of a reading, e.g. that of rounding; same unit as y.
+        floor: minimum standard deviation of a reading, e.g. that of rounding, in the unit of y.
     """
     A, y = np.asarray(A, np.float64), np.asarray(y, np.float64)
     kept = _select_consistent(A, y, floor)
@@ -71,7 +71,7 @@ def _fit_kept(A: Any, y: Any, kept: Any, floor: float) -> tuple[Any, Any, float,
 
 
 def _select_consistent(A: Any, y: Any, floor: float) -> Any:
-    """Return a mask (n,) of the readings that fit one line with noise; at least 60 % and k + 2 of them stay."""
+    """Return a mask (n,) of the readings that fit one model with noise. At least 60 % and k + 2 readings stay."""
     n, k = A.shape
     kept = np.ones(n, bool)
     least = max(k + 2, math.ceil(0.6 * n))

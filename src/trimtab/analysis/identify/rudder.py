@@ -14,7 +14,7 @@ from trimtab.logs.measurements import MeasuredColumn, Measurements, name_lines
 from trimtab.loop.calibration import Calibration, Covariance, Entry
 
 WAY = MeasuredColumn("way", "1", "approach: 1 from below, -1 from above", -1, 1, needed=False)
-"""Column for the direction of approach; with it, play of the linkage does not count as scatter."""
+"""Column for the direction of approach. With this column, play of the linkage does not count as scatter."""
 SERVO_COLUMNS = (
     MeasuredColumn("pulse", "s", "pulse width of the servo", 0.5e-3, 2.5e-3, usual="us"),
     MeasuredColumn("angle", "rad", "rudder angle on the protractor", -np.pi / 2, np.pi / 2, most=2 * DEG, usual="deg"),
@@ -42,10 +42,10 @@ class ServoFit(NamedTuple):
 
 
 def fit_servo(data: Measurements) -> ServoFit:
-    """Fit the angles at the grid's pulses by least squares of the straight pieces between them; [1] figure 4.2.
+    """Fit the angles at the grid's pulses by least squares of a piecewise linear curve; [1] figure 4.2.
 
     Args:
-        data: `SERVO_COLUMNS`, readings at any pulses; every piece of the grid needs readings.
+        data: `SERVO_COLUMNS`, readings at any pulses. Every interval of the grid needs readings.
 
     Raises: InputError if a pulse of the grid has no reading near it, or the angles do not rise with the pulse.
     """
@@ -89,7 +89,7 @@ def _add_ways(A: Any, data: Measurements) -> tuple[Any, bool]:
 
 
 class HullFit(NamedTuple):
-    """Fitted geometry theta = -ratio psi + offset: both (2,) with covariance, and the correlation of theta and psi."""
+    """Fitted geometry theta = -ratio psi + offset. covariance: of both (2, 2).  correlation: of theta and psi."""
 
     ratio: float
     offset: float
@@ -144,7 +144,7 @@ def servo_calibration(data: Measurements, servo: ServoFit) -> Calibration:
 def hull_calibration(data: Measurements, hull: HullFit) -> Calibration:
     """Return the calibration's entries for the rudder's ratio and offset.
 
-    Full thrust is where the force is straight.
+    The thrust is largest where the force is straight, so `Thruster.offset` is the same offset.
     """
     error = np.sqrt(np.diagonal(hull.covariance))
     about = {"freedom": hull.fit.freedom, "source": source_of(data, hull.fit), "procedure": "hull"}

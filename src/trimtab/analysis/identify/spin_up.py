@@ -106,7 +106,7 @@ def _each_inertia(rows: Measurements, geometry: ForceGeometry) -> Any:
 def inertia_of_spin_up(
     part: LinearPortion, force: float, rudder: float, geometry: ForceGeometry
 ) -> tuple[float, float, int]:
-    """Compute J (kg m²), its standard error from the slope's, and degrees of freedom, from one release.
+    """Compute J (kg m²), its standard error, and the slope's degrees of freedom, from one release.
 
     Args:
         part: result of `find_linear_portion`.

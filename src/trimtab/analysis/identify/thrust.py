@@ -27,13 +27,13 @@ REVERSE_COLUMNS = (
     MeasuredColumn("reverse", "N", "thrust in reverse, positive", 0, 100, most=0.005),
 )
 SATURATED = 3
-"""Number of strongest readings, all equal to the greatest reading, from which the gauge may be saturated."""
+"""Minimum number of strongest readings, all equal to the greatest reading, that show a saturated gauge."""
 AT_END = 0.9
 """Minimum share of the strongest readings that equal the greatest reading. One outlier does not hide saturation."""
 DIVISIONS = 1.5
 """Difference of two forces, in divisions of the gauge, below which the readings may be equal."""
 UNLIKELY = 0.001
-"""Probability of the misfit below which the loss of thrust with the rudder does not follow the formula."""
+"""Probability of a misfit below which the thrust lost with the rudder counts as not following the formula."""
 CUBIC = 4
 
 
@@ -42,7 +42,7 @@ class ThrustFit(NamedTuple):
 
     angles: rudder angles (m,), rad.  by_angle: c eta at each (m,), N/krpm².  errors: standard errors of by_angle (m,).
     coefficient, standard_error: c, N/krpm².  chance: probability of a misfit of the formula's eta at least as large as
-    this. fit: of c to all readings by the formula.
+    this. fit: fit of c to all readings.
     """
 
     angles: Any
@@ -109,7 +109,7 @@ def fit_reverse(data: Measurements, gauge_error: float) -> ReverseFit:
 
     Args:
         data: readings at the same speeds in both directions.
-        gauge_error: standard deviation of a reading (N); a ratio of small forces has less weight.
+        gauge_error: standard deviation of a reading (N). A ratio of small forces has less weight.
     """
     refuse_few(data, CUBIC, "a cubic")
     zero = data["forward"] <= 0
@@ -168,7 +168,7 @@ def refuse_saturation(data: Measurements, gauge: str, rising: Any) -> None:
 
 
 def thrust_calibration(data: Measurements, thrust: ThrustFit) -> Calibration:
-    """Return coefficient and maximum speed; if eta does not follow the formula, also thrust at each rudder angle."""
+    """Return coefficient and maximum speed, and thrust at each rudder angle if eta does not follow the formula."""
     about: dict[str, Any] = {"source": source_of(data, thrust.fit), "procedure": "thrust"}
     known = {"freedom": thrust.fit.freedom}
     c = Entry(thrust.coefficient, "N/krpm^2", thrust.standard_error, **known, **about)

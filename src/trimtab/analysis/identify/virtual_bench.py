@@ -41,7 +41,7 @@ Rows = tuple[Sequence[str], Sequence[Sequence[float]]]
 
 
 class BenchCraft(NamedTuple):
-    """The craft on the bench. delay: mean, standard deviation and minimum of the uplink's latency (s)."""
+    """Craft on the virtual bench. delay: mean, standard deviation and minimum of the uplink's latency (s)."""
 
     servo: RudderServo
     geometry: RudderGeometry
@@ -131,7 +131,7 @@ def write_bench(folder: Path, tables: Mapping[str, Rows]) -> list[Path]:
 
 
 def _measure_servo(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Measure the servo with pulses up and down, three times; the linkage lags by its play."""
+    """Measure the servo with pulses up and down, three times. The linkage lags by its play."""
     pulses, rows = 1.0e-3 + 50e-6 * np.arange(21), []
     for trial in range(1, 7):
         way = 1 if trial % 2 else -1
@@ -154,13 +154,13 @@ def _measure_hull(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _read_gauge(force: Any, g: np.random.Generator) -> Any:
-    """Return a gauge reading, rounded to half a division; friction of the tether adds to the force or reduces it."""
+    """Return a gauge reading, rounded to half a division. Friction of the tether adds to the force or reduces it."""
     held = force + TETHER * g.uniform(-1, 1, np.shape(force)) + 0.02 * g.standard_normal(np.shape(force))
     return np.maximum(np.round(held / (DIVISION / 2)) * (DIVISION / 2), 0)
 
 
 def _draw_speeds(steps: Any, g: np.random.Generator) -> Any:
-    """Return speeds (rpm) shown by the tachometer: held by hand, with a battery that sags over time."""
+    """Return speeds (rpm) on the tachometer. They are held by hand, while the battery sags over time."""
     sag = 1 - 0.06 * np.linspace(0, 1, len(steps)) * (np.asarray(steps) / 12000) ** 2
     return np.round(np.asarray(steps) * sag * (1 + 0.01 * g.standard_normal(len(steps))), -1)
 
@@ -200,7 +200,7 @@ def _measure_trials(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _log_spin_up(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Log the yaw rate each 20 ms: the craft is held for a second and released at full force."""
+    """Log the yaw rate every 20 ms: the craft is held for a second and released at full force."""
     psi = (craft.geometry.offset - SPIN_UP_RUDDER) / craft.geometry.ratio
     push = PlanarForce(SPIN_UP_FORCE * np.cos(psi), -SPIN_UP_FORCE * np.sin(psi))
     rate = _spin(craft.vehicle, push, 0.0, 0.02, 150)
@@ -230,7 +230,7 @@ def _log_sweep(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _record_delays(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Record three hundred packets, as link-test does; one in a hundred is lost."""
+    """Record three hundred packets, as link-test does. One in a hundred is lost."""
     mean, sd, shift = craft.delay
     shape = ((mean - shift) / sd) ** 2
     delays = shift + g.gamma(shape, sd**2 / (mean - shift), 300)
@@ -240,7 +240,7 @@ def _record_delays(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 @jax.jit(static_argnums=(4,))
 def _spin(vehicle: Hovercraft, push: PlanarForce, start: Any, dt: Any, n: int) -> Any:
-    """Return yaw rates (n,) after 1, 2, … n steps of dt (s) from a rate (rad/s), integrated with dt/100."""
+    """Return yaw rates (n,) after 1, 2, … n steps of dt (s) from a rate (rad/s), integrated in steps of dt/20."""
     parts = 20
 
     def advance(x: HovercraftState, _: Any) -> Any:

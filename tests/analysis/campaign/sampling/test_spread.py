@@ -99,7 +99,7 @@ def test_what_is_named_twice_is_refused():
     ("correlate", "problem"),
     [
         ([(MASS, "other", 0.5)], "does not vary"),
-        ([(MASS, INERTIA, 1.0)], "different paths, a correlation"),
+        ([(MASS, INERTIA, 1.0)], "different paths, and a correlation"),
         ([(MASS, MASS, 0.1)], "two different paths"),
         (
             [(MASS, INERTIA, 0.9), (MASS, "world.vehicle.arm", 0.9), (INERTIA, "world.vehicle.arm", -0.9)],

@@ -1,4 +1,4 @@
-"""Distributions of dispersed parameters: each as a quantile function, and as text.
+"""Distributions of dispersed parameters. Each is defined by a quantile function and written as a text.
 
     value = Q(u),   u uniform in (0, 1)
 
@@ -38,12 +38,12 @@ class Amount(NamedTuple):
     share: bool
 
     def of(self, nominal: float) -> float:
-        """Return the number; a percentage is multiplied by the nominal value."""
+        """Return the number. A percentage is multiplied by the nominal value."""
         return self.number * nominal if self.share else self.number
 
 
 class Distribution(NamedTuple):
-    """A distribution as typed, e.g. ``normal(2.6, 0.1)``; `choices` are the texts of a choice."""
+    """A distribution as typed, e.g. ``normal(2.6, 0.1)``. `choices` are the texts of a choice."""
 
     text: str
     kind: str
@@ -68,7 +68,7 @@ class Distribution(NamedTuple):
         return any(a.share for a in self._sizes)
 
     def numbers(self, nominal: float) -> list[float]:
-        """Return the numbers of the distribution; a percentage becomes a part of the nominal value."""
+        """Return the numbers of the distribution. A percentage is multiplied by the nominal value."""
         pure = KINDS[self.kind].pure
         return [a.number if i in pure else a.of(nominal) for i, a in enumerate(self.amounts)]
 
@@ -91,7 +91,7 @@ class Distribution(NamedTuple):
 class Kind(NamedTuple):
     """Kind of distribution.
 
-    check: function that returns what is wrong with the numbers, or an empty text.  pure: indices of the numbers without
+    check: function that returns the problem with the numbers, or an empty text.  pure: indices of the numbers without
     the parameter's unit.
     """
 
@@ -108,7 +108,7 @@ def _index(u: Any, n: int) -> Any:
 def _truncated_normal(u: Any, mean: Any, std: Any, low: Any, high: Any) -> Any:
     """Return quantiles of a truncated normal distribution.
 
-    Probabilities near 1 have no digits left, so bounds above the mean are reflected to the lower tail. Bounds below the
+    Probabilities near 1 lose digits, so bounds above the mean are reflected to the lower tail. Bounds below the
     mean are treated in logarithms.
     """
     u = np.asarray(u, np.float64)
@@ -179,7 +179,7 @@ USAGE = [*(k.usage for k in KINDS.values()), "choice(A, B, …)", "file(NAME.csv
 
 
 def parse_distribution(text: str, part: str = "") -> Distribution:
-    """Read a distribution from its text. part: what the error message names, by default the spread."""
+    """Read a distribution from its text. part: name in the error message, by default the spread."""
     part = part or argument_name("spread")
     match = re.fullmatch(r"\s*([a-z]+)\s*\((.*)\)\s*", text)
     name = match[1] if match else text.partition("(")[0].strip()

@@ -1,24 +1,24 @@
 """Points of the runs in the unit cube, computed from the campaign's seed and the run's number.
 
-    random   each number its own Philox stream of (seed, path): run k has its k-th number
+    random   each parameter has a Philox stream of (seed, path), and run k uses its k-th number
     sobol    scrambled Sobol points, in order
-    latin    a Latin hypercube of all the runs; runs can't be added later
+    latin    a Latin hypercube of all runs, to which no runs can be added later
 
 Two designs are for sensitivity, not for probabilities: their rows are not independent samples. There, the random
 numbers of a run are one more factor, the last. Row k depends only on the seed, k and the number of factors, so that a
 larger design appends rows.
 
     saltelli   two samples A and B, and A with one factor at a time taken from B
-    morris     trajectories that change one factor after the other
+    morris     trajectories that change one factor at a time
 
 **saltelli**: base sample j has d + 2 rows: A, then A with factor i from B for i = 0 … d - 1, then B. A and B are the
 halves of point j of one Sobol sequence in 2 d dimensions, shifted digit by digit with random words of the seed. A flies
-with one word (the `run` of its key), B with another, and the row of the noise is A flown again with B's word. No two
-base samples share a word.
+with one word (the `run` of its key) and B with another. The row of the noise repeats A with B's word. No two base
+samples share a word.
 
 **morris**: a trajectory has d + 1 rows: it starts at a random point of a grid of four levels and changes each factor
-once, in random order, by MORRIS_STEP up or down; the step of the noise flies the same point with other numbers. The
-levels keep off 0 and 1, where the quantile of a normal distribution is infinite.
+once, in random order, by MORRIS_STEP up or down; the step of the noise flies the same point with other random
+numbers. The levels avoid 0 and 1, where the quantile of a normal distribution is infinite.
 
 Source: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (Philox); Owen, "Randomly permuted
 (t,m,s)-nets", 1995 (scrambling), and McKay, Beckman, Conover, Technometrics 21 (1979) (Latin), both by scipy.stats.qmc;
@@ -40,10 +40,10 @@ from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.rng import threefry2x32
 
 DESIGNS = ("saltelli", "morris")
-"""Designs for sensitivity; their rows are not independent samples."""
+"""Designs for sensitivity analysis. Their rows are not independent samples."""
 SAMPLINGS = ("random", "sobol", "latin", *DESIGNS)
 NOISE = "noise"
-"""Name of the factor that stands for a run's random numbers."""
+"""Name of the factor that represents a run's random numbers."""
 BITS = 32
 SALTELLI_STREAM = zlib.crc32(b"campaign.saltelli")
 MORRIS_STREAM = zlib.crc32(b"campaign.morris")
@@ -55,7 +55,7 @@ MORRIS_STEP = 0.6
 class Points(NamedTuple):
     """Points of runs. u: (n, d) in (0, 1).
 
-    words: (n,), second word of each run's key; selects the run's random numbers.
+    words: (n,), second word of each run's key, which selects the run's random numbers.
 
     All words are 0 in a design without the noise as a factor.
     """
@@ -71,7 +71,7 @@ def points(sampling: str, seed: int, names: tuple[str, ...], runs: int, first: i
         sampling: one of SAMPLINGS.
         seed: seed of the campaign.
         names: names of the dispersed parameters, one for each column.
-        runs: number of runs of the whole campaign; only used by a Latin hypercube.
+        runs: number of runs of the whole campaign, used only by a Latin hypercube.
         first, last: first run, and last run + 1.
     """
     if sampling not in SAMPLINGS:
@@ -187,20 +187,20 @@ def rows_per_trajectory(parameters: int, *, noise: bool = True) -> int:
 
 
 def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> Points:
-    """Return rows first to last - 1 of Morris's design; arguments as in `saltelli_rows`."""
+    """Return rows first to last - 1 of Morris's design. The arguments are those of `saltelli_rows`."""
     if not 0 <= first < last or parameters < 1:
         problem = f"rows {first} to {last} of {parameters} parameters are not a valid range of rows"
         raise InputError("morris", problem, fix="give 0 <= first < last and at least one parameter")
     trajectory, place = np.divmod(np.arange(first, last), rows_per_trajectory(parameters, noise=noise))
     begin, when, up = morris_trajectories(seed, trajectory, parameters + int(noise))
     stepped = when < place[:, None]
-    level = begin + 2 * (stepped == up)  # up: from the lower level to the one two above; down: the reverse
+    level = begin + 2 * (stepped == up)  # an up step leads two levels up, a down step back
     words = 2 * trajectory + stepped[:, -1] if noise else np.zeros_like(trajectory)
     return Points(MORRIS_LEVELS[level[:, :parameters]], words.astype(np.uint32))
 
 
 def morris_trajectories(seed: int, trajectory: Any, factors: int) -> tuple[Any, Any, Any]:
-    """Return for each trajectory and factor: lower level of the step (0 or 1), place of the step (from 0), sign."""
+    """Return for each trajectory and factor the step's lower level (0 or 1), its position (from 0), and True if up."""
     word = np.uint32(seed % 2**32)
     drawn = threefry2x32(word, np.uint32(MORRIS_STREAM), trajectory[:, None], np.arange(factors)[None])
     bits, order = (np.asarray(w, np.uint32) for w in drawn)

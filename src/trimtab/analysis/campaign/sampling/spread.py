@@ -1,9 +1,8 @@
 """Spread of a campaign: the parameters that vary from run to run, their distributions and their correlations.
 
-A path is the name used by ``--set`` and the log; ``path[1]`` or ``path[0,2]`` is one number of an array. An array
-without an index is scaled as a whole, by a distribution whose numbers are all shares: ``normal(100%, 5%)``. ``path:1``
-moves the array along a direction, ``along(0.1, 0.2)``, by a standard normal multiple; ``path:2`` adds another
-direction.
+A path is the name used by ``--set`` and the log. ``path[1]`` or ``path[0,2]`` is one number of an array. An array
+without an index is scaled as a whole, by a distribution with percentages only: ``normal(100%, 5%)``. ``path:1`` moves
+the array along a direction, ``along(0.1, 0.2)``, by a standard normal multiple. ``path:2`` adds another direction.
 
 Source: Nelsen, "An introduction to copulas", Springer 2006, section 2.3, for correlation by a Gaussian copula.
 """
@@ -26,7 +25,7 @@ from trimtab.loop.scenario import Scenario
 
 SPREAD_ROOTS = ("world.", "autopilot.", "initial.")
 SCALED = "normal(100%, 5%)"
-"""First parts of the paths of parameters that may vary."""
+"""Example of a distribution for error messages."""
 
 
 class Factor(NamedTuple):
@@ -48,7 +47,7 @@ class Spread(NamedTuple):
     mixing: Any = None
 
     def correlate(self, u: Any) -> Any:
-        """Apply the correlations to points (n, d) of a design; each column stays uniform."""
+        """Apply the correlations to points (n, d) of a design. Each column stays uniform."""
         if self.mixing is None:
             return u
         return special.ndtr(special.ndtri(u) @ self.mixing.T)
@@ -89,7 +88,7 @@ def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, .
 def resolve_spread(
     scenario: Scenario, factors: tuple[Factor, ...], correlate: Iterable[tuple[str, str, float]] = ()
 ) -> Spread:
-    """Match the spread with a scenario; raise InputError for a path, index or distribution that doesn't fit."""
+    """Match the spread with a scenario. Raise InputError for a path, index or distribution that does not fit."""
     known = {path: (value, declared) for path, value, declared in leaves(scenario) if path.startswith(SPREAD_ROOTS)}
     for factor in factors:
         part = argument_name("spread", factor.text)
@@ -154,7 +153,9 @@ def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]
                 raise InputError(argument_name("correlate"), f"{name!r} does not vary", choices=names, fix=fix)
         if a == b or not -1 < rho < 1:
             raise InputError(
-                argument_name("correlate"), f"{a}, {b} = {rho:g}", fix="two different paths, a correlation in (-1, 1)"
+                argument_name("correlate"),
+                f"{a}, {b} = {rho:g}",
+                fix="give two different paths, and a correlation between -1 and 1",
             )
         R[names.index(a), names.index(b)] = R[names.index(b), names.index(a)] = rho
     if np.linalg.eigvalsh(R).min() < 1e-9:
@@ -165,7 +166,7 @@ def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]
 
 
 def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
-    """Return parameter -> its value in each run (n,): a factor for an array that is scaled, an index for an option.
+    """Return parameter -> value in each run (n,). The value is a factor for a scaled array, and an index for an option.
 
     Args:
         spread: spread that was matched with the scenario.
@@ -187,7 +188,7 @@ def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
 
 
 def spread_arrays(spread: Spread, scenario: Scenario, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return path -> values (n, …) for the batch, with the tables that depend on them; options are left out."""
+    """Return path -> values (n, …) for the batch, with the tables that depend on them. Options are left out."""
     known = {path: (value, declared) for path, value, declared in leaves(scenario)}
     arrays: dict[str, Any] = {}
     for factor in spread.factors:

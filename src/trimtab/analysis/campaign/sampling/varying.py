@@ -1,11 +1,11 @@
-"""Inputs and faults that vary in time, as coordinates of a search; the program is compiled only once.
+"""Inputs and faults that vary in time, as coordinates of a search. The program is compiled only once.
 
     --fault-range 'downlink off @ 2..10 s for 0.1..2 s'     each LOW..HIGH of a fault's text is a coordinate
     --vary 'stick.turn=pieces(5, -1:1)'                    an input is constant in each of 5 equal pieces of the run
 
-A fault is written as for ``--fault``; a range replaces a number, with the unit once or twice. A pilot's stick follows a
-script (`loop.stick_script`). Pieces replace its entries: fields that do not vary keep, in each piece, the value that
-the script has at the beginning of the piece.
+A fault is written as for ``--fault``. LOW..HIGH replaces a number, with the unit after both or after HIGH only. A
+pilot's stick follows a script (`loop.stick_script`). Pieces replace its entries. In each piece, fields
+that do not vary keep the value that the script has at the beginning of the piece.
 
 Source: docs page, Falsify. Pieces: control points of Annapureddy et al., "S-TaLiRo", TACAS 2011, held constant rather
 than interpolated.
@@ -50,7 +50,7 @@ class FaultRange(NamedTuple):
 
 
 def parse_fault_range(scenario: Scenario, text: str) -> FaultRange:
-    """Read a fault with ranges; raise InputError if an end of a range is not valid in this scenario."""
+    """Read a fault with ranges. Raise InputError if an end of a range is not valid in this scenario."""
     part, example = argument_name("fault_ranges", text), argument("fault_ranges", [FAULT_EXAMPLE])
     if not _RANGE.search(text):
         raise InputError(
@@ -126,7 +126,7 @@ def parse_pieces(text: str) -> HeldInput:
 
 
 def with_pieces(scenario: Scenario, texts: Iterable[str]) -> Scenario:
-    """Give the stick's script one entry for each piece, with the values that it has at these times."""
+    """Return the scenario with one entry of the stick's script per piece, with the script's values at these times."""
     counts: dict[str, int] = {}
     for text in texts:
         pieces, part = parse_pieces(text), argument_name("vary", text)

@@ -1,4 +1,4 @@
-"""Axes of a stability map: each changes a quantity of the scenario without changing its program.
+"""Axes of a stability map. Each axis changes a quantity of the scenario without changing its program.
 
 Source: docs page, Axes.
 """
@@ -28,9 +28,9 @@ class Axis(NamedTuple):
     """Axis of a stability map.
 
     name: name to show.  values: values of the coarse grid (k,), rising.  unit: unit of the values.  change: (scenario,
-    value) -> {path of a quantity: new value}; the given scenario includes the changes of the other axis.  prepare:
-    applied once to the scenario.  link, kind: link and "delay", "jitter" or "loss" for an axis of a link, otherwise
-    empty.
+    value) -> {path of a quantity: new value}. The given scenario includes the changes of the other axis.  prepare:
+    function applied once to the scenario.  link, kind: link and "delay", "jitter" or "loss" for an axis of a link,
+    otherwise empty.
     """
 
     name: str
@@ -93,7 +93,7 @@ def axis_of_scale(path: str, factors: Any, *, name: str = "") -> Axis:
 
 
 def axis_of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
-    """Create the axis of a link's delay (s), jitter (s) or loss (probability); the link becomes a `MeasuredLatency`.
+    """Create the axis of a link's delay (s), jitter (s) or loss (probability). The link becomes a `MeasuredLatency`.
 
     delay: replaces the link's own latency by a constant.  jitter: a uniform spread from 0 to the value, added to the
     delay axis, or to the link's mean latency without a delay axis.  loss: each packet is lost independently. A
@@ -126,7 +126,7 @@ def axis_of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
 
 
 def find_quantity(scenario: Scenario, path: str) -> tuple[Any, Quantity]:
-    """Return value and declaration of a quantity; raise InputError if it is missing or an option of the program."""
+    """Return value and declaration of a quantity. Raise InputError if it is missing or an option of the program."""
     value, declared = _find_leaf(scenario, path.split("."))
     if isinstance(declared, Quantity):
         return value, declared
@@ -139,7 +139,7 @@ def find_quantity(scenario: Scenario, path: str) -> tuple[Any, Quantity]:
 
 
 def _find_leaf(value: Any, path: list[str]) -> tuple[Any, Any]:
-    """Return value and declaration of the quantity at a path; None and None for an unknown path."""
+    """Return value and declaration of the quantity at a path, or None and None for an unknown path."""
     for name, child, declared in children(value):
         if name == path[0] and isinstance(declared, Quantity | Option):
             return (child, declared) if len(path) == 1 else (None, None)

@@ -28,7 +28,7 @@ class Comparison(NamedTuple):
 
 
 def compare(before: Any, after: Any, level: float = 0.95) -> Comparison:
-    """Compare costs (n,) of the same runs, before and after; n must be at least 2."""
+    """Compare costs (n,) of the same runs, before and after a change. n must be at least 2."""
     n = len(before)
     better, worse = int((after < before).sum()), int((after > before).sum())
     if np.isfinite(before).all() and np.isfinite(after).all():

@@ -2,7 +2,7 @@
 
 A gradient needs a cost that is an integral over the run. These metrics are integrals:
 
-    error_rms   sqrt(1/T int (x - target)^2 dt), over the second half        rms   the same of x, over the whole run
+    error_rms   sqrt(1/T int (x - target)^2 dt), over the second half        rms   sqrt(1/T int x^2 dt)
     mean        1/T int x dt
 
 They use every instant of the run, while metrics of a campaign use the logged rows.
@@ -32,7 +32,7 @@ INTEGRALS = ("error_rms", "rms", "mean")
 
 
 def evaluate_cost(terms: tuple[CostTerm, ...], columns: Mapping[str, Any]) -> Any:
-    """Return costs (n,) from a campaign's columns; infinite for a lost run."""
+    """Return costs (n,) from a campaign's columns. The cost of a lost run is infinite."""
     total = np.sum([t.weight * columns[t.metric] for t in terms], axis=0)
     return np.where(columns["lost"] | np.isnan(total), np.inf, total)
 
@@ -49,7 +49,7 @@ class IntegralCost(NamedTuple):
 
 
 def integral_cost(terms: tuple[CostTerm, ...], ready: PreparedCampaign) -> IntegralCost:
-    """Convert a cost to integrals; raise InputError for a metric that is not an integral."""
+    """Convert a cost to integrals. Raise InputError for a metric that is not an integral."""
     targets = {full_path(t.path): float(t.value) for t in ready.scenario.targets}
     declared = {path: d for path, _, d in logged_signals(signal_structure(run_inputs(ready.scenario)))}
     integrands, since = [], []
@@ -85,7 +85,7 @@ def integral_cost(terms: tuple[CostTerm, ...], ready: PreparedCampaign) -> Integ
 
 @functools.cache
 def _integrand(terms: tuple[tuple[str, float, bool], ...]) -> Callable[[Signals], Any]:
-    """Return the integrand of a cost; cached, so that each cost compiles once."""
+    """Return the integrand of a cost. It is cached, so that each cost is compiled once."""
 
     def integrand(instant: Signals) -> Any:
         numbers = {

@@ -1,4 +1,4 @@
-"""CMA-ES in the unit cube, with restarts that double the population (IPOP); each generation is one batch of runs.
+"""CMA-ES in the unit cube, with restarts that double the population (IPOP). Each generation is one batch of runs.
 
 Source: Hansen, Ostermeier, "Completely derandomized self-adaptation in evolution strategies", Evolutionary Computation
 9 (2001); restarts: Auger, Hansen, "A restart CMA evolution strategy with increasing population size", CEC 2005; both by
@@ -27,7 +27,7 @@ FLAT_GENERATIONS_MAX = 8
 
 
 class Generation(NamedTuple):
-    """One generation.
+    """One generation of the evolution strategy.
 
     x: (n, d), candidates.  f: (n,), values to minimise.  mean: (d,), centre.  restart: number, from 0.
     """
@@ -47,17 +47,17 @@ def evolve(
     budget: int,
     seed: int,
 ) -> Iterator[Generation]:
-    """Yield generations until the budget is spent; the caller may stop earlier.
+    """Yield generations until the budget is spent. The caller may stop earlier.
 
     Args:
-        of: function from points (n, d) in [0, 1] to values (n,), finite; only their order matters.
-        start: function from the number of the restart to its start (d,).
+        of: function from points (n, d) in [0, 1] to finite values (n,). Only the order of the values matters.
+        start: function from the number of the restart to its starting point (d,).
         step: initial standard deviation, as a fraction of the cube.
-        population: minimum population of the first start; each restart doubles it.
+        population: minimum population of the first start. Each restart doubles the population.
         budget: maximum number of points.
         seed: seed of the search's own random numbers.
     """
-    cma: Any = importlib.import_module("cma")  # only a search needs it
+    cma: Any = importlib.import_module("cma")  # the package is needed only for a search
     spent, restart, rng = 0, 0, np.random.default_rng(seed)
     while True:
         x0 = np.asarray(start(restart), np.float64)

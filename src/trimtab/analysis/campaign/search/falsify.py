@@ -9,8 +9,8 @@ CMA-ES then starts from the worst point, and later from the worst points elsewhe
 with new words.
 
 The margin is one number that measures how far a run is from failing. It is negative for a failure, and has a slope
-among successes and among failures. Each condition has a margin relative to its bound. The margin of a run is that of
-its worst condition:
+among successes and among failures. Each condition has a room, which is its distance to the bound relative to the bound.
+The margin of a run is that of its worst condition:
 
     settling:s <= T      1 - max |e|/band, over the rows from the last one at or before T
     first_reach:s <= T   1 - min |e|/band, over the rows up to T
@@ -18,7 +18,7 @@ its worst condition:
     >= and >             the same with the other sign
     margin               min of room/(1 + |room|), in (-1, 1);  a diverged run: -2 + t/T, with t of its first bad row
 
-so that a signal that never settles is judged by its distance from the band, and a signal that settles by its remaining
+So a signal that never settles is judged by its distance from the band, and a signal that settles by its remaining
 distance to the edge of the band. A margin is negative exactly where a condition does not hold.
 
 Source: Annapureddy, Liu, Fainekos, Sankaranarayanan, "S-TaLiRo: a tool for temporal logic falsification", TACAS 2011,
@@ -64,7 +64,7 @@ OVER: Mapping[str, Callable[[Any], Any]] = {"worst": lambda m: m.min(axis=1), "m
 TAIL = float(special.ndtr(-3.0))
 """Probability cut off at each end of a distribution without bounds."""
 BATCH_RUNS_MIN = 64
-"""Minimum number of runs in a batch; fewer would not fill the processor's lanes."""
+"""Minimum number of runs in a batch. Fewer runs would not fill the processor's lanes."""
 FIRST, LAST = 0.15, 0.1
 """Fractions of all runs: points over the whole box, and repetitions of the worst point with new random numbers."""
 STEP = 0.2
@@ -88,7 +88,7 @@ def with_margin(ready: PreparedCampaign) -> PreparedCampaign:
 
 
 def margins(columns: Mapping[str, Any]) -> Any:
-    """Return margins (n,) from a campaign's columns; a lost run counts as a failure, whatever its metrics are."""
+    """Return margins (n,) from a campaign's columns. A lost run counts as a failure, whatever its metrics are."""
     return np.where(columns["lost"], np.minimum(columns[NAME], -1.0), columns[NAME])
 
 
@@ -96,7 +96,7 @@ def margin(rows: Rows, conditions: tuple[Condition, ...], metrics: Mapping[str, 
     """Compute the margins (n,) of some runs.
 
     Args:
-        rows: rows of the runs.
+        rows: logged rows of the runs.
         conditions: conditions that must all hold.
         metrics: metrics of the conditions, by name.
     """
@@ -108,7 +108,7 @@ def margin(rows: Rows, conditions: tuple[Condition, ...], metrics: Mapping[str, 
 
 
 def _condition_margin(rows: Rows, condition: Condition, metric: Metric) -> Any:
-    """Compute the margins of one condition; negative exactly where it does not hold."""
+    """Compute the margins of one condition. They are negative exactly where the condition does not hold."""
     with np.errstate(invalid="ignore", over="ignore"):
         value = np.asarray(metric.of(rows), np.float64)
         room = _distance_to_bound(rows, condition, value)
@@ -130,7 +130,7 @@ def _distance_to_bound(rows: Rows, condition: Condition, value: Any) -> Any:
 
 
 def spread_levels(ready: PreparedCampaign, x: Any) -> Any:
-    """Map points x in [0, 1]^d to points u of the spread; the tails of unbounded distributions are cut off."""
+    """Map points x in [0, 1]^d to points u of the spread. The tails of unbounded distributions are cut off."""
     tail = np.array([TAIL if f.distribution.kind in ("normal", "lognormal") else 0.0 for f in ready.spread.factors])
     return inside_cube(tail + (1 - 2 * tail) * x)
 
@@ -202,11 +202,12 @@ class BoxSearch:
 class FalsificationResult(NamedTuple):
     """Worst run that was found, and the course of the search.
 
-    margin: margin of the worst run, repeated by itself; negative if the run failed.  values: path -> exact value of the
-    parameter.  point: (d,), the run's place in the box.  word: number that selects its random numbers. columns: its
-    metrics.  flown_runs: total number of runs.  first: number of runs until the first failure, or None.
+    margin: margin of the worst run, from its repetition; negative if the run failed.  values: path -> exact value of
+    the parameter.  point: (d,), the run's place in the box.  word: number that selects the run's random numbers.
+    columns: the run's metrics.  flown_runs: total number of runs.  first: number of runs until the first failure, or
+    None.
     candidate_margins: (n, words), in the order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the
-    number of the restart; the largest number marks the worst point with new words.
+    number of the restart. The largest number marks the worst point with new words.
     """
 
     plan: CampaignPlan
@@ -259,7 +260,7 @@ def falsify(
 
     Args:
         scenario: name in the catalogue, ``file.py:function``, or a `Scenario`.
-        spread: path -> distribution as text; its bounds are those of the search, e.g. "uniform(80%, 120%)".
+        spread: path -> distribution as text, whose bounds limit the search, e.g. "uniform(80%, 120%)".
         fault_ranges: faults with ranges, e.g. "downlink off @ 2..10 s for 0.1..2 s".
         vary: inputs held constant in pieces, e.g. "stick.turn=pieces(5, -1:1)".
         success: conditions of a success, e.g. "settling:yaw_rate <= 10". Default: each target is reached and held.
@@ -268,10 +269,10 @@ def falsify(
         over: "worst" or "mean": how the margins of a candidate's runs are combined.
         seed: seed of the runs' random numbers and of the search.
         until_first: True to stop at the first failure.
-        settings, without, faults: as in `trimtab run`; only for a scenario given by name.
+        settings, without, faults: as in `trimtab run`, only for a scenario given by name.
         backend, threads: as in `simulate_batch`.
         progress: function called with the number of runs flown since the last call.
-        store: folder that stores finished runs; the same search resumes from it.
+        store: folder that stores finished runs, from which the same search resumes.
 
     Raises: InputError for a search that can't be flown, before any run starts.
     """

@@ -2,7 +2,7 @@
 
 The theory needs the delay of a signal around the loop: in transit on the links, and held between packets and frames.
 
-Source: docs page, Stability maps; the theorems are those of `design`.
+Source: docs page, Stability maps. The theorems are those of `design`.
 """
 
 from collections.abc import Callable
@@ -24,11 +24,11 @@ from trimtab.links.wire import DelayChain, Wire
 from trimtab.loop.scenario import Scenario
 
 DRAWS = 4096
-"""Number of quantiles for the average of rounded latencies."""
+"""Number of quantiles of a latency's distribution, whose rounded values are averaged."""
 FINE = 30
 """Approximate number of points along an axis at which the theory is evaluated."""
 FEW = 8
-"""Approximate number of points along an axis that changes the linear loop; each costs a linearisation."""
+"""Approximate number of points along an axis that changes the linear loop. Each point costs a linearisation."""
 FAR = 10.0
 """Margin (s) that stands for "no limit"."""
 
@@ -113,7 +113,7 @@ def linear_loop(scenario: Scenario) -> FeedbackLoop:
     """Return the loop of a scenario's law and vehicle, linearised about the law's equilibrium.
 
     Raises: InputError if the law has no `equilibrium`, the loop can't be linearised (see `loop_of_law`), or a predictor
-    stands before the law.
+    precedes the law.
     """
     if scenario.autopilot.predictor is not None:
         problem = "the law has a predictor, so the margins of the law's own loop do not apply"
@@ -178,7 +178,7 @@ class _Margins(NamedTuple):
         return _Margins(loop, 0.0 if loop.unstable_poles() else min(delay_margin(loop).delay, FAR), {})
 
     def allowed_jitter(self, least: float) -> float:
-        """Return the jitter margin on top of a constant delay; below 0 beyond the delay margin."""
+        """Return the jitter margin on top of a constant delay, negative beyond the delay margin."""
         if least >= self.delay:
             return self.delay - least
         if least not in self.jitter:
@@ -200,7 +200,7 @@ def _remaining_margins(margins: _Margins, scenario: Scenario, kinds: set[str]) -
 
 
 def _refine_axis(axis: Axis) -> Any:
-    """Return the theory's values along an axis; they include those of the coarse grid."""
+    """Return the values of an axis at which the theory is evaluated. They include those of the coarse grid."""
     coarse = np.asarray(axis.values, float)
     each = max((FINE if axis.kind else FEW) // (len(coarse) - 1), 1)
     return np.interp(np.arange((len(coarse) - 1) * each + 1) / each, np.arange(len(coarse)), coarse)

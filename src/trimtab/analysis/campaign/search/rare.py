@@ -1,10 +1,10 @@
-"""Probability of rare failures, by splitting over a campaign's parameters and noise; failures found can be repeated.
+"""Probability of rare failures, by splitting over a campaign's parameters and noise. Found failures can be repeated.
 
-The margin is that of `falsify`; parameters are drawn as in a campaign. The noise has GROUPS words. Each word controls a
+The margin is that of `falsify`. Parameters are drawn as in a campaign. The noise has GROUPS words. Each word controls a
 part of a run's random numbers, so that a part of the noise can be drawn again while the rest stays.
 
 Roots fly in rounds of BATCHES batches. A round depends only on the seed and its number, so that a search resumed from
-its folder gives the same result as one without a break.
+its folder gives the same result as an uninterrupted search.
 
 Source: docs page, Rare failures; `campaign.statistics.splitting`.
 """
@@ -42,7 +42,7 @@ from trimtab.loop.scenario import Scenario
 GROUPS = 32
 """Number of words that select the noise of a run."""
 ROUNDS, BATCHES = 4, 10
-"""Number of rounds, and number of batches in a round; the interval is computed from the batches' means."""
+"""Number of rounds, and number of batches in a round. The interval is computed from the batches' means."""
 LEAST_RUNS = 5000
 SPREAD_MAX = 6.0
 """Distance of a parameter from its median, in standard deviations, up to which the scenario must be valid."""
@@ -51,9 +51,9 @@ PILOT_STREAM, ROUND_STREAM = 0, 1
 
 
 class Failure(NamedTuple):
-    """Run that fails. z: standard normal numbers of its parameters.  words: of its noise.  margin: in the search.
+    """Run that fails. z: standard normal numbers of its parameters.  words: of its noise.  margin: from the search.
 
-    values: path -> exact value of the parameter.  columns: metrics; both from a repetition of the run by itself.
+    values: path -> exact value of the parameter.  columns: metrics, from a repetition of the run by itself.
     """
 
     z: Any
@@ -76,11 +76,11 @@ class PilotReport(NamedTuple):
 
 
 class Round(NamedTuple):
-    """Result of the roots of one round, as stored.
+    """Result of the roots of one round, as stored in the folder.
 
-    sums: (BATCHES,), failing descendants of each batch.  failing_roots: number of roots with a failing descendant.
-    survivors, taken: as in `RareResult`. flown: number of runs.  worst, likeliest: z, words and margin of two failures,
-    if any.
+    sums: (BATCHES,), number of failing descendants in each batch.  failing_roots: number of roots with a failing
+    descendant. survivors, taken: as in `RareResult`. flown: number of runs.  worst, likeliest: z, words and margin of
+    two failures, if any.
     """
 
     sums: list[int]
@@ -95,9 +95,9 @@ class Round(NamedTuple):
 class RareResult(NamedTuple):
     """Probability of a failure, its interval, and two failures.
 
-    ladder: the levels.  roots: total number of roots; failing_roots: number of roots with a failing descendant.
-    survivors: (K,), number of points below each level.  taken: (K - 1,), share of accepted steps below each level.
-    flown_runs: total, with the pilot; new_runs: runs of this session.  worst: failure with the smallest margin;
+    ladder: levels of the splitting.  roots: total number of roots; failing_roots: number of roots with a failing
+    descendant. survivors: (K,), number of points below each level.  taken: (K - 1,), share of accepted steps below each
+    level. flown_runs: total, with the pilot; new_runs: runs of this session.  worst: failure with the smallest margin;
     likeliest: failure with the most probable parameters.
     """
 
@@ -138,19 +138,19 @@ def estimate_rare(
 
     Args:
         scenario: name in the catalogue, ``file.py:function``, or a `Scenario`.
-        spread: path -> distribution as text; without it only the noise varies.
-        fault_ranges, vary: as in `falsify`; values within their bounds are equally probable.
+        spread: path -> distribution as text. Without a spread only the noise varies.
+        fault_ranges, vary: as in `falsify`. Values within their bounds are equally probable.
         success: conditions of a success, e.g. "peak:yaw_rate <= 4". Default: each target is reached and held.
         runs: approximate number of runs.
         seed: seed of all random numbers.
-        settings, without, faults: as in `trimtab run`; only for a scenario given by name.
+        settings, without, faults: as in `trimtab run`, only for a scenario given by name.
         folder: folder in which finished rounds are stored, and from which they are resumed.
         backend, threads: as in `simulate_batch`.
         progress: function called with the number of runs flown since the last call.
         report: function called once, after the pilot.
 
-    Raises: InputError if the scenario can't be flown (before any run starts), the margin doesn't lead to a failure, or
-    the folder holds something else.
+    Raises: InputError if the scenario can't be flown (before any run starts), the margin does not approach a failure,
+    or the folder contains another study.
     """
     began = time.perf_counter()
     if runs < LEAST_RUNS:
@@ -195,7 +195,7 @@ def _check_differences(ready: PreparedCampaign) -> None:
 
 
 class _Study:
-    """State of one study: the ladder and the rounds so far."""
+    """State of one estimation: the ladder and the rounds so far."""
 
     ladder: Ladder
     roots: int
@@ -316,7 +316,7 @@ class _Study:
             fix = f"{argument_name('out')} with a new folder"
             raise InputError(argument_name("out"), f"{str(file)!r} can't be read: {error}", fix=fix) from None
         if not same:
-            problem = f"{str(file.parent)!r} holds another study, or one from another version or backend"
+            problem = f"{str(file.parent)!r} contains another study, or one from another version or backend"
             raise InputError(
                 argument_name("out"),
                 problem,

@@ -1,4 +1,4 @@
-"""Scenario files: a scenario of the catalogue with the exact parameter values that a search found. Data only."""
+"""Scenario files: a scenario of the catalogue with the exact parameter values that a search found."""
 
 import os
 import pprint
@@ -42,8 +42,8 @@ def write_scenario(
     """Write the file atomically.
 
     Args:
-        file: path of the file; a user's own scenario is located relative to its folder.
-        plan: gives the scenario, its settings, its faults and what is left out.
+        file: path of the file. A user's own scenario is located relative to the file's folder.
+        plan: plan with the scenario, its settings, its faults and the effects left out.
         values: path -> number or array.
         about: lines of the file's docstring.
         words: words of the noise of run 0, if it is not the noise of a campaign's run.
@@ -87,7 +87,7 @@ def write_scenario(
 
 
 def check_file(part: str, file: Path) -> None:
-    """Raise InputError unless the file's name is a Python name with the ending .py; also for a folder."""
+    """Raise InputError if the file's name is not a Python name with the ending .py, or if it is a folder."""
     if file.suffix != ".py" or not file.stem.isidentifier():
         fix = f"{part} {file.with_name('found.py')}"
         raise InputError(part, f"{file.name!r} is not the name of a Python file", fix=fix)

@@ -1,7 +1,7 @@
 """Stability map: success of a scenario in the plane of two parameters, refined only near the boundary.
 
 Source: docs page, Stability maps; R. A. Finkel, J. L. Bentley, "Quad trees: a data structure for retrieval on composite
-keys", Acta Informatica 4 (1974), for the tree of cells. The rule by which cells are split is ours.
+keys", Acta Informatica 4 (1974), for the tree of cells. The rule for splitting cells is this package's own.
 """
 
 from collections.abc import Callable, Iterable
@@ -30,9 +30,9 @@ Success = Callable[[Batch], Any]
 SWING = 0.1
 """Largest residual oscillation accepted at a run's end, as a fraction of a target's band."""
 ROWS = 300
-"""Approximate number of rows judged in each run."""
+"""Approximate number of rows evaluated in each run."""
 NUMBERS = 20_000_000
-"""Maximum number of logged values held at once; larger rounds are flown in parts."""
+"""Maximum number of logged values in memory at once. Larger rounds are flown in parts."""
 ALL = 100
 """Approximate number of values in a row if all signals are logged."""
 
@@ -77,7 +77,7 @@ class TracedBoundary(NamedTuple):
     def crossings(self, line: int, axis: int = 0) -> list[tuple[int, int]]:
         """Return pairs of neighbouring evaluated points between which a line along `axis` crosses the boundary.
 
-        line: lattice index on the other axis; use one of the coarse grid, other lines have few evaluated points.
+        line: lattice index on the other axis. Lines outside the coarse grid have few evaluated points.
         """
         values = self.grid().take(line, axis=1 - axis)
         known = np.flatnonzero(~np.isnan(values))
@@ -97,7 +97,7 @@ def trace_boundary(
     Args:
         values: function from lattice points (k, 2) to their values (k,).
         coarse: number of points of the coarse grid along each axis, 2 or more.
-        depth: number of times that a cell is halved; the lattice has (c - 1) 2^depth + 1 points along an axis.
+        depth: number of times that a cell is halved. The lattice has (c - 1) 2^depth + 1 points along an axis.
         threshold: a point is inside if its value is at least the threshold.
     """
     check_grid(coarse, depth)
@@ -241,21 +241,21 @@ def stability_map(
 
     Args:
         scenario: the scenario to fly.
-        x, y: the axes; their values are those of the coarse grid.
+        x, y: the axes. Their values are those of the coarse grid.
         runs: number of runs at each point.
         depth: number of times that a cell is halved.
         threshold: share of successes at the boundary.
-        seed: seed of the first run at a point; further runs use the next numbers.
-        swing: largest residual oscillation accepted, as a fraction of each target's band; unused with `success`.
+        seed: seed of the first run at a point. Further runs use the next numbers.
+        swing: largest residual oscillation accepted, as a fraction of each target's band. Not used with `success`.
         success: function that judges the runs of a batch from its log. Default: `target_success`.
         signals: signals logged for `success`. Default without `success`: the targets' signals.
         log_period: period of the rows. Default: a multiple of the autopilot's period that gives about 300 rows.
         backend, threads: as in `simulate_batch`.
         progress: function called with the number of points flown since the last call.
-        memo: store of earlier flights; made for this scenario and this success.
+        memo: store of earlier flights of this scenario with this success.
 
     Raises:
-        InputError: before any run starts; every point of the coarse grid is checked as a scenario of its own.
+        InputError: before any run starts, if the scenario at any point of the coarse grid is invalid.
     """
     if runs < 1 or not 0 < threshold <= 1:
         problem = f"runs must be at least 1, and threshold above 0 and at most 1; got {runs} and {threshold}"
@@ -288,7 +288,7 @@ def stability_map(
 class _PointFlights(NamedTuple):
     """Flights at points.
 
-    seeds: of the runs at a point.  numbers: number of values in a run's log.  used: backends so far.
+    seeds: seeds of the runs at a point.  numbers: number of values in a run's log.  used: backends used so far.
     """
 
     scenario: Scenario
@@ -308,7 +308,7 @@ class _PointFlights(NamedTuple):
         return np.concatenate(ok).reshape(points, runs).mean(axis=1)
 
     def _fly_runs(self, spread: dict[str, Any]) -> Any:
-        """Return the success (n,) of each run; the runs of one point follow each other."""
+        """Return the success (n,) of each run. The runs of one point follow each other."""
         count = len(next(iter(spread.values())))
         seeds = np.tile(self.seeds, count // len(self.seeds))
         if (
@@ -327,9 +327,10 @@ class _PointFlights(NamedTuple):
 
 
 def target_success(scenario: Scenario, swing: float = SWING) -> Success:
-    """Return a judge: each target must stay in its band over the last third, with a small or decaying oscillation.
+    """Return a function that decides the success of each run of a batch by the targets.
 
-    Small: below `swing` times the band, see `statistics.metrics.swing_amplitude`. A limit cycle inside a band is
+    Each target must stay in its band over the last third, with a small or decaying oscillation. Small means below
+    `swing` times the band, see `statistics.metrics.swing_amplitude`. A limit cycle inside a band is
     therefore not a success. Angles count modulo full turns.
     """
     targets = tuple(scenario.targets)
@@ -358,7 +359,7 @@ def target_success(scenario: Scenario, swing: float = SWING) -> Success:
 
 
 def _prepare_map(scenario: Scenario, x: Axis, y: Axis) -> tuple[Scenario, tuple[str, ...]]:
-    """Return the scenario to fly and the paths that differ between points; check every coarse point."""
+    """Return the scenario to fly and the paths that differ between points. Check every coarse point."""
     base = y.prepare(x.prepare(scenario))
     last = with_values(base, values_at(base, x, y, x.values[-1], y.values[-1]))
     base = enlarge_rings(base, last)
@@ -372,7 +373,7 @@ def _prepare_map(scenario: Scenario, x: Axis, y: Axis) -> tuple[Scenario, tuple[
 
 
 def values_at(base: Scenario, x: Axis, y: Axis, a: float, b: float) -> dict[str, Any]:
-    """Return path -> value at one point; the changes of y are made after those of x."""
+    """Return path -> value at one point. The changes of y are made after those of x."""
     first = x.change(base, float(a))
     second = y.change(base, float(b))
     if {*first} & {*second}:

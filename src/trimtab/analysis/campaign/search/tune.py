@@ -8,8 +8,8 @@ Gains are compared in runs with the same random numbers, so that common variatio
 
     D_i = cost of the second - cost of the first, in run i        mean(D) ± t_{n-1} std(D)/sqrt(n)
 
-If a cost is infinite, the mean does not exist. Then the runs in which the second is better are counted against those in
-which it is worse, and their share has its exact interval (sign test).
+If a cost is infinite, the mean does not exist. Then the result is the share of runs in which the second gains are
+better, among the runs with a difference, with its exact interval (sign test).
 
 Source: Law, "Simulation modeling and analysis", 5th ed. 2015, sections 10.2.1 (paired t) and 11.2 (common random
 numbers); Dixon, Mood, "The statistical sign test", Journal of the ASA 41 (1946); docs page, Tune.
@@ -60,7 +60,7 @@ from trimtab.run.gradient import gradients
 METHODS = ("search", "gradient")
 RANGES = ("uniform", "loguniform")
 UNSEEN = 2**31
-"""Number of the first validation run; tuning flies only smaller numbers."""
+"""Number of the first validation run. Tuning flies only runs with smaller numbers."""
 BOUND = 0.01
 """Distance from an end of its range, as a fraction of the range, within which a gain counts as at that end."""
 
@@ -95,7 +95,7 @@ def parse_gain(path: str, text: str) -> Distribution:
 class Gains(NamedTuple):
     """Gains of a campaign.
 
-    at: their columns.  own: values in the scenario.  start: (d,), places of `own` in the ranges.
+    at: columns of the gains.  own: values in the scenario.  start: (d,), places of `own` in the ranges.
     """
 
     ready: PreparedCampaign
@@ -135,13 +135,13 @@ class Gains(NamedTuple):
         return tuple(f.text for f, place in zip(self.factors, x, strict=True) if abs(place - 0.5) > 0.5 - BOUND)
 
     def values(self, x: Any) -> dict[str, Any]:
-        """Return path -> parameter with the gains at x (d,); other elements keep the scenario's values."""
+        """Return path -> parameter with the gains at x (d,). Other elements keep the scenario's values."""
         alone = self.ready._replace(spread=Spread(self.factors))
         return parameters_at(alone, inside_cube(x))
 
 
 def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
-    """Return the gains of a campaign; raise InputError if a range does not include the scenario's own value."""
+    """Return the gains of a campaign. Raise InputError if a range does not include the scenario's own value."""
     texts = [f.text for f in ready.spread.factors]
     at = np.array([i for i, text in enumerate(texts) if text in names])
     known = {path: value for path, value, _ in leaves(ready.scenario)}
@@ -153,7 +153,9 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
             fix = argument("gains", "LOW:HIGH", first_number(factor.path, value.shape))
             raise InputError(part, f"has shape {value.shape}, but a gain must be one number", fix=fix)
         own = float(value[factor.at or ()])
-        low, high = (a.of(own) for a in factor.distribution.amounts)  # shares of a negative number are in falling order
+        low, high = (
+            a.of(own) for a in factor.distribution.amounts
+        )  # percentages of a negative number are in falling order
         if not min(low, high) <= own <= max(low, high):
             problem = f"the scenario's own value, {own:g}, must lie within {min(low, high):g} … {max(low, high):g}"
             raise InputError(
@@ -173,8 +175,8 @@ class TuningResult(NamedTuple):
     values: path -> exact parameter with the tuned gains.  before, after: text of the gain -> value.  steps: course of
     the search.  slopes: slopes at the gradient's steps.  seen_comparison: comparison with the scenario's own gains, in
     the runs used for tuning.  held_out_comparison: comparison in other runs, which decides if the tuned gains are
-    better.  flown_runs: total number of runs; a run with its derivative along d gains counts d times.  at_bounds: gains
-    within BOUND of an end of their range; a wider range may be better.
+    better.  flown_runs: total number of runs. A run with its derivative along d gains counts d times.  at_bounds: gains
+    within BOUND of an end of their range. A wider range may be better.
     """
 
     plan: CampaignPlan
@@ -226,16 +228,16 @@ def tune(
 
     Args:
         scenario: name in the catalogue, ``file.py:function``, or a `Scenario`.
-        gains: path -> range, e.g. "0.5:3" or "loguniform(0.01, 10)"; the scenario's own value is the start.
+        gains: path -> range, e.g. "0.5:3" or "loguniform(0.01, 10)". The scenario's own value is the start.
         cost: metrics with weights, e.g. "error_rms:yaw_rate + 2*error_rms:sway_velocity".
-        method: "search" (CMA-ES, any metric) or "gradient" (costs that are integrals; needs a C compiler).
+        method: "search" (CMA-ES, any metric) or "gradient" (costs that are integrals, with a C compiler).
         runs: runs of each candidate, or of each gradient step.  held_out: number of validation runs.
         iterations: generations, or gradient steps.  width: width of the gradient's smoothing, as a part of each range.
         spread: other parameters that vary from run to run, as in a campaign.
         seed: seed of the runs' random numbers and of the method.
-        settings, without, faults: as in `trimtab run`; only for a scenario given by name.
+        settings, without, faults: as in `trimtab run`, only for a scenario given by name.
         backend, threads: as in `simulate_batch`.  progress: function called with the runs flown since the last call.
-        store: folder that stores finished runs; the same tuning resumes from it.
+        store: folder that stores finished runs, from which the same tuning resumes.
 
     Raises: InputError for a scenario that can't be flown or tuned, before any run starts.
     """
@@ -298,7 +300,7 @@ def _check_tuning(
 
 
 def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[str, ...]) -> Gains:
-    """Return the gains of the campaign; check their ranges first, and name them in errors."""
+    """Return the gains of the campaign. Check their ranges first, and name the gains in errors."""
     try:
         if isinstance(scenario, str):
             scenario = build_scenario(plan)
@@ -335,7 +337,7 @@ class _GainFlights:
     def costs(self, x: Any, first: int = 0, runs: int | None = None) -> Any:
         """Return costs (n, runs) at places x (n, d).
 
-        Each place is flown in the same runs; `first` is their first number.
+        Each place is flown in the same runs. `first` is the number of the first run.
         """
         n = runs or self.runs
         u = np.concatenate([self.gains.spread_points(np.repeat(place[None], n, axis=0), first) for place in x])
@@ -349,7 +351,7 @@ class _GainFlights:
         return compare(before, after)
 
     def slope_function(self) -> Callable[[Any, int], tuple[Any, Any]]:
-        """Return a function that flies pairs of runs and returns their costs and the derivatives by the gains."""
+        """Return a function that flies pairs of runs and returns their costs and derivatives in the gains."""
         ready, gains = self.gains.ready, self.gains
         of = integral_cost(self.terms, ready)
         along = [(f.path, f.at or ()) for f in gains.factors]

@@ -7,7 +7,7 @@ in some runs is worse than any candidate without, and the worse the more such ru
 
     f_s(x) = E over eps ~ N(0, I) and runs of f(fold(x + s eps))           smooth, whatever switches in the loop
 
-In a loop that switches, the cost jumps as a gain changes. The derivative of one run does not see the jump; the mean f_s
+In a loop that switches, the cost jumps as a gain changes. The derivative of one run does not see the jump. The mean f_s
 has no jump. Each pair x ± s eps, flown with the same random numbers, gives two estimates of the slope:
 
     first order    (g+ + g-)/2            mean of the runs' own derivatives: little scatter, ignores jumps
@@ -16,7 +16,7 @@ has no jump. Each pair x ± s eps, flown with the same random numbers, gives two
     g = g0 + a (g1 - g0)      a = -cov(g0, D)/(var(D) + b^2) in [0, 1],   D = g1 - g0,  b^2 = (mean(D)^2 - var(D))+
 
 with variances of means. The weight a has the least estimated mean square error: if both estimates agree within their
-scatter, the derivatives dominate; otherwise the difference does. Steps are Adam's, projected to the ranges. The result
+scatter, the derivatives dominate. Otherwise the difference does. Steps are Adam's, projected to the ranges. The result
 is the mean of the last third of the steps (Polyak). Gains beyond their range are folded back, so that f stays
 continuous.
 
@@ -40,11 +40,11 @@ STEP, POPULATION = 0.25, 8
 RATE, BETA1, BETA2 = 0.06, 0.8, 0.95
 """Parameters of Adam: learning rate and decay rates."""
 PairFlights = Callable[[Any, int], tuple[Any, Any]]
-"""Function from places (n, d) and the number of the first run to costs (n,) and slopes (n, d); pairs share a run."""
+"""Function from places (n, d) and the number of the first run to costs (n,) and slopes (n, d). Pairs share a run."""
 
 
 class TuningStep(NamedTuple):
-    """One step.
+    """One step of a tuning.
 
     flown_runs: number of runs so far.  cost: mean cost of the step's runs.  x: (d,), places of the gains.
     """
@@ -55,9 +55,9 @@ class TuningStep(NamedTuple):
 
 
 def merit(costs: Any, reference: float) -> Any:
-    """Return a score (n,) of candidates from their costs (n, runs); lower is better.
+    """Return a score (n,) of candidates from their costs (n, runs). A lower score is better.
 
-    The score is z/(1 + |z|), z the mean of the finite costs over the reference, plus the share of infinite costs.
+    The score is z/(1 + |z|) plus the share of infinite costs, with z the mean finite cost divided by the reference.
     """
     finite = np.isfinite(costs)
     share = 1 - finite.mean(axis=1)
@@ -68,13 +68,13 @@ def merit(costs: Any, reference: float) -> Any:
 def search_gains(
     costs: Callable[[Any], Any], start: Any, runs: int, iterations: int, seed: int
 ) -> tuple[Any, list[TuningStep]]:
-    """Search for the best gains; return them and the steps.
+    """Search for the best gains, and return them and the steps.
 
     Args:
         costs: function from places (n, d) in [0, 1] to costs (n, runs), of the same runs each time.
         start: (d,), places of the scenario's own gains.
         runs: number of runs of a candidate.
-        iterations: number of generations of the first restart's size.
+        iterations: number of generations of the minimum population.
         seed: seed of the search.
     """
     first = costs(start[None])
@@ -121,7 +121,7 @@ class Slope(NamedTuple):
 
 
 def fold_points(y: Any) -> tuple[Any, Any]:
-    """Fold any numbers into [0, 1] by reflection at 0 and 1; return the folded numbers and the signs of the slope."""
+    """Fold any numbers into [0, 1] by reflection at 0 and 1. Return the folded numbers and the signs of the slope."""
     z = np.mod(y, 2.0)
     return np.where(z > 1, 2 - z, z), np.where(z > 1, -1.0, 1.0)
 
@@ -153,14 +153,14 @@ def estimate_slope(flights: PairFlights, x: Any, eps: Any, width: float, first_r
 def descend_gradient(
     flights: PairFlights, start: Any, runs: int, iterations: int, width: float, seed: int
 ) -> tuple[Any, list[TuningStep], list[Slope]]:
-    """Descend along the gradient; return gains, steps and slopes. Every iteration flies new runs.
+    """Descend along the gradient, and return gains, steps and slopes. Every iteration flies new runs.
 
     Args:
-        flights: function that flies pairs at places.
+        flights: function that flies pairs of runs, see `PairFlights`.
         start: (d,), places of the scenario's own gains.
         runs: number of runs in an iteration, i.e. runs/2 pairs.
         iterations: number of steps.
-        width: s, as a fraction of the ranges.
+        width: width s of the smoothing, as a fraction of the ranges.
         seed: seed of the pairs.
     """
     rng, pairs = np.random.default_rng(seed), runs // 2

@@ -8,7 +8,7 @@
 
     P(X(l) > q_p) <= P(B <= l - 1) <= tail        P(X(u) < q_p) <= P(B >= u) <= tail        B ~ Bin(n, p)
 
-with X(1) <= ... <= X(n), the largest such l and the smallest such u. It holds for any distribution, also with steps.
+with X(1) <= ... <= X(n), the largest such l and the smallest such u. They hold for any distribution, even with steps.
 
 **Mean**: metrics of runs are skew (a few settle very late). One-sided bounds by Student's t are then wrong by the order
 of 1/sqrt(n). A cubic transformation removes the runs' skewness g, which leaves an error of the order of 1/n:
@@ -18,8 +18,8 @@ of 1/sqrt(n). A cubic transformation removes the runs' skewness g, which leaves 
 It is monotonic and has an inverse, which gives the bounds: mu = mean - s h^-1(t/sqrt(n)).
 
 **Anytime**: an interval for a fixed number of runs covers the truth less often if the runs stop as soon as it looks
-good. With `anytime`, the intervals of a probability and of a quantile hold at all numbers of runs together, in `level`
-of all campaigns. You may then stop for any reason, resume later, and look after every block.
+good. With `anytime`, the intervals of a probability and of a quantile hold at all numbers of runs together, in a
+share `level` of all campaigns. You may then stop for any reason, resume later, and look after every block.
 
 Of k successes in n runs, the evidence that the probability is above p is a martingale under p, so that Ville's
 inequality bounds how often it ever reaches 1/tail. With theta uniform on [p, 1]:
@@ -36,7 +36,7 @@ Biometrika 26 (1934); beta quantiles: [2] Johnson, Kemp, Kotz, "Univariate discr
 (1936); [4] David, Nagaraja, "Order Statistics", 3rd ed., Wiley 2003, section 7.1; the quantile itself is the inverse of
 the empirical distribution, definition 1 of [5] Hyndman, Fan, "Sample quantiles", American Statistician 50 (1996);
 [6] Hall, "On the removal of skewness by transformation", J. R. Statist. Soc. B 54 (1992), eq. 2.6 and the bounds after
-it; Student's quantiles in place of the normal ones are ours: for g = 0 it is Student's interval;
+it; Student's quantiles replace the normal ones here: for g = 0 it is Student's interval;
 [7] Ville, "Etude critique de la notion de collectif", 1939; [8] Robbins, "Statistical methods related to the
 law of the iterated logarithm", Ann. Math. Statist. 41 (1970), for mixtures; [9] Howard, Ramdas, "Sequential estimation
 of quantiles", Bernoulli 28 (2022), for the way from counts to quantiles.
@@ -52,11 +52,11 @@ from scipy import special, stats
 from trimtab.core.errors import InputError
 
 HALVINGS = 60
-"""Number of bisection steps for a bound; the bound is exact to 2^-60."""
+"""Number of bisection steps for a bound, which makes the bound exact to 2^-60."""
 RUNS_MAX = 1 << 62
 """Largest number of runs that is tried in a search for the minimum number."""
 LEAST_FOR_MEAN = 30
-"""Minimum number of runs for an interval of the mean; fewer do not determine the skewness."""
+"""Minimum number of runs for an interval of the mean. Fewer runs do not determine the skewness."""
 
 
 def check_level(part: str, level: float) -> None:
@@ -68,7 +68,7 @@ def check_level(part: str, level: float) -> None:
 class Proportion(NamedTuple):
     """Share of successful runs.
 
-    low, high: exact interval; contains the true probability in at least `level` of cases.
+    low, high: exact interval, which contains the true probability in at least a share `level` of cases.
     """
 
     successes: int
@@ -168,14 +168,14 @@ def quantile(
 def ranks(trials: int, p: float, level: float) -> tuple[int, int]:
     """Return the ranks (1: the smallest) whose values bound the p-quantile in at least `level` of all campaigns.
 
-    0 for the lower rank, or trials + 1 for the upper rank: the runs are too few for a bound on that side.
+    A lower rank of 0, or an upper rank of trials + 1, means that the runs are too few for a bound on that side.
     """
     tail = (1 - level) / 2
     return int(stats.binom.ppf(tail, trials, p)), int(stats.binom.isf(tail, trials, p)) + 1
 
 
 def ranks_anytime(trials: int, p: float, level: float) -> tuple[int, int]:
-    """Return the ranks for bounds that hold at every number of runs at once."""
+    """Return the ranks, as `ranks`, for bounds that hold at every number of runs at once."""
     enough = -np.log((1 - level) / 2)
     counts = range(trials + 1)
     low = bisect_left(counts, True, key=lambda k: bool(log_evidence(trials - k, trials, 1 - p) < enough))
@@ -196,7 +196,7 @@ def least_trials_anytime(p: float, tail: float) -> int:
 
 
 def log_evidence(k: Any, n: Any, p: Any) -> Any:
-    """Return the logarithm of M(k, n, p), the evidence that the probability is above p; arrays of any shape."""
+    """Return the logarithm of M(k, n, p), the evidence that the probability is above p, for arrays of any shape."""
     k, n, p = (np.asarray(a, np.float64) for a in (k, n, p))
     with np.errstate(divide="ignore"):
         mass = special.betaln(k + 1, n - k + 1) + np.log(special.betaincc(k + 1, n - k + 1, p))
@@ -219,7 +219,7 @@ def lower_bound(k: Any, n: Any, tail: float) -> Any:
 
 
 def as_column(values: Any, part: str) -> Any:
-    """Convert the values of runs to float64, shape (n,); raise InputError unless they are one number for each run."""
+    """Convert the values of runs to float64, shape (n,). Raise InputError unless they are one number for each run."""
     x = np.asarray(values)
     if x.ndim != 1 or not len(x) or x.dtype.kind not in "biuf":
         problem = f"got an array of shape {x.shape} and type {x.dtype}"
@@ -228,9 +228,9 @@ def as_column(values: Any, part: str) -> Any:
 
 
 class Mean(NamedTuple):
-    """Mean of the runs flown, with an interval of the true mean; bounds are infinite if the runs do not give any.
+    """Mean of the runs flown, with an interval of the true mean. Bounds are infinite if the runs do not give any.
 
-    not_finite: number of runs without a finite value; a single one makes the mean infinite.
+    not_finite: number of runs without a finite value. A single such run makes the mean infinite.
     """
 
     value: float
@@ -246,7 +246,7 @@ class Mean(NamedTuple):
 
 
 def mean(values: Any, level: float = 0.95) -> Mean:
-    """Return the mean with an approximate interval; docs/campaign/intervals.md has its coverage.
+    """Return the mean with an approximate interval, whose coverage is in docs/campaign/intervals.md.
 
     Runs without a finite value make the mean infinite, without an interval. With fewer than 30 runs, or if all values
     are equal, the bounds are -inf and inf.

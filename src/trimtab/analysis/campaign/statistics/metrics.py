@@ -1,4 +1,4 @@
-"""Metrics of a campaign, computed for a block of runs at once; `logs.metrics` computes them for one run.
+"""Metrics of a campaign, computed for a block of runs at once. `logs.metrics` computes them for one run.
 
 A metric is KIND:SIGNAL, e.g. ``settling:yaw_rate`` or ``peak:truth.sway_velocity``, or robustness:FORMULA, or a
 function in a file, ``my_metrics.py:miss_distance``, from `Rows` to an array (n,). The time of an event that never
@@ -32,9 +32,9 @@ class Rows:
     """Logged rows of a block of n runs.
 
     t: (m,), s.  signals: by path, (n, m, …).  targets: targets of the scenario.  angles: paths of signals that wrap.
-    final: values after the last step, by path, (n, …); a missing signal ends with its last row.  flight: source of
-    `flight.roll` etc., which are computed on request, as in a log.  end_time: end of all runs, s.  parameters: of each
-    run, by path, (n,), those needed for a flight over the rotating earth.
+    final: values after the last step, by path, (n, …). A missing signal ends with its last row.  flight: source of
+    `flight.roll` etc., which are computed on request, as in a log.  end_time: end of all runs, s.  parameters: path ->
+    values (n,), those needed for a flight over the rotating earth.
     """
 
     t: Any
@@ -51,7 +51,10 @@ class Rows:
     _errors: dict[str, Any] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __getitem__(self, path: str) -> Any:
-        """Return a signal by its path or short name, (n, m, …); "truth.velocity[2]" is one element of it, (n, m)."""
+        """Return a signal by its path or short name, (n, m, …).
+
+        "truth.velocity[2]" is one element of a vector, (n, m).
+        """
         whole, index = split_component(full_path(path))
         signal = self._work_out(whole)[0] if self._is_derived(whole) else self.signals[whole]
         return signal if index is None else signal[:, :, index]
@@ -111,7 +114,7 @@ class Rows:
 class Metric(NamedTuple):
     """Metric of a run.
 
-    name: of its column.  signals: paths of its signals.  of: function from `Rows` to values (n,).
+    name: name of its column.  signals: paths of its signals.  of: function from `Rows` to values (n,).
     """
 
     name: str
@@ -126,7 +129,7 @@ class Metric(NamedTuple):
 
 
 def settling(rows: Rows, path: str) -> Any:
-    """Return the settling time (s), after which the signal stays in its target's band; inf if it never does."""
+    """Return the settling time (s), after which the signal stays in its target's band, or inf if it never does."""
     error = rows.error(path)
     backwards = np.empty(error.shape)
     np.abs(error[:, ::-1], out=backwards)  # in the order of the search, so that it ends early
@@ -138,7 +141,7 @@ def settling(rows: Rows, path: str) -> Any:
 
 
 def first_reach(rows: Rows, path: str) -> Any:
-    """Return the time (s) to the first row in the band, or to an interpolated crossing of the target; inf if never."""
+    """Return the time (s) to the first row in the band, or to an interpolated crossing of the target. inf if never."""
     error, t = rows.error(path), rows.t - rows.t[0]
     inside = np.abs(error) <= rows.band(path)
     crosses = np.sign(error[:, :-1]) * np.sign(error[:, 1:]) < 0
@@ -154,7 +157,7 @@ def first_reach(rows: Rows, path: str) -> Any:
 
 
 def overshoot(rows: Rows, path: str) -> Any:
-    """Return the overshoot: how far the signal goes beyond its target, seen from its start; inf for a diverged run."""
+    """Return the overshoot: how far the signal goes beyond its target, seen from its start. inf for a diverged run."""
     error = rows.error(path)
     start = error[:, 0]
     beyond = np.where(start < 0, error.max(axis=1), -error.min(axis=1))
@@ -163,12 +166,12 @@ def overshoot(rows: Rows, path: str) -> Any:
 
 
 def swing_amplitude(rows: Rows, path: str) -> Any:
-    """Return the amplitude of the residual oscillation at a run's end, 0 if it decays; inf for a diverged run.
+    """Return the amplitude of the residual oscillation at a run's end: 0 if it decays, inf for a diverged run.
 
     The last third of the run is halved. The amplitude of a half is half of the largest minus the smallest value. If the
     amplitude of the second half is below FADING times that of the first, the oscillation decays. Growth, a limit cycle
-    and noise remain. A constant offset is not an oscillation. A period longer than a sixth of the run is not seen
-    whole.
+    and noise remain. A constant offset is not an oscillation. An oscillation with a period longer than a sixth of
+    the run is seen only in part.
     """
     tail = _tail_errors(rows, path)
     half = tail.shape[1] // 2
@@ -178,7 +181,7 @@ def swing_amplitude(rows: Rows, path: str) -> Any:
 
 
 def error_rms(rows: Rows, path: str) -> Any:
-    """Return the root mean square error over the second half of a run; inf for a diverged run."""
+    """Return the root mean square error over the second half of a run, or inf for a diverged run."""
     return _or_inf(np.sqrt(np.mean(rows.error(path)[:, _start_index(rows, 1 / 2) :] ** 2, axis=1)))
 
 
@@ -229,7 +232,7 @@ KINDS = (*OF_TARGETS, *OF_SIGNALS, ROBUSTNESS)
 
 @contextmanager
 def name_option(name: str, more: str = "") -> Iterator[None]:
-    """Let errors name the argument `name` in place of "metrics".
+    """Make errors name the argument `name` in place of "metrics".
 
     more: text that follows the metric in that argument.
     """
@@ -251,14 +254,14 @@ def find_metric(
     units: Mapping[str, str] | None = None,
     duration: int | None = None,
 ) -> Metric:
-    """Find the metric that a text names; raise InputError if the scenario does not have it.
+    """Find the metric that a text names. Raise InputError if the scenario does not have it.
 
     Args:
         text: KIND:SIGNAL, robustness:FORMULA, or file.py:function.
         signals: path -> shape of each signal of the scenario, and of each derived signal of a flight in space.
         targets: targets of the scenario.
         units: path -> unit of each signal.
-        duration: duration of a run, 100 ns, beyond which a formula can't look; None: no limit.
+        duration: duration of a run, 100 ns, which limits the time that a formula may cover. None: no limit.
     """
     written = parse_metric(text)
     kind, name = written
@@ -313,7 +316,7 @@ def _unknown_signal(part: str, kind: str, name: str, signals: Iterable[str]) -> 
 def _formula_metric(
     text: str, formula: str, signals: Mapping[str, tuple[int, ...]], units: Mapping[str, str], duration: int | None
 ) -> Metric:
-    """Return the robustness of a formula from the first row on; above 0 if the run satisfies it."""
+    """Return the robustness of a formula from the first row on. It is above 0 if the run satisfies the formula."""
     fitted = fit_formula(formula, signals, units, full_path)
     if duration is not None:
         check_length(fitted, duration)
@@ -336,7 +339,7 @@ def short_name(path: str) -> str:
 
 
 def function_metric(name: str, function: Callable[[Rows], Any]) -> Metric:
-    """Return the metric for a function; the optional attribute `signals` lists what it reads."""
+    """Return the metric for a function. The function's optional attribute `signals` lists the signals that it reads."""
     return Metric(name, tuple(getattr(function, "signals", ("truth",))), function)
 
 

@@ -39,7 +39,7 @@ TRAJECTORIES_MIN = 4
 
 
 class Morris(NamedTuple):
-    """Elementary effects of each factor; arrays of shape (factors,), NaN if the runs give none.
+    """Elementary effects of each factor. Arrays have shape (factors,), and are NaN if the runs give no effects.
 
     factors: names, the noise last if it is a factor.  mu, mu_star, sigma: in the metric's unit, for the factor's range.
     *_low, *_high: intervals.  trajectories: number of trajectories used.  rows: number of their runs.  note: reason for
@@ -79,12 +79,12 @@ def morris(
     """Compute elementary effects of a metric over the rows of `morris_rows(seed, 0, rows, len(parameters))`.
 
     Args:
-        values: metric of rows 0 to n - 1, shape (n,); only whole trajectories are used.
-        seed: seed of the design; it determines which factor changes in which row.
+        values: metric of rows 0 to n - 1, shape (n,). Only whole trajectories are used.
+        seed: seed of the design, which determines the factor that changes in each row.
         parameters: names, in the order of the design's columns, without the noise.
         noise: True if the random numbers of the runs are a factor of the design.
         level: confidence of the intervals.
-        by_rank: True to use the metric's rank among these rows; runs without a finite value then rank last.
+        by_rank: True to use the metric's rank among these rows. Runs without a finite value then rank last.
     """
     check_factors(parameters)
     check_level("morris", level)
@@ -122,7 +122,7 @@ def _mean_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
 
 
 def _deviation_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
-    """Return the standard deviation of each column; its interval is a jackknife of the logarithm of the variance."""
+    """Return the standard deviation of each column, with an interval by a jackknife of the variance's logarithm."""
     n = len(x)
     apart = (x - x.mean(axis=0)) ** 2
     whole = apart.sum(axis=0) / (n - 1)

@@ -4,8 +4,8 @@ A requirement `x <= b @ c` is met if the upper bound of x is at most b, not met 
 undecided in between. Each bound holds with confidence c by itself. At 95 %, a false "met" occurs in at most 5 % of the
 campaigns that violate the requirement, and a false "not met" in at most 5 % of those that satisfy it.
 
-Source: the bounds' modules; that a one-sided bound answers a one-sided question: Clopper, Pearson, Biometrika 26
-(1934); that no run exceeds a limit says, at confidence c, that at least (1 - c)^(1/n) of all worlds don't: [1] Wilks,
+Source: the modules of the bounds; one-sided bounds for one-sided questions: Clopper, Pearson, Biometrika 26 (1934).
+If no run exceeds a limit, then at confidence c at least (1 - c)^(1/n) of all possible runs do not: [1] Wilks,
 "Determination of sample sizes for setting tolerance limits", Ann. Math. Statist. 12 (1941).
 """
 
@@ -34,9 +34,9 @@ class RequirementVerdict(NamedTuple):
     """Verdict on a requirement.
 
     outcome: met, not met or undecided.  value: value in the runs flown.  low, high: bounds of the true value, each
-    one-sided at the requirement's confidence; for max and min both are the value, which describes only the runs flown.
-    trials: number of runs.  not_finite: number of runs without a finite value; they count against the requirement.
-    note: reason.
+    one-sided at the requirement's confidence. For max and min both are the value, which holds only for the runs flown.
+    trials: number of runs.  not_finite: number of runs without a finite value, which count against it.
+    note: reason for the outcome.
     """
 
     requirement: Requirement
@@ -50,7 +50,7 @@ class RequirementVerdict(NamedTuple):
 
     @property
     def is_met(self) -> bool:
-        """True if the requirement is met; an undecided one is not."""
+        """True if the requirement is met. An undecided requirement is not met."""
         return self.outcome == MET
 
     def __str__(self) -> str:
@@ -75,7 +75,7 @@ def least_runs(requirement: Requirement, *, anytime: bool = False) -> int:
 def evaluate_requirement(
     requirement: Requirement, columns: Mapping[str, Any], *, anytime: bool = False
 ) -> RequirementVerdict:
-    """Judge one requirement.
+    """Return the verdict on one requirement.
 
     Args:
         requirement: the requirement.
@@ -118,7 +118,7 @@ def _one_sided_bounds(requirement: Requirement, x: Any, anytime: bool) -> tuple[
 
 
 def success_proportion(success: Any, level: float, *, anytime: bool = False) -> Proportion:
-    """Return the share of successes in a column of true and false; raise InputError for other values."""
+    """Return the share of successes in a column of true and false. Raise InputError for other values."""
     x = as_column(success, "metric 'success'")
     if not np.isin(x, (0.0, 1.0)).all():
         problem = "each success must be true or false"

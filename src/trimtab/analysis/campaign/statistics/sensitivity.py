@@ -9,7 +9,7 @@ the parameters do not explain.
 Source: [1] Sobol, Math. Comput. Simul. 55 (2001); [2] Saltelli et al., Comput. Phys. Commun. 181 (2010), table 2 (b)
 and (f), as scipy.stats.sobol_indices has them. Intervals: percentiles of a bootstrap over base samples, [3] Archer,
 Saltelli, Sobol, "Sensitivity measures, ANOVA-like techniques and the use of bootstrap", J. Stat. Comput. Simul. 58
-(1997); they take base samples for independent, and so are rather too wide for a Sobol sequence.
+(1997); they treat base samples as independent, so they are rather too wide for a Sobol sequence.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ BASE_SAMPLES_MIN = 8
 
 
 class Sensitivity(NamedTuple):
-    """Indices of each factor with their intervals; arrays of shape (factors,), NaN if the runs give none.
+    """Indices of each factor with their intervals. Arrays have shape (factors,), and are NaN without a variance.
 
     factors: names, the noise last if it is a factor.  first, total: S and T.  *_low, *_high: the intervals. variance:
     variance of the metric, or of its ranks with `by_rank`.  base: number of base samples used, a power of two.  rows:
@@ -97,7 +97,7 @@ def sensitivity(
 
 
 def rank_values(x: Any) -> tuple[Any, str]:
-    """Return ranks in (0, 1), runs without a finite value last; and the reason why ranks can't be used, or ""."""
+    """Return ranks in (0, 1), runs without a finite value last, and the reason why ranks cannot be used, or ""."""
     ranked = stats.rankdata(np.where(np.isfinite(x), x, np.inf)) / len(x)
     return ranked, explain_no_variance(ranked)
 
@@ -113,7 +113,7 @@ def explain_no_variance(x: Any) -> str:
 
 
 def _bootstrap(a: Any, b: Any, ab: Any, level: float) -> tuple[Any, Any]:
-    """Return percentiles (low, high), each of shape (2, factors), of resampled base samples, as weights of moments."""
+    """Return percentiles (low, high) of first and total indices, each (2, factors), over resampled base samples."""
     n, d = len(a), len(ab)
     products = np.concatenate([b * (ab - a), 0.5 * (a - ab) ** 2, [(a + b) / 2, (a * a + b * b) / 2]]).T
     rng, drawn = np.random.default_rng(n), []

@@ -1,6 +1,6 @@
 """Probability of a rare failure by generalised splitting, over parameters and noise.
 
-A run is a point (z, w). The standard normal numbers z (d,) stand for its parameters. Each of the words w (m,) selects
+A run is a point (z, w). The standard normal numbers z (d,) represent its parameters. Each of the words w (m,) selects
 the random numbers of one part of the noise. The margin g(z, w) is below 0 for a failure. Levels g1 > g2 > … > gK = 0
 lead to the failure:
 
@@ -22,7 +22,7 @@ independent and unbiased, and the means of batches of roots give an interval.
 **Kernel.** Parameters take a preconditioned Crank-Nicolson step, z' = sqrt(1 - s^2) z + s xi with xi standard normal.
 Each word is drawn again with probability q, which resamples its part of the noise and leaves the rest exactly as it
 was. Half of the steps do both, a quarter parameters alone, a quarter noise alone. A step above the level is rejected.
-Both keep the unconditional distribution, whatever the distribution of the noise.
+Both kinds of change keep the unconditional distribution, whatever the distribution of the noise.
 
 Source: Botev, Kroese, "Efficient Monte Carlo simulation via the generalized splitting method", Statistics and Computing
 22 (2012), algorithm 2.1 and its unbiasedness, pilot by their algorithm 4.1; Au, Beck, "Estimation of small failure
@@ -40,12 +40,12 @@ import numpy as np
 from trimtab.analysis.campaign.statistics.intervals import Mean, mean
 
 SPLIT = 10
-"""Length of a chain; one in SPLIT of the pilot's points lies below the next level."""
+"""Length of a chain. One in SPLIT of the pilot's points lies below the next level."""
 MOST_LEVELS = 40
 ACCEPTANCE = 0.44
 """Share of accepted steps to which the pilot adapts their size."""
 CORRELATION = 3.0
-"""Factor on the variance for correlation within chains; observed on linear margins of 1 to 32 dimensions."""
+"""Factor on the variance for correlation within chains, observed on linear margins of 1 to 32 dimensions."""
 BOTH, PARAMETERS, NOISE = range(3)
 Margins = Callable[[Any, Any], Any]
 """Function from z (n, d) and words (n, m) uint32 to margins (n,)."""
@@ -70,7 +70,7 @@ class ChainStates(NamedTuple):
 class Ladder(NamedTuple):
     """Result of the pilot. levels: (K,), falling, the last 0.  steps: (K - 1, d), s of each parameter below each level.
 
-    refresh: (K - 1,), q.  estimate: probability from the pilot alone, biased.  flown: runs of the pilot.
+    refresh: (K - 1,), q.  estimate: probability from the pilot alone, biased.  flown: number of runs.
     """
 
     levels: Any
@@ -106,7 +106,7 @@ def draw_roots(margins: Margins, rng: np.random.Generator, n: int, d: int, m: in
 def take_step(
     margins: Margins, rng: np.random.Generator, at: ChainStates, level: float, steps: Any, refresh: float
 ) -> tuple[ChainStates, Any, Any]:
-    """Make one step of each chain below a level; return the new states, the kinds of steps, and which were accepted."""
+    """Make one step of each chain below a level. Return the new states, the kinds of steps, and flags of acceptance."""
     (n, d), m = at.z.shape, at.words.shape[1]
     kinds = rng.choice(3, n, p=[0.5, 0.25, 0.25]) if d and m else np.full(n, PARAMETERS if d else NOISE)
     s = np.where((kinds != NOISE)[:, None], steps, 0.0)
@@ -134,7 +134,7 @@ def _join(parts: list[ChainStates]) -> ChainStates:
 class _Pace:
     """Step sizes, adapted to the share of accepted steps.
 
-    s: in standard deviations; q: probability to redraw a word.
+    s: step of a parameter, in standard deviations.  q: probability of redrawing a word.
     """
 
     def __init__(self) -> None:

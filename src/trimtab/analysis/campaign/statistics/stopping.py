@@ -12,7 +12,7 @@ interval then covers some probabilities in only 93.4 % of cases, and a plain qua
 docs/campaign/metrics.md has the numbers.
 
 Source: [1] Frey, "Fixed-width sequential confidence intervals for a proportion", American Statistician 64 (2010), for
-tails made smaller until exact calculation shows the coverage; the factor is ours.
+tails made smaller until exact calculation shows the coverage; the factor was computed here.
 """
 
 import math
@@ -33,7 +33,7 @@ class StoppingState(NamedTuple):
     """Progress of a stopping rule. is_met: True to stop.  value, low, high: statistic and its interval, in the runs so
     far.
 
-    expected_runs: estimated total, for a width that falls with the square root of the runs; inf if unknown.
+    expected_runs: estimated total, for a width that falls with the square root of the runs, or inf if unknown.
     """
 
     is_met: bool

@@ -3,7 +3,7 @@
 A search is reproducible: its points follow from its seed and from earlier flights. Each block of flights is stored
 under the SHA-256 of its origin (plan, scenario, this package, a scenario's own file) and of its request. After a
 restart, the search makes the same requests and reads the stored blocks. An unreadable file is flown again. Changes in
-code that a scenario's own file imports are not detected; use a new folder for them.
+code that a scenario's own file imports are not detected, so use a new folder after such changes.
 """
 
 import hashlib
@@ -28,9 +28,9 @@ class FlightMemo:
     """Flights stored in a folder, one file for each block.
 
     Args:
-        folder: the folder, created if missing; None: nothing is stored.
+        folder: the folder, created if missing. None: nothing is stored.
         about: origin of the flights besides the request: names of plan and scenario, metrics.
-        scenario: name of the scenario; the text of its own file is part of the key, too.
+        scenario: name of the scenario. The text of its own file is part of the key, too.
     """
 
     def __init__(self, folder: Path | None, about: Mapping[str, Any], scenario: str = "") -> None:

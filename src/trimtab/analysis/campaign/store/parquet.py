@@ -27,9 +27,9 @@ def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: st
     """Write columns to a Parquet file, atomically.
 
     Args:
-        columns: name -> (n,), as `read_store` gives them.
+        columns: name -> values (n,), as `read_store` returns them.
         about: plain data stored with the rows: the store's attributes.
-        file: path of the file; an existing file is replaced.
+        file: path of the file. An existing file is replaced.
     """
     pa, parquet = import_arrow()
     file = Path(file)
@@ -47,7 +47,7 @@ def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: st
 
 
 def import_arrow() -> tuple[Any, Any]:
-    """Import pyarrow and its parquet module; raise InputError with the command that installs it."""
+    """Import pyarrow and its parquet module. If missing, raise InputError with the command that installs them."""
     try:
         import pyarrow
         import pyarrow.parquet

@@ -1,8 +1,8 @@
-"""Rows of a campaign, in memory or on disk as a Zarr group: one array for each column, one that marks finished rows.
+"""Rows of a campaign, in memory or on disk as a Zarr group: an array per column, and one that marks finished rows.
 
 A block's `done` is written after its columns have reached the disk. Each chunk is written under another name and then
 renamed. However the process ends, a row is either done or not, and the same campaign started again flies the missing
-rows. Chunks carry a checksum; a block with a damaged or missing chunk is flown again.
+rows. Chunks have a checksum, and a block with a damaged or missing chunk is flown again.
 """
 
 import contextlib
@@ -29,14 +29,14 @@ LONGEST_KEY = 160
 
 
 class MemoryStore:
-    """Store of a campaign's rows in memory, lost with the process; otherwise like `CampaignStore`."""
+    """Store of a campaign's rows in memory, lost with the process, but otherwise like `CampaignStore`."""
 
     def __init__(self, runs: int) -> None:
         self._runs, self._finished_rows = runs, np.zeros(runs, bool)
         self._columns: dict[str, Any] = {}
 
     def finished_rows(self) -> Any:
-        """Return which rows are finished: bool (runs,)."""
+        """Return True for each finished row (runs,)."""
         return self._finished_rows.copy()
 
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
@@ -59,9 +59,9 @@ def array_key(name: str) -> str:
 
 
 def has_store(folder: Path) -> bool:
-    """Return True if the folder holds a store, not only the remains of a process that was killed while it made one.
+    """Return True if the folder contains a store, and not only the remains of a process killed while making it.
 
-    Raises: InputError if the folder holds other files.
+    Raises: InputError if the folder contains other files.
     """
     about = folder / "zarr.json"
     files = [f for f in folder.rglob("*") if f.is_file() and f.name != LOCK and f.suffix != PARTIAL]
@@ -74,7 +74,7 @@ def has_store(folder: Path) -> bool:
 
 
 def create_group(zarr: Any, folder: Path, columns: Mapping[str, Any], runs: int, block: int) -> Any:
-    """Create the Zarr group of a new store; replace the remains of a killed process."""
+    """Create the Zarr group of a new store, and replace the remains of a killed process."""
     group = zarr.open_group(folder, mode="a")
     options: dict[str, Any] = {"shape": (runs,), "chunks": (block,), "overwrite": True}
     options["compressors"] = [zarr.codecs.ZstdCodec(level=0, checksum=True)]
@@ -106,7 +106,7 @@ def _sync_file(file: Path) -> None:
 
 
 class CampaignStore:
-    """An open store; one process writes at a time. Close it, or use it in a `with`."""
+    """Open store, to which one process writes at a time. Close it, or use it in a `with`."""
 
     def __init__(self, folder: Path, group: Any, lock: Any) -> None:
         self.folder, self._group, self._lock = folder, group, lock
@@ -130,13 +130,13 @@ class CampaignStore:
         return dict(self._group.attrs)
 
     def finished_rows(self) -> Any:
-        """Return which rows are finished: bool (runs,)."""
+        """Return True for each finished row (runs,)."""
         return np.asarray(self._arrays[DONE][:])
 
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
         """Store the rows of a block that begins at a multiple of the block's length.
 
-        Raises: InputError if the disk is full or fails; earlier rows remain.
+        Raises: InputError if the disk is full or fails. Earlier rows remain.
         """
         n = len(next(iter(columns.values())))
         try:
@@ -177,7 +177,7 @@ class CampaignStore:
                     self._chunk_path(name, k).unlink(missing_ok=True)
 
     def _damaged_chunks(self, name: str, needed: set[int]) -> set[int]:
-        """Return the chunks of a column that are unreadable, or missing though needed."""
+        """Return the chunks of a column that are unreadable, or needed but missing."""
         there = {int(f.name) for f in self._chunk_path(name, 0).parent.glob("*")}
         if self._is_readable(name, slice(None)):
             return needed - there
@@ -203,11 +203,11 @@ class CampaignStore:
 def open_store(
     folder: Path, about: Mapping[str, Any], columns: Mapping[str, Any], runs: int, block: int
 ) -> CampaignStore:
-    """Open the store of a campaign, or create it; enlarge it if more runs are wanted.
+    """Open the store of a campaign, or create it. Enlarge the store if more runs are requested.
 
     Args:
         folder: folder of the store, e.g. mass.zarr.
-        about: attributes; `identity` must equal that of an existing store.
+        about: attributes. `identity` must equal that of an existing store.
         columns: name -> an array of a row's type.
         runs: total number of runs.
         block: number of rows in a chunk, for a new store.
@@ -247,7 +247,7 @@ def open_store(
 
 
 def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return attributes and columns of an existing store; a campaign may be writing to it."""
+    """Return attributes and columns of an existing store, to which a campaign may be writing."""
     zarr = _import_zarr()
     if not (folder / "zarr.json").exists():
         fix = "trimtab campaign SCENARIO --store NAME.zarr"
@@ -264,7 +264,7 @@ def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def estimate_store_size(folder: Path, runs: int) -> int | None:
-    """Estimate the size of a store with this number of runs, in bytes, from finished blocks; None before the first."""
+    """Estimate the size of a store with this number of runs (bytes), from finished blocks. None before the first."""
     arrays, finished = _finished_chunks(folder, runs)
     with contextlib.suppress(OSError):
         kept = sum((array / "c" / k).stat().st_size for array in arrays for k in finished)
@@ -296,7 +296,7 @@ def read_block_length(folder: Path) -> int | None:
 
 
 def missing_blocks(done: Any, runs: int, block: int) -> Iterator[tuple[int, int]]:
-    """Yield first and last + 1 of each block with a missing row."""
+    """Yield first row and last row + 1 of each block with a missing row."""
     for first in range(0, runs, block):
         last = min(first + block, runs)
         if not done[first:last].all():

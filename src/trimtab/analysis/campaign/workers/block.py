@@ -36,15 +36,18 @@ from trimtab.run.simulate import Batch, simulate, simulate_batch
 from trimtab.run.walk_structure import lower_structure, walk_structure
 
 JUDGED_ROWS = 48_000
-"""Number of rows judged at a time; they fit into the processor's cache."""
+"""Number of rows evaluated at a time, which fit into the processor's cache."""
 Blocks = list[tuple[int, int]]
 BlockResults = Generator[tuple[int, dict[str, Any]], None, None]
 Workers = Callable[[PreparedCampaign, Blocks, str], BlockResults]
-"""Function that flies blocks (first, last + 1) on backend "c" or "jax"; yields first run and columns, in any order."""
+"""Function that flies blocks (first, last + 1) on backend "c" or "jax".
+
+It yields first run and columns, in any order.
+"""
 
 
 class WorkersLost(Exception):
-    """All workers are lost; the campaign adds the number of finished runs. part, fix: as in an InputError."""
+    """Error: all workers are lost. The campaign adds the number of finished runs. part, fix: as in an InputError."""
 
     def __init__(self, part: str, problem: str, fix: str) -> None:
         super().__init__(problem)
@@ -69,7 +72,7 @@ def batch_rows(scenario: Scenario, batch: Batch) -> Rows:
 
 
 def compute_metrics(ready: PreparedCampaign, rows: Rows) -> dict[str, Any]:
-    """Compute metrics, success and lost of some runs, each (n,); rows.final has the last values of the whole truth."""
+    """Compute metrics, success and lost of some runs, each (n,). rows.final has the last values of the whole truth."""
     n = len(next(iter(rows.final.values())))
     metrics: dict[str, Any] = {m.name: np.empty(n) for m in ready.metrics}
     together = max(JUDGED_ROWS // max(len(rows.t), 1), 1)
@@ -78,7 +81,7 @@ def compute_metrics(ready: PreparedCampaign, rows: Rows) -> dict[str, Any]:
         three = (rows.signals, rows.final, rows.parameters)
         signals, ends, own = ({path: v[part] for path, v in of.items()} for of in three)
         some = dataclasses.replace(rows, signals=signals, final=ends, parameters=own)
-        with np.errstate(over="ignore", invalid="ignore"):  # a diverged run is counted, not warned of
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverged run is counted, without a warning
             for metric in ready.metrics:
                 metrics[metric.name][part] = _metric_column(metric, some, part.stop - first)
     last = np.stack([np.asarray(v, np.float64).reshape(n, -1).sum(axis=1) for v in rows.final.values()])
@@ -122,7 +125,7 @@ def _metric_column(metric: Metric, rows: Rows, n: int) -> Any:
 
 
 def fly_block(ready: PreparedCampaign, first: int, last: int, **options: Any) -> dict[str, Any]:
-    """Fly rows first … last - 1; return by name the varied parameters, the metrics, `success` and `lost`, each (n,).
+    """Fly rows first … last - 1. Return by name the varied parameters, the metrics, `success` and `lost`, each (n,).
 
     options: backend, threads and progress, as in `simulate_batch`.
     """
@@ -196,7 +199,7 @@ def uses_c(ready: PreparedCampaign, backend: str) -> bool:
 
 
 def _group_by_program(values: Mapping[str, Any], options: list[str], n: int) -> list[tuple[dict[str, int], Any]]:
-    """Group runs by program; return the choice of each option, and the runs' places in the block."""
+    """Group runs by program. Return the choice of each option, and the runs' indices in the block."""
     if not options:
         return [({}, np.arange(n))]
     groups = []

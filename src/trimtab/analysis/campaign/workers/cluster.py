@@ -33,9 +33,9 @@ from trimtab.run.program import thread_count
 CONNECT_TIMEOUT = 10.0
 """Time limit for an answer of the scheduler to a call (s)."""
 REPLY_TIMEOUT = 15.0
-"""Time without messages after which the scheduler is asked, and time limit for its answer (s)."""
+"""Time without messages after which the scheduler is queried, and time limit for its answer (s)."""
 WORKER_TIMEOUT = 60.0
-"""Time limit for the arrival of a first worker, or of another when all are gone (s)."""
+"""Time limit for the arrival of a first worker, or of a new one when all are lost (s)."""
 RESUME_HINT = "start the same command again; it resumes there"
 ADDRESS_PATTERN = re.compile(r"(\w+)://(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
 _one_prepares = threading.Lock()
@@ -49,7 +49,7 @@ def machine_identity(ready: PreparedCampaign, backend: str) -> dict[str, str]:
 
 @functools.cache
 def _source_digest() -> str:
-    """Return the digest of trimtab's own source, because a version under development has many states."""
+    """Return the digest of trimtab's source, because one version may have several states during development."""
     root, digest = Path(__file__).parents[3], hashlib.sha256()
     for file in sorted(root.rglob("*.py")):
         digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
@@ -69,7 +69,7 @@ def fly_rows(plain: Mapping[str, Any], asker: Mapping[str, str], first: int, las
 
     Args:
         plain: the plan as plain data.
-        asker: identity of the asking machine, `machine_identity`.
+        asker: identity of the machine that runs the campaign, from `machine_identity`.
         first, last: first row, and last row + 1.
 
     Raises: InputError if this machine's rows would differ.
@@ -102,7 +102,7 @@ def _this_worker() -> tuple[str, int]:
 
 
 class SchedulerAddress(NamedTuple):
-    """Address of the scheduler, and the TLS files of this machine; no files for plain TCP."""
+    """Address of the scheduler, and the TLS files of this machine, or None for plain TCP."""
 
     uri: str
     host: str
@@ -111,7 +111,7 @@ class SchedulerAddress(NamedTuple):
 
 
 def parse_address(uri: str, files: dict[str, str]) -> SchedulerAddress:
-    """Read an address; raise InputError for an invalid one, and for plain TCP between machines."""
+    """Read an address. Raise InputError if it is invalid, or if it is plain TCP to another machine."""
     match = ADDRESS_PATTERN.fullmatch(uri.strip())
     if not match or match[1] not in ("tls", "tcp") or not 0 < int(match[3]) < 2**16:
         raise InputError(
@@ -149,7 +149,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def _tls_context(place: SchedulerAddress) -> ssl.SSLContext:
-    """Create the TLS context that distributed will use; raise InputError for unusable or mismatched files."""
+    """Create the TLS context that distributed will use. Raise InputError for unusable or mismatched files."""
     ca, cert, key = place.files or ("", "", "")
     try:
         context = ssl.create_default_context(ssl.Purpose.SERVER_AUTH, cafile=ca)
@@ -166,7 +166,7 @@ def _tls_context(place: SchedulerAddress) -> ssl.SSLContext:
 
 
 def check_scheduler(place: SchedulerAddress) -> None:
-    """Raise InputError if the scheduler is missing, or if either end does not trust the other."""
+    """Raise InputError if the scheduler is missing, or if scheduler and client do not trust each other."""
     part = argument_name("cluster", place.uri)
     try:
         with socket.create_connection((place.host, place.port), CONNECT_TIMEOUT) as plain:
@@ -197,11 +197,11 @@ def cluster_workers(uri: str, *, ca: str | Path = "", cert: str | Path = "", key
     """Return workers of a cluster for `Campaign.run`.
 
     Args:
-        uri: address of the scheduler, e.g. tls://10.0.0.1:8786; tcp:// only within one machine.
+        uri: address of the scheduler, e.g. tls://10.0.0.1:8786. tcp:// is allowed only within one machine.
         ca: PEM file of the CA that signed all certificates.
         cert, key: PEM files of this machine's certificate and of its private key.
 
-    Raises: InputError if the scheduler can't be reached in this way; nothing is sent yet.
+    Raises: InputError for an invalid address or unusable files. The scheduler is contacted when the campaign flies.
     """
     place = parse_address(uri, {"tls_ca": str(ca), "tls_cert": str(cert), "tls_key": str(key)})
     if importlib.util.find_spec("distributed") is None:
@@ -243,7 +243,7 @@ def _open_client(place: SchedulerAddress) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _mute_distributed() -> Iterator[None]:
-    """Silence the long logs of distributed about a lost connection; the campaign reports it in one line."""
+    """Silence the long logs of distributed about a lost connection. The campaign reports the loss in one line."""
     known = map(logging.getLogger, list(logging.root.manager.loggerDict))
     before = [(log, log.level) for log in known if log.name.partition(".")[0] == "distributed"]
     for log, _ in before:
@@ -263,7 +263,7 @@ class _ClusterWatch:
         self._asked, self._seen, self.threads = 0.0, time.monotonic(), 0
 
     def check_workers(self) -> None:
-        """Check, at intervals, that scheduler and workers are there.
+        """Check, at intervals, that scheduler and workers are available.
 
         Raises: WorkersLost.
         """
@@ -294,7 +294,7 @@ class _ClusterWatch:
 def _fly_blocks(
     client: Any, place: SchedulerAddress, ready: PreparedCampaign, blocks: Blocks, used: str
 ) -> BlockResults:
-    """Yield the blocks as they arrive; two for each thread are in progress at a time."""
+    """Yield the blocks as they arrive. Two blocks per thread are in progress at a time."""
     asker, plain, waiting = machine_identity(ready, used), ready.plan.as_dict(), iter(blocks)
     flying: dict[Any, tuple[int, int]] = {}
     watch, landed = _ClusterWatch(client, place), threading.Event()
@@ -317,11 +317,11 @@ def _fly_blocks(
                     future.release()
                     yield first, columns
     finally:
-        flying.clear()  # the scheduler drops what no client waits for
+        flying.clear()  # the scheduler drops requests that no client waits for
 
 
 def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) -> Any:
-    """Return the columns of a block; None if they were lost in transit, and must be flown again."""
+    """Return the columns of a block, or None if they were lost in transit and must be flown again."""
     from distributed import KilledWorker
 
     runs = f"runs {block[0]} to {block[1] - 1}"
@@ -331,7 +331,7 @@ def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) ->
         raise
     except TimeoutError:
         return None
-    except OSError as error:  # the worker that holds them does not answer
+    except OSError as error:  # the worker with these columns does not answer
         raise watch.silent_scheduler(error) from None
     except KilledWorker as error:
         problem = f"{runs} crashed one worker after another, the last {error.last_worker}"

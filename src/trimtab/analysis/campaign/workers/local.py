@@ -1,4 +1,4 @@
-"""Workers in this process: blocks fly while earlier ones are measured and written; Ctrl-C stops them."""
+"""Workers in this process: blocks fly while metrics of earlier blocks are computed. Ctrl-C stops them."""
 
 import functools
 import threading
@@ -14,7 +14,7 @@ from trimtab.analysis.campaign.workers.block import BlockResults, Blocks, Worker
 from trimtab.analysis.campaign.workers.prepare import BLOCK_RUNS_MIN, PreparedCampaign
 
 AHEAD = 2
-"""Number of blocks in progress: the metrics of one are computed while the other flies on all cores."""
+"""Number of blocks in progress. Metrics of one block are computed while the next block flies on all cores."""
 
 
 class _CampaignAborted(Exception):
@@ -22,16 +22,21 @@ class _CampaignAborted(Exception):
 
 
 class RowCount:
-    """Progress in finished rows, which never falls; rows in flight count before they are stored."""
+    """Progress in finished rows, which never falls. Rows count as soon as they are flown, before they are stored."""
 
     def __init__(self, progress: Callable[[int], None] | None) -> None:
         self._progress, self._alone, self._most = progress, threading.Lock(), 0
         self._pieces: dict[int, int] = {}
 
     def fly(self, start: int, done: int) -> None:
-        """Report that `done` runs have flown of the piece that begins at run `start`; -1: runs of earlier sessions."""
+        """Report that `done` runs have flown of the piece that begins at run `start`.
+
+        -1 is for runs of earlier sessions.
+        """
         with self._alone:
-            self._pieces[start] = max(self._pieces.get(start, 0), done)  # runs of other choices begin at 0 again
+            self._pieces[start] = max(
+                self._pieces.get(start, 0), done
+            )  # runs with other choices of options begin at 0 again
             self._tell(sum(self._pieces.values()))
 
     def keep(self, done: int) -> None:
@@ -49,8 +54,8 @@ def local_workers(threads: int | None = None, count: RowCount | None = None) -> 
     """Return workers in this process.
 
     Args:
-        threads: number of threads; None: one for each core.
-        count: receives, a few times a second, the number of rows flown.
+        threads: number of threads. None: one for each core.
+        count: object that receives the number of rows flown, a few times a second.
     """
     rows = count or RowCount(None)
 

@@ -50,7 +50,7 @@ class CampaignPlan(NamedTuple):
     """Plan of a campaign. Settings, imperfections and faults are as in `trimtab run`.
 
     spread: texts of varied parameters and their distributions.  correlate: pairs of these texts, with their
-    correlation.  runs: total number of runs; only a Latin hypercube's rows depend on it.  success: conditions that must
+    correlation.  runs: total number of runs. Only a Latin hypercube's rows depend on it.  success: conditions that must
     all hold.  calibration: content of the file named in the settings, so that other machines do not need it.  inputs:
     inputs held constant in pieces, as after `--vary`.
     """
@@ -162,7 +162,7 @@ def _as_tuples(value: Any) -> Any:
 
 
 def identity(plan: CampaignPlan, scenario: Scenario, backend: str) -> dict[str, str]:
-    """Return the data that determine the rows: of the campaign, the scenario and the program that computes the rows."""
+    """Return the data that determine the rows: digests of campaign, scenario and files, backend, and provenance."""
     of_plan = plan.as_dict()
     if plan.sampling != "latin":
         del of_plan["runs"]
@@ -205,7 +205,7 @@ def prepare_campaign(
 
     Args:
         plan: the campaign.
-        scenario: the scenario; None: it is built from the plan's name and settings.
+        scenario: the scenario. None: built from the plan's name and settings.
         own: metrics that are functions.
 
     Raises: InputError with the text to type instead.
@@ -256,7 +256,7 @@ def with_spread_parts(scenario: Scenario, factors: Iterable[Factor]) -> Scenario
 class KnownSignals(NamedTuple):
     """Signals that metrics of a scenario may name: shape and unit by path, with the derived signals of a flight.
 
-    flight: source of `flight.roll` etc.; None for a vehicle that is not in space.
+    flight: source of derived signals such as `flight.roll`, or None for a vehicle that is not in space.
     """
 
     shapes: dict[str, tuple[int, ...]]
@@ -293,7 +293,10 @@ def draw_runs(ready: PreparedCampaign, first: int, last: int) -> tuple[Points, d
 
 
 def _check_values(ready: PreparedCampaign) -> None:
-    """Raise InputError, with the run's number, if the spread leaves a valid range; parts check their extreme values."""
+    """Raise InputError, with the run's number, if a spread leaves the valid range of a part.
+
+    Only extremes are checked.
+    """
     extremes: dict[str, list[tuple[float, int]]] = {}
     for first in range(0, ready.plan.runs, 2**16):
         _, values = draw_runs(ready, first, min(first + 2**16, ready.plan.runs))
@@ -319,7 +322,7 @@ def _check_values(ready: PreparedCampaign) -> None:
 
 
 def parameters_at(ready: PreparedCampaign, u: Any) -> dict[str, Any]:
-    """Return the exact value of each parameter at the point u (d,) of the spread, by path; no options."""
+    """Return the exact value of each parameter at the point u (d,) of the spread, by path, without options."""
     dtypes = {path: d.dtype() for path, _, d in leaves(ready.scenario) if isinstance(d, Quantity)}
     arrays = spread_arrays(ready.spread, ready.scenario, spread_values(ready.spread, ready.scenario, u[None]))
     return {path: np.asarray(array[0]).astype(dtypes[path])[()] for path, array in arrays.items()}
@@ -340,13 +343,13 @@ def scenario_of(ready: PreparedCampaign, run: int) -> Scenario:
 
 
 def program_options(ready: PreparedCampaign) -> dict[str, Factor]:
-    """Return the varied options, by text; they change the program."""
+    """Return the varied options by their texts. Options change the program."""
     declared = {path: d for path, _, d in leaves(ready.scenario)}
     return {f.text: f for f in ready.spread.factors if isinstance(declared[f.path], Option)}
 
 
 def scenario_variant(ready: PreparedCampaign, picks: Mapping[str, int]) -> Scenario:
-    """Return the scenario with these choices. picks: text -> number of the choice."""
+    """Return the scenario with these choices of its options. picks: option's text -> number of the choice."""
     texts = {f.path: f.distribution.choices[picks[text]] for text, f in program_options(ready).items()}
     return with_settings(ready.scenario, texts) if texts else ready.scenario
 
@@ -360,7 +363,7 @@ def refuse_options(ready: PreparedCampaign) -> None:
 
 
 def check_bounds(ready: PreparedCampaign, ends: Any) -> None:
-    """Raise InputError for bounds beyond a part's valid range; each parameter is tested at its ends, and all together.
+    """Raise InputError for bounds beyond a part's valid range. Each parameter is tested at its ends, and all together.
 
     ends: (2, d), the smallest and the largest point.
     """
