@@ -67,8 +67,8 @@ def _read_flight_log(file: Path | None) -> Log | None:
 def assess_estimate(file: Path | None, release: int | None, targets: Iterable[Target]) -> dict[str, Any] | None:
     """Assess a live flight by the autopilot's estimates, as `assess_targets` does by the truth.
 
-    None if the autopilot did not arm, if its log is missing or too large, or if the autopilot does not estimate the signal
-    of a target.
+    None if the autopilot did not arm, if its log is missing or too large, or if it does not estimate the signal of a
+    target.
 
     Args:
         file: log of the autopilot.
