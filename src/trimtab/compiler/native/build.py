@@ -40,9 +40,9 @@ COMMON = (
 """Compiler flags for both languages.
 
 The vectoriser of straight-line code (SLP) is off, because it fuses products and sums (vfmaddsub) even with
--ffp-contract=off. The last flag keeps gcc from vectorising the remainder of a vectorised loop. There, gcc 12 takes arrays
-on the stack as aligned to 32 bytes that are aligned to 16, and the program dies of SIGSEGV (`TightlyCoupled`, 28
-beacons, AVX-512)."""
+-ffp-contract=off. The last flag keeps gcc from vectorising the remainder of a vectorised loop. In such a remainder,
+gcc 12 assumes an alignment of 32 bytes for arrays on the stack that are aligned to 16, and the program dies of SIGSEGV
+(`TightlyCoupled`, 28 beacons, AVX-512)."""
 FLAGS = {
     "c": (
         "-std=c99",
