@@ -19,7 +19,7 @@ from trimtab.core.control_characters import KEPT, show_controls
 
 
 class InputError(ValueError):
-    """Input refused before anything ran.
+    """Error: an input was rejected before anything ran.
 
     >>> from trimtab import InputError, build
     >>> try:
@@ -79,7 +79,7 @@ def command(shell: str, python: str) -> str:
 
 @contextmanager
 def spell_with(spelling: Callable[[Spelling, str, Any, str | None], str]) -> Iterator[None]:
-    """Context in which a function spells this thread's arguments. Its first argument is the spelling outside."""
+    """Return a context in which `spelling` writes this thread's arguments. It also gets the spelling used outside."""
     token = _SPELLING.set(partial(spelling, _SPELLING.get()))
     try:
         yield
@@ -88,7 +88,7 @@ def spell_with(spelling: Callable[[Spelling, str, Any, str | None], str]) -> Ite
 
 
 def spell_python(name: str, value: Any, path: str | None) -> str:
-    """Return an argument as typed in Python."""
+    """Return an argument as a user types it in Python."""
     if value is None:
         return name if path is None else f"{name} {path}"
     values = [_quote(v) for v in value] if isinstance(value, list) else _quote(value)
@@ -101,7 +101,7 @@ def _quote(value: Any) -> str:
 
 
 _SPELLING: ContextVar[Spelling] = ContextVar("spelling", default=spell_python)
-"""Spelling of arguments in messages. Each thread has its own: several commands run side by side in virtual time."""
+"""Spelling of arguments in messages, one for each thread, because several commands may run at once in virtual time."""
 
 
 def install_command(extra: str = "", package: str = "trimtab") -> str:

@@ -150,7 +150,8 @@ class FigureEight:
 class PiecewisePath:
     """A path of consecutive polynomials of degree 5, as made by `interpolate_path` and `pass_waypoints`.
 
-    Piece k holds from times[k] to times[k + 1]: sum of coefficients[k, i] (t - times[k])^i, of north, east and heading.
+    Piece k is valid from times[k] to times[k + 1]. In it, north, east and heading are the sum over i of
+    coefficients[k, i] (t - times[k])^i.
     Before the first time and after the last, the path rests at its ends.
 
     Frames:  W.    Source:  C. de Boor, "A practical guide to splines", 1978.

@@ -98,10 +98,9 @@ def hold_sample(now: Any, sample: Sample, *, fresh: Any = False) -> Sample:
 
 
 def is_new(sample: Sample, seen: Any) -> Any:
-    """Return True if a sample is fresh:
+    """Return True if a sample is valid, and is marked as fresh or was measured at another integer time than `seen`.
 
-    measured at another integer time than `seen`. Times of measurement are compared for inequality, because the clocks
-    at the two ends of a link may differ.
+    The times are only compared for equality, because the clocks at the two ends of a link may differ.
     """
     return sample.valid & (sample.fresh | (sample.t != seen))
 
@@ -202,7 +201,7 @@ class Peers:
 
 @record
 class PeerView:
-    """Estimated state of a craft of a swarm. Source: docs page, Swarms."""
+    """Estimated state of a craft of a swarm, with the messages of the others. Source: docs page, Swarms."""
 
     own: Any = part("Estimated state of the craft itself.")
     peers: Peers = part("Messages received from the other craft.")
@@ -210,7 +209,7 @@ class PeerView:
 
 @record
 class SwarmInput:
-    """Input and message of each craft: demand, command and input of a swarm. Source: docs page, Swarms."""
+    """Input and message of each craft of a swarm, used as demand, command and input. Source: docs page, Swarms."""
 
     act: Any = part("Input of each craft, or demand for its actuators; fields (n,).")
     say: PeerMessage = part("Message of each craft; fields (n,).")

@@ -150,7 +150,7 @@ def _compile(about: FmuIdentity, files: dict[str, bytes], block: BlockText) -> b
         )
         if built.returncode:
             said = "\n".join(built.stderr.splitlines()[:20])
-            raise InputError("export --fmu", f"the compiler reported an error:\n{said}", fix="report this")
+            raise InputError("export --fmu", f"the compiler reported an error:\n{said}", fix="report this error")
         return (Path(scratch) / "model.so").read_bytes()
 
 

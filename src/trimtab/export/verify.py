@@ -122,7 +122,7 @@ def _check_header(header: Path) -> None:
     ran = subprocess.run(command, input=text, capture_output=True, text=True, check=False)
     if ran.returncode:
         said = "\n".join(ran.stderr.splitlines()[:20])
-        raise InputError("export --verify", f"a C++ compiler rejected {header.name}:\n{said}", fix="report this")
+        raise InputError("export --verify", f"a C++ compiler rejected {header.name}:\n{said}", fix="report this error")
 
 
 def _run_replay(cc: list[str], folder: Path, name: str, scratch: Path, extra: tuple[str, ...]) -> Any:
@@ -151,7 +151,7 @@ def _run_sanitizers(cc: list[str], folder: Path, name: str, scratch: Path, got: 
         return False
     again = _run_replay(cc, folder, name, scratch, SANITIZERS)
     if not ((again == got) | ((again != again) & (got != got))).all():
-        raise InputError("export --verify", "results change when built with sanitizers", fix="report this")
+        raise InputError("export --verify", "results change when built with sanitizers", fix="report this error")
     return True
 
 
