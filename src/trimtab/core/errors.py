@@ -45,7 +45,7 @@ class InputError(ValueError):
         super().__init__(text)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what pickle rebuilds the error from, so that it passes complete from a worker process."""
+        """Return the data from which pickle rebuilds the error, so that a worker process can pass it on complete."""
         return partial(type(self), choices=self.choices, fix=self.fix), (self.part, self.problem)
 
 
@@ -54,7 +54,7 @@ Spelling = Callable[[str, Any, str | None], str]
 
 
 def argument(name: str, value: Any, path: str | None = None) -> str:
-    """Return an argument as the reader has to type it, for the fix of an error.
+    """Return an argument as the user has to type it, for the fix of an error.
 
     >>> argument("runs", 1000), argument("settings", "20 ms", "autopilot.period")
     ('runs=1000', 'settings={"autopilot.period": "20 ms"}')
@@ -73,13 +73,16 @@ def argument_name(name: str, of: str | None = None) -> str:
 
 
 def command(shell: str, python: str) -> str:
-    """Return the shell command or the Python call, depending on where the reader types."""
+    """Return the shell command or the Python call, depending on where the user types."""
     return python if argument_name("name") == "name" else shell
 
 
 @contextmanager
 def spell_with(spelling: Callable[[Spelling, str, Any, str | None], str]) -> Iterator[None]:
-    """Return a context in which `spelling` writes this thread's arguments. It also gets the spelling used outside."""
+    """Return a context in which `spelling` spells the arguments in this thread's messages.
+
+    The first argument of `spelling` is the function that spells arguments outside the context.
+    """
     token = _SPELLING.set(partial(spelling, _SPELLING.get()))
     try:
         yield

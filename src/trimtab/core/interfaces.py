@@ -107,7 +107,7 @@ class AirDisturbance(Protocol):
         ...
 
     def init(self, key: Key) -> Any:
-        """Return the first state."""
+        """Return the initial state of the disturbance."""
         ...
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Gust]:
@@ -125,7 +125,7 @@ class Sensor(Protocol):
         ...
 
     def init(self, key: Key) -> Any:
-        """Return the first state."""
+        """Return the initial state of the sensor."""
         ...
 
     def measure(self, motion: Motion) -> Any:
@@ -147,7 +147,7 @@ class Channel(Protocol):
         ...
 
     def init(self, key: Key, like: Sample) -> Any:
-        """Return the first state, for samples of this structure."""
+        """Return the initial state of the link, for samples of this structure."""
         ...
 
     def step(self, t: Any, state: Any, sample: Sample) -> tuple[Any, Sample]:
@@ -165,7 +165,7 @@ class Estimator(Protocol):
         ...
 
     def init(self, key: Key) -> Any:
-        """Return the first state."""
+        """Return the initial state of the estimator."""
         ...
 
     def step(self, t: Any, state: Any, frame: Frame) -> tuple[Any, Estimate]:
@@ -225,7 +225,7 @@ class Law(Protocol):
     """Fields of the estimated state that the law needs."""
 
     def init(self, key: Key) -> Any:
-        """Return the first state."""
+        """Return the initial state of the law."""
         ...
 
     def step(self, t: Any, state: Any, estimate: Estimate) -> tuple[Any, Any]:
@@ -247,7 +247,7 @@ class Allocation(Protocol):
     """Control allocation. It computes commands for the actuators from a demand."""
 
     def init(self, key: Key) -> Any:
-        """Return the first state."""
+        """Return the initial state of the allocation."""
         ...
 
     def step(self, t: Any, state: Any, demand: Any) -> tuple[Any, Any]:
@@ -266,7 +266,7 @@ class ActuatorStage(Protocol):
     """Effect of an actuator on one field of the input, e.g. a lag, a backlash or a delay, applied number by number."""
 
     def init(self, rest: Any) -> Any:
-        """Return the first state, at the neutral value `rest`."""
+        """Return the initial state of the stage, at the neutral value `rest`."""
         ...
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
@@ -288,7 +288,7 @@ class Actuators(Protocol):
         ...
 
     def init(self, key: Key) -> Any:
-        """Return the first state."""
+        """Return the initial state of the actuators."""
         ...
 
     def step(self, t: Any, state: Any, command: Sample) -> tuple[Any, Any]:
@@ -315,7 +315,7 @@ class Audience(Enum):
     ALL = "all"
     PRIVATE = "private"
     PUBLIC = "public"
-    """Recently accepted peers other than the private ones. The only peer of a link is private."""
+    """Recently accepted peers other than the private ones. On a link with one peer, that peer is private."""
 
 
 @runtime_checkable

@@ -40,7 +40,7 @@ class ReferencePoint:
 
 
 def retime(point: ReferencePoint, rates: tuple[Any, Any, Any, Any]) -> ReferencePoint:
-    """Return a point of a reference whose parameter theta is a function of time, by the chain rule.
+    """Return the point of a reference as a function of time, by the chain rule, from the point as a function of theta.
 
     Args:
         point: point of the reference at theta.
@@ -78,7 +78,7 @@ def _ease_in(t: Any, ease: Any) -> tuple[Any, tuple[Any, Any, Any, Any]]:
 
 
 def _harmonic_point(centre: Any, terms: Any, phase: Any, w: Any) -> ReferencePoint:
-    """Return a sum of terms (k, shift, u), each u sin(k phase + shift) with phase' = w, and its derivatives."""
+    """Return the point centre + sum of u sin(k phase + shift) over the terms (k, shift, u), with phase' = w."""
     derivatives = [centre, 0.0, 0.0, 0.0, 0.0]
     for k, shift, u in terms:
         s, c = jnp.sin(k * phase + shift), jnp.cos(k * phase + shift)

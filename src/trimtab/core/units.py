@@ -64,7 +64,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """Unit of storage -> units in which the quantity may be written -> their size in the unit of storage.
 
-A unit that occurs twice, such as g, means the first if the quantity is unknown.
+A unit that occurs twice, such as g, is taken as the first one if the quantity is unknown.
 """
 SPELLINGS = {
     "": "1",
@@ -154,7 +154,7 @@ def find_size(text: str, kept: str) -> float | None:
 
 
 def find_sizes(text: str) -> dict[str, float]:
-    """Return possible units of storage -> size of a written unit in each; empty for an unknown unit."""
+    """Return unit of storage -> size of the written unit in it, for all quantities with this unit; else empty."""
     plain = _spell_plainly(text)
     name = SPELLINGS.get(plain, plain)
     return {kept: sizes[name] for kept, sizes in UNITS.items() if name in sizes}
