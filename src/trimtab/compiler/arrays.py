@@ -28,7 +28,7 @@ class ElementUpdate(NamedTuple):
 
 
 class Array:
-    """An array of one type: `element_array`, an object array of values, or a `buffer`, row-major from `offset`.
+    """Array of one type: `items`, an object array of scalar values, or a `buffer`, row-major from `offset`.
 
     updates: elements that are not yet written to the buffer. They are written once it is known whether the old
     elements are read later: only then is a copy of the buffer needed.
@@ -50,7 +50,7 @@ class Array:
 
     @property
     def size(self) -> int:
-        """Return the number of elements."""
+        """Return the number of elements of the array."""
         return math.prod(self.shape)
 
 
@@ -72,12 +72,12 @@ def scalars(values: Sequence[Value], shape: tuple[int, ...], dtype: str) -> Arra
 
 
 def scalar(value: Value) -> Array:
-    """Return an array of shape ()."""
+    """Return a scalar value as an array of shape ()."""
     return scalars([value], (), value.dtype)
 
 
 def constant(b: Builder, data: Any, dtype: str | None = None) -> Array:
-    """Return a constant array."""
+    """Return an array of constants."""
     data = np.asarray(data)
     dtype = dtype or type_name(data.dtype)
     if is_small(data.shape):
@@ -86,7 +86,7 @@ def constant(b: Builder, data: Any, dtype: str | None = None) -> Array:
 
 
 def flat_index(b: Builder, shape: tuple[int, ...], index: Index) -> Value:
-    """Return the row-major position of an index."""
+    """Return the row-major position of an index into an array of this shape."""
     if all(i.op == "const" for i in index):
         at = 0
         for extent, i in zip(shape, index, strict=True):
@@ -100,7 +100,7 @@ def flat_index(b: Builder, shape: tuple[int, ...], index: Index) -> Value:
 
 
 def read_flat(b: Builder, array: Array, position: Value) -> Value:
-    """Return the element at a row-major position."""
+    """Return the element of an array at a row-major position."""
     if array.items is not None:
         if position.op == "const":
             return array.items.ravel()[int(position.const)]
@@ -112,7 +112,7 @@ def read_flat(b: Builder, array: Array, position: Value) -> Value:
 
 
 def read_element(b: Builder, array: Array, index: Index) -> Value:
-    """Return the element at an index; the index of an axis of length 1 is taken as 0."""
+    """Return the element of an array at an index. On an axis of length 1, the index counts as 0."""
     index = [b.index(0) if n == 1 else i for n, i in zip(array.shape, index, strict=True)]
     return read_flat(b, array, flat_index(b, array.shape, index))
 

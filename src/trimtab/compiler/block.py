@@ -32,7 +32,7 @@ class BlockDefinition(NamedTuple):
         name: prefix of all names in the C text.
         doc: one-line description of the block, for the C header.
         step: (parameters, state, input) -> (state, output); pure.
-        init: parameters -> first state.
+        init: parameters -> initial state.
         parameters: tree of records of numbers: the parameters with their defaults.
         input: tree of records with the shapes of the input; the values are not used.
     """
@@ -76,7 +76,7 @@ class BlockText(NamedTuple):
 def function_block(
     function: Callable[..., Any], example: tuple[Any, ...], name: str, names: list[str]
 ) -> BlockDefinition:
-    """Return a pure function as a block without parameters and state. names: of the function's arguments."""
+    """Return a pure function as a block without parameters and state. names: names of the function's arguments."""
 
     def step(p: Any, s: Any, given: dict[str, Any]) -> tuple[Any, Any]:
         return s, function(*(given[n] for n in names))

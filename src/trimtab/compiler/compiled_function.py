@@ -25,7 +25,7 @@ from trimtab.core.quantity import Option, declarations, is_record
 
 LANES = (1, 4, 8)
 VECTORS = 0.98
-"""Share of operations in vectorised loops above which side-by-side runs (lanes) save no time."""
+"""Fraction of operations in vectorised loops above which computing runs side by side (in lanes) saves no time."""
 PART = "compile"
 
 
@@ -72,7 +72,7 @@ class CompiledFunction:
     """
 
     def __init__(self, function: Callable[..., Any], example: tuple[Any, ...], lanes: int | None, threads: int) -> None:
-        """Trace, lower, build and load; see `compile`."""
+        """Trace, lower, build and load the function; see `compile`."""
         if lanes is not None and (isinstance(lanes, bool) or lanes not in LANES):
             raise InputError(
                 PART, f"lanes must be one of the choices, got {lanes}", choices=map(str, LANES), fix="lanes=8, or None"
@@ -281,7 +281,7 @@ def export_callable(
 ) -> ExportedFolder:
     """Write a JAX function as C99 without compiling it; see `CompiledFunction.export`."""
     name = function_identifier(_function_name(function) if name is None else name)
-    trace_example(function, example, name)  # rejects what cannot be traced
+    trace_example(function, example, name)  # raises InputError if the function cannot be traced
     arguments = jax.tree.map(_example_numbers, example)
     block = function_block(function, arguments, name, _argument_names(function, len(example)))
     return export_function(folder, block, function, arguments)

@@ -29,7 +29,7 @@ EXACT_FUNCTIONS = {
     **{name: f"{name}f" for name in ("sqrt", "floor", "ceil", "trunc", "fmod")},
     **{"round_even": "rintf", "round_away": "roundf"},
 }
-"""Functions with correctly rounded results in every C library, by their names for float."""
+"""Functions whose results are correctly rounded in every C library -> their names for float."""
 FUNCTIONS = (*OWN_FUNCTIONS, "fmod")
 SINGLE_PRECISION_NAMES = {name: EXACT_FUNCTIONS.get(name, f"{name}f") for name in FUNCTIONS}
 """Name of each function in double -> name of the C library's function for float, e.g. sinf."""
@@ -100,7 +100,7 @@ def _functions(prefix: str) -> dict[str, str]:
 
 
 def _replace_tokens(block: str, vector: bool) -> str:
-    """Return the block with its tokens replaced."""
+    """Return the text of a function with tokens such as F64 and FN(name) replaced, for vectors or for one number."""
     tokens = {"F64": "vf64", "U64": "vu64", "M64": "vi64", "INLINE": "TTV_INLINE", "COLD": "TTV_COLD"}
     if not vector:
         tokens = {"F64": "double", "U64": "uint64_t", "M64": "int", "INLINE": "TT_INLINE", "COLD": "TT_COLD"}

@@ -13,7 +13,7 @@ from trimtab.core.errors import InputError
 
 PART = "compile"
 ARRAYS = jax.ShapeDtypeStruct | jax.Array | np.ndarray | np.generic | bool | int | float | complex
-"""Permitted types of an example's arrays."""
+"""Types of the arrays and numbers that an example may contain."""
 
 
 def check_example(example: tuple[Any, ...], name: str) -> None:

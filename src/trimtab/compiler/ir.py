@@ -32,40 +32,40 @@ NAMES = {np.dtype(t): name for name, t in TYPES.items()}
 
 
 def is_float(dtype: str) -> bool:
-    """Return True if values of this type are floating point."""
+    """Return True if this is a floating-point type."""
     return dtype[0] == "f"
 
 
 class Block:
-    """Sequence of statements."""
+    """Block of a program: a sequence of statements."""
 
     def __init__(self) -> None:
         self.items: list[Any] = []
 
 
 class Define:
-    """Computation of a value."""
+    """Statement that computes a value."""
 
     def __init__(self, value: Value) -> None:
         self.value = value
 
 
 class Local:
-    """Declaration of a buffer in a block."""
+    """Statement that declares a buffer in a block."""
 
     def __init__(self, buffer: Buffer) -> None:
         self.buffer = buffer
 
 
 class Store:
-    """Assignment buffer[index] = value."""
+    """Statement that writes a value to buffer[index]."""
 
     def __init__(self, buffer: Buffer, index: Value, value: Value) -> None:
         self.buffer, self.index, self.value = buffer, index, value
 
 
 class If:
-    """Branch. joins: (result, its value from the first block, its value from the second block)."""
+    """Branch statement. joins: (result, its value from the first block, its value from the second block)."""
 
     def __init__(self, test: Value, first: Block, second: Block) -> None:
         self.test, self.first, self.second = test, first, second
@@ -81,14 +81,14 @@ class If:
 
 
 class Emit:
-    """Values that leave the program at this point, e.g. a row of the log. The writer's `record` writes their text."""
+    """Statement that outputs values, e.g. a row of the log. The writer's `record` writes its text."""
 
     def __init__(self, values: list[Value]) -> None:
         self.values = values
 
 
 class Loop:
-    """Loop that repeats `count` times, or, if count is None, while the test computed in its head block holds.
+    """Loop statement that repeats `count` times or, if count is None, while the test computed in its head block holds.
 
     count: a number, its name in C, or a value that is equal in all lanes.
     carries: (variable, value before the first turn, value after each turn).
@@ -149,7 +149,7 @@ class Builder:
         return self.known[-1].setdefault(key, make())
 
     def const(self, number: Any, dtype: str) -> Value:
-        """Return a constant."""
+        """Return a constant number of this type as a value."""
         exact = np.asarray(number).astype(TYPES[dtype])
         key = dtype, exact.tobytes()
         if key not in self.constants:
@@ -157,7 +157,7 @@ class Builder:
         return self.constants[key]
 
     def index(self, number: int) -> Value:
-        """Return a constant index."""
+        """Return a constant index (int32) as a value."""
         return self.constants.get(number) or self.constants.setdefault(number, self.const(number, "i32"))
 
     def op(self, op: str, *args: Value, dtype: str, attr: Any = None) -> Value:
@@ -193,13 +193,13 @@ class Builder:
         return buffer
 
     def store(self, buffer: Buffer, index: Value, value: Value) -> None:
-        """Write one element."""
+        """Write one element of a buffer."""
         self.block.items.append(Store(buffer, index, value))
 
     def loop(
         self, count: int | Value, starts: list[Value], body: Callable[[Value, list[Value]], list[Value]]
     ) -> list[Value]:
-        """Run body(index, carried) `count` times; return the values carried at the end."""
+        """Write a loop that runs body(index, carried) `count` times. Return the values carried at its end."""
         made = Loop(count, Value("index", (), "i32", attr=count), Block())
         variables = [Value("carry", (), s.dtype) for s in starts]
         with self.write_into(made.body):
@@ -209,7 +209,7 @@ class Builder:
         return variables
 
     def repeat(self, count: int | Value, body: Callable[[Value], None]) -> None:
-        """Run body(index) `count` times."""
+        """Write a loop that runs body(index) `count` times."""
 
         def nothing(index: Value, carried: list[Value]) -> list[Value]:
             body(index)
@@ -223,7 +223,7 @@ class Builder:
         test: Callable[[list[Value]], Value],
         body: Callable[[list[Value]], list[Value]],
     ) -> list[Value]:
-        """Run body(carried) while test(carried) holds."""
+        """Write a loop that runs body(carried) while test(carried) holds. Return the values carried at its end."""
         made = Loop(None, Value("index", (), "i32"), Block())
         variables = [Value("carry", (), s.dtype) for s in starts]
         with self.write_into(made.head):
@@ -235,7 +235,7 @@ class Builder:
         return variables
 
     def branch(self, test: Value, first: Callable[[], Value], second: Callable[[], Value]) -> Value:
-        """Return first() if the test holds, else second(); only one of them is computed."""
+        """Write a branch and return its result: first() if the test holds, else second(). Only one is computed."""
         made = If(test, Block(), Block())
         with self.write_into(made.first):
             x = first()

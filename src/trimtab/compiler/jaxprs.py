@@ -96,7 +96,7 @@ def primitive_name(primitive: Any) -> str:
 
 
 def close_jaxpr(jaxpr: Any, consts: Any = ()) -> ClosedJaxpr:
-    """Return a jaxpr with its constants."""
+    """Return a closed jaxpr: the jaxpr with its constants."""
     return jaxpr if hasattr(jaxpr, "consts") else ClosedJaxpr(jaxpr, consts)
 
 
@@ -197,7 +197,7 @@ def implementation(equation: Any) -> Any:
 
 @_reader
 def scan_parameters(equation: Any) -> Scan:
-    """Return the parameters of a scan. JAX stores the numbers of its inputs in a tree from 0.11 on."""
+    """Return the parameters of a scan. JAX groups a scan's inputs in a tree from 0.11 on, before that by counts."""
     p = equation.params
     if "ft_in" in p:
         constants, carries, _ = (len(list(part)) for part in p["ft_in"].unpack())
@@ -220,7 +220,7 @@ def cond_branches(equation: Any) -> list[ClosedJaxpr]:
 
 
 def literal_value(atom: Any) -> Any:
-    """Return the number of a literal, or None for a variable."""
+    """Return the value of a literal, or None for a variable."""
     return np.asarray(atom.val) if isinstance(atom, Literal) else None
 
 

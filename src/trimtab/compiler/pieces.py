@@ -12,7 +12,7 @@ from trimtab.compiler.ir import TYPES, Block, Define, Emit, If, Local, Loop, Sto
 from trimtab.compiler.values import Buffer, Value
 
 FUNCTION_STATEMENTS_MAX = 6000
-"""Maximum number of statements of one function."""
+"""Maximum number of statements of one C function. A program with more statements is divided into pieces."""
 EXPORTED_STATEMENTS_MAX = 20_000
 """Maximum number of statements of one function of an exported block.
 
@@ -71,7 +71,7 @@ class PieceFrame:
 
     def __init__(self, function: str = "", lanes: int = 0, arguments: Sequence[tuple[str, str]] = ()) -> None:
         self.function, self.lanes, self.arguments = function, lanes, arguments
-        self.members: list[tuple[int, int, str]] = []  # bytes of an element, of the whole, text
+        self.members: list[tuple[int, int, str]] = []  # (bytes of an element, of the member, C text)
         self.names: dict[int, str] = {}
         self.functions: list[str] = []
         self.fresh: list[Value | Buffer] = []
@@ -104,7 +104,7 @@ class PieceFrame:
         """Return the C text of the struct and of the pieces; empty if the program is not divided."""
         if not self.functions:
             return ""
-        members = [f"    {text}" for _, _, text in sorted(self.members, key=lambda m: -m[0])]  # for no padding
+        members = [f"    {text}" for _, _, text in sorted(self.members, key=lambda m: -m[0])]  # no padding
         return "\n".join([PIECE_TEXT, "typedef struct {", *members, f"}} {self.function}_frame;\n", *self.functions])
 
     def place(self, workspace: int) -> tuple[str, int]:

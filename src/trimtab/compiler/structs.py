@@ -28,16 +28,16 @@ class Member(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Return the number of elements."""
+        """Return the number of elements of the member."""
         return math.prod(self.shape)
 
     @property
     def numpy_type(self) -> np.dtype[Any]:
-        """Return the type of the elements."""
+        """Return the numpy type of the member's elements."""
         return np.dtype(TYPES[self.dtype])
 
     def at(self, base: str, k: int | str) -> str:
-        """Return the text of element k, e.g. s->law.timer or s->P[3]."""
+        """Return the C text of the member's element k, e.g. s->law.timer or s->P[3]."""
         return f"{base}{self.path}" if not self.shape else f"{base}{self.path}[{k}]"
 
 

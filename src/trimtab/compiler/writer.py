@@ -62,7 +62,7 @@ class Writer:
         self.lines.append("    " * self.depth + text)
 
     def fresh(self, prefix: str = "v") -> str:
-        """Return an unused name."""
+        """Return an unused C name, e.g. v12."""
         self.count += 1
         return f"{prefix}{self.count}"
 
@@ -78,7 +78,7 @@ class Writer:
         return vector_type(dtype) if varies else C_TYPES[dtype]
 
     def name(self, thing: Any) -> str:
-        """Return the C text of a value or buffer: a scalar's is not converted to a vector."""
+        """Return the C text of a value or buffer, without conversion to a vector."""
         if isinstance(thing, Buffer):
             return self.buffer(thing)
         if thing.op == "const":
@@ -113,7 +113,7 @@ class Writer:
                 self.write_items(items)
 
     def write_items(self, items: list[Any]) -> None:
-        """Write statements one after the other."""
+        """Write these statements as C text, one after the other."""
         for item in items:
             if isinstance(item, Define):
                 self.write_definition(item.value)

@@ -133,7 +133,7 @@ def build_library(source: str, language: str = "c", *, extra: tuple[str, ...] = 
 
 
 def load_library(path: Path) -> "ctypes.CDLL":
-    """Load a library that `build_library` made."""
+    """Load a shared library built by `build_library`."""
     import ctypes
 
     try:

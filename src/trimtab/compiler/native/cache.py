@@ -58,7 +58,7 @@ def cache_problem() -> str:
 
 
 def try_folders(action: Callable[[Path], Result]) -> Result:
-    """Return the result of the action in the first folder where it succeeds. Raise OSError with all reasons if none."""
+    """Return the result of the action in the first folder where it succeeds. Raise OSError if all folders fail."""
     reasons: list[str] = []
     for folder in (cached_library_folder, private_folder):
         try:

@@ -19,7 +19,7 @@ from trimtab.core.errors import InputError
 
 KINDS = {"leaf": 0, "tuple": 1, "list": 2, "dict": 3, "none": 4, "record": 5, "named": 6}
 NUMBERS = {"float64": "d", "float32": "f", "int64": "l", "int32": "i", "bool": "?"}
-"""Scalar types for which a Python number can be passed -> the C library's letter of the type."""
+"""Scalar types for which a Python number can be passed -> letter of the type in arguments.c."""
 
 FORMATS = {"float64": "d", "float32": "f", "bool": "?", "int8": "b", "int16": "h", "int32": "i", "int64": "q"}
 FORMATS |= {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q"}

@@ -1,4 +1,4 @@
-"""Rules for primitives that are composed of others: programs in JAX, traced and lowered like a user's function.
+"""Lowering rules for primitives that are composed of others: programs in JAX, traced and lowered like user code.
 
 A batch is a loop over single problems. Results agree with JAX's documentation up to rounding.
 """

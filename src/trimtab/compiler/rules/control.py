@@ -1,4 +1,4 @@
-"""Rules for branches and loops."""
+"""Lowering rules for branches and loops."""
 
 import math
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""Rules for primitives that work element by element."""
+"""Lowering rules for primitives that work element by element."""
 
 from collections.abc import Callable
 
@@ -37,7 +37,7 @@ def elementwise(element: Element) -> Rule:
 
 
 def map_elements(site: Site, element: Callable[[list[Value]], Value], operands: list[Array]) -> Array:
-    """Apply element(values) at every index of the result."""
+    """Return the array with element(values) at every index, where values are those of the operands at this index."""
 
     def one(index: Index) -> Value:
         return element([read_element(site.b, a, index if a.shape else []) for a in operands])
@@ -186,7 +186,7 @@ def _total_equal(site: Site, v: list[Value]) -> Value:
 
 
 def _or_all_nan(b: Builder, test: Value, values: list[Value]) -> Value:
-    """Return the test `test`, or True if all these values are NaN."""
+    """Return a test that is true if `test` is true, or if all these values are NaN."""
     if not is_float(values[0].dtype):
         return test
     nan = b.const(1, "bool")

@@ -1,4 +1,4 @@
-"""Rules for QR factors, eigenvalues, singular values and tridiagonal systems: programs in JAX, as in `composite`."""
+"""Lowering rules for QR factors, eigenvalues, singular values, tridiagonal systems: JAX programs as in `composite`."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,4 +1,4 @@
-"""Rules for reading and writing arrays at computed indices: slices, gathers (lookup tables), updates, scatters."""
+"""Lowering rules for array access at computed indices: slices, gathers (lookup tables), updates, scatters."""
 
 import numpy as np
 from jax import lax
@@ -119,7 +119,7 @@ def _update_elements(site: Site, updates: list[ElementUpdate]) -> Array:
 
 
 def _unshare_update(site: Site, update: Array, array: Array) -> Array:
-    """Return the update in memory that it does not share with the target array."""
+    """Return the update array, or a copy of it if it shares memory with the target array."""
     if update.items is None and update.buffer is array.buffer:
         return copy_array(site.b, update)
     return update

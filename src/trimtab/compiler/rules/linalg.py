@@ -1,4 +1,4 @@
-"""Rules for Cholesky and LU factors and triangular systems of single matrices. Batches are in `composite`."""
+"""Lowering rules for Cholesky and LU factors and triangular systems of single matrices. Batches are in `composite`."""
 
 from collections.abc import Callable
 

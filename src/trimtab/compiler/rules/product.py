@@ -1,4 +1,4 @@
-"""Rule for products of arrays: small ones term by term, large ones by loops that a C compiler vectorises.
+"""Lowering rule for products of arrays: small ones term by term, large ones by loops that a C compiler vectorises.
 
 The terms of every element are added in the order of their index, whatever the order of the loops.
 """

@@ -1,4 +1,4 @@
-"""Rules for random keys (jax.random). A key is two 32-bit words, in an additional last axis. The bits equal JAX's."""
+"""Lowering rules for random keys (jax.random). A key is two 32-bit words in a last axis. The bits equal JAX's."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Rules for sums, products, minima, maxima and their positions along axes, and for cumulative ones."""
+"""Lowering rules for sums, products, minima, maxima and their positions along axes, and for cumulative ones."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Rules for primitives that only move elements. Small arrays cost nothing at run time, large ones a loop."""
+"""Lowering rules for primitives that only move elements. Small arrays cost nothing at run time, large ones a loop."""
 
 import math
 from collections.abc import Callable
@@ -91,7 +91,7 @@ def _concatenate(site: Site) -> list[Array]:
 
 
 def concatenate_arrays(site: Site, parts: list[Array], axis: int) -> Array:
-    """Return arrays concatenated along an axis, with the result's shape of the equation."""
+    """Return arrays concatenated along an axis, with the shape of the equation's result."""
     if is_small(site.shape):
         joined = np.concatenate([element_array(site.b, p) for p in parts], axis)
         return Array(site.shape, site.dtype, joined)

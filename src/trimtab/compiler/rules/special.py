@@ -1,4 +1,4 @@
-"""Rules for special functions. Where JAX computes a function by a program in JAX, the rule lowers that program."""
+"""Lowering rules for special functions. Functions that JAX computes by a program of its own are lowered from it."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""Rules for convolutions, and for sums, minima and maxima over windows. Operands are padded, so that windows fit.
+"""Lowering rules for convolutions, and for sums, minima and maxima over windows. Operands are padded, so windows fit.
 
 A padded element adds nothing to a convolution, also if the kernel is infinite there (0 times infinity would be NaN).
 """
@@ -24,7 +24,7 @@ def _inline_on(site: Site, program: Callable[..., Any], operands: list[Array], a
 
 
 def _window_place(site: Site, at: Value, step: int, inner: Value, dilation: int) -> Value:
-    """Return at * step + inner * dilation."""
+    """Return the position of an element of a window: at * step + inner * dilation."""
     b = site.b
     start, offset = b.op("mul", at, b.index(step), dtype="i32"), b.op("mul", inner, b.index(dilation), dtype="i32")
     return b.op("add", start, offset, dtype="i32")
