@@ -1,4 +1,4 @@
-"""Trim and linear model of any vehicle, in Python, as from ``trimtab trim`` and ``trimtab linearise``."""
+"""Trim and linear model of any vehicle: the Python functions of ``trimtab trim`` and ``trimtab linearise``."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any

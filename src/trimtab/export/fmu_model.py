@@ -49,7 +49,7 @@ class FmuModel(NamedTuple):
     """Part of a scenario that becomes an FMU.
 
     definition: block of the part.
-    prefix: text before the path of a parameter in the block that gives its path as a setting.
+    prefix: text that, put before the path of a parameter in the block, gives the parameter's path as a setting.
     name_input: path of an input in the block -> name of the variable; None for inputs set by the FMU itself.
     begin, advance: bodies of the C functions model_begin and model_advance.
     step_s: recommended time between communication points (s).
@@ -138,7 +138,7 @@ def fmu_model(scenario: Scenario, part: str, seed: int = 0) -> FmuModel:
 
 
 def _name_sample(path: str) -> str | None:
-    """Return the name of a sample input: that of the vehicle's output to which it is connected."""
+    """Return the name of an input that is a sample: the name of the vehicle's output to which it is connected."""
     return "downlink" + path.removeprefix("samples") if path.startswith("samples.") else None
 
 

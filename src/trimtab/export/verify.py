@@ -76,10 +76,10 @@ def compare_samples(
 
 
 def _differences(got: Any, wanted: Any, exact: bool) -> Any:
-    """Return the error of each sample; 0 where both are NaN. exact: compare as integers, which float64 may not hold."""
+    """Return the error of each sample; 0 where both are NaN. exact: compare as integers, which may exceed float64."""
     kind = object if exact else np.float64
     got, wanted = np.asarray(got, kind), np.asarray(wanted, kind)
-    with np.errstate(invalid="ignore"):  # difference of two infinities
+    with np.errstate(invalid="ignore"):  # the difference of two infinities is NaN
         off = np.abs(got - wanted).astype(np.float64)
     same = (got == wanted) | ((got != got) & (wanted != wanted))
     return np.where(same, 0.0, np.where(np.isnan(off), np.inf, off))
