@@ -1,7 +1,7 @@
 /* Arguments of a compiled function: check them, and find the addresses of their numbers.
  *
  * The text uses Python's stable ABI, which is declared here, so that no headers are needed. It also uses the memory
- * layout of numpy's arrays, which numpy's ABI fixes. HEAD, the size of an object's head, is defined before this text. */
+ * layout of numpy's arrays, which numpy's ABI fixes. HEAD is the size of an object's head, defined before this text. */
 #include <pthread.h>
 #include <stdbool.h>
 #include <stddef.h>
@@ -113,7 +113,7 @@ typedef union {
     bool b;
 } Number;
 
-/* Arguments of a call. runs: number of runs, or -1 if no array has an axis of runs. shared: number of arrays without. */
+/* Arguments of a call. runs: number of runs; -1 if no array has an axis of runs. shared: number of arrays without it. */
 typedef struct {
     const Program *p;
     const Node *node;
@@ -162,7 +162,7 @@ static bool take_array(Taking *t, PyObject *o)
     return true;
 }
 
-/* Take an object with the buffer protocol, such as a jax.Array; subclasses of numpy's arrays may need more, and fail. */
+/* Take an object with the buffer protocol, such as a jax.Array. Subclasses of numpy's array are left to Python code. */
 static bool take_view(Taking *t, PyObject *o)
 {
     const Leaf *leaf = &t->p->in[t->at];

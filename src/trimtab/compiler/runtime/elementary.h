@@ -1,7 +1,7 @@
 /* Elementary functions, written once for scalars and vectors. elementary.py replaces F64 (number), U64 (its bits), M64
- * (truth value), INLINE, COLD (seldom called) and FN(name), and puts scalar.h or vector.h before this text. A blank line
- * separates two functions, and must not be anywhere else. ma(a, b, c) is a b + c. Coefficients are minimax, computed as
- * docs/compiler/generator.md describes. */
+ * (truth value), INLINE, COLD (seldom called) and FN(name), and puts scalar.h or vector.h before this text. A blank
+ * line separates two functions, and must not be anywhere else. ma(a, b, c) is a b + c. Coefficients are minimax,
+ * computed as docs/compiler/generator.md describes. */
 
 INLINE F64 FN(abs)(F64 x)
 {
@@ -54,7 +54,8 @@ INLINE F64 FN(quotient)(F64 n, F64 nl, F64 d, F64 dl, F64 *lack)
     return q;
 }
 
-/* Cody-Waite. sin r = *s + *sl, cos r = *c + *cl for a = q pi/2 + r, |r| <= pi/4, 0 <= a <= 1e6; returns q in the low bits */
+/* Cody-Waite. sin r = *s + *sl, cos r = *c + *cl for a = q pi/2 + r, |r| <= pi/4, 0 <= a <= 1e6. Returns q in the low
+ * bits. */
 INLINE U64 FN(quarter_turn)(F64 a, F64 *s, F64 *sl, F64 *c, F64 *cl)
 {
     F64 t = FN(ma)(a, 0x1.45f306dc9c883p-1, 0x1.8p52), n = t - 0x1.8p52;

@@ -98,7 +98,7 @@ TT_INLINE int tt_all(int m)
 #endif
 }
 
-/* exchanges *u and *v if the highest bit is set, without a branch or memory access, which the CPU would predict badly */
+/* exchanges *u and *v if the highest bit is set, without branch or memory access, which the CPU would predict badly */
 TT_INLINE void tt_swap(uint64_t bit, double *u, double *v)
 {
     uint64_t apart = (tt_bits(*u) ^ tt_bits(*v)) & (0 - (bit >> 63));

@@ -215,7 +215,7 @@ static bool fmu_set(fmu *f, const fmu_variable *v, uint32_t element, double valu
 static bool fmu_enter_initialization(fmu *f, double start)
 {
     if (f->kept.mode != FMU_NEW || !isfinite(start))
-        return fmu_fail(f, "initialization", "it must be entered once, before the first step, with a finite start time");
+        return fmu_fail(f, "initialization", "it must be entered once, before the first step, at a finite time");
     f->kept.start = start;
     f->kept.mode = FMU_INITIALISING;
     return true;
