@@ -113,7 +113,7 @@ typedef union {
     bool b;
 } Number;
 
-/* Arguments of a call. runs: number of runs; -1 if no array has an axis of runs. shared: number of arrays without it. */
+/* Arguments of a call. runs: number of runs; -1 if no array has an axis of runs. shared: number of arrays without. */
 typedef struct {
     const Program *p;
     const Node *node;

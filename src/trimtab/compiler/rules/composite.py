@@ -214,7 +214,10 @@ def _digamma(x: Any, **_: Any) -> Any:
 
 
 def _threefry(k1: Any, k2: Any, x1: Any, x2: Any, **_: Any) -> Any:
-    """Compute threefry2x32: 20 rounds on two words. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3"."""
+    """Compute threefry2x32: 20 rounds on two words.
+
+    Source: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011).
+    """
     turns = ((13, 15, 26, 6), (17, 29, 16, 24))
     keys = (k1, k2, k1 ^ k2 ^ np.uint32(0x1BD11BDA))
     x, y = x1 + keys[0], x2 + keys[1]

@@ -33,7 +33,7 @@ DEPTH = 16
 PANEL = 1024
 """Minimum size of a factor whose neighbouring columns are copied to contiguous memory before use for all rows."""
 PACK = 4
-"""Minimum number of rows for which a factor is transposed first, so that a row of the result is contiguous."""
+"""Minimum number of rows for which a factor is transposed first, so that its elements for one row are contiguous."""
 
 
 Read = Callable[[Index, Value], Value]
