@@ -236,7 +236,7 @@ class CompiledFunction:
             raise self._refusal(f"{self._path(path)} is a typed key", fix="pass jax.random.key_data(key)")
         try:
             found = np.asarray(value)
-        except Exception as reason:  # the object's own __array__ may raise anything
+        except Exception as reason:  # the object's __array__ may raise any exception
             raise self._refusal(f"{self._path(path)} is not an array: {reason}") from None
         shapes = f"{wanted.shape}" + (f" or (runs, {str(wanted.shape)[1:]}" if batch else "")
         if found.shape != wanted.shape and not (batch and found.shape[1:] == wanted.shape and found.ndim):

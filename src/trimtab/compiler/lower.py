@@ -223,7 +223,7 @@ class Lowering:
         if any(t is None for t in tables):
             return None
         given = [np.reshape(t, a.shape).astype(TYPES[a.dtype]) for t, a in zip(tables, operands, strict=True)]
-        with jax.ensure_compile_time_eval():  # also where compile is called while JAX traces
+        with jax.ensure_compile_time_eval():  # also if `compile` is called while JAX traces
             found = equation.primitive.bind(*given, **equation.params)
         each = found if equation.primitive.multiple_results else [found]
         return [constant(self.b, np.asarray(x)) for x in each]

@@ -16,7 +16,7 @@ def cache_folder(name: str) -> Path:
     """
     cache = os.environ.get("TRIMTAB_CACHE")
     if not cache:
-        import platformdirs  # slow to import
+        import platformdirs  # imported here: the import is slow
 
         try:
             cache = platformdirs.user_cache_dir("trimtab", appauthor=False)

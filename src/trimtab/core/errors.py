@@ -112,7 +112,7 @@ def install_command(extra: str = "", package: str = "trimtab") -> str:
 
     extra: name of the extra; empty for the package itself.
     """
-    import shutil  # only where something is missing
+    import shutil  # imported here: only needed if a package is missing
 
     python, here = Path(sys.executable), Path.cwd()
     if shutil.which("python") == str(python):

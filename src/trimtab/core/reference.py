@@ -208,7 +208,7 @@ def interpolate_path(times: Any, places: Any, headings: Any = None, *, rests: bo
     Raises:
         InputError: too few positions, or times that do not rise.
     """
-    from scipy.interpolate import make_interp_spline  # before a run only
+    from scipy.interpolate import make_interp_spline  # imported here: only used before a run
 
     t, x = np.asarray(times, np.float64), np.asarray(places, np.float64)
     fewest = 2 if rests else DEGREE + 1

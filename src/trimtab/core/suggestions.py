@@ -33,7 +33,7 @@ def unknown_setting(name: str, path: str, known: Iterable[str]) -> InputError:
 
 def closest(name: str, choices: Iterable[str], n: int = 3) -> list[str]:
     """Return up to n choices similar to a name, the most similar first."""
-    import difflib  # only after a mistake
+    import difflib  # imported here: only needed after a mistake
 
     names = list(choices)
     tail = _last_word(name)

@@ -197,7 +197,7 @@ def _is_library(path: Path) -> bool:
         content = path.read_bytes()
     except OSError:
         return False
-    if content[:6] == b"\x7fELF\x02\x01":  # the table of sections comes last
+    if content[:6] == b"\x7fELF\x02\x01":  # the table of sections is at the end of the file
         start, size, count = (int.from_bytes(content[i:j], "little") for i, j in ((40, 48), (58, 60), (60, 62)))
         return len(content) >= max(64, start + size * count)
     return content[:4] in (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
