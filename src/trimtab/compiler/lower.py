@@ -123,9 +123,7 @@ class Lowering:
             if math.prod(shape) >= 2**31:
                 where = f", from {self.source_line()}," if self.around else ""
                 problem = f"an array of shape {shape}{where} has {math.prod(shape)} elements"
-                raise InputError(
-                    "export", problem, fix="use arrays of fewer than 2**31 elements: an index has 32 bits"
-                )
+                raise InputError("export", problem, fix="use arrays of fewer than 2**31 elements: an index has 32 bits")
 
     def new_array(self, aval: Any) -> Array:
         """Return a new buffer for an array of this abstract value."""
