@@ -78,7 +78,7 @@ def __getattr__(name: str) -> object:
     if name not in HOMES:
         if name.startswith("__"):
             raise AttributeError(f"module 'trimtab' has no attribute {name!r}")
-        from trimtab.core.suggestions import closest  # only after a mistake
+        from trimtab.core.suggestions import closest  # imported here: only needed after a mistake
 
         near = OTHER_NAMES.get(name) or next(iter(closest(name, HOMES, 1)), "")
         write = f"; write  trimtab.{near}" if near else ""

@@ -1,9 +1,9 @@
-"""Studies: recomputed publications. A row compares a printed value with the computed one and has a verdict.
+"""Studies: recomputed publications. A row compares a value printed in a publication with the computed one.
 
 A study is a package of Python files: a folder of `studies/` in a clone of trimtab, or a folder of your own. Each file
-with a function ``rows`` is a group of the study. The first line of its docstring is the title, ``SECTION`` is the place
-in the publication ("6.2.1", or in words, "eq. 9"), and ``rows()`` yields its rows. An optional ``figures(folder)``
-draws pictures and yields their files.
+with a function ``rows`` is a group of the study. The first line of the file's docstring is the group's title,
+``SECTION`` is its place in the publication ("6.2.1", or in words, "eq. 9"), and ``rows()`` yields its rows. An optional
+function ``figures(folder)`` draws pictures and yields their files.
 """
 
 import ast
@@ -26,29 +26,29 @@ Verdict = Literal["holds", "differs", "not reproduced"]
 INFINITY = math.inf
 BASES: dict[str, str] = {
     "printed": "a number that the publication prints",
-    "text": "a statement in its text",
-    "axis": "read off the axis or a curve of one of its plots",
-    "reference": "from its numbers, by a program in tests/oracles that shares no code with this package",
+    "text": "a statement in the text of the publication",
+    "axis": "read off the axis or a curve of one of the publication's plots",
+    "reference": "computed from the publication's numbers, by a program in tests/oracles without code of this package",
     "own": "an earlier result of this package: a regression test, not evidence about the publication",
     "input": "an input of the computation: shows that it was used correctly",
 }
-"""Sources of the compared value of a row. The first three are the publication's own."""
+"""Sources of the value that a row is compared with. The first three are the publication itself."""
 PUBLISHED: tuple[Basis, ...] = ("printed", "text", "axis")
 
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """One figure of a publication compared with the computed one. Build it with a function of this module.
+    """Value or statement of a publication, compared with the computed value. Build it with a function of this module.
 
-    id: unique in its study, ``place/what``.
-    what: the figure in a few words.
+    id: identifier ``place/what``, unique in the study.
+    what: description of the value in a few words.
     printed: number, pair (low, high) or words of the publication.
     computed: number, pair, word or truth value; None if it cannot be computed here.
     citation: place in the publication.
-    relation: of the comparison.
+    relation: kind of the comparison.
     accepted: accepted range (low, high); infinite on an open side.
-    unit: of printed, computed and accepted.
-    basis: source of `printed`, see BASES.
+    unit: unit of printed, computed and accepted.
+    basis: source of `printed`, one of BASES.
     must_hold: True if the study fails without this row.
     note: remark; for a row that need not hold, the reason.
     """
@@ -66,7 +66,7 @@ class Row:
     note: str = ""
 
     def __post_init__(self) -> None:
-        """Raise ValueError for a row without a citation, or one that may fail without a reason."""
+        """Raise ValueError if a row has no id, description or citation, or need not hold but states no reason."""
         if not (self.id and self.what and self.citation):
             raise ValueError(f"row {self.id!r} needs an id, a description and a citation")
         if not self.must_hold and not self.note:
@@ -74,7 +74,7 @@ class Row:
 
     @property
     def holds(self) -> bool:
-        """Return True if computed is accepted; NaN never is."""
+        """Return True if the computed value is accepted. NaN is never accepted."""
         low, high = self.accepted
         if self.computed is None:
             return False
@@ -90,7 +90,7 @@ class Row:
 
     @property
     def verdict(self) -> Verdict:
-        """Return the verdict; a row that need not hold, and does not, is "not reproduced"."""
+        """Return the verdict. A row that does not hold is "not reproduced" if it need not hold, else "differs"."""
         return "holds" if self.holds else "differs" if self.must_hold else "not reproduced"
 
     @property
@@ -137,7 +137,7 @@ def within(
     relative: float = 0.0,
     **about: Any,
 ) -> Row:
-    """Return a row: computed equals printed within `tolerance` (in its unit) plus `relative` (fraction of it)."""
+    """Return a row: computed equals printed within `tolerance` (in the unit) plus `relative` (fraction of printed)."""
     off = tolerance + relative * abs(printed)
     accepted = printed - off, printed + off
     return Row(id, what, printed, float(computed), citation, "within", accepted, **about)
@@ -156,13 +156,13 @@ def at_most(id: str, what: str, printed: Any, computed: Any, citation: str, *, h
 
 
 def inside(id: str, what: str, axis: tuple[float, float], computed: Any, citation: str, **about: Any) -> Row:
-    """Return a row: the least and greatest value of a run lie within a plot's axis."""
+    """Return a row: the minimum and maximum of a run lie within a plot's axis."""
     pair = float(computed[0]), float(computed[1])
     return Row(id, what, axis, pair, citation, "inside", axis, **{"basis": "axis", **about})
 
 
 def overlaps(id: str, what: str, interval: tuple[float, float], computed: Any, citation: str, **about: Any) -> Row:
-    """Return a row: the range of an extreme over many runs overlaps the band given by a plot's axis."""
+    """Return a row: the range of a maximum or minimum over many runs overlaps the band given by a plot's axis."""
     pair = float(computed[0]), float(computed[1])
     return Row(id, what, interval, pair, citation, "overlaps", interval, **{"basis": "axis", **about})
 
@@ -178,20 +178,20 @@ def direction(
     below: float = INFINITY,
     **about: Any,
 ) -> Row:
-    """Return a row for a statement of the text: computed lies on the stated side.
+    """Return a row for a statement in the text: computed lies above or below the stated limits.
 
-    printed: words or number of the source; "stated" if the study words the statement differently.
+    printed: words or number of the publication; "stated" if the study words the statement differently.
     """
     return Row(id, what, printed, float(computed), citation, "direction", (above, below), **{"basis": "text", **about})
 
 
 def same(id: str, what: str, printed: Any, computed: Any, citation: str, **about: Any) -> Row:
-    """Return a row: computed equals printed exactly; for counts, shapes, verdicts."""
+    """Return a row: computed equals printed exactly, as for counts, shapes and verdicts."""
     return Row(id, what, printed, computed, citation, "same", **about)
 
 
 def missing_row(id: str, what: str, printed: Any, citation: str, *, note: str, **about: Any) -> Row:
-    """Return a row for a figure that cannot be computed here; the note states the reason."""
+    """Return a row for a value that cannot be computed here. The note states the reason."""
     return Row(id, what, printed, None, citation, "none", must_hold=False, note=note, **about)
 
 
@@ -239,12 +239,14 @@ def _table_line(cells: Iterable[str]) -> str:
 
 CLONE = Path(__file__).parents[2] / "studies"
 """Folder of the studies in a clone of trimtab; an installed package does not contain it."""
-WHERE = "the studies are in trimtab's source repository: run in a clone of it, or name a study's folder"
+WHERE = "the studies are in trimtab's source repository: run the command in a clone of it, or name a study's folder"
 
 
 class StudyGroup(NamedTuple):
-    """Group of rows of a study. file: Python file that computes the rows. name: name on the command line. title: first
-    line of the file's docstring. section: place in the publication. has_figures: True if it draws pictures.
+    """Group of rows of a study.
+
+    file: Python file that computes the rows. name: name on the command line. title: first line of the file's docstring.
+    section: place in the publication. has_figures: True if the group draws pictures.
     """
 
     file: Path
@@ -293,7 +295,7 @@ def find_study(study: str) -> Path:
 
 
 def import_study(file: Path) -> Any:
-    """Import a study's package or one of its modules; adds the folder of its outermost package to sys.path."""
+    """Import a study's package or one of its modules. Add the folder of the outermost package to sys.path."""
     parts, root = [file.stem], file.parent
     while (root / "__init__.py").is_file():
         parts.insert(0, root.name)
@@ -309,7 +311,7 @@ def read_study_title(folder: Path) -> str:
 
 
 def list_groups(study: str, only: Iterable[str] = ()) -> list[StudyGroup]:
-    """Return the groups of a study in the order of the publication: all, or those named."""
+    """Return the groups of a study in the order of the publication. only: names of groups; by default all."""
     files = sorted(find_study(study).glob("*.py"))
     groups = sorted((g for g in map(_read_group, files) if g is not None), key=_sort_key)
     names, chosen = [g.name for g in groups], list(only)

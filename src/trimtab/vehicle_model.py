@@ -1,4 +1,4 @@
-"""Trim and linear model of any vehicle, in Python, as from ``trimtab trim`` and ``trimtab linearise``."""
+"""Trim and linear model of any vehicle: the Python functions of ``trimtab trim`` and ``trimtab linearise``."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -26,10 +26,10 @@ def trim(vehicle: str | Scenario, at: At | None = None, *, settings: Mapping[str
     Args:
         vehicle: a scenario, or the name of a scenario or of a model, or ``file.py:function``.
         at: name of a state, input or output -> number in the vehicle's unit, text with a unit, "free", "fixed" or
-            "LOW..HIGH". A name with ' is the rate: {"yaw'": 0.3}. Values mean the same as after ``trimtab trim --at``.
+            "LOW..HIGH". A name with ' is the time derivative: {"yaw'": 0.3}. Values are as after ``trimtab trim --at``.
         settings: path -> value, as after ``--set``. They require a vehicle given by name.
 
-    Raises: InputError for an unknown name. If no trim exists, no error is raised; `why` of the result gives the
+    Raises: InputError for an unknown name. If no trim exists, no error is raised; the result's field `why` contains the
         reasons.
     """
     return find_point(_find_plant(vehicle, settings), _words(at))

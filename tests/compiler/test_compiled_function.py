@@ -59,7 +59,7 @@ def test_trees_of_every_kind_go_in_and_out() -> None:
     )
     compiled = trimtab.compile(f, *arguments)
     same(compiled(*arguments), jax.jit(f)(*arguments))
-    with pytest.raises(InputError, match="built as"):
+    with pytest.raises(InputError, match="have the structure"):
         compiled(*arguments[:2], Cart(Spring(3.0, np.ones(2)), "other"), arguments[3])
 
 

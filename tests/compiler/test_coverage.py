@@ -125,7 +125,7 @@ REFUSED = {
     "eig": (lambda x: jnp.linalg.eig(jnp.outer(x, x))[0].real, "eigh"),  # refused
     "fft": (lambda x: jnp.fft.rfft(x).real, "cosines"),  # refused
     "rng_bit_generator": (lambda x: x + jax.random.normal(jax.random.key(0, impl="rbg")), "threefry"),  # refused
-    "reduce_window": (lambda x: moving_sum(x, x[0]), "numbers of Python"),  # refused
+    "reduce_window": (lambda x: moving_sum(x, x[0]), "as Python numbers"),  # refused
     "pure_callback": (host_call, "plain jax.numpy"),
     "debug_print": (printed, "logged signal"),
     "complex": (complex_numbers, "float64"),

@@ -124,5 +124,5 @@ def test_verify_refuses_a_header_that_is_not_cpp(tmp_path: Path) -> None:
     export_callable(lambda x: x + 1, (1.5,), tmp_path, name="plain")
     header = tmp_path / "plain.h"
     header.write_text(header.read_text().replace("double x;", "double x; double class;"))
-    with pytest.raises(InputError, match=r"C\+\+ compiler refused plain\.h"):
+    with pytest.raises(InputError, match=r"C\+\+ compiler rejected plain\.h"):
         verify_folder(tmp_path)

@@ -97,7 +97,7 @@ def test_reports_a_fault_of_the_compiler_once(export: bool, tmp_path: Any, monke
     assert "KeyError: 'lost'" in fault.value.problem
     assert f"test_known_results.py:{fail.__code__.co_firstlineno + 6}" in fault.value.problem or export
     assert jax.__version__ in fault.value.problem
-    assert "send this message" in fault.value.fix
+    assert "with this message" in fault.value.fix
     assert isinstance(pickle.loads(pickle.dumps(fault.value)), CompilerFaultError)
 
 

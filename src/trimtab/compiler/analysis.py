@@ -10,7 +10,7 @@ from trimtab.compiler.values import Buffer, Value
 
 
 class _NeededValues:
-    """Values and buffers that results need, found by following uses backwards."""
+    """Values and buffers on which the results of a program depend, found by following uses backwards."""
 
     def __init__(self) -> None:
         self.values: set[int] = set()
@@ -20,7 +20,7 @@ class _NeededValues:
         self.todo: list[Value] = []
 
     def collect_uses(self, block: Block, around: list[Any]) -> None:
-        """Record which statements write each buffer, and what each value requires besides its operands."""
+        """Record the statements that write each buffer, and the operands and tests that each value depends on."""
         for item in block.items:
             if isinstance(item, Define):
                 self.operands[id(item.value)] = [*item.value.args, *_enclosing_tests(around)]
@@ -69,7 +69,7 @@ def _enclosing_tests(around: list[Any]) -> list[Value]:
 
 
 def prune(blocks: list[Block], results: list[Value], buffers: list[Buffer]) -> set[int]:
-    """Remove all that the results and these buffers do not need; return ids of the kept values and buffers."""
+    """Remove statements that these results and buffers do not need. Return the ids of values and buffers kept."""
     needed = _NeededValues()
     for block in blocks:
         needed.collect_uses(block, [])
@@ -110,7 +110,7 @@ def _sweep(block: Block, needed: _NeededValues) -> None:
 
 
 class VaryingValues:
-    """Return ids of the values, buffers, branches and loops that differ between the runs of a batch."""
+    """Set of the values and buffers, by id, that differ between the runs of a batch."""
 
     def __init__(self, values: set[int], buffers: set[int]) -> None:
         self.values, self.buffers = values, buffers
@@ -133,9 +133,9 @@ class VaryingValues:
 
 
 def find_varying(blocks: list[Block], inputs: list[Any], feedback: list[tuple[Any, Any]]) -> VaryingValues:
-    """Return the values and buffers that differ between runs if these inputs do.
+    """Return the values and buffers that differ between runs if the given inputs differ.
 
-    feedback: pairs of a state's input and output, for states that the caller carries from call to call.
+    feedback: pairs (state before a call, state after it) of the states that the caller carries from call to call.
     """
     varying = VaryingValues(set(), set())
     for thing in inputs:
@@ -152,7 +152,7 @@ def find_varying(blocks: list[Block], inputs: list[Any], feedback: list[tuple[An
 
 
 def _mark_block(block: Block, varying: VaryingValues, masked: bool) -> None:
-    """Mark what differs in a block. masked: True if only some of the runs execute this block."""
+    """Mark the values and buffers of a block that differ between runs. masked: only some of the runs execute it."""
     for item in block.items:
         if isinstance(item, Define):
             varying.value(item.value)
@@ -180,20 +180,20 @@ def _mark_block(block: Block, varying: VaryingValues, masked: bool) -> None:
 CHEAP = ("sqrt", "floor", "ceil", "round_even", "round_away")
 """Elementary functions that compile to one or two instructions."""
 CALL, TURNS = 40, 16
-"""Assumed number of operations of an elementary function, and of iterations of a loop whose end depends on data."""
+"""Assumed cost of an elementary function, in operations, and assumed iterations of a loop whose end depends on data."""
 
 
 def vector_share(blocks: list[Block]) -> float:
-    """Return the share of a single run's operations in loops that a C compiler vectorises.
+    """Return the fraction of a single run's operations that are in loops which a C compiler vectorises.
 
-    Such a loop is the innermost, carries nothing, and calls nothing.
+    Such a loop contains no other loop, carries no value from turn to turn, and calls no function.
     """
     work, vectors = _count_operations(blocks)
     return vectors / max(work, 1)
 
 
 def _count_operations(blocks: list[Block]) -> tuple[float, float]:
-    """Return the operations of these blocks, and how many of them are in vectorised loops."""
+    """Return the number of operations of these blocks, and the number of those in vectorised loops."""
     work = vectors = 0.0
     for item in (item for block in blocks for item in block.items):
         if isinstance(item, Define):

@@ -1,4 +1,4 @@
-"""Arrays during lowering. A small array is a scalar for each index; a large array is a buffer, processed by loops."""
+"""Arrays during lowering. A small array is one scalar per element. A large array is a buffer, processed by loops."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -12,7 +12,9 @@ from trimtab.compiler.values import Buffer, Value
 UNROLL = 48
 """Number of elements above which an array is kept in a buffer and handled by loops."""
 ROW = 24
-"""Axis length above which an array is kept in a buffer: loops are as fast on vectors of beacons, with far less text."""
+"""Axis length above which an array is kept in a buffer.
+
+For vectors with one element per beacon, loops are as fast as unrolled code, with far less text."""
 
 Index = list[Value]
 
@@ -26,10 +28,10 @@ class ElementUpdate(NamedTuple):
 
 
 class Array:
-    """An array of one type: `element_array`, an object array of values, or a `buffer`, row-major from `offset`.
+    """Array of one type: `items`, an object array of scalar values, or a `buffer`, row-major from `offset`.
 
-    updates: what the buffer does not hold yet. A few elements of a large array are written when it is known whether
-    somebody reads the old ones: only then is a copy needed.
+    updates: elements that are not yet written to the buffer. They are written once it is known whether the old
+    elements are read later: only then is a copy of the buffer needed.
     """
 
     __slots__ = ("buffer", "dtype", "items", "offset", "shape", "updates")
@@ -48,17 +50,17 @@ class Array:
 
     @property
     def size(self) -> int:
-        """Return the number of elements."""
+        """Return the number of elements of the array."""
         return math.prod(self.shape)
 
 
 def type_name(dtype: Any) -> str:
-    """Return our short name of a numpy type; raise KeyError for a type without C text."""
+    """Return the compiler's short name of a numpy type, e.g. f64. Raise KeyError for a type that has no C type."""
     return NAMES[np.dtype(dtype)]
 
 
 def is_small(shape: tuple[int, ...]) -> bool:
-    """Return True if an array of this shape is unrolled."""
+    """Return True if an array of this shape is small: the compiler unrolls it into scalars."""
     return math.prod(shape) <= UNROLL and max(shape, default=0) <= ROW
 
 
@@ -70,12 +72,12 @@ def scalars(values: Sequence[Value], shape: tuple[int, ...], dtype: str) -> Arra
 
 
 def scalar(value: Value) -> Array:
-    """Return an array of shape ()."""
+    """Return a scalar value as an array of shape ()."""
     return scalars([value], (), value.dtype)
 
 
 def constant(b: Builder, data: Any, dtype: str | None = None) -> Array:
-    """Return a constant array."""
+    """Return an array of constants."""
     data = np.asarray(data)
     dtype = dtype or type_name(data.dtype)
     if is_small(data.shape):
@@ -84,7 +86,7 @@ def constant(b: Builder, data: Any, dtype: str | None = None) -> Array:
 
 
 def flat_index(b: Builder, shape: tuple[int, ...], index: Index) -> Value:
-    """Return the row-major position of an index."""
+    """Return the row-major position of an index into an array of this shape."""
     if all(i.op == "const" for i in index):
         at = 0
         for extent, i in zip(shape, index, strict=True):
@@ -98,7 +100,7 @@ def flat_index(b: Builder, shape: tuple[int, ...], index: Index) -> Value:
 
 
 def read_flat(b: Builder, array: Array, position: Value) -> Value:
-    """Return the element at a row-major position."""
+    """Return the element of an array at a row-major position."""
     if array.items is not None:
         if position.op == "const":
             return array.items.ravel()[int(position.const)]
@@ -110,27 +112,27 @@ def read_flat(b: Builder, array: Array, position: Value) -> Value:
 
 
 def read_element(b: Builder, array: Array, index: Index) -> Value:
-    """Return the element at an index; the index of an axis of length 1 is taken as 0."""
+    """Return the element of an array at an index. On an axis of length 1, the index counts as 0."""
     index = [b.index(0) if n == 1 else i for n, i in zip(array.shape, index, strict=True)]
     return read_flat(b, array, flat_index(b, array.shape, index))
 
 
 def element_list(b: Builder, array: Array) -> list[Value]:
-    """Return all elements in row-major order; for small arrays."""
+    """Return all elements of a small array, in row-major order."""
     if array.items is not None:
         return list(array.items.ravel())
     return [read_flat(b, array, b.index(i)) for i in range(array.size)]
 
 
 def element_array(b: Builder, array: Array) -> Any:
-    """Return all elements as an object array of the array's shape; for small arrays."""
+    """Return all elements of a small array, as an object array of the same shape."""
     if array.items is not None:
         return array.items
     return scalars(element_list(b, array), array.shape, array.dtype).items
 
 
 def store_in_memory(b: Builder, array: Array) -> Array:
-    """Return the array in a buffer shared by all readers at a computed index; nobody writes to it."""
+    """Return the array in a read-only buffer, which all readers at computed indices share."""
     if array.items is None:
         return array
     elements = tuple(array.items.ravel())
@@ -162,7 +164,7 @@ def loop_over_indices(b: Builder, shape: tuple[int, ...], body: Callable[[Index]
 
 
 def build_array(b: Builder, shape: tuple[int, ...], dtype: str, element: Callable[[Index], Value]) -> Array:
-    """Return the array whose element at an index is element(index): unrolled if small, else by loops into a buffer."""
+    """Return the array with element(index) at each index. A small array is unrolled; loops fill a large one."""
     if is_small(shape):
         found = [element([b.index(i) for i in index]) for index in np.ndindex(*shape)]
         return scalars(found, shape, dtype)
@@ -177,7 +179,7 @@ def build_array(b: Builder, shape: tuple[int, ...], dtype: str, element: Callabl
 
 
 def copy_into(b: Builder, target: Buffer, source: Array) -> None:
-    """Write a whole array into a buffer of its size."""
+    """Write all elements of an array into a buffer of the same size."""
     if source.items is not None:
         for i, v in enumerate(source.items.ravel()):
             b.store(target, b.index(i), v)
@@ -193,7 +195,7 @@ def copy_array(b: Builder, array: Array) -> Array:
 
 
 def apply_updates(b: Builder, array: Array, in_place: bool) -> Array:
-    """Return the array with its updates written; in place, other references to the buffer change too."""
+    """Return the array with its pending updates written: into its own buffer if `in_place`, else into a copy."""
     plain = Array(array.shape, array.dtype, buffer=array.buffer)
     target = plain if in_place else copy_array(b, plain)
     write_updates(b, target, array.updates)
@@ -201,7 +203,7 @@ def apply_updates(b: Builder, array: Array, in_place: bool) -> Array:
 
 
 def write_updates(b: Builder, array: Array, updates: Iterable[ElementUpdate]) -> None:
-    """Write elements into an array's buffer, one after the other."""
+    """Write the updates into an array's buffer, one after the other."""
     buffer = array.buffer
     assert buffer is not None
     for position, number, inside in updates:

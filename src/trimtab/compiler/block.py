@@ -1,6 +1,6 @@
-"""A block as embedded C: structs of its parameters, state, input and output, and the functions that work on them.
+"""C text of a block: structs of its parameters, state, input and output, and the functions that work on them.
 
-State is read and written in place, so that large arrays of it are never copied.
+State is read and written in place, so that its large arrays are never copied.
 """
 
 from collections.abc import Callable
@@ -30,9 +30,9 @@ class BlockDefinition(NamedTuple):
 
     Attributes:
         name: prefix of all names in the C text.
-        doc: one-line description.
+        doc: one-line description of the block, for the C header.
         step: (parameters, state, input) -> (state, output); pure.
-        init: parameters -> first state.
+        init: parameters -> initial state.
         parameters: tree of records of numbers: the parameters with their defaults.
         input: tree of records with the shapes of the input; the values are not used.
     """
@@ -46,12 +46,13 @@ class BlockDefinition(NamedTuple):
 
 
 class BlockText(NamedTuple):
-    """Text of a block, and the contents of its structs.
+    """C text of a block, and the members of its structs.
 
-    workspace: bytes that its functions are given as their last argument, aligned to 64; 0 where they take none.
-    is_function: it has neither parameters nor state, and is one function of this name.
-    frame: bytes of stack for what the pieces of a large function share; 0 where it is small, or part of the workspace.
-    flags: for the compiler, beyond the usual ones.
+    workspace: bytes of memory, aligned to 64, that its functions take as their last argument; 0 if they take none.
+    is_function: True if the block has neither parameters nor state. It is then a single C function of the same name.
+    frame: bytes of stack for the values that the pieces of a large function share; 0 if there are
+        none, or if they are in the workspace.
+    flags: compiler flags in addition to the usual ones.
     """
 
     name: str
@@ -75,7 +76,7 @@ class BlockText(NamedTuple):
 def function_block(
     function: Callable[..., Any], example: tuple[Any, ...], name: str, names: list[str]
 ) -> BlockDefinition:
-    """Return a pure function as a block without parameters and state, with its arguments by name."""
+    """Return a pure function as a block without parameters and state. names: names of the function's arguments."""
 
     def step(p: Any, s: Any, given: dict[str, Any]) -> tuple[Any, Any]:
         return s, function(*(given[n] for n in names))
@@ -84,7 +85,7 @@ def function_block(
 
 
 def block_text(block: BlockDefinition, real: str = "f64") -> BlockText:
-    """Return the C of a block. real: "f64" computes in double, "f32" in float."""
+    """Return the C text of a block. real: "f64" computes in double, "f32" in float."""
     with jax.enable_x64(True):
         begin, state = jax.make_jaxpr(block.init, return_shape=True)(block.parameters)
         each, shapes = jax.make_jaxpr(block.step, return_shape=True)(block.parameters, state, block.input)
@@ -93,7 +94,7 @@ def block_text(block: BlockDefinition, real: str = "f64") -> BlockText:
 
 
 def _traced_block_text(block: BlockDefinition, real: str, init: tuple[Any, Any], step: tuple[Any, Any]) -> BlockText:
-    """Return the C of a block whose functions are traced, each with the shapes of its results."""
+    """Return the C text of a block. init, step: the traced functions, each with the shapes of its results."""
     name, (begin, state), (each, shapes) = block.name, init, step
     P, S = members(block.parameters, real), members(state, real)
     IN, OUT = members(block.input, real), members(shapes[1], real)
@@ -132,13 +133,13 @@ def _traced_block_text(block: BlockDefinition, real: str, init: tuple[Any, Any],
 
 
 def _step_arguments(name: str, alone: bool) -> list[tuple[str, str]]:
-    """Return types and names of the arguments of a step, without the workspace."""
+    """Return the types and names of the arguments of the step function, without the workspace."""
     own = [] if alone else [(f"const {name}_params *", "p"), (f"{name}_state *", "s")]
     return [*own, (f"const {name}_in *", "in"), (f"{name}_out *", "out")]
 
 
 def _function_heads(name: str, workspace: int, alone: bool) -> tuple[str, str, str]:
-    """Return declarations of defaults, init and step; for a pure function only of its call."""
+    """Return the C declarations of the functions defaults, init and step. A pure function has only the last one."""
     more = ", void *workspace" if workspace else ""
     if alone:
         return "", "", f"{name}(const {name}_in *in, {name}_out *out{more})"
@@ -158,11 +159,11 @@ def _header_text(
     guard = f"{name.upper()}_H"
     docs = {
         "params": "Parameters; the defaults are those of the scenario.",
-        "state": "All that is remembered between two steps.",
-        "in": "What a step is given.",
-        "out": "What a step gives.",
+        "state": "State kept between steps.",
+        "in": "Inputs of a step.",
+        "out": "Outputs of a step.",
     }
-    loops = "every loop is bounded" if bounded else "some loops end on data, so its time has no bound known here"
+    loops = "every loop is bounded" if bounded else "some loops end on data, so the execution time has no known bound"
     alone = not structs["params"] and not structs["state"]
     if alone:
         structs, docs = {kind: structs[kind] for kind in ("in", "out")}, {"in": "Arguments.", "out": "Results."}
@@ -170,22 +171,22 @@ def _header_text(
     heads = [f"void {head};\n" if head else "" for head in _function_heads(name, workspace, alone)]
     calls = [
         f"/* Set all parameters to their defaults. */\n{heads[0]}",
-        f"/* Begin: the state before the first step. */\n{heads[1]}",
-        f"/* One step. No memory is allocated, nothing is kept outside *s, {loops}. */\n{heads[2]}",
+        f"/* Set the state to its value before the first step. */\n{heads[1]}",
+        f"/* Compute one step. No memory is allocated, no state is kept outside *s, {loops}. */\n{heads[2]}",
     ]
     if alone:
-        calls = [f"/* The results of these arguments. No memory is allocated, nothing is kept, {loops}. */\n{heads[2]}"]
+        calls = [f"/* Compute the results. No memory is allocated, no state is kept, {loops}. */\n{heads[2]}"]
     if workspace:
         size = f"enum {{ {name.upper()}_WORKSPACE = {workspace} }};\n"
         calls.insert(
-            0, f"/* Bytes of memory, aligned to 64, that `workspace` points to: nothing there is kept. */\n{size}"
+            0, f"/* Bytes of memory at `workspace`, aligned to 64. Its content is not kept between calls. */\n{size}"
         )
     if frame:
         size = f"enum {{ {name.upper()}_FRAME = {frame} }};\n"
-        calls.insert(0, f"/* Bytes of stack that a step takes for what its functions share. */\n{size}")
+        calls.insert(0, f"/* Bytes of stack that a step uses for the values that its functions share. */\n{size}")
     plus = '#ifdef __cplusplus\nextern "C" {\n#endif\n', "#ifdef __cplusplus\n}\n#endif\n"
     top = [f"#ifndef {guard}", f"#define {guard}\n", "#include <stdbool.h>", "#include <stdint.h>\n", plus[0]]
-    number = f"/* What real numbers are computed in. */\ntypedef {C_TYPES[real]} {name}_real;\n"
+    number = f"/* Type of real numbers. */\ntypedef {C_TYPES[real]} {name}_real;\n"
     return "\n".join([LICENCE_NOTE, f"/* {comment_text(doc)} */", *top, number, *typedefs, *calls, plus[1], "#endif\n"])
 
 
@@ -205,7 +206,7 @@ def _default_lines(parameters: list[Member], values: list[Any]) -> tuple[list[st
 
 
 class StructPlace(NamedTuple):
-    """Members behind one pointer, e.g. "s->"; writable: their large arrays may be changed in place."""
+    """Struct members behind one pointer. base: its text, e.g. "s->". writable: large arrays may be changed in place."""
 
     base: str
     members: list[Member]
@@ -213,7 +214,7 @@ class StructPlace(NamedTuple):
 
 
 class _Body(NamedTuple):
-    """Text of a routine. pieces: functions that it calls.  workspace, frame: bytes, as of a block's text."""
+    """Body of a C function. pieces: text of the functions that it calls. workspace, frame: bytes, as in BlockText."""
 
     pieces: str
     lines: list[str]
@@ -222,7 +223,7 @@ class _Body(NamedTuple):
 
 
 class _Routine:
-    """One function of a block: its lowered jaxpr, the sources of its operands, and the destinations of its results."""
+    """C function of a block: its lowered jaxpr, the structs that it reads, and the structs that it writes."""
 
     def __init__(self, jaxpr: Any, sources: list[StructPlace], targets: list[StructPlace], real: str) -> None:
         self.b = b = Builder()
@@ -238,7 +239,7 @@ class _Routine:
         self.results: list[tuple[str, Member, Array]] = []
         rest = iter(arrays)
         pairs = [(place, m, next(rest)) for place in targets for m in place.members]
-        # other readers of the state's arrays must be written before these are overwritten
+        # results that read the state's arrays are written first, because the state's results overwrite those arrays
         for place, m, a in pairs:
             if not self._state_buffer(place, m):
                 self._write_result(place, m, a)
@@ -267,7 +268,7 @@ class _Routine:
         self.results.append((place.base, m, array))
 
     def _alias_result(self, array: Array) -> bool:
-        """Use the member's own memory for a result, if nothing else needs it: no copy, and no stack."""
+        """Put a result directly into its struct member, to save a copy. Return False if that is impossible."""
         buffer = array.buffer
         if buffer is None or buffer.kind != "local" or array.offset is not None:
             return False
@@ -278,7 +279,7 @@ class _Routine:
         return bool(own)
 
     def _write_states(self, pairs: list[tuple[StructPlace, Member, Array]]) -> None:
-        """Write large states to their own buffers; one that another state reads is copied first."""
+        """Write large states to their own buffers. A new value that lies in a state's buffer is copied first."""
         own = [self._state_buffer(place, m) for place, m, _ in pairs]
         moves = []
         for (place, m, a), target in zip(pairs, own, strict=True):
@@ -295,7 +296,7 @@ class _Routine:
         return _has_while_loop(self.blocks)
 
     def write_body(self, w: Writer, function: str, arguments: list[tuple[str, str]]) -> _Body:
-        """Return the body of the function with this name and these arguments."""
+        """Return the body of the C function with this name and these arguments (type, name)."""
         blocks = self.blocks
         w.live, w.workspace, start = self.live, self.workspace, len(w.lines)
         w.note_sincos(blocks)

@@ -1,6 +1,6 @@
-"""Small C functions that generated text calls where plain C differs from JAX: division, shifts, conversion, extremes.
+"""Small C functions for operations in which plain C differs from JAX: division, shifts, conversion, maximum, minimum.
 
-Each is named tt_NAME for one number and tv_NAME over lanes.
+Each is named tt_NAME for one number, and tv_NAME for lanes (vectors with one run in each lane).
 """
 
 import contextlib
@@ -11,7 +11,7 @@ from trimtab.compiler.ir import is_float
 from trimtab.compiler.text import C_TYPES, ELEMENTARY, LIMITS, float_suffix, vector_type
 
 INLINED = 24
-"""Number of calls up to which a function is inlined; above, it is called."""
+"""Maximum number of calls of a helper that is inlined. A helper with more calls stays a function."""
 EXCHANGES = ("tv_gather", "tv_scatter")
 _TWO_OPERANDS = {
     "div": "return b == 0 ? (T)-1 : SIGNED b == (T)-1 ? (T)(0u - (U)a) : ELSE (T)(a / b);",
@@ -31,7 +31,7 @@ _ONE_OPERAND = {
 
 
 def helper_text(name: str) -> str:
-    """Return the text of one helper, e.g. tt_div_i32, tv_max_f64; raise KeyError for an unknown name."""
+    """Return the C text of one helper, e.g. tt_div_i32 or tv_max_f64. Raise KeyError for an unknown name."""
     return _lane_helper(name) if name.startswith("tv_") else _scalar_helper(name)
 
 
@@ -66,7 +66,7 @@ def _scalar_helper(name: str) -> str:
 
 
 def _saturation(to: str, source: str) -> str:
-    """Return the conversion of a float to an integer: towards zero, saturating, 0 for NaN."""
+    """Return the C body that converts a float to an integer: rounded towards zero, saturated, and 0 for NaN."""
     low, high = LIMITS[to] if to[0] == "i" else ("0", LIMITS[to][1])
     power, suffix = int(to[1:]) - (to[0] == "i"), float_suffix(source)
     below = f"x <= -0x1p{power}{suffix}" if to[0] == "i" else f"x <= 0.0{suffix}"
@@ -74,10 +74,11 @@ def _saturation(to: str, source: str) -> str:
 
 
 def _extreme_body(op: str, t: str) -> str:
-    """Return the larger or smaller of a and b. NaN wins, and -0 is smaller than +0 (IEEE 754-2019).
+    """Return the C body that computes the maximum or minimum of a and b.
 
-    The choice x prefers b of equal numbers, and y prefers a. So x and y differ only for zeros and NaN. Their bits
-    joined by OR are -0 or NaN. For the larger one, the difference of the bits is subtracted: -0 - -0 is +0.
+    The result is NaN if a or b is NaN, and -0 is less than +0 (IEEE 754-2019). If a and b are equal, x is b and y is a.
+    So x and y differ only for zeros and NaN. The bitwise OR of x and y is then -0 or NaN. For the maximum, their
+    bitwise XOR is subtracted as a number, because -0 - -0 is +0.
     """
     sign = ">" if op == "max" else "<"
     if not is_float(t):
@@ -96,19 +97,19 @@ if (ttv_within(ttv_abs(x), 2147483647.0)) return __builtin_convertvector(x, vi32
 
 
 def _lane_helper(name: str) -> str:
-    """Return a helper that only lanes need; else a comparison of vectors, or the scalar helper for each lane."""
+    """Return the text of a helper for lanes: vector code where there is some, else the scalar helper for each lane."""
     if name == "tv_any":
         return _function_text("bool", name, "vi64 m", "return ttv_any(m);")
     if match := re.fullmatch(r"tv_(splat|take|pick|put|gather|scatter)_(\w+)", name):
         kind, t = match.groups()
-        v, T, each = vector_type(t), C_TYPES[t], "int64_t step, int32_t runs"  # of the caller's runs
+        v, T, each = vector_type(t), C_TYPES[t], "int64_t step, int32_t runs"  # step from run to run, number of runs
         sign, truth = ("-(int64_t)", " != 0") if t == "bool" else ("", "")
         run = f"{sign}p[(l < runs ? l : 0) * step]"
         splat = f"return x {'-' if is_float(t) else '+'} (v{t}){{}};"  # not x + 0, which loses the sign of -0
         splat = "return (vi64){} - (int64_t)x;" if t == "bool" else splat
         result, parameters, body = {
             "splat": (v, f"{T} x", splat),
-            "take": (v, f"const {T} *p, vi32 i", _all_lanes(v, f"{sign}p[i[l]]")),  # of one table
+            "take": (v, f"const {T} *p, vi32 i", _all_lanes(v, f"{sign}p[i[l]]")),  # from one table
             "pick": (v, f"const {v} *p, vi32 i", _all_lanes(v, "p[i[l]][l]")),
             "put": ("void", f"{v} *p, vi32 i, {v} x, vi64 m", "EACH_LANE if (m[l]) p[i[l]][l] = x[l];"),
             "gather": (v, f"const {T} *p, {each}", f"{v} r; EACH_LANE r[l] = {run}; return r;"),
@@ -133,20 +134,23 @@ def _lane_helper(name: str) -> str:
         return _function_text(v, name, f"{v} a, {v} b", body)
     two = op in (*_TWO_OPERANDS, "pow", "atan2", "fmod")
     body = f"{v} r; EACH_LANE r[l] = tt_{op}_{t}({'a[l], b[l]' if two else 'a[l]'}); return r;"
-    if t == "f32" and op in (*ELEMENTARY, "fmod"):  # that for double, rounded, as for one number
+    if t == "f32" and op in (*ELEMENTARY, "fmod"):  # the function for double, rounded to float, as in scalar code
         wide = ", ".join(f"__builtin_convertvector({x}, vf64)" for x in ("ab" if two else "a"))
         body = f"return __builtin_convertvector(ttv_{op}({wide}), vf32);"
     return _function_text(v, name, f"{v} a, {v} b" if two else f"{v} a", body)
 
 
 def _all_lanes(vector: str, number: str) -> str:
-    """Return a vector of a number for each lane l, put together at once: one lane after the other waits for memory."""
+    """Return C text that builds a vector in one expression, with `number` for each lane l.
+
+    Code that sets the lanes one after the other would wait for memory at each lane.
+    """
     each = {n: ", ".join(number.replace("[l]", f"[{k}]") for k in range(n)) for n in (4, 8)}
     return f"\n#if LANES == 8\n    return ({vector}){{{each[8]}}};\n#else\n    return ({vector}){{{each[4]}}};\n#endif"
 
 
 def helper_dependencies(name: str) -> list[str]:
-    """Helpers that a helper over lanes calls itself."""
+    """Return the helpers that a helper for lanes calls."""
     if not name.startswith("tv_") or re.match(r"tv_(splat|any|take|pick|put|gather|scatter)", name):
         return []
     if name in ("tv_i32_of_f64", "tv_i32_of_f32"):
@@ -166,7 +170,7 @@ def _function_text(result: str, name: str, parameters: str, body: str) -> str:
 def helper_texts(used: Mapping[str, int]) -> str:
     """Return the text of all helpers among these names, in an order that compiles, without elementary functions.
 
-    used: name -> how often it is called.
+    used: name -> number of calls.
     """
     ordered: dict[str, None] = {}
     for name in used:

@@ -1,4 +1,4 @@
-"""A compiled and loaded block. A call from Python takes less than a microsecond more than the block itself."""
+"""Compiled block, loaded into Python. A call from Python adds less than a microsecond to the time of the block."""
 
 import ctypes
 from collections.abc import Mapping
@@ -41,21 +41,22 @@ void NAME_fast(NAME_memory *a)
 
 
 def compile_block(block: BlockDefinition) -> "CompiledBlock":
-    """Compile a block with the machine's C compiler, in its initial state.
+    """Compile a block with the machine's C compiler, and set it to its initial state.
 
     Raises:
-        InputError: a primitive without C text, naming the line that made it; or no C compiler.
+        InputError: a JAX primitive cannot be written as C (the error names the Python line), or no C compiler works.
     """
     return CompiledBlock(block_text(block))
 
 
 class CompiledBlock:
-    """A block whose step is compiled: write `inputs`, call `step()`, read `outputs`.
+    """Block with a compiled step: write `inputs`, call `step()`, read `outputs`.
 
-    inputs, outputs: float64 arrays that the compiled code reads and writes in place; truth values are 0 and 1, times
-    integers of 100 ns.  reads, writes: path -> where in them, e.g. ``inputs[reads["t"]] = now``.
-    parameters: path -> array that the compiled code reads in place: ``parameters["law.k1"][...] = 2``.
-    text: its C, as `trimtab export` writes it.
+    inputs, outputs: float64 arrays that the compiled code reads and writes in place. Truth values are 0 and 1. Times
+    are integers in units of 100 ns.
+    reads, writes: path -> position in `inputs` or `outputs`, e.g. ``inputs[reads["t"]] = now``.
+    parameters: path -> array that the compiled code reads in place, e.g. ``parameters["law.k1"][...] = 2``.
+    text: C text of the block, as `trimtab export` writes it.
     """
 
     def __init__(self, text: BlockText) -> None:
@@ -83,20 +84,20 @@ class CompiledBlock:
         return np.ctypeslib.as_array(where(self._at), shape=(sum(m.size for m in members),))
 
     def reset(self) -> None:
-        """Restore the state before the first step, with the parameters that it was compiled with."""
+        """Restore the initial state, and the parameters with which the block was compiled."""
         self._begin(self._at)
 
     def step(self) -> None:
-        """Run one step: from `inputs` to `outputs`."""
+        """Run one step: read `inputs`, write `outputs`."""
         self._step(self._at)
 
     def set_inputs(self, values: Mapping[str, Any]) -> None:
-        """Write inputs by path. This is convenient, but slower than writing to the array `inputs`."""
+        """Write inputs by path. This is slower than writing to the array `inputs` directly."""
         for path, value in values.items():
             self.inputs[self._find_slot(self.reads, "input", path)] = value
 
     def result(self, path: str) -> Any:
-        """Return an output by path."""
+        """Return the output with this path."""
         return self.outputs[self._find_slot(self.writes, "output", path)]
 
     def _find_slot(self, slots: Mapping[str, Any], kind: str, path: str) -> Any:
@@ -108,7 +109,7 @@ class CompiledBlock:
 
 
 def _library_source(text: BlockText) -> str:
-    """Return one file with the block, the functions between rows and structs, and the functions that Python calls."""
+    """Return C text with the block, functions that convert rows of numbers to structs, and functions for Python."""
     name = text.name
     source = text.source.replace(f'#include "{name}.h"\n', "")
     offsets = ", ".join(f"offsetof({name}_params, {m.path})" for m in text.parameters) or "0"

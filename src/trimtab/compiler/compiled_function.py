@@ -25,14 +25,14 @@ from trimtab.core.quantity import Option, declarations, is_record
 
 LANES = (1, 4, 8)
 VECTORS = 0.98
-"""Share of operations in vectorised loops above which side-by-side runs (lanes) save no time."""
+"""Fraction of operations in vectorised loops above which computing runs side by side (in lanes) saves no time."""
 PART = "compile"
 
 
 def compile(
     function: Callable[..., Any], *example: Any, lanes: int | None = None, threads: int = 1
 ) -> "CompiledFunction":
-    """A function of JAX, compiled to C by the machine's own compiler.
+    """Compile a JAX function to C with the machine's own C compiler.
 
     >>> import jax.numpy as jnp
     >>> from trimtab import compile
@@ -40,25 +40,23 @@ def compile(
     '0.479425538604'
 
     Args:
-        function: pure; arrays, numbers, and trees of them (tuples, lists, dicts, records) in and out. Gradients too:
-            ``compile(jax.grad(f), x)``.
-        example: example arguments. Shapes and types are those that the compiled function takes; the numbers play no
-        part.
-            Numbers of Python are float64 and int64. The function is traced with ``jax.enable_x64``; the user's own
-            setting ``jax_enable_x64`` stays as it is.
-            Numbers of Python are float64 and int64. The function is traced with ``jax.enable_x64``; the user's own
-            setting ``jax_enable_x64`` stays as it is.
-        lanes: how many runs `CompiledFunction.lanes` computes side by side: 1, 4 or 8; None for what the CPU carries,
-            or 1 where a type of numbers is not carried in lanes, or a single run is vectors already, such as a product
-            of large matrices. When it is given, that text is built at once.
-        threads: how many threads share the runs of `CompiledFunction.lanes`.
+        function: pure function. Its arguments and results are arrays, numbers, and trees of them (tuples, lists, dicts,
+            records). It may be a gradient: ``compile(jax.grad(f), x)``.
+        example: example arguments. The compiled function accepts arguments of the same shapes and types; the values
+            of the example do not matter. Python numbers are float64 and int64. The function is traced with
+            ``jax.enable_x64``; the user's own setting ``jax_enable_x64`` stays as it is.
+        lanes: number of runs that `CompiledFunction.lanes` computes side by side: 1, 4 or 8. If given, the code for
+            lanes is built at once. If None, it is the number that the CPU supports; or 1 if lanes do not support a
+            type of the function, or if a single run is vectorised already, such as a product of large matrices.
+        threads: number of threads that share the runs of `CompiledFunction.lanes`.
 
     Returns:
-        A function of the same arguments that gives the same trees, of numpy arrays.
+        A function of the same arguments that returns the same trees, with numpy arrays.
 
     Raises:
-        InputError: a primitive without C text, naming the line that made it; an example of other things than arrays;
-            no C compiler. A fault of the compiler itself is an InputError too; its message says what to report.
+        InputError: a JAX primitive cannot be written as C (the error names the Python line), the example does not
+            consist of arrays, or no C compiler works. A fault of trimtab's own compiler is an InputError too, and its
+            message states what to report.
     """
     return CompiledFunction(function, example, lanes, threads)
 
@@ -66,23 +64,23 @@ def compile(
 class CompiledFunction:
     """Compiled function: call it like the original, with the shapes and types of the example.
 
-    Numbers of Python are taken for arrays without axes; arrays of other types where nothing is lost, such as float32
-    for float64. Everything else is refused with InputError before anything runs. Calls from several threads may
-    overlap.
+    Python numbers are accepted for arrays without axes. An array of another type is accepted if the conversion loses
+    nothing, such as float32 for float64. Other arguments raise InputError before anything runs. Several threads may
+    call the function at the same time.
 
     workspace: bytes of memory that a call needs for large arrays; 0 for small functions.
     """
 
     def __init__(self, function: Callable[..., Any], example: tuple[Any, ...], lanes: int | None, threads: int) -> None:
-        """Trace, lower, build and load; see `compile`."""
+        """Trace, lower, build and load the function; see `compile`."""
         if lanes is not None and (isinstance(lanes, bool) or lanes not in LANES):
             raise InputError(
-                PART, f"lanes must be one of the choices, got {lanes}", choices=map(str, LANES), fix="lanes=8, or none"
+                PART, f"lanes must be one of the choices, got {lanes}", choices=map(str, LANES), fix="lanes=8, or None"
             )
         if not isinstance(threads, int) or isinstance(threads, bool) or threads < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(PART, f"threads must be at least 1, got {threads!r}", fix="threads=1")
         self.name = _function_name(function)
-        self._symbol = f"trimtab_{identifier(self.name)}"  # no library and no language has this name
+        self._symbol = f"trimtab_{identifier(self.name)}"  # not a name of a C library or a reserved word
         self._function, self._example, self._threads, self._lanes = function, example, threads, lanes
         self._names = _argument_names(function, len(example))
         program, shapes = trace_example(function, example, self.name)
@@ -128,13 +126,14 @@ class CompiledFunction:
         return self._call(*arguments)
 
     def lanes(self, *arguments: Any) -> Any:
-        """Call the function for many runs: each array has an additional first axis, the number of the run.
+        """Call the function for many runs. Each array has an additional first axis, the index of the run.
 
-        An array of the example's own shape is the same for all runs. Results have the same axis. It is
-        ``jax.vmap``, computed side by side in lanes and shared by threads; the bits are those of single calls.
+        An array of the example's own shape is the same for all runs. Results have the axis of runs, too. This is
+        ``jax.vmap``, with runs computed side by side in lanes and shared by threads. Results equal those of single
+        calls bit for bit.
 
         Raises:
-            InputError: other shapes or types, or no array with an axis of runs.
+            InputError: shapes or types differ from the example's, or no array has an axis of runs.
         """
         try:
             return (self._many or self._lanes_call())(*arguments)
@@ -143,16 +142,16 @@ class CompiledFunction:
             raise self._refusal(f"not enough memory for {each}", fix="threads=1, or smaller arrays") from None
 
     def export(self, folder: str | Path, *, name: str | None = None) -> list[Path]:
-        """Write the function as C99 for embedded use, with the example's numbers as its test; gives the files.
+        """Write the function as C99 for embedded use, with a test from the example's values. Return the files.
 
-        `trimtab export --verify FOLDER` compiles it, runs it, and compares it with JAX.
+        `trimtab export --verify FOLDER` compiles the files, runs the test, and compares the results with JAX.
 
         Args:
-            folder: made where it is missing.
-            name: of the function in C; its own when None.
+            folder: folder of the files; created if it is missing.
+            name: name of the C function; by default the name of the Python function.
 
         Raises:
-            InputError: a folder that cannot be written.
+            InputError: the folder cannot be written.
         """
         return export_callable(self._function, self._example, Path(folder), name=name).files
 
@@ -204,16 +203,16 @@ class CompiledFunction:
         )
 
     def _flatten(self, arguments: tuple[Any, ...], batch: bool = False) -> tuple[list[Any], int]:
-        """Return contiguous arrays of the types that the text takes, and their number of runs."""
+        """Return the arguments as contiguous arrays of the types of the C code, and the number of runs."""
         if len(arguments) != len(self._example):
-            problem = f"it takes {len(self._example)} arguments ({', '.join(self._names)}), was given {len(arguments)}"
+            problem = f"it takes {len(self._example)} arguments ({', '.join(self._names)}), got {len(arguments)}"
             raise self._refusal(problem)
         try:
             paths, structure = jax.tree_util.tree_flatten_with_path(arguments)
-        except (ValueError, SystemError) as reason:  # such as keys of a dict that cannot be ordered, a list in itself
+        except (ValueError, SystemError) as reason:  # e.g. dict keys without an order, or a list in itself
             raise self._refusal(f"the arguments are not a tree: {reason}") from None
         if structure != self._structure:
-            raise self._refusal(f"the arguments are built as {structure}, the example as {self._structure}")
+            raise self._refusal(f"the arguments have the structure {structure}, the example has {self._structure}")
         arrays = [self._array(p, v, a, batch) for (p, v), a in zip(paths, self._inputs, strict=True)]
         counts = {
             v.shape[0]: p for (p, _), v, a in zip(paths, arrays, self._inputs, strict=True) if v.ndim > len(a.shape)
@@ -229,7 +228,7 @@ class CompiledFunction:
         if isinstance(value, Tracer):
             raise self._refusal(
                 f"{self._path(path)} is traced by JAX",
-                fix="compile what JAX makes of the function, such as compile(jax.grad(f), x)",
+                fix="compile the transformed function, e.g. compile(jax.grad(f), x)",
             )
         if isinstance(value, np.ma.MaskedArray):
             raise self._refusal(f"{self._path(path)} has masked numbers", fix="fill them: x.filled(0.0)")
@@ -237,26 +236,26 @@ class CompiledFunction:
             raise self._refusal(f"{self._path(path)} is a typed key", fix="pass jax.random.key_data(key)")
         try:
             found = np.asarray(value)
-        except Exception as reason:  # the object's own __array__ may raise anything
+        except Exception as reason:  # the object's __array__ may raise any exception
             raise self._refusal(f"{self._path(path)} is not an array: {reason}") from None
         shapes = f"{wanted.shape}" + (f" or (runs, {str(wanted.shape)[1:]}" if batch else "")
         if found.shape != wanted.shape and not (batch and found.shape[1:] == wanted.shape and found.ndim):
             raise self._refusal(
-                f"{self._path(path)} has shape {found.shape}, the example {shapes}",
+                f"{self._path(path)} has shape {found.shape}, the example has {shapes}",
                 fix="compile it for these shapes as well",
             )
         if found.dtype != wanted.dtype and not _can_stand_for(value, found.dtype, wanted.dtype):
             fix = f"convert it: .astype(np.{wanted.dtype.name}), or compile it for {found.dtype} as well"
-            raise self._refusal(f"{self._path(path)} holds {found.dtype}, the example {wanted.dtype}", fix=fix)
+            raise self._refusal(f"{self._path(path)} has type {found.dtype}, the example has {wanted.dtype}", fix=fix)
         try:
             with np.errstate(over="ignore"):
-                # types that are equal have several names, such as long long for int64: the text is given its own
+                # numpy has several types for the same numbers, e.g. long long and int64: the C code gets the latter
                 return np.require(found, wanted.dtype, ["C", "A"]).view(wanted.dtype)
         except (OverflowError, TypeError, ValueError) as reason:
             raise self._refusal(f"{self._path(path)}: {reason}") from None
 
     def __reduce__(self) -> Any:
-        """Pickled and copied as what it is made of, and compiled again from there."""
+        """Pickle and copy the function, example and options. The copy is compiled again."""
         return CompiledFunction, (self._function, self._example, self._lanes, self._threads)
 
     def _path(self, path: Any) -> str:
@@ -268,7 +267,7 @@ class CompiledFunction:
 
 
 def _can_stand_for(value: Any, given: np.dtype[Any], wanted: np.dtype[Any]) -> bool:
-    """Return True if one type may be given for another without loss; Python's own numbers as JAX takes them."""
+    """Return True if a value of one type can be passed for another without loss. Python numbers follow JAX's rules."""
     if type(value) is float:
         return wanted.kind == "f"
     if type(value) is int:
@@ -280,9 +279,9 @@ def _can_stand_for(value: Any, given: np.dtype[Any], wanted: np.dtype[Any]) -> b
 def export_callable(
     function: Callable[..., Any], example: tuple[Any, ...], folder: Path, *, name: str | None = None
 ) -> ExportedFolder:
-    """Write a function of JAX as C99, without compiling it here; see `CompiledFunction.export`."""
+    """Write a JAX function as C99 without compiling it; see `CompiledFunction.export`."""
     name = function_identifier(_function_name(function) if name is None else name)
-    trace_example(function, example, name)  # rejects what cannot be traced
+    trace_example(function, example, name)  # raises InputError if the function cannot be traced
     arguments = jax.tree.map(_example_numbers, example)
     block = function_block(function, arguments, name, _argument_names(function, len(example)))
     return export_function(folder, block, function, arguments)
@@ -306,12 +305,12 @@ def _argument_names(function: Callable[..., Any], count: int) -> list[str]:
 
 
 def _example_numbers(leaf: Any) -> Any:
-    """Return an array of an example; zeros if it is only a shape."""
+    """Return an array of the example, with zeros if the example only states its shape."""
     return np.zeros(leaf.shape, leaf.dtype) if isinstance(leaf, jax.ShapeDtypeStruct) else np.asarray(leaf)
 
 
 def _tree_nodes(tree: Any, results: bool = False) -> list[TreeNode] | None:
-    """Return a tree of tuples, lists, dicts and records node by node, or None if it contains anything else."""
+    """Return the nodes of a tree of tuples, lists, dicts and records, or None if it contains other nodes."""
     nodes = [] if results else None
     try:
         nodes = list(_walk(tree, results))
@@ -349,7 +348,7 @@ def _walk(tree: Any, results: bool) -> Any:
 
 
 def _is_own_parts(tree: tuple[Any, ...]) -> bool:
-    """Return True if JAX takes a named tuple apart into its elements: a class may be registered otherwise."""
+    """Return True if JAX splits a named tuple into its elements; its class may be registered in another way."""
     parts, _ = jax.tree.flatten(tree, is_leaf=lambda x: x is not tree)
     return len(parts) == len(tree) and all(a is b for a, b in zip(parts, tree, strict=True))
 

@@ -1,10 +1,11 @@
-"""Text of the elementary functions that generated code calls: the same bits in scalar C99 and in vectors of C++.
+"""C text of the elementary functions that generated code calls. Scalar C99 and C++ vectors give the same bits.
 
-`runtime/elementary.h` and `special.h` hold each function once, over the tokens F64 (number), U64 (its bits), M64 (truth
-value), INLINE, COLD and FN(name). Here they become plain C: `double` and `tt_name` for one number, `vf64` and
-`ttv_name` for TT_LANES of them. `far.h` has what is computed one number at a time in both.
+`runtime/elementary.h` and `special.h` contain each function once, with the tokens F64 (number), U64 (its bits), M64
+(truth value), INLINE, COLD and FN(name). This module replaces the tokens: by `double` and `tt_name` for one number, by
+`vf64` and `ttv_name` for vectors of TT_LANES numbers. `far.h` contains functions that are always computed for one
+number at a time.
 
-What stands before generated functions: includes, lane types, and the helpers that they use.
+The module also writes the text that precedes generated functions: includes, lane types, and helpers.
 """
 
 import re
@@ -23,27 +24,28 @@ OWN_FUNCTIONS = (
     *("sqrt", "rsqrt", "floor", "ceil", "trunc", "round_even", "round_away"),
 )
 HELPER_FUNCTIONS = ("abs", "copysign", "is_finite", "splat", "all", "any")
-"""Small functions that generated vector code needs as well; `any` only in vectors."""
+"""Small functions that generated code needs as well. `any` exists only for vectors."""
 EXACT_FUNCTIONS = {
     **{name: f"{name}f" for name in ("sqrt", "floor", "ceil", "trunc", "fmod")},
     **{"round_even": "rintf", "round_away": "roundf"},
 }
-"""Functions with correctly rounded results in every C library, by their names for float."""
+"""Functions whose results are correctly rounded in every C library -> their names for float."""
 FUNCTIONS = (*OWN_FUNCTIONS, "fmod")
 SINGLE_PRECISION_NAMES = {name: EXACT_FUNCTIONS.get(name, f"{name}f") for name in FUNCTIONS}
-"""Functions for float by their C library names, called with the suffix f."""
+"""Name of each function in double -> name of the C library's function for float, e.g. sinf."""
 FAR = {"sin": 1, "cos": 1, "tan": 1, "log": 1, "log1p": 1, "atan2": 2, "pow": 2}
-"""Functions with a slow path outside their range, and their number of arguments."""
+"""Functions that have a slow path outside their range -> their number of arguments."""
 
 _LINE = "{inline}{type} {name}({parameters})\n{{\n{body}}}"
 
 
 def elementary_text(lanes: int = 0, names: Iterable[str] | None = None, called: Iterable[str] = ()) -> str:
-    """C text that defines the elementary functions: `tt_sin` for double, `tt_sinf` for float, `ttv_sin` for vectors.
+    """Return C text with the elementary functions: `tt_sin` for double, `tt_sinf` for float, `ttv_sin` for vectors.
 
-    lanes: 0 for C99 (also valid C++), 4 or 8 for C++ that has the vectors `vf64`, `vi64`, `vu64` in addition; the text
-    defines TT_LANES itself. names: those wanted ("sin", "sinf", ...), all by default; what they need comes with them.
-    called: those, such as "tt_sin" or "ttv_sin", that are called, not inlined.
+    lanes: 0 for C99 (also valid C++); 4 or 8 for C++ with the vectors `vf64`, `vi64`, `vu64` in addition. The text
+    defines TT_LANES itself.
+    names: functions to define ("sin", "sinf", ...); by default all. Functions that they call are defined, too.
+    called: functions that must not be inlined, e.g. "tt_sin" or "ttv_sin".
     """
     if lanes not in LANES:
         raise InputError("elementary", f"the number of lanes is {lanes}", choices=map(str, LANES), fix="lanes=0")
@@ -51,7 +53,7 @@ def elementary_text(lanes: int = 0, names: Iterable[str] | None = None, called: 
     known = dict.fromkeys([*FUNCTIONS, *HELPER_FUNCTIONS, *single])
     wanted = list(known) if names is None else list(dict.fromkeys(names))
     if unknown := [name for name in wanted if name not in known]:
-        raise InputError("elementary", f"no function {', '.join(unknown)}", choices=known)
+        raise InputError("elementary", f"unknown function {', '.join(unknown)}", choices=known)
     double = [name for name in wanted if name not in single and name != "any"]
     need = [name[:-1] for name in wanted if name in single and name[:-1] not in EXACT_FUNCTIONS]
     text = [
@@ -73,7 +75,7 @@ def _forbid_inlining(text: str, functions: Iterable[str]) -> str:
 
 @cache
 def _blocks(name: str) -> list[str]:
-    """Return blocks of this runtime text, separated by blank lines: first the prelude, then each function."""
+    """Return the blocks of a file in `runtime`, which blank lines separate: first the prelude, then each function."""
     return files("trimtab.compiler").joinpath("runtime", f"{name}.h").read_text("utf-8").strip().split("\n\n")
 
 
@@ -98,7 +100,7 @@ def _functions(prefix: str) -> dict[str, str]:
 
 
 def _replace_tokens(block: str, vector: bool) -> str:
-    """Return the block with its tokens replaced."""
+    """Return the text of a function with tokens such as F64 and FN(name) replaced, for vectors or for one number."""
     tokens = {"F64": "vf64", "U64": "vu64", "M64": "vi64", "INLINE": "TTV_INLINE", "COLD": "TTV_COLD"}
     if not vector:
         tokens = {"F64": "double", "U64": "uint64_t", "M64": "int", "INLINE": "TT_INLINE", "COLD": "TT_COLD"}
@@ -107,7 +109,10 @@ def _replace_tokens(block: str, vector: bool) -> str:
 
 
 def _lane_by_lane(name: str, arity: int, near: str = "") -> str:
-    """Return vectors through the function for one number; with `near`, y holds for the lanes where near is true."""
+    """Return the text of a vector function that calls the scalar function lane by lane.
+
+    near: name of a mask parameter; lanes where the mask is true keep the value of the parameter y.
+    """
     arguments = ("x", "z")[:arity]
     parameters = [*(["vi64 near"] if near else []), *(f"vf64 {a}" for a in arguments), *(["vf64 y"] if near else [])]
     each = [*(["near[i] != 0"] if near else []), *(f"{a}[i]" for a in arguments), *(["y[i]"] if near else [])]
@@ -118,7 +123,7 @@ def _lane_by_lane(name: str, arity: int, near: str = "") -> str:
 
 
 def _with_dependencies(names: Iterable[str], prefix: str) -> Iterator[str]:
-    """Return the blocks of these functions, each after those that it calls."""
+    """Return the C text of these functions, each after the functions that it calls."""
     functions, done = _functions(prefix), set[str]()
 
     def visit(name: str) -> Iterator[str]:
@@ -135,7 +140,7 @@ def _with_dependencies(names: Iterable[str], prefix: str) -> Iterator[str]:
 
 
 def _single_precision(name: str) -> str:
-    """Return the function of this name for float: double's, rounded, or the C library's (scalar.h, TT_SINGLE)."""
+    """Return the text of a function for float. It calls the function for double, or the C library's (TT_SINGLE)."""
     two = name in ("pow", "fmod", "atan2")
     parameters, arguments = ("float x, float z", "x, z") if two else ("float x", "x")
     library = {"rsqrt": "1.0f / sqrtf(x)", "logistic": "1.0f / (1.0f + expf(-x))"}

@@ -1,4 +1,4 @@
-"""Example arguments of `trimtab.compile`: the permitted types, and the tracing by JAX."""
+"""Example arguments of `trimtab.compile`: checks of their types, and tracing by JAX."""
 
 import functools
 import inspect
@@ -13,35 +13,35 @@ from trimtab.core.errors import InputError
 
 PART = "compile"
 ARRAYS = jax.ShapeDtypeStruct | jax.Array | np.ndarray | np.generic | bool | int | float | complex
-"""Permitted types of an example's arrays."""
+"""Types of the arrays and numbers that an example may contain."""
 
 
 def check_example(example: tuple[Any, ...], name: str) -> None:
-    """Raise InputError for an example that is not a tree of arrays of numbers."""
+    """Raise InputError if an example is not a tree of arrays of numbers."""
     try:
         leaves = jax.tree_util.tree_flatten_with_path(example)[0]
-    except (ValueError, SystemError) as reason:  # such as keys of a dict that cannot be ordered, a list in itself
+    except (ValueError, SystemError) as reason:  # e.g. dict keys that cannot be sorted, or a list that contains itself
         raise InputError(
             PART, f"the example for {name!r} is not a tree: {reason}", fix="use tuples and dicts"
         ) from None
     for path, value in leaves:
         where = f"argument {path[0].idx}{jax.tree_util.keystr(path[1:])} of the example for {name!r}"
         if not isinstance(value, ARRAYS):
-            fix = "give arrays and numbers; fix what is none with functools.partial"
+            fix = "pass arrays and numbers; bind other arguments with functools.partial"
             raise InputError(PART, f"{where} is {type(value).__name__}, not an array", fix=fix)
         if is_key(value):
-            fix = "give jax.random.key_data(key), and begin with key = jax.random.wrap_key_data(words)"
+            fix = "pass jax.random.key_data(key); start the function with key = jax.random.wrap_key_data(words)"
             raise InputError(PART, f"{where} is a typed key", fix=fix)
         try:
             if not isinstance(value, jax.ShapeDtypeStruct):
                 jax.typeof(_native(value))
         except (TypeError, ValueError, OverflowError) as reason:
-            fix = "give arrays of float64, float32, integers or bool"
+            fix = "pass arrays of float64, float32, integers or bool"
             raise InputError(PART, f"{where} cannot be used: {str(reason).splitlines()[0]}", fix=fix) from None
 
 
 def check_results(shapes: Any, name: str) -> None:
-    """Raise InputError for results that numpy cannot hold."""
+    """Raise InputError if a result cannot be a numpy array."""
     for path, value in jax.tree_util.tree_flatten_with_path(shapes)[0]:
         if is_key(value):
             where = f"result{jax.tree_util.keystr(path)} of {name!r}"
@@ -49,7 +49,7 @@ def check_results(shapes: Any, name: str) -> None:
 
 
 def is_key(value: Any) -> bool:
-    """Return True for an array of keys of jax.random."""
+    """Return True if an array contains random keys (jax.random.key)."""
     return isinstance(value, jax.Array | jax.ShapeDtypeStruct) and jaxprs.is_key(value)
 
 
@@ -60,7 +60,7 @@ def _native(value: Any) -> Any:
 
 
 def trace_example(function: Callable[..., Any], example: tuple[Any, ...], name: str) -> Any:
-    """Return the jaxpr in float64, and the shapes of its results; JAX's own settings stay as they are."""
+    """Return the function's jaxpr in float64, and the shapes of its results. JAX's settings stay as they are."""
     if not callable(function):
         raise InputError(PART, f"{type(function).__name__} is not a function", fix="compile(f, *example)")
     with jax.enable_x64(True):
@@ -68,11 +68,11 @@ def trace_example(function: Callable[..., Any], example: tuple[Any, ...], name: 
     try:
         inspect.signature(function).bind(*example)
     except TypeError as reason:
-        raise InputError(PART, f"{name!r} does not take this example: {reason}", fix="give all arguments") from None
+        raise InputError(PART, f"{name!r} does not take this example: {reason}", fix="pass all arguments") from None
     except ValueError:
-        pass  # it has no signature, as functions written in C
+        pass  # it has no signature, as some functions written in C
     try:
-        plain = functools.partial(function)  # a network may have no hash
+        plain = functools.partial(function)  # a neural network may not be hashable
         with jax.enable_x64(True):
             return jax.make_jaxpr(plain, return_shape=True)(*jax.tree.map(_native, example))
     except jax.errors.TracerArrayConversionError as reason:

@@ -1,4 +1,4 @@
-"""Export folder of a block: its C text, a test program, and the test's data."""
+"""Export folder of a block: its C text, a test program, and the data of the test."""
 
 import json
 from collections.abc import Callable
@@ -16,17 +16,18 @@ from trimtab.compiler.structs import Member, row_declarations, row_functions
 from trimtab.core.errors import InputError, argument, argument_name
 
 TOLERANCE = {"f64": 1e-9, "f32": 2e-4}
-"""Tolerance of each output, relative to its largest size in the vectors, or to 1e-3 if that is larger."""
+"""Tolerance of each output, relative to its largest magnitude in the vectors, or to 1e-3 if that is larger."""
 
 ROUNDINGS = 8
-"""Tolerance, in roundings of the largest signal in the same unit: an error of 0.01 ft at 85 000 ft has no more digits
-than the altitude has. Largest seen in the hypersonic climb: 5, in 100 runs of a second and 6 whole ones."""
+"""Tolerance of a signal, in rounding steps (ulp) of the largest signal in the same unit. For example, an altitude error
+of 0.01 ft at 85 000 ft is no more exact than the altitude. The largest difference in the hypersonic climb was 5 steps,
+in 100 runs of one second and 6 complete runs."""
 
 
 class SampleVectors(NamedTuple):
     """Steps of a simulated run: inputs (n, VECTORS_IN) and outputs (n, VECTORS_OUT).
 
-    Arrays of float64, or of Python's own numbers, which hold 64-bit integers exactly (`exact_numbers`).
+    The arrays are of float64, or of Python numbers, which store 64-bit integers exactly (`exact_numbers`).
     """
 
     inputs: Any
@@ -34,7 +35,7 @@ class SampleVectors(NamedTuple):
 
 
 class ExportedFolder(NamedTuple):
-    """Result of an export, and its files."""
+    """Exported block, and the paths of the files written."""
 
     block: BlockText
     files: list[Path]
@@ -43,9 +44,9 @@ class ExportedFolder(NamedTuple):
 def write_folder(
     folder: Path, block: BlockText, vectors: SampleVectors, about: dict[str, Any], real: str
 ) -> list[Path]:
-    """Write all files and return their paths. The folder is created if it is missing.
+    """Write all files of an export and return their paths. The folder is created if it is missing.
 
-    Raises InputError where it cannot be written.
+    Raises InputError if the folder cannot be written.
     """
     names = [f"in.{n}" for n in column_names(block.inputs)] + [f"out.{n}" for n in column_names(block.outputs)]
     rows = np.concatenate([vectors.inputs, vectors.outputs], axis=1)
@@ -87,20 +88,20 @@ def write_folder(
 
 
 def column_names(members: list[Member]) -> list[str]:
-    """Return one name for each number: a path, with the index of an element of an array."""
+    """Return a column name for each number: its path, with the index if it is an element of an array."""
     return [m.path if not m.shape else f"{m.path}[{k}]" for m in members for k in range(m.size)]
 
 
 def exact_numbers(array: Any) -> Any:
-    """Return an array with Python's own numbers, as they are written into vectors."""
+    """Return the array with Python numbers, as they are written to vectors.csv."""
     return np.asarray(array).astype(object)
 
 
 def tolerances(members: list[Member], outputs: Any) -> list[float]:
-    """Return the tolerance of each output against the simulated one; integers and truth values must be equal.
+    """Return the tolerance of each output compared with the simulated one. Integers and truth values must be equal.
 
-    The elements of an array are one signal and have one tolerance, and a signal may be off by ROUNDINGS of the largest
-    in the same unit, as where logs are compared (`run.replay`).
+    The elements of an array are one signal and have the same tolerance. A signal may differ by ROUNDINGS rounding steps
+    of the largest signal in the same unit, as in the comparison of logs (`run.replay`).
     """
     sizes, k = [], 0
     for m in members:
@@ -127,7 +128,7 @@ def _vectors_header(block: BlockText) -> str:
     return "\n".join(
         [
             LICENCE_NOTE,
-            "/* Rows of vectors.csv as structs: the inputs, then the outputs; every number as double. */",
+            "/* Conversion of rows of vectors.csv, with every number as double, to and from structs. */",
             "#ifndef VECTORS_H\n#define VECTORS_H\n",
             f'#include "{block.name}.h"\n',
             row_declarations(block.name, block.inputs, block.outputs),
@@ -149,7 +150,7 @@ def _replay_source(block: BlockText) -> str:
     begin = "" if block.is_function else f"    {n}_defaults(&params);\n    {n}_init(&params, &state{more});\n"
     step = block.call("&params", "&state", "&in", "&out", "workspace")
     return f"""{LICENCE_NOTE}
-/* Flies the inputs of vectors.csv, as a program of yours would fly what its sensors say, and prints the outputs.
+/* Runs the block with the inputs of vectors.csv and prints the outputs. Your program does the same with sensor data.
  *
  *     ./replay vectors.csv > outputs.csv
  */
@@ -192,11 +193,13 @@ int main(int count, char **arguments)
 
 
 WIDE = {"i64": ("(int64_t)strtoll", "PRId64"), "u64": ("(uint64_t)strtoull", "PRIu64")}
-"""Integers that a double does not hold: the functions that read their text, and the format that prints them."""
+"""Integer types too wide for a double -> C function that reads such a number from text, C format that prints it."""
 
 
 def _row_texts(block: BlockText) -> str:
-    """Return functions that set inputs from a row of text, and print outputs as one; 64-bit integers exactly."""
+    """Return C functions that set the inputs from a row of text, and print the outputs as a row of text.
+
+    64-bit integers are read and printed exactly."""
     clear, read, k = [], [], 0
     for m in block.inputs:
         if m.dtype in WIDE:
@@ -234,7 +237,7 @@ def _row_texts(block: BlockText) -> str:
 CMAKE = """cmake_minimum_required(VERSION 3.13)
 project(NAME C)
 set(CMAKE_C_STANDARD 99)
-# Exact results need these: no fused multiply-adds of the compiler's own, in vectorised lines neither; integers wrap.
+# Exact results need these flags: the compiler must not fuse products and sums, also in vectorised code; integers wrap.
 add_compile_options(-ffp-contract=off -fno-tree-slp-vectorize -fwrapv -fno-math-errno)
 add_library(NAME STATIC NAME.c)
 target_include_directories(NAME PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
@@ -249,15 +252,15 @@ def _readme_text(block: BlockText, about: dict[str, Any]) -> str:
     n, real = block.name, about["real"]
     more = ", workspace" if block.workspace else ""
     space = (
-        f"static char workspace[{n.upper()}_WORKSPACE];  /* aligned to 64; nothing there is kept */\n" if more else ""
+        f"static char workspace[{n.upper()}_WORKSPACE];  /* aligned to 64; not kept between calls */\n" if more else ""
     )
     if block.is_function:
-        title, samples = f"{n} as C", f"{about['steps']} arguments, then the results that JAX gives"
+        title, samples = f"{n} as C", f"{about['steps']} rows: the arguments, then the results of JAX"
         use = f"{n}_in in; {n}_out out;\n{space}/* fill in.…: see the comments in {n}.h */\n{n}(&in, &out{more});\n"
-        flags, listed = "what JAX computes", "names, and how far each output may be from that of JAX"
+        flags, listed = "what JAX computes", "names, and the tolerance of each output against that of JAX"
     else:
         title = f"{about['scenario']}: {about['part']} as C"
-        samples = f"{about['steps']} steps of a simulated run: inputs, then the outputs that belong to them"
+        samples = f"{about['steps']} steps of a simulated run: the inputs of each step, then its outputs"
         use = f"""{n}_params p; {n}_state s; {n}_in in; {n}_out out;
 {space}{n}_defaults(&p);              /* the scenario's parameters; change p.… as you like */
 {n}_init(&p, &s{more});
@@ -267,22 +270,22 @@ for (;;) {{                     /* every {about["period_s"] * 1e3:g} ms */
 }}
 """
         flags = "what the simulation computed"
-        listed = "scenario, names, and how far each output may be from the simulated one"
+        listed = "scenario, names, and the tolerance of each output against the simulated one"
     return f"""# {title}
 
-`{n}.h` and `{n}.c` are all that a vehicle needs: C99, {real} precision, no memory allocation, no variables outside
-the structs that you hand over, no recursion. This text may be used under any licence, or none.
+A vehicle needs only `{n}.h` and `{n}.c`: C99, {real} precision, no memory allocation, no variables outside the structs
+that you pass, no recursion. This text may be used under any licence, or none.
 
 ```c
 {use}```
 
 Compile with `-ffp-contract=off -fno-tree-slp-vectorize -fwrapv`, so that it computes {flags}.
 
-| file | what it is |
+| file | content |
 |---|---|
 | `vectors.csv` | {samples} |
-| `vectors.h`, `vectors.c` | its rows as structs |
-| `replay.c` | an example: flies the inputs, prints the outputs |
+| `vectors.h`, `vectors.c` | conversion of its rows to and from structs |
+| `replay.c` | an example: reads the inputs, prints the outputs |
 | `CMakeLists.txt` | builds the library and the example |
 | `export.json` | {listed} |
 
@@ -293,22 +296,22 @@ By hand:    `cc -std=c99 -ffp-contract=off -fno-tree-slp-vectorize -fwrapv {n}.c
 
 
 SAMPLES = 8
-"""Rows of an exported function's test."""
+"""Number of rows in the test of an exported function."""
 
 
 def export_function(
     folder: Path, block: BlockDefinition, function: Callable[..., Any], example: tuple[Any, ...]
 ) -> ExportedFolder:
-    """Write a function as C, with a test: the example's arguments, and others near them.
+    """Write a function as C, with a test that uses the example's arguments and others near them.
 
     Args:
-        folder: made where it is missing.
+        folder: folder of the files; created if it is missing.
         block: the function as a block.
-        function: the same as JAX has it.
-        example: its arguments.
+        function: the function in JAX.
+        example: example arguments of the function.
 
     Raises:
-        InputError: a primitive without C text, a folder that cannot be written.
+        InputError: a JAX primitive cannot be written as C, or the folder cannot be written.
     """
     text = block_text(block)
     rng = np.random.default_rng(1)

@@ -1,4 +1,4 @@
-"""Compile any JAX function: trace, lower, write, and call it through pointers to arrays."""
+"""C text of any JAX function, which is called through pointers to arrays: tracing, lowering and writing."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ from trimtab.compiler.writer import Writer
 
 
 class Function:
-    """Lowered function: its program, its inputs and outputs, as flat lists of arrays."""
+    """Lowered function: its program, and its inputs and outputs as flat lists of arrays."""
 
     def __init__(self, jaxpr: Any, real: str = "f64", hoist: bool = False) -> None:
         self.b = Builder(hoist)
@@ -41,11 +41,11 @@ class Function:
         self.live = prune(self.blocks, kept, [a.buffer for a in self.outputs if a.buffer is not None])
 
     def text(self, name: str, lanes: int = 0) -> str:
-        """Return C, or C++ over lanes, of `void name(const void *const *in, void *const *out, void *, int32_t)`."""
+        """Return C, or C++ for lanes, of `void name(const void *const *in, void *const *out, void *, int32_t)`."""
         return self.program_text(name, lanes).text
 
     def program_text(self, name: str, lanes: int = 0, large_as_data: bool = False) -> "FunctionText":
-        """Return the text, the bytes of workspace that the caller provides, aligned to 64, and large tables."""
+        """Return the C text (C++ for lanes), the size of the workspace that the caller provides, and large tables."""
         blocks = self.blocks
         varying = find_varying(blocks, _array_contents(self.inputs), []) if lanes else None
         if varying is not None:
@@ -80,11 +80,11 @@ class Function:
         return FunctionText(text, size, tables, build_level(blocks, lanes))
 
     def vector_share(self) -> float:
-        """Return the share of its operations that become vectors in a single run."""
+        """Return the fraction of the function's operations that a C compiler vectorises in a single run."""
         return vector_share(self.blocks)
 
     def _result_names(self) -> dict[int, str]:
-        """Let the buffers that are results lie in the caller's arrays."""
+        """Return the C name of the caller's array (e.g. out0) for each result's buffer that can be placed there."""
         own = {id(i.buffer) for block in (self.b.prologue, self.b.top) for i in block.items if isinstance(i, Local)}
         names: dict[int, str] = {}
         for i, a in enumerate(self.outputs):
@@ -95,9 +95,11 @@ class Function:
 
 
 class FunctionText(NamedTuple):
-    """Text of a function, the bytes of workspace that it needs, and the numbers of its large tables.
+    """C text of a function.
 
-    tables: what `NAME_tables` is given once, before the first call.  flags: for the compiler, beyond the usual ones.
+    workspace: bytes of memory, aligned to 64, that the caller provides.
+    tables: arrays that are passed to `NAME_tables` once, before the first call.
+    flags: compiler flags in addition to the usual ones.
     """
 
     text: str
@@ -107,7 +109,7 @@ class FunctionText(NamedTuple):
 
 
 def _array_contents(arrays: list[Array]) -> list[Any]:
-    """Return values and buffers of which arrays consist, offsets included."""
+    """Return the values and buffers of these arrays, offsets included."""
     return [
         thing
         for a in arrays
@@ -116,7 +118,7 @@ def _array_contents(arrays: list[Array]) -> list[Any]:
 
 
 def parameter_array(shape: tuple[int, ...], dtype: str, in_memory: bool) -> Array:
-    """Return a given array: scalars, or a buffer if it is large or indexed."""
+    """Return an input array: scalars, or a buffer if the array is large or must be in memory."""
     size = math.prod(shape)
     if is_small(shape) and not in_memory:
         return scalars([Value("input", (), dtype) for _ in range(size)], shape, dtype)
@@ -180,6 +182,6 @@ def _lane_number(text: str, dtype: str) -> str:
 
 
 def lower_function(function: Callable[..., Any], arguments: Sequence[Any], real: str = "f64") -> Function:
-    """Lower a JAX function for arguments of these shapes and types."""
+    """Lower a JAX function for arguments with the shapes and types of the given ones."""
     with jax.enable_x64(True):
         return Function(jax.make_jaxpr(function)(*arguments), real)

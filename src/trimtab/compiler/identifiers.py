@@ -1,4 +1,4 @@
-"""Names that C and C++ accept: ASCII, no words of the languages, no macros, no names of the C library."""
+"""Names that are valid in C and C++: ASCII, and neither a reserved word, a macro, nor a name of the C library."""
 
 import re
 import unicodedata
@@ -9,7 +9,7 @@ auto break case char const continue default do double else enum extern float for
 restrict return short signed sizeof static struct switch typedef typeof typeof_unqual union unsigned void volatile while
 asm fortran near far huge interrupt
 """
-"""Words of C up to C23, and words that compilers add."""
+"""Reserved words of C up to C23, and those that compilers add."""
 CPP_WORDS = """
 alignas alignof and and_eq atomic_cancel atomic_commit atomic_noexcept bitand bitor bool catch char8_t char16_t char32_t
 class co_await co_return co_yield compl concept const_cast consteval constexpr constinit contract_assert decltype delete
@@ -17,14 +17,14 @@ dynamic_cast explicit export false friend import module mutable namespace new no
 or_eq private protected public reflexpr reinterpret_cast requires static_assert static_cast std synchronized template
 this thread_local throw true try typeid typename using virtual wchar_t xor xor_eq
 """
-"""Words of C++ up to C++26, and the namespace of its library."""
+"""Reserved words of C++ up to C++26, and the namespace of its library."""
 PYTHON_WORDS = "as async await def del elif except finally from global in is lambda nonlocal pass raise with yield"
-"""Words of Python that Python programs around the C code cannot use as an attribute."""
+"""Reserved words of Python, which a Python program that calls the C code cannot use as an attribute."""
 MACROS = """
 assert complex environ errno hpux i386 imaginary linux m68k math_errhandling mips noreturn offsetof optarg pixel
 ppc signgam sparc stdalign stderr stdin stdout sun unix unreachable vax vector I PI B0 IN OK
 """
-"""Macros of C libraries, systems and compilers. Names of three capital letters or more count as macros, too."""
+"""Macros of C libraries, systems and compilers. Names of three or more capitals count as macros, too."""
 INTEGER_TYPES = r"u?int(_fast|_least)?\d+_t|u?int(max|ptr)_t|s?size_t|ptrdiff_t|(double|float|max_align|va_list|wint)_t"
 
 REAL_FUNCTIONS = """
@@ -36,7 +36,7 @@ j0 j1 jn ldexp lgamma llogb llrint llround log log10 log1p log2 logb lrint lroun
 nextdown nexttoward nextup pow remainder remquo rint round roundeven scalb scalbln scalbn setpayload setpayloadsig
 significand sin sincos sinh sqrt tan tanh tgamma totalorder totalordermag trunc ufromfp ufromfpx y0 y1 yn
 """
-"""Functions of the C library for double. Each has two more for float and long double, with f and l behind the name."""
+"""Functions of the C library for double. The names for float and long double have the suffix f or l."""
 FUNCTIONS = """
 a64l abort abs accept accept4 access acct adjtime alarm aligned_alloc alloca arc4random arc4random_buf
 arc4random_uniform asctime asprintf assert at_quick_exit atexit atof atoi atol atoll basename bcmp bcopy bind brk
@@ -87,12 +87,12 @@ wcsftime wcslen wcsncasecmp wcsncat wcsncmp wcsncpy wcsnlen wcsnrtombs wcspbrk w
 wcstof wcstoimax wcstok wcstol wcstold wcstoll wcstombs wcstoq wcstoul wcstoull wcstoumax wcstouq wcswcs wcswidth
 wcsxfrm wctob wctomb wctrans wctype wcwidth wmemchr wmemcmp wmemcpy wmemmove wmempcpy wmemset wprintf write wscanf
 """
-"""Other functions and variables of the C library and of POSIX, and functions that compilers know."""
+"""Other functions and variables of the C library and of POSIX, and built-in functions of compilers."""
 OWN_FILES = "arguments at count default file inputs line main memory out outputs replay state params vectors workspace"
 """Names that the files of an exported function use themselves."""
 OWN_NAMES = r"(tt|ttv|tv|TT|TTV)_\w*|v[fiu]\d+|(a|i|m|v|x|table|default)\d+|\w+_t|\w+_(r|l|np|unlocked)"
 OWN_NAMES += r"|(clock|posix|pthread|sched|sem|timer)_\w*|vectors_(set_in|get_out)"
-"""Further names that functions cannot have: of generated text, of types, and of families of the C library."""
+"""Pattern of further names that functions cannot have: those of generated text, of types, and of POSIX functions."""
 
 RESERVED = frozenset(" ".join((C_WORDS, CPP_WORDS, PYTHON_WORDS, MACROS)).split())
 RESERVED_FUNCTIONS = frozenset(
@@ -101,7 +101,7 @@ RESERVED_FUNCTIONS = frozenset(
 
 
 def identifier(name: str) -> str:
-    """Return a struct member's name: ASCII, underscore before a digit and after a reserved word or a macro.
+    """Return a valid C struct member name: ASCII, with an underscore before a digit or after a reserved word or macro.
 
     >>> [identifier(name) for name in ("rate", "new", "a b", "2nd", "NAN", "\u03b8_0")]
     ['rate', 'new_', 'a_b', '_2nd', 'NAN_', 'theta_0']
@@ -114,7 +114,7 @@ def identifier(name: str) -> str:
 
 
 def function_identifier(name: str) -> str:
-    """Return a function's name, with an underscore after names used by the C library or the generated text.
+    """Return a valid C function name, with an underscore after a name of the C library or the generated text.
 
     >>> [function_identifier(name) for name in ("cost", "read", "sin", "export", "tt_sin")]
     ['cost', 'read_', 'sin_', 'export_', 'tt_sin_']
@@ -124,7 +124,7 @@ def function_identifier(name: str) -> str:
 
 
 def distinct(name: str, taken: Collection[str]) -> str:
-    """Return a free name: the same, or with a number after it."""
+    """Return the name itself, or with a number added if the name is taken."""
     made, number = name, 2
     while made in taken:
         made, number = f"{name}_{number}", number + 1
@@ -132,7 +132,7 @@ def distinct(name: str, taken: Collection[str]) -> str:
 
 
 def _ascii(character: str) -> str:
-    """Return a letter in ASCII: without its accent, or the name of a Greek letter."""
+    """Return a letter in ASCII: a letter without its accent, a Greek letter by its name, else an underscore."""
     if character.isascii():
         return character
     plain = "".join(c for c in unicodedata.normalize("NFKD", character) if not unicodedata.combining(c))

@@ -1,7 +1,8 @@
-"""Program between JAX and C: scalars computed once, buffers for large arrays, branches and loops.
+"""Intermediate representation between JAX and C: scalar values, buffers for large arrays, branches and loops.
 
-Every value is assigned once and belongs to one block; equal computations are found and shared. A branch joins values,
-a loop carries them. The same program is printed as scalar C or as C++ over lanes.
+Each value is assigned once and belongs to one block. Equal computations are found and done once. The results of a
+branch are joins; values that pass from one turn of a loop to the next are carries. The same program is written as
+scalar C, or as C++ for lanes (vectors with one run in each lane).
 """
 
 from collections.abc import Callable, Iterator
@@ -31,47 +32,47 @@ NAMES = {np.dtype(t): name for name, t in TYPES.items()}
 
 
 def is_float(dtype: str) -> bool:
-    """Return True if values of this type are floating point."""
+    """Return True if this is a floating-point type."""
     return dtype[0] == "f"
 
 
 class Block:
-    """Sequence of statements."""
+    """Block of a program: a sequence of statements."""
 
     def __init__(self) -> None:
         self.items: list[Any] = []
 
 
 class Define:
-    """Computation of a value."""
+    """Statement that computes a value."""
 
     def __init__(self, value: Value) -> None:
         self.value = value
 
 
 class Local:
-    """Beginning of a buffer's life in this block."""
+    """Statement that declares a buffer in a block."""
 
     def __init__(self, buffer: Buffer) -> None:
         self.buffer = buffer
 
 
 class Store:
-    """Assignment buffer[index] = value."""
+    """Statement that writes a value to buffer[index]."""
 
     def __init__(self, buffer: Buffer, index: Value, value: Value) -> None:
         self.buffer, self.index, self.value = buffer, index, value
 
 
 class If:
-    """Branch; joins are (result, value of the first block, value of the second)."""
+    """Branch statement. joins: (result, its value from the first block, its value from the second block)."""
 
     def __init__(self, test: Value, first: Block, second: Block) -> None:
         self.test, self.first, self.second = test, first, second
         self.joins: list[tuple[Value, Value, Value]] = []
 
     def join(self, x: Value, y: Value) -> Value:
-        """Result of a branch: x if the first block is taken, else y."""
+        """Return the result of the branch that is x if the first block is taken, else y."""
         if x is y:
             return x
         joined = Value("join", (), x.dtype)
@@ -80,16 +81,17 @@ class If:
 
 
 class Emit:
-    """Values that are given to the outside, as text by the printer of the program."""
+    """Statement that outputs values, e.g. a row of the log. The writer's `record` writes its text."""
 
     def __init__(self, values: list[Value]) -> None:
         self.values = values
 
 
 class Loop:
-    """Loop `count` times (a number, its name, or a value equal in all lanes), or while the head block's test holds.
+    """Loop statement that repeats `count` times or, if count is None, while the test computed in its head block holds.
 
-    carries are (variable, start, next).
+    count: a number, its name in C, or a value that is equal in all lanes.
+    carries: (variable, value before the first turn, value after each turn).
     """
 
     def __init__(self, count: "int | str | Value | None", index: Value, body: Block) -> None:
@@ -100,7 +102,7 @@ class Loop:
 
 
 class Builder:
-    """Writer of a program. With `hoist`, computations on invariant inputs alone are moved to its beginning, once."""
+    """Builder of a program. With `hoist`, computations that use only invariant inputs move to its beginning."""
 
     def __init__(self, hoist: bool = False) -> None:
         self.prologue, self.top = Block(), Block()
@@ -116,7 +118,7 @@ class Builder:
 
     @contextmanager
     def write_into(self, block: Block) -> Iterator[None]:
-        """Write into a block; values computed there are unknown outside."""
+        """Append statements to this block. Values computed in it cannot be used outside it."""
         self.blocks.append(block)
         self.known.append({})
         try:
@@ -127,11 +129,11 @@ class Builder:
 
     @property
     def is_in_loop(self) -> bool:
-        """Return True if the code written now may be computed more than once."""
+        """Return True if the statements added now are inside a loop or branch."""
         return len(self.blocks) > 2
 
     def before_all(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return the value with this key, else make it now, before every loop and branch that is being written."""
+        """Return the value with this key. If it is new, compute it before all loops and branches that are open."""
         if key not in self.known[1]:
             blocks, known = self.blocks, self.known
             self.blocks, self.known = blocks[:2], known[:2]
@@ -140,14 +142,14 @@ class Builder:
         return self.known[1][key]
 
     def memoise(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return the value with this key, here or in an enclosing block; else make it now."""
+        """Return the value with this key from this block or an enclosing one. If there is no such value, make it."""
         for table in reversed(self.known):
             if key in table:
                 return table[key]
         return self.known[-1].setdefault(key, make())
 
     def const(self, number: Any, dtype: str) -> Value:
-        """Return a constant."""
+        """Return a constant number of this type as a value."""
         exact = np.asarray(number).astype(TYPES[dtype])
         key = dtype, exact.tobytes()
         if key not in self.constants:
@@ -155,11 +157,11 @@ class Builder:
         return self.constants[key]
 
     def index(self, number: int) -> Value:
-        """Return a constant index."""
+        """Return a constant index (int32) as a value."""
         return self.constants.get(number) or self.constants.setdefault(number, self.const(number, "i32"))
 
     def op(self, op: str, *args: Value, dtype: str, attr: Any = None) -> Value:
-        """Return a computed value: folded, found again, or new."""
+        """Return the value of an operation: a known constant, an equal value computed before, or a new one."""
         folded = _fold(self, op, args, dtype)
         if folded is not None:
             return folded
@@ -175,7 +177,7 @@ class Builder:
         return value
 
     def load(self, buffer: Buffer, index: Value) -> Value:
-        """Return an element of a buffer, as it is now."""
+        """Return the present value of an element of a buffer."""
         if buffer.data is not None and index.op == "const":
             return self.const(buffer.data[int(index.const)], buffer.dtype)
         if buffer.is_read_only:
@@ -185,19 +187,19 @@ class Builder:
         return value
 
     def local_buffer(self, dtype: str, size: int) -> Buffer:
-        """Return a new buffer of this block."""
+        """Declare a new buffer in the current block and return it."""
         buffer = Buffer(dtype, size, "local")
         self.block.items.append(Local(buffer))
         return buffer
 
     def store(self, buffer: Buffer, index: Value, value: Value) -> None:
-        """Write one element."""
+        """Write one element of a buffer."""
         self.block.items.append(Store(buffer, index, value))
 
     def loop(
         self, count: int | Value, starts: list[Value], body: Callable[[Value, list[Value]], list[Value]]
     ) -> list[Value]:
-        """Run body(index, carried) `count` times; return the values carried at the end."""
+        """Write a loop that runs body(index, carried) `count` times. Return the values carried at its end."""
         made = Loop(count, Value("index", (), "i32", attr=count), Block())
         variables = [Value("carry", (), s.dtype) for s in starts]
         with self.write_into(made.body):
@@ -207,7 +209,7 @@ class Builder:
         return variables
 
     def repeat(self, count: int | Value, body: Callable[[Value], None]) -> None:
-        """Run body(index) `count` times."""
+        """Write a loop that runs body(index) `count` times."""
 
         def nothing(index: Value, carried: list[Value]) -> list[Value]:
             body(index)
@@ -221,7 +223,7 @@ class Builder:
         test: Callable[[list[Value]], Value],
         body: Callable[[list[Value]], list[Value]],
     ) -> list[Value]:
-        """Run body(carried) while test(carried) holds."""
+        """Write a loop that runs body(carried) while test(carried) holds. Return the values carried at its end."""
         made = Loop(None, Value("index", (), "i32"), Block())
         variables = [Value("carry", (), s.dtype) for s in starts]
         with self.write_into(made.head):
@@ -233,7 +235,7 @@ class Builder:
         return variables
 
     def branch(self, test: Value, first: Callable[[], Value], second: Callable[[], Value]) -> Value:
-        """Return first() if the test holds, else second(); only one of them is computed."""
+        """Write a branch and return its result: first() if the test holds, else second(). Only one is computed."""
         made = If(test, Block(), Block())
         with self.write_into(made.first):
             x = first()
@@ -254,7 +256,7 @@ _COMPARISONS: dict[str, Callable[[Any, Any], Any]] = {
 
 
 def _are_zeros(x: Any, y: Any) -> bool:
-    """Return True for two zeros of floats. -0 is smaller than +0, which numpy does not promise."""
+    """Return True if both numbers are floating-point zeros. -0 is less than +0 here; numpy does not guarantee that."""
     return x == 0 and y == 0 and isinstance(x, np.floating)
 
 
@@ -277,10 +279,10 @@ _ARITHMETIC: dict[str, Callable[..., Any]] = {
 
 
 def _fold(b: Builder, op: str, args: tuple[Value, ...], dtype: str) -> Value | None:
-    """Return the known value of an operation, or None.
+    """Return the value of an operation if it is known without computing it at run time, else None.
 
-    Arithmetic on known numbers, and identities that are exact for every input: NaN, infinities, signed zeros. A product
-    with zero is not folded: it is NaN where the other factor is not finite.
+    It is known for constant operands, and by identities that are exact for every input, including NaN, infinities and
+    signed zeros. A product with zero is not folded: it is NaN if the other factor is not finite.
     """
     if op == "select":
         return _fold_select(b, args)
@@ -348,7 +350,7 @@ def _fold_comparison(b: Builder, op: str, value: Value, wanted: bool) -> Value |
 
 
 def _is_number(value: Value, number: float) -> bool:
-    """Return True if a value is exactly this number, including the sign of a zero."""
+    """Return True if a value is the constant `number`, including the sign of a zero."""
     if value.op != "const" or value.const != number:
         return False
     return not is_float(value.dtype) or np.signbit(value.const) == np.signbit(np.float64(number))

@@ -1,6 +1,6 @@
-"""Reader of jaxprs: the only module that depends on what differs between versions of JAX.
+"""Reader of jaxprs: the only module that depends on differences between versions of JAX.
 
-A version or a form of a program that this module does not know is an InputError with the version.
+An unsupported version of JAX, or a jaxpr of unknown form, raises InputError with the version.
 """
 
 import functools
@@ -19,7 +19,7 @@ from trimtab.core.errors import InputError, install_command
 T = TypeVar("T")
 
 SUPPORTED = "jax>=0.10,!=0.10.2,<0.13"
-"""Versions of JAX that this module can read, as in pyproject.toml."""
+"""Versions of JAX that this module supports, as in pyproject.toml."""
 
 
 def version_error(problem: str) -> InputError:
@@ -38,7 +38,7 @@ def check_version(version: tuple[int, ...]) -> None:
 
 check_version(jax.__version_info__)
 
-# After the check: these have other names in other versions.
+# Imported after the check, because these modules have other names in other versions.
 PRIMITIVES: Any = import_module("jax.extend.core.primitives")
 SPECIAL: Any = import_module("jax._src.lax.special")
 SOURCES: Any = import_module("jax._src.source_info_util")
@@ -57,7 +57,7 @@ CALLS = {
 
 
 class Scan(NamedTuple):
-    """Scan: constants, carried values and slices, in this order, are the inputs of the body."""
+    """Parameters of a scan. The inputs of its body are constants, carried values and slices, in this order."""
 
     body: ClosedJaxpr
     constants: int
@@ -67,7 +67,7 @@ class Scan(NamedTuple):
 
 
 class While(NamedTuple):
-    """While loop: constants of the test, constants of the body, carried values."""
+    """Parameters of a while loop. Its operands are constants of the test, constants of the body, and carried values."""
 
     test: ClosedJaxpr
     test_constants: int
@@ -76,7 +76,7 @@ class While(NamedTuple):
 
 
 def _reader(read: Callable[[Any], T]) -> Callable[[Any], T]:
-    """Make a function that reads the parameters of an equation raise InputError for a form that it does not know."""
+    """Return a reader of an equation's parameters that raises InputError if the parameters have an unknown form."""
 
     @functools.wraps(read)
     def read_form(equation: Any) -> T:
@@ -91,25 +91,25 @@ def _reader(read: Callable[[Any], T]) -> Callable[[Any], T]:
 
 
 def primitive_name(primitive: Any) -> str:
-    """Return a primitive's name; closed_call, which JAX from 0.11 on names eval_jaxpr, keeps its old name."""
+    """Return a primitive's name. closed_call keeps this name, although JAX names it eval_jaxpr from 0.11 on."""
     return "closed_call" if primitive is PRIMITIVES.closed_call_p else primitive.name
 
 
 def close_jaxpr(jaxpr: Any, consts: Any = ()) -> ClosedJaxpr:
-    """Return a jaxpr with its constants."""
+    """Return a closed jaxpr: the jaxpr with its constants."""
     return jaxpr if hasattr(jaxpr, "consts") else ClosedJaxpr(jaxpr, consts)
 
 
 @_reader
 def program_of_call(equation: Any) -> ClosedJaxpr | None:
-    """Return the program that an equation merely calls, or None."""
+    """Return the program that an equation calls, or None if the equation is not a call."""
     key = CALLS.get(primitive_name(equation.primitive))
     return None if key is None else close_jaxpr(equation.params[key])
 
 
 @_reader
 def linear_solution(equation: Any) -> tuple[ClosedJaxpr, int, int]:
-    """Return the solving program of a custom_linear_solve, and the range of operands that are its constants."""
+    """Return the solver of a custom_linear_solve, and the first and end position of its constants in the operands."""
     lengths, programs = equation.params["const_lengths"], equation.params["jaxprs"]
     first = lengths.matvec + lengths.vecmat
     return close_jaxpr(programs.solve), first, first + lengths.solve
@@ -123,24 +123,24 @@ def right_side_count(equation: Any) -> int:
 
 @_reader
 def platform_position(equation: Any) -> int:
-    """Return the branch of lax.platform_dependent for a CPU."""
+    """Return the position of the branch of lax.platform_dependent that a CPU takes."""
     platforms = equation.params["platforms"]
     chosen = [i for i, names in enumerate(platforms) if names is not None and "cpu" in names]
     return chosen[0] if chosen else platforms.index(None)
 
 
 SPECIAL_FUNCTIONS = ("igamma", "igammac", "igamma_grad_a", "regularized_incomplete_beta", "bessel_i0e")
-"""Return the primitives that JAX compiles by a program of its own."""
+"""Primitives that JAX computes by a program written in JAX."""
 
 
 def special_function(name: str) -> Any:
-    """Return the program of JAX for a special function, on arrays of one shape."""
+    """Return JAX's program for a special function. Its operands must have the same shape."""
     program = getattr(SPECIAL, f"{name}_impl")
     return program if name == "bessel_i0e" else lambda *x: program(*x, dtype=x[0].dtype)
 
 
 def draw_gamma(key: Any, shape: Any, *, log_space: bool) -> Any:
-    """Return JAX's own program of random_gamma: Marsaglia and Tsang's method, one number after the other."""
+    """Draw from the gamma distribution with JAX's own program: Marsaglia and Tsang's method, number by number."""
     return RANDOM._gamma_impl(key, shape, log_space=log_space)
 
 
@@ -152,23 +152,23 @@ def raises_of_equinox(equation: Any) -> bool:
 
 
 def is_key(aval: Any) -> bool:
-    """Return True if an array holds keys of jax.random."""
+    """Return True if an array contains random keys (jax.random.key)."""
     return bool(jax.numpy.issubdtype(aval.dtype, jax.dtypes.prng_key))
 
 
 def physical_shape(aval: Any) -> tuple[int, ...]:
-    """Return the shape of an array in memory: a key has an axis of words."""
+    """Return the shape of an array in memory. An array of random keys has an additional axis for the words of a key."""
     return (*aval.shape, *aval.dtype._impl.key_shape) if is_key(aval) else aval.shape
 
 
 def physical_type(aval: Any) -> Any:
-    """Return the type of an array in memory."""
+    """Return the type of an array's numbers in memory: uint32 for random keys."""
     return np.dtype(np.uint32) if is_key(aval) else aval.dtype
 
 
 @_reader
 def key_implementation(equation: Any) -> Any:
-    """Return the generator of random numbers that an equation names, or of its keys."""
+    """Return the random generator that an equation names, or else that of its keys."""
     return equation.params["impl"] if "impl" in equation.params else equation.invars[0].aval.dtype._impl
 
 
@@ -183,9 +183,10 @@ NEWER = {
 
 
 def implementation(equation: Any) -> Any:
-    """Return the JAX function for a primitive of another package, or None for JAX's own.
+    """Return the JAX function that computes a primitive of another package, or None for a primitive of JAX.
 
-    Of JAX's own there are two from 0.11 on that were made of others before: log2, and searchsorted as a whole.
+    Two primitives of JAX have a function here: log2, and call_hi_primitive (searchsorted). They are new in 0.11. Before
+    that, JAX composed them of other primitives.
     """
     if equation.primitive.name in NEWER:
         return NEWER[equation.primitive.name]
@@ -196,7 +197,7 @@ def implementation(equation: Any) -> Any:
 
 @_reader
 def scan_parameters(equation: Any) -> Scan:
-    """Return the parameters of a scan. JAX from 0.11 on has constants, carries, slices as a tree, before as counts."""
+    """Return the parameters of a scan. JAX groups a scan's inputs in a tree from 0.11 on, before that by counts."""
     p = equation.params
     if "ft_in" in p:
         constants, carries, _ = (len(list(part)) for part in p["ft_in"].unpack())
@@ -214,17 +215,17 @@ def while_parameters(equation: Any) -> While:
 
 @_reader
 def cond_branches(equation: Any) -> list[ClosedJaxpr]:
-    """Return the branches of a cond; its first operand is the index of the one that is taken."""
+    """Return the branches of a cond. The first operand of the cond is the index of the branch that is taken."""
     return [close_jaxpr(j) for j in equation.params["branches"]]
 
 
 def literal_value(atom: Any) -> Any:
-    """Return the number of a literal, or None for a variable."""
+    """Return the value of a literal, or None for a variable."""
     return np.asarray(atom.val) if isinstance(atom, Literal) else None
 
 
 def source_line(equation: Any) -> str | None:
-    """Return file:line of the Python that made an equation, or None if it is all JAX's own, or the compiler's."""
+    """Return file:line of the user's Python that made an equation, or None if only JAX or this compiler made it."""
     frame: Any = SOURCES.user_frame(equation.source_info.traceback)
     if frame is None or frame.file_name.startswith(OWN_FOLDER):
         return None
@@ -249,7 +250,7 @@ def indexed_inputs(jaxpr: Any, skip: int = 0) -> set[int]:
 
 
 def _inner_programs(equation: Any) -> list[tuple[Any, Any]]:
-    """Return the programs inside an equation, each with its operands, one for each of its inputs."""
+    """Return the programs inside an equation, each with the operands for its inputs."""
     call = program_of_call(equation)
     if call is not None:
         return [(call.jaxpr, equation.invars)]
@@ -257,7 +258,7 @@ def _inner_programs(equation: Any) -> list[tuple[Any, Any]]:
     if name == "cond":
         return [(j.jaxpr, equation.invars[1:]) for j in cond_branches(equation)]
     if name == "scan":
-        # slices are one axis shorter inside: whether they are indexed there says nothing of the whole
+        # slices are left out: they have one axis less inside, and an index into a slice is none into the whole array
         p = scan_parameters(equation)
         return [(p.body.jaxpr, equation.invars[: p.constants + p.carries])]
     if name == "while":

@@ -1,6 +1,6 @@
-"""Lowering of a jaxpr to a program: calls are inlined, large arrays changed in place if the old one is not read later.
+"""Lowering of a jaxpr to a program. Calls are inlined. A large array is changed in place if it is not read later.
 
-A primitive that has no rule is refused with its name, the Python line that made it, and what to write instead.
+A primitive without a rule raises InputError with its name, the Python line that made it, and an alternative.
 """
 
 import math
@@ -24,13 +24,13 @@ Rule = Callable[["Site"], list[Array]]
 ALTERNATIVES = {
     "eig": "jnp.linalg.eigh for symmetric matrices, or do it before the flight, in design/",
     "schur": "jnp.linalg.eigh for symmetric matrices, or do it before the flight, in design/",
-    "fft": "a sum of products with cosines and sines that were computed before: jnp.cos(k n) @ x",
-    "rng_bit_generator": "jax.random.key(seed), without impl: its bits are threefry's",
-    "reduce_window": "jax.lax.reduce_window with jax.lax.max and -jnp.inf, or jax.lax.add and 0.0: numbers of Python",
+    "fft": "a sum of products with cosines and sines that are computed beforehand: jnp.cos(k n) @ x",
+    "rng_bit_generator": "jax.random.key(seed) without impl, which uses the generator threefry",
+    "reduce_window": "jax.lax.reduce_window with jax.lax.max and -jnp.inf, or jax.lax.add and 0.0, as Python numbers",
     "reduce": "jax.lax.fori_loop over the elements, or jnp.sum, prod, max, min, any and all",
-    "reduce_precision": "x.astype(jnp.float32).astype(jnp.float64): rounding to another type",
-    "select_and_scatter_add": "x.reshape(-1, width).max(axis=1) for windows side by side: its gradient compiles",
-    "select_and_gather_add": "x.reshape(-1, width).max(axis=1) for windows side by side: its derivative compiles",
+    "reduce_precision": "x.astype(jnp.float32).astype(jnp.float64), which rounds to another type",
+    "select_and_scatter_add": "x.reshape(-1, width).max(axis=1) for windows side by side, whose gradient compiles",
+    "select_and_gather_add": "x.reshape(-1, width).max(axis=1) for windows side by side, whose derivative compiles",
     "approx_top_k": "jax.lax.top_k(x, k), which is exact",
     "pure_callback": "plain jax.numpy: flight code cannot call back into Python",
     "io_callback": "a result of the function, or a logged signal: flight code cannot call back into Python",
@@ -40,26 +40,26 @@ ALTERNATIVES = {
 
 
 CONTROL = ("cond", "scan", "while")
-"""Primitives whose programs lower their own operands."""
+"""Primitives with programs inside, which move their operands to memory themselves if needed."""
 
 UPDATING = ("dynamic_update_slice", "scatter")
 """Primitives that write elements of their first operand."""
 
 CALLBACKS = ("pure_callback", "io_callback", "debug_callback", "debug_print")
-"""Primitives that run Python, which must not run while a program is lowered."""
+"""Primitives that call Python code, which must not run while a program is lowered."""
 
 
 class CompilerFaultError(InputError):
-    """Failure of the compiler on a program that it should have compiled or rejected."""
+    """Error: trimtab's compiler failed on a program that it should have compiled or rejected."""
 
 
 @contextmanager
 def report_fault(what: str, where: Callable[[], str] | None = None) -> Iterator[None]:
-    """Report an unexpected exception once as a fault of trimtab, with the information to send.
+    """Raise CompilerFaultError in place of an unexpected exception, with the information that a user should report.
 
     Args:
-        what: is being compiled, for the message.
-        where: gives the user's line from which the failing program comes.
+        what: text for the message: the thing being compiled.
+        where: returns the user's line from which the failing program comes.
     """
     try:
         yield
@@ -69,12 +69,12 @@ def report_fault(what: str, where: Callable[[], str] | None = None) -> Iterator[
         line = f" at {where()}" if where else ""
         versions = f"trimtab {__version__}, JAX {jax.__version__}, Python {platform.python_version()}"
         problem = f"trimtab failed on {what}{line} with {type(reason).__name__}: {reason} ({versions})"
-        fix = "report this fault of trimtab: send this message, the function, and the shapes and types of its example"
+        fix = "report this fault of trimtab with this message, the function, and the shapes and types of its example"
         raise CompilerFaultError("compiler", problem, fix=fix) from reason
 
 
 class Site:
-    """Equation with its operands: the input of a rule."""
+    """Equation of a jaxpr with its operands: the input of a rule."""
 
     def __init__(self, lowering: "Lowering", equation: Any, operands: list[Array], dying: list[bool]) -> None:
         self.lowering, self.equation, self.operands, self.dying = lowering, equation, operands, dying
@@ -85,12 +85,12 @@ class Site:
         self.dtype: str = lowering.type_name(jaxprs.physical_type(aval)) if aval is not None else ""
 
     def inline(self, jaxpr: Any, operands: list[Array], dying: list[bool] | None = None) -> list[Array]:
-        """Return the results of another program on these operands; those not read later may be changed in place."""
+        """Return the results of another program on these operands. dying: operands that may be changed in place."""
         return self.lowering.lower_program(jaxpr, operands, dying or [False] * len(operands))
 
 
 class Lowering:
-    """Lowering of programs into a builder. rules: by primitive name. real: "f64", or "f32" for every float64."""
+    """Lowering of jaxprs into a builder. rules: by primitive name. real: "f64", or "f32" in place of float64."""
 
     def __init__(self, b: Builder, rules: dict[str, Rule], real: str = "f64") -> None:
         self.b, self.rules, self.real = b, rules, real
@@ -102,10 +102,10 @@ class Lowering:
             found = jaxprs.source_line(equation)
             if found is not None:
                 return found
-        return "a line of JAX's own"
+        return "a line inside JAX"
 
     def type_name(self, dtype: Any) -> str:
-        """Return our name of a JAX type."""
+        """Return the compiler's short name of a JAX type, e.g. f64."""
         try:
             name = type_name(dtype)
         except (KeyError, TypeError):
@@ -118,14 +118,12 @@ class Lowering:
         return self.real if name == "f64" else name
 
     def check_sizes(self, variables: Any) -> None:
-        """Raise InputError for arrays beyond the reach of a 32-bit index."""
+        """Raise InputError if an array has too many elements for a 32-bit index."""
         for shape in (jaxprs.physical_shape(v.aval) for v in variables):
             if math.prod(shape) >= 2**31:
                 where = f", from {self.source_line()}," if self.around else ""
                 problem = f"an array of shape {shape}{where} has {math.prod(shape)} elements"
-                raise InputError(
-                    "export", problem, fix="use arrays of fewer than 2**31 elements: their index has 32 bits"
-                )
+                raise InputError("export", problem, fix="use arrays of fewer than 2**31 elements: an index has 32 bits")
 
     def new_array(self, aval: Any) -> Array:
         """Return a new buffer for an array of this abstract value."""
@@ -142,7 +140,7 @@ class Lowering:
         return [array for array, _ in results]
 
     def _lower_equations(self, jaxpr: Any, operands: list[Array], dying: list[bool]) -> list[tuple[Array, bool]]:
-        """Return the results, some with pending updates, and whether each one's buffer has no other reader."""
+        """Return the results, some with pending updates. A result is paired with True if its buffer may be changed."""
         inner = jaxpr.jaxpr
         env: dict[Any, Array] = {}
         doomed: dict[Any, bool] = {}
@@ -205,10 +203,10 @@ class Lowering:
         return rule(site)
 
     def _known_results(self, equation: Any, operands: list[Array]) -> list[Array] | None:
-        """Return the results if they are tables of integers or truth values from such tables: mostly indices.
+        """Return the results if they are large tables of integers or truth values, computed from known ones; else None.
 
-        Floats are left to the code, whose elementary functions are not quite JAX's; so are results of a few scalars,
-        which are known one by one.
+        Such tables are mostly indices. Floats are computed at run time, because elementary functions in C differ from
+        JAX's in the last bit. Small results are left out, too: their scalars are folded one by one.
         """
         name = equation.primitive.name
         if not operands or not equation.outvars or name in CONTROL or name in CALLBACKS:
@@ -217,30 +215,30 @@ class Lowering:
         if all(map(is_small, shapes)) or max(map(math.prod, shapes)) > LONGEST_TABLE:
             return None
         types = [getattr(v.aval, "dtype", None) for v in [*equation.outvars, *equation.invars]]
-        if not all(isinstance(t, np.dtype) and t.kind in "biu" for t in types):  # the type of a key is JAX's own
+        if not all(isinstance(t, np.dtype) and t.kind in "biu" for t in types):  # a random key has a type of JAX
             return None
         tables = [_known_data(a) for a in operands]
         if any(t is None for t in tables):
             return None
         given = [np.reshape(t, a.shape).astype(TYPES[a.dtype]) for t, a in zip(tables, operands, strict=True)]
-        with jax.ensure_compile_time_eval():  # also where compile is called while JAX traces
+        with jax.ensure_compile_time_eval():  # also if `compile` is called while JAX traces
             found = equation.primitive.bind(*given, **equation.params)
         each = found if equation.primitive.multiple_results else [found]
         return [constant(self.b, np.asarray(x)) for x in each]
 
     def refusal(self, name: str) -> InputError:
-        """Raise InputError for a primitive without C text."""
-        fix = ALTERNATIVES.get(name, "it with what trimtab.compiler.coverage lists")
+        """Return the InputError for a primitive that has no C text."""
+        fix = ALTERNATIVES.get(name, "it with primitives that trimtab.compiler.coverage lists")
         return InputError("export", f"primitive {name!r}, from {self.source_line()}, has no C text", fix=f"write {fix}")
 
     def _lower_foreign(self, equation: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
-        """Return the results of a primitive of another package, from its computation outside JAX's compiler."""
+        """Return the results of a primitive of another package, from the JAX function that implements it."""
         compute, params = jaxprs.implementation(equation), equation.params
         shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in equation.invars]
         return self.lower_program(jax.make_jaxpr(lambda *x: compute(*x, **params))(*shapes), operands, dying)
 
     def _store_operands(self, equation: Any, operands: list[Array]) -> None:
-        """Put small arrays in memory before the loop being written; unread ones are pruned."""
+        """Put small operands in memory before the loop that the rule writes. Unused ones are removed later."""
         if all(is_small(v.aval.shape) for v in [*equation.outvars, *equation.invars]):
             return
         for array in operands:
@@ -249,7 +247,7 @@ class Lowering:
 
 
 def _known_data(array: Array) -> Any:
-    """Return the numbers of an array that the program knows, row-major; None for another."""
+    """Return the numbers of an array of constants, row-major, or None if an element is computed at run time."""
     if array.updates or array.offset is not None:
         return None
     if array.items is not None:
@@ -259,7 +257,7 @@ def _known_data(array: Array) -> Any:
 
 
 def is_alone(operands: list[Array], which: int) -> bool:
-    """Return True if no other operand of an equation is read from the same buffer."""
+    """Return True if no other operand of an equation is in the same buffer."""
     return not any(a.buffer is operands[which].buffer for i, a in enumerate(operands) if i != which)
 
 
@@ -270,7 +268,7 @@ def _takes_updates(equation: Any, operand: int) -> bool:
 
 
 def _last_uses(jaxpr: Any) -> dict[Any, int]:
-    """Return for each variable the last equation that reads it; results are read after all."""
+    """Return for each variable the number of the last equation that reads it. Results are read after all equations."""
     last: dict[Any, int] = {}
     for k, equation in enumerate(jaxpr.eqns):
         for atom in equation.invars:

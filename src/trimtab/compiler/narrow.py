@@ -1,7 +1,7 @@
-"""Integers of 64 bits of which only the low 32 are read: they are computed in 32 bits.
+"""64-bit integers of which only the low 32 bits are read: they are computed in 32 bits.
 
-Typical is the place in a ring, (instant - delay) & 63, whose instant has 64 bits. The low bits of a sum, difference,
-product or bitwise operation depend on the low bits of its operands alone.
+An example is the position in a ring buffer, (instant - delay) & 63, whose instant has 64 bits. The low bits of a sum,
+difference, product or bitwise operation depend only on the low bits of its operands.
 """
 
 from typing import TYPE_CHECKING
@@ -14,16 +14,16 @@ if TYPE_CHECKING:
     from trimtab.compiler.ir import Builder
 
 OPERATIONS = ("add", "sub", "mul", "and", "or", "xor", "not", "neg")
-"""Operations whose low bits depend on the low bits of their operands alone."""
+"""Operations whose low bits depend only on the low bits of their operands."""
 NARROW, WIDE = ("i32", "u32"), ("i64", "u64")
 LARGEST = 8
-"""Maximum number of operations that are computed in 32 bits instead of 64 for one result."""
+"""Maximum number of operations behind one result that are changed from 64 to 32 bits."""
 
 
 def narrow_integer(b: "Builder", x: Value, dtype: str) -> Value | None:
-    """Return x in 32 bits from operands in 32 bits; None if x is not such an integer, or this is not cheaper.
+    """Return x computed in 32 bits; None if x is not such an integer, or if that is not cheaper.
 
-    It is cheaper if at least as many operands were widened to 64 bits as have to be cut to 32.
+    It is cheaper if the operands that were widened to 64 bits are at least as many as those to be cut to 32 bits.
     """
     if dtype not in NARROW or x.dtype not in WIDE or x.op not in OPERATIONS:
         return None
@@ -43,7 +43,7 @@ def narrow_integer(b: "Builder", x: Value, dtype: str) -> Value | None:
 
 
 def _is_transparent(value: Value) -> bool:
-    """Return True if the low bits of a value come from the low bits of its operands."""
+    """Return True if the low bits of a value depend only on the low bits of its operands."""
     same_width = value.op == "convert" and value.args[0].dtype in WIDE
     return value.dtype in WIDE and (value.op in OPERATIONS or same_width)
 

@@ -1,7 +1,8 @@
-"""Large programs in pieces: functions of bounded size, with the values and arrays passed between them.
+"""Division of large programs into pieces: C functions of bounded size, and the values that they share.
 
-A C compiler's time for one function grows faster than its text. What is too large is written as functions that
-are called one after the other; what several of them need lies in a frame, a struct that each is given.
+The time that a C compiler takes for a function grows faster than its text. So a program that is too large is written as
+several functions, which are called one after the other. Values and arrays that several pieces need are in a frame, a
+struct that is passed to each piece.
 """
 
 from collections.abc import Collection, Sequence
@@ -11,17 +12,19 @@ from trimtab.compiler.ir import TYPES, Block, Define, Emit, If, Local, Loop, Sto
 from trimtab.compiler.values import Buffer, Value
 
 FUNCTION_STATEMENTS_MAX = 6000
-"""Maximum number of statements of one function."""
+"""Maximum number of statements of one C function. A program with more statements is divided into pieces."""
 EXPORTED_STATEMENTS_MAX = 20_000
-"""Maximum number of statements of one function of an exported block. It is compiled once and runs on small processors,
-where a frame costs more: the aided INS in pieces takes a Cortex-M7 1.8 times the instructions and five times the stack.
+"""Maximum number of statements of one function of an exported block.
+
+An exported block is compiled once and runs on small processors, where a frame costs more. On a Cortex-M7, the aided INS
+in pieces needs 1.8 times the instructions and five times the stack.
 """
 PIECE = 400
-"""Number of statements of each piece of a larger program."""
+"""Maximum number of statements of one piece of a divided program."""
 CALL_STATEMENTS_MIN = 40
-"""Minimum number of statements worth a call."""
+"""Minimum number of statements that become a piece; fewer stay in the calling function."""
 STACK = 1 << 14
-"""Maximum bytes of values between pieces that a function keeps on the stack."""
+"""Maximum bytes of a frame on the stack; a larger frame is in the workspace."""
 ALIGNMENT = 64
 PAIRED = ("sin_of", "cos_of")
 PIECE_TEXT = """\
@@ -36,11 +39,13 @@ PIECE_TEXT = """\
 
 
 class Pieces(NamedTuple):
-    """Division of a program. Piece 0 is the function that calls the others.
+    """Division of a program into pieces. Piece 0 is the function that calls the other pieces.
 
-    runs: id of a block that is divided -> its statements in order, with the number of their piece.
-    crossing: ids of what lies in the frame.  uses: piece -> what it needs from others.  inputs: what is in the frame
-    and nobody computes.  pairs: id of a sincos -> the sine and cosine that are needed of it.
+    runs: id of a divided block -> its statements in order, in groups with the number of their piece.
+    crossing: ids of the values and buffers in the frame.
+    uses: piece -> values and buffers that it needs from other pieces.
+    inputs: values and buffers in the frame that no piece computes.
+    pairs: id of a sincos -> those of its results, sine and cosine, that are needed.
     """
 
     runs: dict[int, list[tuple[int, list[Any]]]]
@@ -54,53 +59,56 @@ NO_PIECES = Pieces({}, set(), {}, [], {})
 
 
 class PieceFrame:
-    """Data shared by the pieces of a function: a struct on its stack or, where that is too much, in the workspace.
+    """Frame: the data that the pieces of a function share, a struct on the stack or, if too large, in the workspace.
 
-    function: whose pieces they are.  lanes: runs side by side, 0 for one.  arguments: (type, name) of what each piece
-    is given besides the frame.  names: of the values in the struct and of the places of inputs.  functions: text of
-    the pieces.  fresh: what the present piece has added.
+    function: name of the function that is divided.
+    lanes: number of runs computed side by side; 0 for scalar code.
+    arguments: (type, name) of the arguments of each piece besides the frame.
+    names: id of a value or buffer -> name of its member.
+    functions: text of the pieces.
+    fresh: values and buffers that the piece being written has added.
     """
 
     def __init__(self, function: str = "", lanes: int = 0, arguments: Sequence[tuple[str, str]] = ()) -> None:
         self.function, self.lanes, self.arguments = function, lanes, arguments
-        self.members: list[tuple[int, int, str]] = []  # bytes of an element, of the whole, text
+        self.members: list[tuple[int, int, str]] = []  # (bytes of an element, of the member, C text)
         self.names: dict[int, str] = {}
         self.functions: list[str] = []
         self.fresh: list[Value | Buffer] = []
 
     def add_value(self, kind: str, name: str, dtype: str, varies: bool) -> None:
-        """Add a member for a value, or mask, of this type."""
+        """Add a struct member for a value or mask. kind: C type."""
         size = _byte_count(dtype, self.lanes if varies else 0)
         self.members.append((size, size, f"{kind} {name};"))
 
     def add_array(self, kind: str, name: str, buffer: Buffer, varies: bool) -> None:
-        """Add a member for an array itself."""
+        """Add a struct member that contains an array. kind: C type of its elements."""
         each, count = _byte_count(buffer.dtype, self.lanes if varies else 0), max(buffer.size, 1)
         self.members.append((each, each * count, f"{kind} {name}[{count}];"))
 
     def add_pointer(self, kind: str, name: str) -> None:
-        """Add a member for the place of an array; kind: of the pointer."""
+        """Add a struct member that points to an array. kind: C type of the pointer."""
         self.members.append((8, 8, f"{kind}{name};"))
 
     @property
     def size(self) -> int:
-        """Return the bytes of the struct, with pointers of eight bytes; 0 for a program in one piece."""
+        """Return the size of the struct in bytes, with pointers of eight bytes; 0 if the program is not divided."""
         return -(-sum(size for _, size, _ in self.members) // ALIGNMENT) * ALIGNMENT if self.functions else 0
 
     @property
     def stack(self) -> int:
-        """Return the bytes of the struct on the stack: all or none."""
+        """Return the bytes that the struct takes on the stack: its size, or 0 if it is in the workspace."""
         return self.size if self.size <= STACK else 0
 
     def text(self) -> str:
-        """Return the text of the struct and the functions; empty for a program in one piece."""
+        """Return the C text of the struct and of the pieces; empty if the program is not divided."""
         if not self.functions:
             return ""
-        members = [f"    {text}" for _, _, text in sorted(self.members, key=lambda m: -m[0])]  # nothing is padded
+        members = [f"    {text}" for _, _, text in sorted(self.members, key=lambda m: -m[0])]  # no padding
         return "\n".join([PIECE_TEXT, "typedef struct {", *members, f"}} {self.function}_frame;\n", *self.functions])
 
     def place(self, workspace: int) -> tuple[str, int]:
-        """Return the declaration of the frame, and the bytes of workspace including it."""
+        """Return the C declaration of the frame, and the bytes of the workspace including the frame."""
         if not self.functions:
             return "", workspace
         kind = f"{self.function}_frame"
@@ -109,7 +117,7 @@ class PieceFrame:
         return f"    {kind} *const f = ({kind} *)((char *)workspace + {workspace});", workspace + self.size
 
     def piece_text(self, number: int, lines: list[str]) -> tuple[str, str]:
-        """Add a piece, and return its call."""
+        """Return the C text of a piece, and the statement that calls it."""
         name, keyword = f"{self.function}_piece{number}", "__restrict" if self.lanes else "restrict"
         given = ", ".join([f"{self.function}_frame *{keyword} f", *(f"{kind}{name}" for kind, name in self.arguments)])
         silence = " ".join(f"(void){name};" for name in ["f", *(name for _, name in self.arguments)])
@@ -124,11 +132,11 @@ def _byte_count(dtype: str, lanes: int) -> int:
 def plan_pieces(
     blocks: list[Block], results: Sequence[Value | Buffer], elsewhere: Collection[int] = (), exported: bool = False
 ) -> Pieces:
-    """Divide a program of too many statements.
+    """Return the division of a program into pieces, or NO_PIECES if the program is small.
 
-    results: what is read after it.
-    elsewhere: ids of the buffers that begin in it, but lie where the caller keeps them.
-    exported: whether it is a block's.
+    results: values and buffers that are read after the program.
+    elsewhere: ids of buffers that the program declares, but that are in the caller's memory.
+    exported: True for the program of an exported block.
     """
     if not is_large(blocks, exported):
         return NO_PIECES
@@ -141,16 +149,16 @@ def plan_pieces(
 
 
 def is_large(blocks: list[Block], exported: bool = False) -> bool:
-    """Return True if a program has more statements than one function (of an exported block, if so) may have."""
+    """Return True if a program has more statements than one function may have. exported: limit of exported blocks."""
     return sum(_count_statements(block.items) for block in blocks) > (
         EXPORTED_STATEMENTS_MAX if exported else FUNCTION_STATEMENTS_MAX
     )
 
 
 def build_level(blocks: list[Block], lanes: int = 0) -> tuple[str, ...]:
-    """Return the compiler flag for a large program: at most half the build time, within a seventh of the speed.
+    """Return the optimisation flag for a large program. It halves the build time and costs at most 1/7 of the speed.
 
-    Vectors gain so little by -O1 that -Og is enough for them.
+    For lanes it is -Og, because -O1 makes vector code little faster.
     """
     return ("-Og" if lanes else "-O1",) if is_large(blocks) else ()
 
@@ -166,9 +174,9 @@ def _count_statements(items: list[Any]) -> int:
 
 
 def _must_stay(item: Any) -> bool:
-    """Return True if a statement needs something that only the first function has: the timetable, the log."""
+    """Return True if a statement must stay in the calling function, as it uses the timetable or writes the log."""
     if isinstance(item, Define):
-        return item.value.op == "load" and item.value.attr.name.isidentifier()  # else behind an argument
+        return item.value.op == "load" and item.value.attr.name.isidentifier()  # else reached by an argument
     return isinstance(item, Emit) or any(_must_stay(i) for block in _inner_blocks(item) for i in block.items)
 
 
@@ -186,7 +194,7 @@ class _Division:
             self.used.setdefault(piece, {})[id(thing)] = thing
 
     def divide(self, block: Block) -> None:
-        """Put the statements of a block in pieces; a branch or loop that is too large is divided itself."""
+        """Put the statements of a block into pieces. A branch or loop that is too large for a piece is divided, too."""
         runs = self.runs[id(block)] = []
         taken: list[Any] = []
         weight = 0
@@ -213,14 +221,14 @@ class _Division:
                     self.note_items(0, inner.items)
 
     def note_items(self, piece: int, items: list[Any]) -> None:
-        """Note what these statements compute and use, nested ones included."""
+        """Record the values that these statements and the statements nested in them compute and use."""
         for item in items:
             self.note_own(piece, item)
             for block in _inner_blocks(item):
                 self.note_items(piece, block.items)
 
     def note_own(self, piece: int, item: Any) -> None:
-        """Note what a statement computes and uses itself."""
+        """Record the values that a statement computes and uses, without those of nested statements."""
         if isinstance(item, Define):
             self.note_definition(piece, item.value)
         elif isinstance(item, Local):
@@ -245,7 +253,7 @@ class _Division:
                     self.use(piece, item.count)
 
     def note_definition(self, piece: int, value: Value) -> None:
-        if value.op in PAIRED:  # comes with the sincos, wherever that is
+        if value.op in PAIRED:  # computed in the piece of the sincos
             self.owner[id(value)] = self.owner[id(value.args[0])]
             self.pairs.setdefault(id(value.args[0]), []).append(value)
             return

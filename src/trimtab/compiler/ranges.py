@@ -1,4 +1,4 @@
-"""Integer bounds of values, from their own operations: tests with a constant result are removed."""
+"""Integer bounds of values, derived from their operations. They show which tests have a constant result."""
 
 import numpy as np
 
@@ -6,13 +6,16 @@ from trimtab.compiler.values import Value
 
 OPERATIONS = ("lt", "le", "gt", "ge", "eq", "ne", "max", "min", "and")
 DEPTH = 6
-"""Maximum number of operations that are followed back."""
+"""Maximum depth of operations from which a bound is derived."""
 LONGEST_TABLE = 4096
-"""Maximum number of values that are examined, or computed, while a program is lowered."""
+"""Maximum number of elements of a table that is examined, or computed, while a program is lowered."""
 
 
 def certain_result(op: str, args: tuple[Value, ...]) -> bool | int | None:
-    """Result of comparing two integers, or of choosing one of two operands; None if it is open."""
+    """Return the result of an integer operation if the bounds of its operands decide it, else None.
+
+    The result is a bool for a comparison. For max, min and "and" it is the index of the operand that is the result.
+    """
     if len(args) != 2 or op not in OPERATIONS:
         return None
     x, y = (integer_bounds(a) for a in args)
@@ -38,7 +41,7 @@ def certain_result(op: str, args: tuple[Value, ...]) -> bool | int | None:
 
 
 def integer_bounds(v: Value, depth: int = DEPTH) -> tuple[int, int] | None:
-    """Return the least and the largest integer that a value can be; None if unknown or not an integer."""
+    """Return the smallest and the largest possible value of an integer; None if the value is not an integer."""
     if v.dtype[0] not in "iu":
         return None
     if v.op == "const":
@@ -52,7 +55,7 @@ def integer_bounds(v: Value, depth: int = DEPTH) -> tuple[int, int] | None:
 
 
 def never_wraps(v: Value) -> bool:
-    """Return True if a sum, difference or product of integers is known to fit its type without wrapping."""
+    """Return True if v is a sum, difference or product of integers that cannot exceed the range of its type."""
     return v.op in ("add", "sub", "mul") and _bounds_of_operation(v, DEPTH - 1) is not None
 
 
@@ -91,7 +94,7 @@ def _bounds_of_operation(v: Value, depth: int) -> tuple[int, int] | None:
 
 
 def _bounds_of_extreme(op: str, bounds: list[tuple[int, int] | None]) -> tuple[int, int] | None:
-    """Return the bounds of a minimum or maximum: one side is known as soon as one operand is."""
+    """Return the bounds of a minimum or maximum from the bounds of its operands."""
     if None in bounds:
         return None
     first, second = (b for b in bounds if b)
@@ -104,6 +107,6 @@ def _join(x: tuple[int, int] | None, y: tuple[int, int] | None) -> tuple[int, in
 
 
 def _inside(v: Value, low: int, high: int) -> tuple[int, int] | None:
-    """Return these bounds if no number between them is outside the type."""
+    """Return these bounds if they are within the range of v's type, else None."""
     least, most = _type_bounds(v.dtype)
     return (low, high) if least <= low and high <= most else None

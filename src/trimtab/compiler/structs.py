@@ -1,4 +1,7 @@
-"""C structs from trees of records: the same dotted paths, with unit and meaning as comments; and rows of numbers."""
+"""C structs from trees of records, with the same dotted paths, and functions that convert them to rows of numbers.
+
+The unit and meaning of each field become a C comment.
+"""
 
 import math
 from collections.abc import Callable
@@ -15,7 +18,7 @@ from trimtab.core.quantity import Quantity, leaves
 
 
 class Member(NamedTuple):
-    """One array of a struct. path: with dots, as C reads it.  name: the same as the log has it, e.g. with a hyphen."""
+    """Number or array in a C struct. path: dotted path in C. name: dotted path in the log, e.g. with a hyphen."""
 
     path: str
     shape: tuple[int, ...]
@@ -25,21 +28,21 @@ class Member(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Return the number of elements."""
+        """Return the number of elements of the member."""
         return math.prod(self.shape)
 
     @property
     def numpy_type(self) -> np.dtype[Any]:
-        """Return the type of the elements."""
+        """Return the numpy type of the member's elements."""
         return np.dtype(TYPES[self.dtype])
 
     def at(self, base: str, k: int | str) -> str:
-        """Return the text of element k, e.g. s->law.timer or s->P[3]."""
+        """Return the C text of the member's element k, e.g. s->law.timer or s->P[3]."""
         return f"{base}{self.path}" if not self.shape else f"{base}{self.path}[{k}]"
 
 
 def members(tree: Any, real: str) -> list[Member]:
-    """Return the leaves of a tree of records, in the order of JAX; real: "f64", or "f32" for every float64."""
+    """Return the leaves of a tree of records, in JAX's order. real: "f64", or "f32" in place of float64."""
     declared = {path: d for path, _, d in leaves(tree) if isinstance(d, Quantity)}
     found, paths = [], dict[tuple[str, ...], str]()
     for keys, value in jax.tree_util.tree_flatten_with_path(tree)[0]:
@@ -52,7 +55,7 @@ def members(tree: Any, real: str) -> list[Member]:
 
 
 def _member_path(names: tuple[str, ...], paths: dict[tuple[str, ...], str]) -> str:
-    """Return the C path of a member. paths: those so far, all different; this one is added."""
+    """Return the C path of a member. paths: paths so far, all different; the new path is added to them."""
     if not names:
         return ""
     if names not in paths:
@@ -63,7 +66,7 @@ def _member_path(names: tuple[str, ...], paths: dict[tuple[str, ...], str]) -> s
 
 
 def struct_text(name: str, held: list[Member], doc: str) -> str:
-    """Return the typedef of a struct with these members, nested as their paths are."""
+    """Return the C typedef of a struct with these members. Dotted paths become nested structs."""
     tree: dict[str, Any] = {}
     for m in held:
         *groups, last = m.path.split(".")
@@ -98,12 +101,12 @@ def _comment_text(m: Member) -> str:
 
 
 def comment_text(text: str) -> str:
-    """Return text that can stand in a comment of C: one line, neither opening nor ending a comment."""
+    """Return the text as a single line that can be put in a C comment: it neither opens nor ends a comment."""
     return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("??/", "?? /").split())
 
 
 def row_declarations(name: str, inputs: list[Member], outputs: list[Member]) -> str:
-    """Return declarations of the functions between rows of numbers and the structs of a block of this name."""
+    """Return the C declarations of the functions that convert rows of numbers to a block's structs and back."""
     n_in, n_out = sum(m.size for m in inputs), sum(m.size for m in outputs)
     return f"""enum {{ VECTORS_IN = {n_in}, VECTORS_OUT = {n_out} }};
 
@@ -113,7 +116,7 @@ void vectors_get_out(const {name}_out *out, double *row);
 
 
 def row_functions(name: str, inputs: list[Member], outputs: list[Member]) -> str:
-    """Return bodies of the functions between rows of numbers and the structs of a block of this name."""
+    """Return the C functions that convert rows of numbers to the structs of the block `name`, and back."""
     sets = _row_lines(inputs, lambda m, i, k: f"{m.at('in->', i)} = {_from_double(m, f'row[{k}]')};")
     gets = _row_lines(outputs, lambda m, i, k: f"row[{k}] = (double){m.at('out->', i)};")
     sets, gets = sets or ["    (void)row; (void)in;"], gets or ["    (void)out; (void)row;"]
@@ -127,7 +130,7 @@ LOOPED = 256
 
 
 def _row_lines(held: list[Member], line: Callable[[Member, Any, Any], str]) -> list[str]:
-    """Return line(member, element, place in the row) for every number."""
+    """Return line(member, element, position in the row) for every number of these members."""
     lines, start = [], 0
     for m in held:
         if m.size > LOOPED:

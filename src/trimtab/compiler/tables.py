@@ -1,4 +1,4 @@
-"""Constant tables: short ones are part of the text, long ones may be given as data when the library is loaded."""
+"""Constant tables of the C code: short ones are in the text, long ones may be passed when the library is loaded."""
 
 from collections.abc import Sequence
 from hashlib import sha256
@@ -11,11 +11,11 @@ from trimtab.compiler.text import C_TYPES, number_literal
 from trimtab.compiler.values import Buffer
 
 LITERALS = 1024
-"""Maximum length of a table in the text, if longer ones may be given as data."""
+"""Maximum length of a table in the text, if longer tables may be passed as data."""
 
 
 def table_text(name: str, buffer: Buffer, as_data: bool) -> str:
-    """Return the declaration of a table, with its numbers unless they are given as data."""
+    """Return the C declaration of a table. as_data: without the numbers, which the loaded library receives."""
     if as_data:
         return f"static {C_TYPES[buffer.dtype]} {name}[{buffer.size}];"
     numbers = ", ".join(number_literal(n, buffer.dtype) for n in buffer.data) or "0"
@@ -23,14 +23,14 @@ def table_text(name: str, buffer: Buffer, as_data: bool) -> str:
 
 
 def table_numbers(buffer: Buffer) -> Any:
-    """Return the numbers of a table in C."""
+    """Return the numbers of a table, in their type in C."""
     return np.asarray(buffer.data, TYPES[buffer.dtype])
 
 
 def filling_text(function: str, names: Sequence[str], numbers: Sequence[Any], linkage: str = "") -> str:
     """Return `void FUNCTION_tables(const void *const *tables)`, which fills tables before the first call.
 
-    The digest of the numbers is part of the text: two functions that differ in them alone are two libraries.
+    The digest of the numbers is part of the text, so that two functions that differ only in them are two libraries.
     """
     if not names:
         return ""

@@ -1,7 +1,8 @@
-"""Text of each operation, stated once for one number in C and for lanes in C++.
+"""C text of each operation, for one number in C and for lanes in C++.
 
-Lanes are GCC vector extensions: one run in each, truth values as masks of 64 bits. A helper is there where plain C
-differs from JAX: division, shifts, conversion, extremes. It is named tt_NAME for one number and tv_NAME over lanes.
+Lanes are vectors (GCC vector extensions) with one run in each lane; truth values are masks of 64 bits. Helpers do the
+operations in which plain C differs from JAX: division, shifts, conversion, maximum, minimum. A helper is named tt_NAME
+for one number and tv_NAME for lanes.
 """
 
 import math
@@ -31,7 +32,7 @@ C_TYPES = {
 assert set(C_TYPES) == set(TYPES)
 LANE_TYPES = ("bool", "i32", "i64", "u32", "u64", "f32", "f64")
 HALF = ("i32", "u32", "f32")
-"""Types whose lanes are half as wide as those of a mask."""
+"""Types of 32 bits, whose lanes are half as wide as those of a mask."""
 LIMITS = {t: (f"{C_TYPES[t][:-2].upper()}_MIN", f"{C_TYPES[t][:-2].upper()}_MAX") for t in C_TYPES if t[0] in "iu"}
 
 Name = Callable[[Value], str]
@@ -39,7 +40,7 @@ Use = Callable[[str], str]
 
 
 def number_literal(number: Any, dtype: str) -> str:
-    """Return a number as C text that reads back to the same bits."""
+    """Return C text of a number that a compiler reads as the same bits."""
     if dtype == "bool":
         return "true" if number else "false"
     if is_float(dtype):
@@ -59,25 +60,25 @@ def number_literal(number: Any, dtype: str) -> str:
 
 
 def vector_type(t: str) -> str:
-    """Return the type of a value over lanes; truth values are masks of 64-bit lanes."""
+    """Return the vector type of a value in lanes. Truth values are masks of 64-bit lanes."""
     return "vi64" if t == "bool" else f"v{t}"
 
 
 def check_lane_type(dtype: str) -> None:
-    """Raise an error for numbers that lanes don't carry; the caller falls back to scalar code."""
+    """Raise InputError for a type that lanes do not support. The caller may then write scalar code."""
     if dtype not in LANE_TYPES:
         raise InputError(
-            "lanes", f"numbers of type {dtype} are not carried in lanes", choices=LANE_TYPES, fix="lanes=1"
+            "lanes", f"numbers of type {dtype} are not supported in lanes", choices=LANE_TYPES, fix="lanes=1"
         )
 
 
 def lane_mask(mask: str, dtype: str) -> str:
-    """Return a mask as wide as the numbers that it selects."""
+    """Return a mask converted to the width of the numbers that it selects."""
     return f"__builtin_convertvector({mask}, vi32)" if dtype in HALF else mask
 
 
 class _Operation(NamedTuple):
-    """Value to be computed, and the texts of its operands. use: notes the call of a helper and returns its name."""
+    """Operation: the value to compute and the texts of its operands. use: records that a helper is called."""
 
     value: Value
     operands: list[str]
@@ -90,26 +91,26 @@ class _Operation(NamedTuple):
         return self.value.args[0].dtype if self.value.args else self.value.dtype
 
     def type(self, t: str) -> str:
-        """Return the type of a number, or of such numbers over lanes."""
+        """Return the C type of a number or, in lanes, of a vector."""
         return vector_type(t) if self.lanes else C_TYPES[t]
 
     def call(self, name: str, *operands: str) -> str:
-        """Return a call of a helper."""
+        """Return the C text that calls a helper."""
         return f"{self.use(('tv_' if self.lanes else 'tt_') + name)}({', '.join(operands or self.operands)})"
 
     def narrow(self, text: str) -> str:
-        """Return a cast back from int, in which C computes narrower types."""
+        """Return the text cast to the operands' type if that is narrower than int, in which C computes it."""
         return f"({C_TYPES[self.t]})({text})" if self.t in ("i8", "i16", "u8", "u16") else text
 
 
 def expression(v: Value, name: Name, use: Use, varies: Callable[[Any], bool] | None = None) -> str:
-    """Return the right-hand side that computes a value.
+    """Return the C expression that computes a value.
 
     Args:
-        v: the value.
-        name: text of an operand; over lanes as a vector, except of an index.
-        use: notes that a helper is called, and gives its name.
-        varies: over lanes, whether something differs between them; None for one number.
+        v: value to compute.
+        name: returns the text of an operand; in lanes a vector, except for an index.
+        use: records that a helper is called, and returns its name.
+        varies: returns True if a value or buffer differs between lanes; None for scalar code.
     """
     if varies is not None:
         check_lane_type(v.dtype)
@@ -143,7 +144,7 @@ def _comparison(o: _Operation) -> str:
 
 
 def _full_mask(o: _Operation, text: str) -> str:
-    """Return a comparison over lanes as a mask of 64 bits."""
+    """Return a comparison of vectors as a mask of 64 bits."""
     return f"__builtin_convertvector({text}, vi64)" if o.t in HALF else f"(vi64)({text})"
 
 
@@ -151,7 +152,7 @@ def _infix(o: _Operation) -> str:
     first, second = o.operands
     sign, wraps = INFIX[o.value.op], o.value.op in ("add", "sub", "mul")
     if wraps and not o.lanes and o.t in ("i32", "i64", "u16") and not never_wraps(o.value):
-        # signed integers wrap, also without -fwrapv; so does the int in which C multiplies uint16_t
+        # computed unsigned, so that it wraps without -fwrapv, also for uint16_t, which C multiplies as int
         wide = "uint64_t" if o.t == "i64" else "uint32_t"
         return f"({C_TYPES[o.t]})(({wide}){first} {sign} ({wide}){second})"
     return o.narrow(f"{first} {sign} {second}")
@@ -169,8 +170,8 @@ def _shift(o: _Operation) -> str:
     helper, sign = SHIFTS[o.value.op]
     if by.op != "const" or not 0 <= int(by.const) < bits:
         return o.call(f"{helper}_{o.t}")
-    own = "i" if helper == "sar" else "u"  # in JAX the top bit is a sign, of unsigned numbers too
-    if helper == "shl" and bits < 32 and not o.lanes:  # in int, to which C widens them, the result may not fit
+    own = "i" if helper == "sar" else "u"  # JAX treats the top bit as a sign, also of unsigned numbers
+    if helper == "shl" and bits < 32 and not o.lanes:  # the result may not fit int, to which C converts
         return f"({C_TYPES[o.t]})((uint32_t){o.operands[0]} {sign} {int(by.const)})"
     if o.t[0] == own:
         return o.narrow(f"{o.operands[0]} {sign} {int(by.const)}")
@@ -201,7 +202,7 @@ def _bitcast(o: _Operation) -> str:
 
 def _negation(o: _Operation) -> str:
     (a,) = o.operands
-    if o.t in ("i32", "i64") and not o.lanes:  # of the least number too, without -fwrapv
+    if o.t in ("i32", "i64") and not o.lanes:  # so that INT_MIN wraps without -fwrapv
         return f"({C_TYPES[o.t]})(0 - (u{C_TYPES[o.t]}){a})"
     return o.narrow(f"-{a}")
 
@@ -229,7 +230,7 @@ def _extreme(o: _Operation) -> str:
         return f"{a} {'>' if op == 'max' else '<'} {b} ? {a} : {b}"
     for x, y, other in ((a, b, o.value.args[1]), (b, a, o.value.args[0])):
         if other.op == "const" and other.const == other.const:  # known and not NaN: one comparison is enough
-            replaced = other.const == 0 and np.signbit(other.const) == (op == "min")  # the other zero is replaced too
+            replaced = other.const == 0 and np.signbit(other.const) == (op == "min")  # replace the other zero, too
             return f"{x} {'<' if op == 'max' else '>'}{'=' if replaced else ''} {y} ? {y} : {x}"
     return o.call(f"{op}_{o.t}")
 
@@ -256,13 +257,13 @@ def _elementary(o: _Operation) -> str:
 
 
 def single_precision_lanes(name: str, operands: list[str], use: Use) -> str:
-    """Return a call of the function for float: the bits are those of one number."""
+    """Return the C text that calls a function for vectors of float. Results have the same bits as in scalar code."""
     use(f"ttv_{name}")
     return f"{use(f'tv_{name}_f32')}({', '.join(operands)})"
 
 
 def float_suffix(t: str) -> str:
-    """Return the suffix that C uses for a number or a function of float."""
+    """Return the suffix of C numbers and C functions of this type: "f" for float, else empty."""
     return "f" if t == "f32" else ""
 
 
@@ -288,4 +289,4 @@ OPERATIONS: dict[str, Callable[[_Operation], str]] = {
     "population_count": lambda o: o.call(f"popcount_{o.t}"),
     "nextafter": lambda o: o.call(f"nextafter_{o.t}"),
 }
-"""Text by operation; a load is written separately, as its operand is a buffer."""
+"""Operation -> function that returns its C text. A load is written separately, as its operand is a buffer."""

@@ -1,8 +1,8 @@
-"""Selects whose test is the same in all lanes become branches: what only one case needs is computed where it is chosen.
+"""Replacement of selects by branches, if the test is the same in all lanes. The case not taken is then not computed.
 
-JAX computes both cases of `jnp.where`. Over lanes, a test on time alone holds in all runs or in none, and a branch on
-it skips, for example, the draws and the reading of a link at the instants at which nobody listens. Nothing is computed
-that was not computed before, and no operation sees other operands: the numbers stay the same, bit for bit.
+JAX computes both cases of `jnp.where`. In lanes, a test that depends only on time is true in all runs or in none. A
+branch on such a test skips, for example, the random draws of a link at instants at which nothing is received. No other
+operations are added and no operands change, so the results stay the same, bit for bit.
 """
 
 from bisect import bisect_right
@@ -16,21 +16,21 @@ from trimtab.compiler.text import ELEMENTARY
 from trimtab.compiler.values import Value
 
 BRANCH_COST_MIN = 12
-"""Minimum cost of the operations that a branch skips, in operations over lanes."""
+"""Minimum cost of the operations that a branch must save, in vector operations."""
 GATHER, DIVISION = 8, 4
-"""Assumed operations of a read at an index of its own in each lane, and of a division or square root."""
+"""Assumed cost of a read at a different index in each lane, and of a division or square root, in vector operations."""
 AHEAD_MAX = 200
 """Maximum number of statements between the selects that share one branch."""
 TEST, YES, NO = 0, 1, 2
-"""Operands of a select."""
+"""Positions of the operands of a select: the test, the value if true, the value if false."""
 _OUTSIDE = (0, -1)
-"""User of a value that no branch may take in: a store, a loop, a result."""
+"""Marker of a use that cannot be moved into a branch: by a store, a loop or a result."""
 
 
 def branch_uniform_selects(blocks: list[Block], varying: VaryingValues, results: Iterable[Any]) -> list[Block]:
-    """Return the blocks with branches in place of selects that are worth it; the given blocks stay as they are.
+    """Return the blocks with branches in place of selects where that saves enough. The given blocks do not change.
 
-    varying: what differs between lanes.  results: values that are read after the blocks.
+    varying: values and buffers that differ between lanes. results: values that are read after the blocks.
     """
     uses = _Uses()
     for value in results:
@@ -42,7 +42,7 @@ def branch_uniform_selects(blocks: list[Block], varying: VaryingValues, results:
 
 
 class _Uses:
-    """Users of each value: (id of the computed value, number of the operand), or _OUTSIDE."""
+    """Uses of each value, by id: (id of the value computed from it, number of the operand), or _OUTSIDE."""
 
     def __init__(self) -> None:
         self.users: dict[int, list[tuple[int, int]]] = {}
@@ -64,7 +64,7 @@ class _Uses:
 
 
 def _direct_uses(item: Any) -> list[Any]:
-    """Return what a statement other than a definition uses itself."""
+    """Return the values that a statement uses itself, if it is not a definition. Nested statements are left out."""
     if isinstance(item, Store):
         return [item.index, item.value]
     if isinstance(item, Emit):
@@ -77,14 +77,14 @@ def _direct_uses(item: Any) -> list[Any]:
 
 
 def inner_blocks(item: Any) -> list[Block]:
-    """Return the blocks of a branch or loop; none for another statement."""
+    """Return the blocks of a branch or loop; an empty list for another statement."""
     if isinstance(item, If):
         return [item.first, item.second]
     return [item.head, item.body] if isinstance(item, Loop) else []
 
 
 def _written_buffers(item: Any) -> set[int]:
-    """Return ids of the buffers that a statement writes or begins, nested ones included."""
+    """Return the ids of the buffers that a statement, or a statement nested in it, writes or declares."""
     if isinstance(item, Store | Local):
         return {id(item.buffer)}
     return set().union(*(_written_buffers(i) for block in inner_blocks(item) for i in block.items))
@@ -97,7 +97,7 @@ def _rewrite_block(block: Block, varying: VaryingValues, uses: _Uses) -> Block:
 
 
 def _rewrite_inner(item: Any, varying: VaryingValues, uses: _Uses) -> Any:
-    """Return a branch or loop with rewritten blocks, and any other statement as it is."""
+    """Return a branch or loop with its blocks rewritten; return another statement unchanged."""
     if isinstance(item, If):
         made = If(item.test, *(_rewrite_block(block, varying, uses) for block in (item.first, item.second)))
         made.joins = item.joins
@@ -110,7 +110,7 @@ def _rewrite_inner(item: Any, varying: VaryingValues, uses: _Uses) -> Any:
 
 
 class _Select(NamedTuple):
-    """Select of a block: its value, its test without `not`, and its operands where the test holds and where not."""
+    """Select statement. test: without `not`. yes, no: positions of the operands for a true and a false test."""
 
     value: Value
     test: Value
@@ -119,7 +119,7 @@ class _Select(NamedTuple):
 
 
 def _uniform_select(item: Any, varying: VaryingValues) -> _Select | None:
-    """Return a statement as a select over lanes by a test that is the same in all lanes; None if it is another."""
+    """Return a statement as a select if it selects vectors by a test that is equal in all lanes, else None."""
     if not isinstance(item, Define) or item.value.op != "select" or not varying(item.value):
         return None
     test = item.value.args[TEST]
@@ -131,7 +131,7 @@ def _uniform_select(item: Any, varying: VaryingValues) -> _Select | None:
 
 
 class _Rewriting:
-    """Statements of one block. at: position of each computed value.  writes: positions at which a buffer changes."""
+    """Rewriting of one block. at: position of each computed value. writes: positions at which each buffer changes."""
 
     def __init__(self, items: list[Any], varying: VaryingValues, uses: _Uses) -> None:
         self.items, self.varying, self.uses = items, varying, uses
@@ -142,7 +142,7 @@ class _Rewriting:
                 self.writes.setdefault(buffer, []).append(k)
 
     def run(self) -> list[Any]:
-        """Return the statements with branches."""
+        """Return the statements with branches in place of selects."""
         for k, item in enumerate(self.items):
             first = _uniform_select(item, self.varying)
             if first is not None:
@@ -150,7 +150,7 @@ class _Rewriting:
         return [item for item in self.items if item is not None]
 
     def try_branch(self, start: int, first: _Select) -> None:
-        """Put a branch in place of a select and those after it with its test, if it skips enough."""
+        """Replace a select and later selects with the same test by one branch, if that saves enough."""
         group, end = self.find_group(start, first)
         sides = [self.find_exclusive({(id(s.value), operand[side]) for s, operand in group}, end) for side in range(2)]
         if sum(self.cost(v) for side in sides for v in side.values()) < BRANCH_COST_MIN:
@@ -161,7 +161,7 @@ class _Rewriting:
         self.items[end] = made
 
     def find_group(self, start: int, first: _Select) -> tuple[list[tuple[_Select, tuple[int, int]]], int]:
-        """Return the selects that one branch can replace, each with its two operands, and the last one's position."""
+        """Return the selects that one branch can replace, with their operands, and the position of the last one."""
         group, members, end = [(first, (first.yes, first.no))], {id(first.value)}, start
         for k in range(start + 1, min(start + AHEAD_MAX, len(self.items))):
             item = self.items[k]
@@ -177,7 +177,7 @@ class _Rewriting:
         return group, end
 
     def find_exclusive(self, users: set[tuple[int, int]], end: int) -> dict[int, Value]:
-        """Return by position the values that only these operands and each other use, and that may move to end."""
+        """Return, by position, values that are used only by these operands and can be computed at position `end`."""
         found: dict[int, Value] = {}
         inside: set[int] = set()
         todo: list[int] = []
@@ -203,7 +203,7 @@ class _Rewriting:
         return found
 
     def may_move(self, value: Value, start: int, end: int) -> bool:
-        """Return True if a value is the same at a later position: what it reads has not changed."""
+        """Return True if a value computed at the later position `end` is the same: its buffer has not changed."""
         if value.op != "load" or value.attr.is_read_only:
             return True
         writes = self.writes.get(id(value.attr), [])
@@ -211,7 +211,7 @@ class _Rewriting:
         return next_write == len(writes) or writes[next_write] > end
 
     def cost(self, value: Value) -> int:
-        """Return the assumed number of operations over lanes; what is the same in all lanes costs next to nothing."""
+        """Return the assumed cost of a value in vector operations; 0 for a cheap value that is equal in all lanes."""
         if value.op in ELEMENTARY and value.op not in CHEAP:
             return CALL
         if not self.varying(value):
@@ -221,7 +221,7 @@ class _Rewriting:
         return DIVISION if value.op in ("div", "rem", "sqrt") else 1
 
     def take(self, values: dict[int, Value]) -> Block:
-        """Remove values from the statements; return them as a block, with branches of its own."""
+        """Remove these values from the statements and return them as a block, whose selects are replaced, too."""
         items = []
         for k in sorted(values):
             items.append(self.items[k])

@@ -1,15 +1,15 @@
-"""Operands of a program between JAX and C: scalar values, and arrays in memory."""
+"""Operands of the intermediate representation between JAX and C: scalar values, and arrays in memory."""
 
 from typing import Any
 
 from trimtab.core.errors import InputError
 
 LARGEST = 2**31 - 2**16
-"""Limit of the size of an array: an index and the end of a loop must fit an int32."""
+"""Maximum number of elements of an array, so that an index and the end of a loop fit an int32."""
 
 
 class Value:
-    """One scalar. op "const" has a number; "input", "carry", "index" and "join" are given by their surroundings."""
+    """Scalar value. A "const" is a number; "input", "carry", "index" and "join" are set by their surroundings."""
 
     __slots__ = ("args", "attr", "const", "dtype", "invariant", "op")
 
@@ -19,7 +19,7 @@ class Value:
 
 
 class Buffer:
-    """An array in memory, row-major. kind: "const" (data known), "input" (read only), "state" or "local"."""
+    """Array in memory, row-major. kind: "const" (data known), "input" (read-only), "state" or "local"."""
 
     __slots__ = ("data", "dtype", "kind", "name", "size")
 

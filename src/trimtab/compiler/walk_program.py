@@ -1,6 +1,7 @@
-"""C code of a walk over instants, from its inputs to the rows of its log and their statistics. Threads share the runs.
+"""C code of a walk: a simulation loop over instants of time, which writes the rows of a log and their statistics.
 
-A walk is a start and a step, each given as a jaxpr. The step is repeated over a timetable.
+A walk has a start and a step, both given as a jaxpr. The step is repeated for each instant of a timetable. Threads
+share the runs.
 """
 
 from pathlib import Path
@@ -25,11 +26,14 @@ from trimtab.compiler.writer import Writer
 
 
 class WalkProgram(NamedTuple):
-    """A lowered walk over instants.
+    """Lowered walk over instants.
 
-    blocks: the code computed once, and the start with the loop.  inputs: parameters, first state and key, flat.
-    loop: over the instants.  final: the first parts of the state at the end.  width: numbers in a row of the log.
-    live: the values that are needed.
+    blocks: a block that is computed once, and a block with the start and the loop.
+    inputs: parameters, initial state and random key, as a flat list.
+    loop: loop over the instants.
+    final: first leaves of the state at the end.
+    width: number of columns of the log.
+    live: ids of the values that are needed.
     """
 
     blocks: list[Block]
@@ -40,7 +44,7 @@ class WalkProgram(NamedTuple):
     live: set[int]
 
     def text(self, lanes: int = 0, own: frozenset[int] = frozenset()) -> str:
-        """Return C, or C++ over lanes, in which the inputs at the positions `own` differ from run to run."""
+        """Return C, or C++ for lanes. own: positions of the inputs that differ from run to run."""
         inputs = [t for i in own for t in _array_leaves(self.inputs[i])]
         varying, blocks = find_varying(self.blocks, inputs, []) if lanes else None, self.blocks
         if varying is not None:
@@ -72,7 +76,7 @@ def lower_walk(begin: Any, step: Any, final_count: int) -> WalkProgram:
     Args:
         begin: jaxpr, inputs -> state.
         step: jaxpr, (inputs, state, t, h) -> (state, row of float64).
-        final_count: number of leaves of the state, from the first, that are its last values.
+        final_count: number of leaves of the state, counted from the first, whose last values are returned.
     """
     b = Builder(hoist=True)
     lowering = Lowering(b, RULES)
@@ -104,13 +108,13 @@ def lower_walk(begin: Any, step: Any, final_count: int) -> WalkProgram:
 
 
 def build_program(program: WalkProgram, lanes: int, own: frozenset[int]) -> Path:
-    """Return the shared library of a program. lanes, own: as of `WalkProgram.text`."""
+    """Build a program and return the path of its shared library. lanes, own: as in `WalkProgram.text`."""
     extra = ("-pthread", *build_level(program.blocks, lanes))
     return build_library(program.text(lanes, own), "c++" if lanes else "c", extra=extra)
 
 
 def _record_row(b: Builder, index: Value, row: list[Value]) -> None:
-    """Write the row at instants for which the timetable has a row."""
+    """Write a row of the log at the instants for which the timetable has a row."""
     where = b.load(Buffer("i32", 0, "input", "row"), index)
     rows = b.load(Buffer("i32", 0, "input", "rows"), b.index(0))
     branch = If(b.op("lt", where, rows, dtype="bool"), Block(), Block())
@@ -119,10 +123,10 @@ def _record_row(b: Builder, index: Value, row: list[Value]) -> None:
 
 
 JOB_TEXT = """
-/* What is flown. shared: parameters of all runs, as double. own: those that differ, runs x own_count.
- * t, h, row: the instants, the time to the next, and the row of the log that is written, `rows` for none.
- * log: runs x rows x width or null. stats: runs x width x 4 (least, largest, sum, sum of squares) or null.
- * final: runs x count. next, done, stop are shared by the threads. */
+/* Runs to simulate. shared: inputs that are equal in all runs, as double. own: inputs that differ, runs x own_count.
+ * t, h, row: the instants, the time to the next instant, and the row of the log to write (`rows`: no row).
+ * log: runs x rows x width or null. stats: runs x width x 4 (minimum, maximum, sum, sum of squares) or null.
+ * final: runs x count. next, done and stop are shared by the threads. */
 typedef struct {
     const double *shared, *own;
     int64_t own_count, runs;
@@ -157,7 +161,7 @@ static void *work(void *given)
     return 0;
 }
 
-/* Fly all runs on this many threads, the caller's among them; gives the number of threads that worked. */
+/* Simulate all runs with this number of threads, the caller's included. Returns the number of threads that worked. */
 EXPORT int32_t trimtab_fly(job *j, int32_t threads)
 {
     pthread_t others[255];
@@ -192,7 +196,7 @@ def _assemble_source(w: Writer, program: WalkProgram, lanes: int) -> str:
 
 
 def _work_with_workspace(size: int) -> str:
-    """Return a thread's text if a flight needs memory for large arrays; a thread without memory leaves its runs."""
+    """Return the C text of a thread that allocates the workspace first. If that fails, the thread takes no runs."""
     taken = f"""    char *const memory = (char *)malloc({size} + 64);
     if (!memory)
         return 0;
@@ -209,7 +213,7 @@ def _array_leaves(array: Array) -> list[Any]:
 
 
 def _write_parameters(w: Writer, program: WalkProgram, lanes: int, own: frozenset[int]) -> None:
-    """Write each input under its name: from the shared inputs, or from the run's own."""
+    """Write the declaration of each input, read from the inputs shared by all runs or from the run's own."""
     at = {False: 0, True: 0}
     for i, array in enumerate(program.inputs):
         differs = i in own
@@ -244,7 +248,7 @@ def _write_table(w: Writer, name: str, array: Array, differs: bool, start: int, 
 
 
 def _input_text(position: int | str, dtype: str, differs: bool, lanes: int) -> str:
-    """Return an input in its own type; a differing one is the run's own; over lanes a Boolean is all bits or none."""
+    """Return the C text that reads an input and converts it to its type. In lanes, true has all bits set."""
     cast = "-(int64_t)" if differs and lanes and dtype == "bool" else f"({C_TYPES[dtype]})"
     if not differs:
         return f"{cast}shared[{position}]"
@@ -261,7 +265,7 @@ def _timetable_buffers(block: Block) -> list[tuple[str, Buffer]]:
 
 
 def _number_text(w: Writer, v: Value) -> str:
-    """Return a value of this lane as a double."""
+    """Return the C text of a value in lane l as a double."""
     text = w.name(v)
     if not w.varies(v):
         return f"(double){text}"

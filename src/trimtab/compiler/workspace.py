@@ -1,8 +1,8 @@
-"""Memory for large arrays of a program: not the stack, but a workspace that the caller provides.
+"""Memory for large arrays of a program: a workspace that the caller provides, in place of the stack.
 
-Generated code allocates nothing. What a small program needs lies on the stack; where its arrays together are too much
-for that, the large ones get places in a workspace, whose size is known when the text is written. Two arrays share a
-place where one is no longer needed when the other begins.
+Generated code allocates no memory. The arrays of a small program are on the stack. If all arrays together are too large
+for the stack, the largest are placed in the workspace, whose size is known when the C text is written. Two arrays share
+memory if the first is no longer needed when the second is declared.
 """
 
 from collections.abc import Collection, Iterable
@@ -15,19 +15,19 @@ from trimtab.compiler.values import Buffer
 STACK = 1 << 17
 """Maximum bytes of arrays that an exported block or a loop keeps on the stack."""
 CALL_STACK = 1 << 15
-"""Maximum bytes of arrays on the stack of a function that Python calls, perhaps from a thread with a small stack."""
+"""Maximum bytes of arrays on the stack of a function that Python calls, as its thread may have a small stack."""
 ALIGNMENT = 64
 """Alignment of a workspace and of every array in it, bytes."""
 
 
 class Workspace(NamedTuple):
-    """Places of large arrays: first byte by id of a buffer, and the total number of bytes."""
+    """Places of large arrays. places: id of a buffer -> its first byte. size: total number of bytes."""
 
     places: dict[int, int]
     size: int
 
     def __contains__(self, buffer: object) -> bool:
-        """Return True if a buffer has a place here."""
+        """Return True if a buffer has a place in the workspace."""
         return id(buffer) in self.places
 
 
@@ -46,13 +46,13 @@ def plan_workspace(
     """Return the places of a program's large arrays.
 
     Args:
-        blocks: of the program, one after the other.
-        operands: buffers that are filled before the first block and last to the end, such as inputs over lanes.
+        blocks: blocks of the program, in order.
+        operands: buffers that are filled before the first block and needed until the end, such as inputs in lanes.
         results: buffers that are read after the last block.
-        lanes: how many runs there are side by side; 0 for one.
-        varying: what differs between them.
-        elsewhere: ids of buffers that begin in the blocks, but lie where the caller keeps them.
-        stack: bytes of arrays that stay on the stack at most; STACK when None.
+        lanes: number of runs computed side by side; 0 for scalar code.
+        varying: values and buffers that differ between lanes.
+        elsewhere: ids of buffers that the blocks declare, but that are in the caller's memory.
+        stack: maximum bytes of arrays that stay on the stack; STACK if None.
     """
     items, first = [item for block in blocks for item in block.items], list(operands)
     sizes: dict[int, int] = {}
@@ -85,7 +85,7 @@ def _inner_items(item: Any) -> list[Any]:
 
 
 def _local_buffers(items: list[Any]) -> list[Buffer]:
-    """Return all buffers that begin in these statements, nested ones included."""
+    """Return all buffers that these statements, or statements nested in them, declare."""
     names: list[Buffer] = []
     for item in items:
         names += [item.buffer] if isinstance(item, Local) else _local_buffers(_inner_items(item))
@@ -93,7 +93,7 @@ def _local_buffers(items: list[Any]) -> list[Buffer]:
 
 
 def _uses(item: Any) -> set[int]:
-    """Return ids of the buffers that a statement reads or writes, nested ones included."""
+    """Return the ids of the buffers that a statement, or a statement nested in it, uses."""
     if isinstance(item, Store | Local):
         return {id(item.buffer)}
     if isinstance(item, Define):
@@ -102,7 +102,7 @@ def _uses(item: Any) -> set[int]:
 
 
 class _Plan:
-    """Gives each large buffer the lowest place that is free from its beginning to its last use."""
+    """Placement of large buffers. Each gets the lowest place that is free from its declaration to its last use."""
 
     def __init__(self, large: dict[int, int], lasting: set[int]) -> None:
         self.large, self.lasting = large, lasting
@@ -110,7 +110,7 @@ class _Plan:
         self.size = 0
 
     def place(self, buffer: Buffer, taken: list[tuple[int, int]]) -> tuple[int, int]:
-        """Place a buffer, if it is large, clear of all these; return its first byte and the one after it."""
+        """Place a large buffer outside the `taken` ranges. Return its first byte and the byte after its end."""
         size, start = self.large.get(id(buffer), 0), 0
         for low, high in sorted(taken):
             if start + size <= low:
@@ -122,7 +122,7 @@ class _Plan:
         return start, start + size
 
     def visit(self, items: list[Any], taken: list[tuple[int, int]]) -> None:
-        """Place all that begins in these statements."""
+        """Place all large buffers that these statements, and statements nested in them, declare."""
         if not self.large:
             return
         last = {key: k for k, item in enumerate(items) for key in _uses(item) if key in self.large}

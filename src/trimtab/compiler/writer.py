@@ -1,4 +1,7 @@
-"""Program -> text, in either shape: statements, branches and loops; under a mask where only some lanes take part."""
+"""Writer of a program as scalar C or as C++ for lanes: statements, branches and loops.
+
+In C++, a mask restricts statements to the lanes that execute them.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -23,10 +26,12 @@ PAIR = {"sin_of": "s", "cos_of": "c"}
 
 
 class Writer:
-    """Writer of blocks as text. varying: None for scalar C, else the values that differ between lanes.
+    """Writer of blocks as C text.
 
-    names: texts of inputs, states and buffers, by id; live: ids of the values that are needed; workspace: where large
-    arrays lie.
+    names: id of an input, state or buffer -> its text.
+    live: ids of the values that are needed.
+    varying: None for scalar C, else the values and buffers that differ between lanes.
+    workspace: places of large arrays.
     """
 
     def __init__(
@@ -43,7 +48,7 @@ class Writer:
         self.used: dict[str, int] = {}  # number of uses of each helper and elementary function
         self.constants: dict[int, str] = {}
         self.tables: list[str] = []
-        self.data: list[Buffer] | None = None  # tables whose numbers are given when the library is loaded
+        self.data: list[Buffer] | None = None  # tables whose numbers are passed when the library is loaded
         self.record: Callable[[list[Value]], None] = lambda values: None
         self.keep: list[Any] = []  # ids serve as names, so their objects must stay alive
         self.pieces, self.piece, self.frame = NO_PIECES, 0, PieceFrame()
@@ -53,27 +58,27 @@ class Writer:
         return self.varying is not None and self.varying(thing)
 
     def write_line(self, text: str) -> None:
-        """Write one line at the present depth."""
+        """Write one line of C with the present indentation."""
         self.lines.append("    " * self.depth + text)
 
     def fresh(self, prefix: str = "v") -> str:
-        """Return an unused name."""
+        """Return an unused C name, e.g. v12."""
         self.count += 1
         return f"{prefix}{self.count}"
 
     def note_use(self, name: str) -> str:
-        """Note that a helper or an elementary function is called."""
+        """Count a call of a helper or elementary function, and return the function's name."""
         self.used[name] = self.used.get(name, 0) + 1
         return name
 
     def type(self, dtype: str, varies: bool) -> str:
-        """Return the C type of a scalar or, where it varies, of a vector."""
+        """Return the C type of a value: a scalar or, if it varies between lanes, a vector."""
         if varies:
             check_lane_type(dtype)
         return vector_type(dtype) if varies else C_TYPES[dtype]
 
     def name(self, thing: Any) -> str:
-        """Return the text of a value as it is, or of a buffer."""
+        """Return the C text of a value or buffer, without conversion to a vector."""
         if isinstance(thing, Buffer):
             return self.buffer(thing)
         if thing.op == "const":
@@ -81,14 +86,14 @@ class Writer:
         return self.names[id(thing)]
 
     def vector_text(self, thing: Any) -> str:
-        """Return the text of a value as a vector."""
+        """Return the C text of a value as a vector; a scalar is copied to all lanes."""
         text = self.name(thing)
         if isinstance(thing, Buffer) or self.varies(thing):
             return text
         return f"{self.note_use(f'tv_splat_{thing.dtype}')}({text})"
 
     def buffer(self, buffer: Buffer) -> str:
-        """Return the name of a buffer; a table of constants is written at its first use."""
+        """Return the C name of a buffer. The declaration of a table of constants is written at its first use."""
         if id(buffer) not in self.names and buffer.data is not None:
             self.names[id(buffer)] = name = self.fresh("table")
             self.keep.append(buffer)
@@ -99,7 +104,7 @@ class Writer:
         return self.names[id(buffer)]
 
     def write_block(self, block: Block) -> None:
-        """Write all statements of a block, those of a large program in its pieces."""
+        """Write all statements of a block. Those of a large program are written in pieces."""
         runs = self.pieces.runs.get(id(block)) if not self.piece else None
         for number, items in runs or [(0, block.items)]:
             if number:
@@ -108,7 +113,7 @@ class Writer:
                 self.write_items(items)
 
     def write_items(self, items: list[Any]) -> None:
-        """Write statements one after the other."""
+        """Write these statements as C text, one after the other."""
         for item in items:
             if isinstance(item, Define):
                 self.write_definition(item.value)
@@ -124,9 +129,9 @@ class Writer:
                 self.write_loop(item)
 
     def declare_buffer(self, buffer: Buffer, name: str = "") -> str:
-        """Declare an array on the stack or in the frame, or at its place in the workspace.
+        """Declare an array on the stack, in the frame, or at its place in the workspace, and return its C name.
 
-        What has a name already lies elsewhere.
+        A buffer that has a name already is in other memory and is not declared.
         """
         if id(buffer) in self.names:
             return self.names[id(buffer)]
@@ -147,7 +152,7 @@ class Writer:
         return self.names[id(buffer)]
 
     def write_definition(self, v: Value) -> None:
-        """Write const TYPE name = expression;"""
+        """Write the C statement `const TYPE name = expression;` for a value."""
         varies = self.varies(v)
         if v.op in PAIR:
             if id(v) not in self.frame.names:
@@ -167,7 +172,7 @@ class Writer:
         self.share(v)
 
     def write_sincos(self, v: Value, name: str, kind: str) -> None:
-        """Write sine and cosine of one angle, or the one that is needed."""
+        """Write the sine and cosine of an angle, or only the one that is needed."""
         prefix = "ttv_" if self.varies(v) else "tt_"
         suffix = "f" if v.dtype == "f32" else ""
         wanted = [which for which in ("sin_of", "cos_of") if (which, id(v)) in self.live_pairs]
@@ -186,14 +191,14 @@ class Writer:
             self.write_line(f"const {kind} {name}{PAIR[which]} = {function}({angle});")
 
     def note_sincos(self, blocks: list[Block]) -> None:
-        """Note which of sine and cosine are needed of each pair, before anything is written."""
+        """Record, for each sincos, which of its two results are needed. Call this before writing any text."""
         self.live_pairs: set[tuple[str, int]] = set()
         for v in defined_values(blocks):
             if v.op in PAIR:
                 self.live_pairs.add((v.op, id(v.args[0])))
 
     def write_store(self, item: Store) -> None:
-        """Write buffer[index] = value, in the lanes that take part."""
+        """Write the C statement `buffer[index] = value;` for the lanes that the present mask selects."""
         target, index = self.name(item.buffer), self.name(item.index)
         if not self.varies(item.buffer):
             self.write_line(f"{target}[{index}] = {self.name(item.value)};")
@@ -208,17 +213,17 @@ class Writer:
             self.write_line(f"{target}[{index}] = {value};")
 
     def active_mask(self) -> str:
-        """Return the mask of the lanes that take part here."""
+        """Return the C text of the mask of the lanes that execute the present statement."""
         return self.masks[-1] if self.masks else f"{self.note_use('tv_splat_bool')}(true)"
 
     def write_braces(self, opening: str, block: Block) -> None:
-        """Write a block in braces."""
+        """Write the opening of a block in braces, and its statements. The caller closes the brace."""
         self.write_line(opening)
         self.depth += 1
         self.write_block(block)
 
     def write_branch(self, item: If) -> None:
-        """Write a real branch where all lanes agree; else both sides, each in its lanes."""
+        """Write a C branch if the test is equal in all lanes, else both sides under masks."""
         if self.varies(item.test):
             self.write_masked_branch(item)
             return
@@ -236,7 +241,7 @@ class Writer:
         self.share_variables([joined for joined, _, _ in item.joins])
 
     def declare_join(self, joined: Value, start: str = "") -> tuple[str, bool]:
-        """Declare a variable that blocks assign, in the block or the frame; return its name, and if it is a vector."""
+        """Declare a variable that blocks assign, and return its C name, and True if it is a vector."""
         wide = self.varies(joined)
         name, kind = self.fresh(), self.type(joined.dtype, wide)
         if id(joined) in self.pieces.crossing and not self.piece:
@@ -251,7 +256,7 @@ class Writer:
         return name, wide
 
     def write_masked_branch(self, item: If) -> None:
-        """Write both sides, each skipped where no lane takes it."""
+        """Write both sides of a branch under masks. A side is skipped at run time if no lane takes it."""
         outer = f" & {self.masks[-1]}" if self.masks else ""
         test, yes, no = self.name(item.test), self.fresh("m"), self.fresh("m")
         self.write_line(f"const vi64 {yes} = {test}{outer};")
@@ -264,7 +269,7 @@ class Writer:
         self.share_variables([joined for joined, _, _ in item.joins])
 
     def write_side(self, mask: str, block: Block, results: list[Any], first: bool) -> None:
-        """Write one side of a masked branch, with its results."""
+        """Write one side of a masked branch, and the assignments of its results."""
         braces = bool(block.items)
         if braces:
             self.share_mask(mask)
@@ -282,7 +287,7 @@ class Writer:
             self.write_line("}")
 
     def write_loop(self, item: Loop) -> None:
-        """Write for or while; finished lanes keep their carried values."""
+        """Write a C loop. Lanes whose test has become false keep their carried values."""
         carried = []
         for variable, start, next_ in item.carries:
             begin = self.vector_text(start) if self.varies(variable) else self.name(start)
@@ -318,7 +323,7 @@ class Writer:
         self.share_variables([variable for variable, _, _ in item.carries])
 
     def write_assignments(self, carried: list[tuple[str, bool, Value]], mask: str | None = None) -> None:
-        """Give all carried variables their next values at once."""
+        """Write the assignments of the next values of all carried variables, as if they happened at once."""
         targets = {name for name, _, _ in carried}
         moves = []
         for name, wide, next_ in carried:
@@ -334,7 +339,7 @@ class Writer:
             self.write_line(f"{name} = {f'{lane_mask(mask, dtype)} ? {text} : {name}' if mask else text};")
 
     def share(self, thing: Value | Buffer) -> None:
-        """Put a value, or where an array lies, into the frame if another piece needs it."""
+        """Put a value, or a pointer to an array, into the frame if another piece needs it."""
         if id(thing) not in self.pieces.crossing:
             return
         name, kind = self.names[id(thing)], self.share_type(thing)
@@ -348,37 +353,37 @@ class Writer:
             self.frame.fresh.append(thing)
 
     def share_type(self, thing: Value | Buffer) -> str:
-        """Return the C type of a member of the frame: a value, or a pointer to an array."""
+        """Return the C type of a frame member for a value, or of a pointer to an array."""
         kind = self.type(thing.dtype, self.varies(thing))
         if isinstance(thing, Value):
             return kind
         return f"const {kind} *" if thing.is_read_only and not self.varies(thing) else f"{kind} *"
 
     def share_variables(self, variables: list[Value]) -> None:
-        """Declare a result of a branch or loop of this piece; one of the first function is in the frame already."""
+        """Put the results of a branch or loop into the frame, if a piece is being written."""
         for variable in variables if self.piece else []:
             self.share(variable)
 
     def share_mask(self, mask: str) -> None:
-        """Put a mask into the frame, for the pieces under it."""
+        """Put a mask into the frame, for the pieces that are executed under it."""
         if self.pieces.runs and not self.piece:
             self.frame.add_value("vi64", mask, "bool", True)
             self.write_line(f"f->{mask} = {mask};")
 
     def divide(self, pieces: Pieces, frame: PieceFrame) -> None:
-        """Write the following statements in these pieces; inputs that they need and do not get go into their frame."""
+        """Write the statements that follow in these pieces, with their inputs in this frame."""
         self.pieces, self.piece, self.frame = pieces, 0, frame
         for thing in pieces.inputs:
-            if self.names[id(thing)].isidentifier():  # else behind an argument, as in s->x
+            if self.names[id(thing)].isidentifier():  # else reached by an argument, as in s->x
                 self.share(thing)
 
     def write_piece(self, number: int, items: list[Any]) -> None:
-        """Write a function of these statements, and return its call."""
+        """Write these statements as a function of their own, and write the call of that function."""
         lines, depth, outer = self.lines, self.depth, dict[int, str]()
         self.lines, self.depth, self.piece = [], 1, number
         for thing in self.pieces.uses.get(number, []):
             if id(thing) not in self.frame.names:
-                continue  # an array of the frame, or what is behind an argument
+                continue  # an array in the frame, or reached by an argument
             outer[id(thing)], name = self.names[id(thing)], self.frame.names[id(thing)]
             kind = self.share_type(thing)
             self.write_line(

@@ -1,4 +1,4 @@
-"""The user's cache: private folders for compiled code, which is run again later."""
+"""Cache folders for compiled code, which is run again later. Only the user can write to them."""
 
 import hashlib
 import os
@@ -8,15 +8,15 @@ from pathlib import Path
 def cache_folder(name: str) -> Path:
     """Return the absolute path of the folder `name` of the cache; create it if it is missing.
 
-    Only this user can write there.
+    Only this user can write to the folder.
 
-    The cache is $TRIMTAB_CACHE, else trimtab where this system keeps caches: on Linux below $XDG_CACHE_HOME or
-    ~/.cache, on macOS below ~/Library/Caches. Raises OSError if the folder cannot be created, PermissionError if others
-    could change the code in it. A full or read-only file system is noticed only at the first write.
+    The cache is $TRIMTAB_CACHE, else the folder trimtab in the system's folder of caches: on Linux $XDG_CACHE_HOME or
+    ~/.cache, on macOS ~/Library/Caches. Raises OSError if the folder cannot be created, and PermissionError if others
+    could change the code in it. A full or read-only file system is detected only at the first write.
     """
     cache = os.environ.get("TRIMTAB_CACHE")
     if not cache:
-        import platformdirs  # slow to import
+        import platformdirs  # imported here: the import is slow
 
         try:
             cache = platformdirs.user_cache_dir("trimtab", appauthor=False)

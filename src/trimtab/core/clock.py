@@ -22,7 +22,7 @@ class Waitable(Protocol):
 
 
 class Clock(Protocol):
-    """Time of one process, and the call with which live code waits."""
+    """Clock of a process: its time, and the function by which code that runs in real time waits."""
 
     def monotonic_ns(self) -> int:
         """Return the monotonic time (ns)."""
@@ -73,13 +73,13 @@ SYSTEM_CLOCK = SystemClock()
 
 
 def wait_until_ready(fd: int, mask: int, timeout: float) -> bool:
-    """Wait for a descriptor; return False when `timeout` seconds have passed without an event. An error is an event.
+    """Wait for a file descriptor. Return False if `timeout` seconds pass without an event. An error is an event, too.
 
-    select() waits to the microsecond. poll() counts in milliseconds, which is a whole control period, but takes any
-    descriptor.
+    select() is accurate to a microsecond. poll() counts in milliseconds, which may be a whole control period, but
+    accepts any descriptor.
 
     Args:
-        fd: the descriptor.
+        fd: file descriptor.
         mask: select.POLLIN, select.POLLOUT, or both.
         timeout: seconds, not negative; infinite: no limit.
     """

@@ -17,7 +17,7 @@ SQUARINGS, TERMS = 6, 12
 
 
 class DiscreteModel(NamedTuple):
-    """Model x_k+1 = Ad x_k + Bd b + w of a step, b held. Bd: integral of expm(A s). Qd: covariance of w (n, n)."""
+    """Discrete model x_k+1 = Ad x_k + Bd b + w, constant b. Bd: integral of expm(A s). Qd: covariance (n, n) of w."""
 
     Ad: Any
     Bd: Any
@@ -39,7 +39,7 @@ def matrix_exponential(A: Any) -> Any:
 def discretise(A: Any, Q: Any, dt: Any) -> DiscreteModel:
     """Return the discrete model of x' = A x + b + w over a step.
 
-    A: (n, n).  Q: power spectral density of w (n, n), symmetric.  dt: step (s); A dt as for `matrix_exponential`.
+    A: (n, n).  Q: power spectral density of w (n, n), symmetric.  dt: step (s); row sums of |A dt| must be below 32.
     """
     n = A.shape[0]
     zero, one = jnp.zeros((n, n)), jnp.eye(n)

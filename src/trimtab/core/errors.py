@@ -19,7 +19,7 @@ from trimtab.core.control_characters import KEPT, show_controls
 
 
 class InputError(ValueError):
-    """Input refused before anything ran.
+    """Error: an input was rejected before anything ran.
 
     >>> from trimtab import InputError, build
     >>> try:
@@ -45,7 +45,7 @@ class InputError(ValueError):
         super().__init__(text)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what pickle rebuilds the error from, so that it passes complete from a worker process."""
+        """Return the data from which pickle rebuilds the error, so that a worker process can pass it on complete."""
         return partial(type(self), choices=self.choices, fix=self.fix), (self.part, self.problem)
 
 
@@ -54,7 +54,7 @@ Spelling = Callable[[str, Any, str | None], str]
 
 
 def argument(name: str, value: Any, path: str | None = None) -> str:
-    """Return an argument as the reader has to type it, for the fix of an error.
+    """Return an argument as the user has to type it, for the fix of an error.
 
     >>> argument("runs", 1000), argument("settings", "20 ms", "autopilot.period")
     ('runs=1000', 'settings={"autopilot.period": "20 ms"}')
@@ -73,13 +73,16 @@ def argument_name(name: str, of: str | None = None) -> str:
 
 
 def command(shell: str, python: str) -> str:
-    """Return the shell command or the Python call, depending on where the reader types."""
+    """Return the shell command or the Python call, depending on where the user types."""
     return python if argument_name("name") == "name" else shell
 
 
 @contextmanager
 def spell_with(spelling: Callable[[Spelling, str, Any, str | None], str]) -> Iterator[None]:
-    """Context in which a function spells this thread's arguments. Its first argument is the spelling outside."""
+    """Return a context in which `spelling` spells the arguments in this thread's messages.
+
+    The first argument of `spelling` is the function that spells arguments outside the context.
+    """
     token = _SPELLING.set(partial(spelling, _SPELLING.get()))
     try:
         yield
@@ -88,7 +91,7 @@ def spell_with(spelling: Callable[[Spelling, str, Any, str | None], str]) -> Ite
 
 
 def spell_python(name: str, value: Any, path: str | None) -> str:
-    """Return an argument as typed in Python."""
+    """Return an argument as a user types it in Python."""
     if value is None:
         return name if path is None else f"{name} {path}"
     values = [_quote(v) for v in value] if isinstance(value, list) else _quote(value)
@@ -101,7 +104,7 @@ def _quote(value: Any) -> str:
 
 
 _SPELLING: ContextVar[Spelling] = ContextVar("spelling", default=spell_python)
-"""Spelling of arguments in messages. Each thread has its own: several commands run side by side in virtual time."""
+"""Spelling of arguments in messages, one for each thread, because several commands may run at once in virtual time."""
 
 
 def install_command(extra: str = "", package: str = "trimtab") -> str:
@@ -109,7 +112,7 @@ def install_command(extra: str = "", package: str = "trimtab") -> str:
 
     extra: name of the extra; empty for the package itself.
     """
-    import shutil  # only where something is missing
+    import shutil  # imported here: only needed if a package is missing
 
     python, here = Path(sys.executable), Path.cwd()
     if shutil.which("python") == str(python):

@@ -1,4 +1,4 @@
-"""Calls with wrong arguments: an InputError names the nearest valid argument, in place of Python's bare TypeError."""
+"""Errors for calls with wrong arguments: an InputError names the nearest valid argument, instead of a TypeError."""
 
 import functools
 import inspect
@@ -28,9 +28,9 @@ OTHER_NAMES = {
 
 
 def explain_call(elsewhere: Mapping[str, str] | None = None) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Return a decorator: a call with wrong arguments raises InputError with what to write.
+    """Return a decorator that makes a call with wrong arguments raise InputError with a fix.
 
-    elsewhere: argument of another function -> the call that accepts this argument.
+    elsewhere: name of an argument that only another function has -> call of that function, for the fix.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:

@@ -1,4 +1,4 @@
-"""Formulas of signal temporal logic: their syntax, and the reader that turns a text into a tree.
+"""Formulas of signal temporal logic: their syntax, and the parser that makes a tree of a text.
 
     FORMULA    always(F)  eventually(F)  F until F     from now on; with [5 s, 15 s] 5 to 15 s from now
                historically(F)  once(F)  F since F     the same for the past
@@ -52,7 +52,7 @@ class SignalPath(NamedTuple):
 
 
 class Arithmetic(NamedTuple):
-    """operator: + - * / of two numbers, "abs" and "negative" of one."""
+    """Arithmetic operation. operator: + - * / for two numbers, "abs" or "negative" for one."""
 
     operator: str
     numbers: tuple[Any, ...]
@@ -69,7 +69,7 @@ class Predicate(NamedTuple):
 
 
 class Connective(NamedTuple):
-    """word: not, and, or, implies."""
+    """Logical connective. word: not, and, or, implies."""
 
     word: str
     formulas: tuple[Any, ...]
@@ -77,7 +77,7 @@ class Connective(NamedTuple):
 
 
 class Temporal(NamedTuple):
-    """word: one of TEMPORAL. low, high: interval (100 ns); high None: no end. formulas: one or two operands."""
+    """Temporal operator. word: one of TEMPORAL. low, high: interval (100 ns); high None: no end. formulas: operands."""
 
     word: str
     low: int
@@ -155,7 +155,7 @@ class _Reader:
     def refuse_rest(self) -> None:
         token = self.next
         if token.text in RELATIONS:
-            problem = f"{token.text!r} compares a comparison again"
+            problem = f"{token.text!r} cannot follow a comparison"
             refuse_column(self.text, token.column, problem, fix="write 0 m < x and x < 3 m")
         if token.kind != "end":
             problem = f"{token.text!r} cannot follow a complete formula"
@@ -164,14 +164,14 @@ class _Reader:
             refuse_column(self.text, token.column, problem, fix=fix)
 
     def check_formula(self, tree: Any) -> Any:
-        """Return a tree that must be a formula. Raise InputError if it is a number."""
+        """Return the tree if it is a formula. Raise InputError if it is a number."""
         if not isinstance(tree, Predicate | Connective | Temporal):
             problem = "this is a number, but a formula needs a comparison"
             refuse_column(self.text, tree.column, problem, choices=RELATIONS, fix=f"write e.g. {EXAMPLE}")
         return tree
 
     def check_number(self, tree: Any) -> Any:
-        """Return a tree that must be a number. Raise InputError if it is a formula."""
+        """Return the tree if it is a number. Raise InputError if it is a formula."""
         if isinstance(tree, Predicate | Connective | Temporal):
             problem = "this is a formula, but a number is needed"
             refuse_column(
@@ -252,7 +252,7 @@ class _Reader:
         return self.read_signal()
 
     def read_literal(self) -> Literal:
-        """Return a number with the unit that follows directly."""
+        """Return a number, with its unit if one follows directly."""
         number = self.next
         unit = self._read_unit()
         self.next = self._scan()
@@ -296,7 +296,7 @@ class _Reader:
         return SignalPath(token.text, int(index.text), token.column)
 
     def read_interval(self) -> tuple[int, int | None]:
-        """Return the times of an interval [a, b], or 0 and no end if no interval is written."""
+        """Return the ends of an interval [a, b] (100 ns), or 0 and None if no interval is written."""
         opening = self.take("[")
         if opening is None:
             return 0, None
@@ -328,7 +328,7 @@ class _Reader:
 
 
 def _compute(operator: Token, one: Any, other: Any) -> Any:
-    """Return the tree of an operator between two numbers. Two numbers without units are computed at once."""
+    """Return the tree of an operation on two numbers, or its result if both are literals without a unit."""
     bare = isinstance(one, Literal) and isinstance(other, Literal) and not (one.unit or other.unit)
     if not bare or (operator.text == "/" and other.value == 0):
         return Arithmetic(operator.text, (one, other), operator.column)

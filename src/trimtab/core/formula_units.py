@@ -24,7 +24,7 @@ from trimtab.core.suggestions import closest
 from trimtab.core.units import find_sizes
 
 MIXED = "mixed units"
-"""Unit of a formula whose comparisons have different units. Its value is the smallest of theirs, in SI units."""
+"""Unit of a formula whose comparisons have different units. Its robustness is the smallest of theirs, in SI units."""
 _FACTOR = re.compile(r"([A-Za-z%]+)(?:\^(-?[0-9]+))?")
 Dimension = tuple[tuple[str, int], ...]
 """A unit as sorted pairs of symbol and power; () for a number without a unit."""
@@ -80,7 +80,7 @@ def fit_formula(
 
 
 class _Fitting:
-    """Walk over a tree that returns the units of the comparisons in a formula, and the unit of a number."""
+    """Check of the units in a tree. It finds the units of a formula's comparisons, and the unit of a number."""
 
     def __init__(
         self,
@@ -171,12 +171,12 @@ class _Fitting:
 
 
 def _plain(dimension: Dimension) -> Dimension:
-    """Return a unit, in which flags and counts are numbers without a unit."""
+    """Return a unit without the symbols "flag" and "count", which are treated as no unit."""
     return tuple((symbol, power) for symbol, power in dimension if symbol not in ("flag", "count"))
 
 
 def look_ahead(tree: Any) -> int | None:
-    """Return how far a formula looks into the future (100 ns), or None if without end."""
+    """Return how far a formula looks into the future (100 ns), or None if an interval has no end."""
     if isinstance(tree, Predicate):
         return 0
     assert isinstance(tree, Connective | Temporal)

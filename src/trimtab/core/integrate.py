@@ -1,4 +1,4 @@
-"""Integration of the truth between two instants: explicit steps with error estimates.
+"""Integration of the true state between two instants: explicit steps with error estimates.
 
 A step is a function (f, t, x, h) -> (x at t + h, estimate of its error), x any pytree of floats.
 
@@ -46,21 +46,21 @@ def rk4(f: Callable[[Scalar, X], X], t: Scalar, x: X, h: Scalar) -> X:
 
 
 def rk4_with_error(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
-    """Return the result of `rk4`, to the bit, and its difference from an embedded formula of order three, h/10 (f(t +
-    h, x1) - k4).
+    """Return the result of `rk4`, bit for bit, and its difference from an embedded formula of order three.
 
-    The formula takes a tenth of k4's weight away and gives it to the derivative at the end; the conditions of order
-    three see no difference between the two [1, theorem 2.1]. The estimate is larger than the error of the step.
+    The difference is h/10 (f(t + h, x1) - k4): the formula moves a tenth of k4's weight to the derivative at the end of
+    the step, which leaves the conditions of order three satisfied [1, theorem 2.1]. It is larger than the error of the
+    step.
     """
     x1, k4 = _rk4_stages(f, t, x, h)
     return x1, jax.tree.map(lambda a, b: h / 10 * (a - b), f(t + h, x1), k4)
 
 
 def rk4_with_doubling(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
-    """Return the result of `rk4`, to the bit, and its error estimated by two steps of half the length.
+    """Return the result of `rk4`, bit for bit, and its error estimated by two steps of half the length.
 
-    The estimate is 16/15 of the difference, for small steps the error itself, of order five. An embedded formula's
-    estimate is one order larger.
+    The estimate is 16/15 of the difference. For small steps it equals the error, which is proportional to h^5. The
+    estimate of an embedded formula is larger, proportional to h^4.
     Source: [1] section II.4.
     """
     x1 = rk4(f, t, x, h)
@@ -108,5 +108,5 @@ def error_ratio(error: Any, x: Any, x1: Any, relative: Any, absolute: Any) -> An
 
 def next_step(h: Any, ratio: Any, order: int) -> Any:
     """Return the size of the next step after a step h. ratio: error divided by tolerance. Source: [1] eq. 4.13."""
-    bounded = jnp.clip(ratio, 1e-12, 1e12)  # and an error that is no number shrinks it as far as one goes
+    bounded = jnp.clip(ratio, 1e-12, 1e12)  # an infinite ratio, from a NaN, gives the smallest step
     return h * jnp.clip(SAFETY * jnp.exp(-jnp.log(bounded) / order), SHRINK, GROW)

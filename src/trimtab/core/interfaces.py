@@ -1,7 +1,7 @@
-"""Interfaces of all parts. A part only has to fit its interface: no base class, no registration.
+"""Interfaces of all parts. A part only has to have the members of its interface: no base class, no registration.
 
-Every part is a record; its fields are its parameters. Times `t` of blocks are integers of 100 ns, and steps are pure:
-state comes in and goes out. Inside a step nothing raises.
+Every part is a record; its fields are its parameters. Times `t` of blocks are integers of 100 ns. A step is a pure
+function: it takes the state and returns the next state. A step never raises an error.
 """
 
 from collections.abc import Mapping
@@ -43,34 +43,36 @@ OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
 )
 """Optional members of a part, with their defaults.
 
-- any part: `check()` raises InputError for wrong values; `check_duration(seconds)` for a run of that length.
-- ActuatorStage: `check_period(period)` raises InputError for a period (100 ns) that doesn't fit.
-- Sensor: `FEELS`, a class variable: the input of step(). "motion"; "input", the vehicle's input since the last
-command; "state", the vehicle's own, which no real sensor has but an ideal twin may.
-- Sensor: `LATE`, a class variable: samples come out after the time at which they were measured.
-- Sensor: `OBSERVES`, a class variable: an instrument beside the vehicle, which no autopilot reads and an ideal twin
-  keeps.
-  - Estimator: `ANY_ORDER`, a class variable: it fuses each sample at its own time, so it also gets late samples.
-  - Vehicle: `MAV_TYPE`, a class variable: its type for a ground station, MAVLink's name without the prefix.
+- any part: `check()` raises InputError if a value is invalid. `check_duration(seconds)` raises InputError if a value is
+  invalid for a run of that length.
+- ActuatorStage: `check_period(period)` raises InputError if the period (100 ns) is not suitable.
+- Sensor: `FEELS`, a class variable: the input of step(). "motion"; "input": the vehicle's input since the last command;
+  "state": the vehicle's state, which no real sensor measures, but an ideal one may.
+- Sensor: `LATE`, a class variable: True if samples are output later than they were measured.
+- Sensor: `OBSERVES`, a class variable: True for an instrument outside the vehicle, which no autopilot reads. An ideal
+  run keeps this sensor.
+- Estimator: `ANY_ORDER`, a class variable: True if it fuses each sample at the sample's own time. It then gets late
+  samples, too.
+- Vehicle: `MAV_TYPE`, a class variable: type of the vehicle for a ground station, MAVLink's name without the prefix.
 - Vehicle: `QUATERNIONS`, a class variable: fields of its state that are attitudes q_WB (4,), whose derivative is
-  q_WB (0, w_WB_B)/2; an integration on the rotation group turns them (docs, Integration).
-- Vehicle: `events(t, x)`, some numbers; a step ends where one of them changes its sign (docs, Integration).
-- Vehicle: `jump(t, x, crossed)`, the state after such an event; crossed: True for numbers that changed sign, (k,).
-- Vehicle: `after_step(t, x)`, the corrected state after each step, e.g. with a quaternion of length one.
-- Vehicle: `input_limits()`, field of its input -> (least, greatest) of its own servos and motors.
-- Vehicle: `in_gust(gust)`, the vehicle in air with this Gust besides the wind; needed in a world with turbulence.
-- Vehicle: `is_stepped`, True if a host steps it, such as an external program; the loop then doesn't integrate it.
-- Channel: `send_period`, time between packets; None: its period.
-- Actuators: `frame`, the period at which they latch a command; None: their period.
-- Actuators: `pulses()`, field of the command -> its ServoPulse on a board; other fields follow from their limits.
-- a command: `failsafe()`, the Failsafe of a vehicle that obeys such commands; None: one without limits.
-- Law: `stick`, name of the sample with the pilot's stick, which is added to the estimate; "": no pilot.
-- a gyro's response: `sampling`, the period of samples that it is made for; None: any.
-- Law: `equilibrium()`, the state at which its loop rests; None: unknown.
-- a heading or position measured: `variance`, of its noise, of a position also its covariance (2, 2); 0: not stated.
-- an estimated state: `frequencies`, those of its bending modes (w1, w2, rad/s); (): not estimated.
+  q_WB (0, w_WB_B)/2; an integration on the rotation group updates them by rotations (docs, Integration).
+- Vehicle: `events(t, x)`: numbers; a step ends where one of them changes its sign (docs, Integration).
+- Vehicle: `jump(t, x, crossed)`: the state after such an event; crossed (k,): True for numbers that changed sign.
+- Vehicle: `after_step(t, x)`: the corrected state after each step, e.g. with a quaternion of length one.
+- Vehicle: `input_limits()`: field of its input -> (minimum, maximum) of its own servos and motors.
+- Vehicle: `in_gust(gust)`: the vehicle in air with this Gust besides the wind; needed in a world with turbulence.
+- Vehicle: `is_stepped`: True if a host steps it, such as an external program; the loop then does not integrate it.
+- Channel: `send_period`: time between packets; None: the channel's period.
+- Actuators: `frame`: the period at which they latch a command; None: their period.
+- Actuators: `pulses()`: field of the command -> its ServoPulse on a board; other fields follow from their limits.
+- a command: `failsafe()`: the Failsafe of a vehicle that accepts such commands; None: a Failsafe without limits.
+- Law: `stick`: name of the sample with the pilot's stick, which is added to the estimate; "": no pilot.
+- a gyro's response: `sampling`: the sampling period for which it was designed; None: any.
+- Law: `equilibrium()`: the state in which its closed loop is at rest; None: unknown.
+- a measured heading or position: `variance` of its noise, for a position also its covariance (2, 2); 0: not stated.
+- an estimated state: `frequencies` of its bending modes (w1, w2, rad/s); (): not estimated.
 
-What can be switched off in a part is declared with `off=` at its fields: `core.imperfections`.
+Imperfections that can be switched off in a part are declared with `off=` at its fields: `core.imperfections`.
 """
 
 
@@ -92,12 +94,12 @@ class Vehicle(Protocol[X, U]):
         ...
 
     def motion(self, t: Any, x: X, u: U) -> Motion:
-        """Return the motion that sensors feel; t: integer time."""
+        """Return the motion that sensors measure; t: integer time."""
         ...
 
 
 class AirDisturbance(Protocol):
-    """Turbulence and the like: the vehicle's motion in, the Gust that it meets there out, each `period`."""
+    """Disturbance of the air, e.g. turbulence. Each `period`, it computes the Gust at a vehicle from its motion."""
 
     @property
     def period(self) -> int:
@@ -105,7 +107,7 @@ class AirDisturbance(Protocol):
         ...
 
     def init(self, key: Key) -> Any:
-        """Return the first state."""
+        """Return the initial state of the disturbance."""
         ...
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Gust]:
@@ -115,7 +117,7 @@ class AirDisturbance(Protocol):
 
 @runtime_checkable
 class Sensor(Protocol):
-    """Motion in, sample out, each `period`; it may say that it FEELS something else."""
+    """Sensor. Each `period`, it computes a sample from the vehicle's motion, or from another input named by FEELS."""
 
     @property
     def period(self) -> int:
@@ -123,7 +125,7 @@ class Sensor(Protocol):
         ...
 
     def init(self, key: Key) -> Any:
-        """Return the first state."""
+        """Return the initial state of the sensor."""
         ...
 
     def measure(self, motion: Motion) -> Any:
@@ -137,7 +139,7 @@ class Sensor(Protocol):
 
 @runtime_checkable
 class Channel(Protocol):
-    """Samples in at one end, delayed, jittered, lost or held samples out at the other."""
+    """Link that carries samples. At the receiving end, they may be delayed, jittered, lost or held."""
 
     @property
     def period(self) -> int:
@@ -145,7 +147,7 @@ class Channel(Protocol):
         ...
 
     def init(self, key: Key, like: Sample) -> Any:
-        """Return the first state, for samples of this structure."""
+        """Return the initial state of the link, for samples of this structure."""
         ...
 
     def step(self, t: Any, state: Any, sample: Sample) -> tuple[Any, Sample]:
@@ -155,15 +157,15 @@ class Channel(Protocol):
 
 @runtime_checkable
 class Estimator(Protocol):
-    """Frame in, estimate out."""
+    """Estimator. It computes an estimate from a frame of samples."""
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Return the names of the sensors whose samples it reads."""
+        """Return the names of the sensors whose samples the estimator reads."""
         ...
 
     def init(self, key: Key) -> Any:
-        """Return the first state."""
+        """Return the initial state of the estimator."""
         ...
 
     def step(self, t: Any, state: Any, frame: Frame) -> tuple[Any, Estimate]:
@@ -172,11 +174,11 @@ class Estimator(Protocol):
 
 
 class InertialForm(Protocol):
-    """A form of aided inertial navigation: the filter alone, without what reads and orders the samples.
+    """Filter of aided inertial navigation, without the code that reads and orders the samples.
 
-    A node is the form's state at one instant: a record with the fields t, imu_reading (3,), untrusted (2,),
-    heading_fix and position_fix, and whatever else the form keeps. z: as measured; variance: of z, of a position also
-    its covariance (2, 2); 0 where the sensor states none.
+    A node is the filter's state at one instant: a record with the fields t, imu_reading (3,), untrusted (2,),
+    heading_fix and position_fix, and further fields of the filter. z: measured value. variance: variance of z, for a
+    position also its covariance (2, 2); 0 if the sensor states none.
     """
 
     AIDED_BY: ClassVar[str]
@@ -203,7 +205,7 @@ class InertialForm(Protocol):
         ...
 
     def propagate(self, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> Any:
-        """Return the node dt (s) later. imu_reading: (3,).  untrusted: (2,), 1: gyro, accelerometers not trusted."""
+        """Return the node dt (s) later. imu_reading: (3,). untrusted (2,): 1 if gyro, accelerometer is not trusted."""
         ...
 
     def correct_heading(self, node: Any, z: Any, variance: Any) -> Any:
@@ -211,19 +213,19 @@ class InertialForm(Protocol):
         ...
 
     def belief(self, node: Any) -> Any:
-        """Return a Belief about the IMU's point."""
+        """Return the filter's estimate for the IMU's position, as a Belief."""
         ...
 
 
 @runtime_checkable
 class Law(Protocol):
-    """Estimate in; out comes a record with the field `demand` (the wanted input) and whatever is worth logging."""
+    """Control law. From an estimate, it computes a record: the field `demand` (the wanted input), and fields to log."""
 
     reads: ClassVar[tuple[str, ...]]
     """Fields of the estimated state that the law needs."""
 
     def init(self, key: Key) -> Any:
-        """Return the first state."""
+        """Return the initial state of the law."""
         ...
 
     def step(self, t: Any, state: Any, estimate: Estimate) -> tuple[Any, Any]:
@@ -233,7 +235,7 @@ class Law(Protocol):
 
 @runtime_checkable
 class Reference(Protocol):
-    """Wanted motion of a vehicle in the plane: a record that a law holds, usually as its field `reference`."""
+    """Wanted motion of a vehicle in the plane: a record that is part of a law, usually its field `reference`."""
 
     def at(self, t: Any) -> ReferencePoint:
         """Return the wanted point t (s) after the law's start: a pure function that compiles to C."""
@@ -242,10 +244,10 @@ class Reference(Protocol):
 
 @runtime_checkable
 class Allocation(Protocol):
-    """Demand in, values for the actuators out."""
+    """Control allocation. It computes commands for the actuators from a demand."""
 
     def init(self, key: Key) -> Any:
-        """Return the first state."""
+        """Return the initial state of the allocation."""
         ...
 
     def step(self, t: Any, state: Any, demand: Any) -> tuple[Any, Any]:
@@ -254,27 +256,27 @@ class Allocation(Protocol):
 
 
 class StageOutput(NamedTuple):
-    """Output of a stage. value: of its field.  limited: True at its top speed or at a stop."""
+    """Output of an actuator stage. value: value of the field. limited: True at the maximum speed or at an end stop."""
 
     value: Any
     limited: Any
 
 
 class ActuatorStage(Protocol):
-    """One effect of an actuator on one field of the input, number by number: a lag, a gap, a delay."""
+    """Effect of an actuator on one field of the input, e.g. a lag, a backlash or a delay, applied number by number."""
 
     def init(self, rest: Any) -> Any:
-        """Return the first state, at the neutral value `rest`."""
+        """Return the initial state of the stage, at the neutral value `rest`."""
         ...
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
-        """Return state and output a period dt (s) later, with the command held."""
+        """Return the state and the output a period dt (s) later, for a constant command."""
         ...
 
 
 @runtime_checkable
 class Actuators(Protocol):
-    """Commands in; out comes a record with the field `u` (the vehicle's input) and whatever is worth logging."""
+    """Actuators. From commands, they compute a record with the field `u` (the vehicle's input) and fields to log."""
 
     @property
     def period(self) -> int:
@@ -286,7 +288,7 @@ class Actuators(Protocol):
         ...
 
     def init(self, key: Key) -> Any:
-        """Return the first state."""
+        """Return the initial state of the actuators."""
         ...
 
     def step(self, t: Any, state: Any, command: Sample) -> tuple[Any, Any]:
@@ -295,7 +297,7 @@ class Actuators(Protocol):
 
 
 class LinkStatistics(NamedTuple):
-    """Counters of a transport since it was opened; a packet is the data of one call."""
+    """Counters of a transport since it was opened. A packet is the data of one call."""
 
     bytes_in: int
     bytes_out: int
@@ -313,12 +315,12 @@ class Audience(Enum):
     ALL = "all"
     PRIVATE = "private"
     PUBLIC = "public"
-    """Recently accepted peers other than the private ones. The only peer of a link is private."""
+    """Recently accepted peers other than the private ones. On a link with one peer, that peer is private."""
 
 
 @runtime_checkable
 class Link(Protocol):
-    """A real transport: bytes in and out, in wall-clock time. Its methods don't raise once it is open."""
+    """Transport that sends and receives bytes in wall-clock time. Its methods do not raise errors once it is open."""
 
     @property
     def statistics(self) -> LinkStatistics:
@@ -338,7 +340,7 @@ class Link(Protocol):
         ...
 
     def accept_sender(self, *, is_private: bool = False) -> None:
-        """Accept the sender of the last received packet as a peer; only needed on links that receive from strangers.
+        """Accept the sender of the last received packet as a peer. Only links that receive from anyone need this.
 
         is_private: True if the sender also gets packets for PRIVATE.
         """

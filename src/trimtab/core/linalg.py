@@ -1,4 +1,4 @@
-"""Small linear algebra, unrolled: flight code calls no LAPACK, so it exports and batches like everything else.
+"""Linear algebra for small matrices, unrolled. Flight code does not call LAPACK, so that it can be exported as C.
 
 A matrix that is not positive definite gives NaN, not an exception.
 """
@@ -64,7 +64,7 @@ def solve_upper(U: Any, B: Any) -> Any:
 
 
 def solve_spd(A: Any, B: Any) -> Any:
-    """Return X with A X = B for symmetric positive definite A (n, n) and B (n,) or (n, m); NaN if A is not.
+    """Return X with A X = B for symmetric A (n, n) and B (n,) or (n, m); NaN if A is not positive definite.
 
     Source: Golub & Van Loan, "Matrix computations", section 4.2.
     """
@@ -73,7 +73,7 @@ def solve_spd(A: Any, B: Any) -> Any:
 
 
 def inverse_spd(A: Any) -> Any:
-    """Return the inverse of a symmetric positive definite A (n, n) by loops, for large matrices; NaN if A is not.
+    """Return the inverse of a large symmetric matrix A (n, n) by loops; NaN if A is not positive definite.
 
     Source: the sweep operator, J. Goodnight, "A tutorial on the SWEEP operator", American Statistician 33 (1979) 149.
     """

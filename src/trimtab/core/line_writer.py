@@ -1,7 +1,7 @@
-"""Lines for the user, written by a thread. Code that reports a line never waits for a terminal, a pipe or a disk.
+"""Lines of text for the user, written by a thread, so that a flight never waits for a terminal, a pipe or a disk.
 
-A paused terminal, a full pipe or a stalled disk can block a write for any time. A flight must not wait for them. Lines
-that the thread cannot write, or that do not fit into the queue, are counted.
+A paused terminal, a full pipe or a stalled disk can block a write for any time. Lines that the thread cannot write, or
+that do not fit into the queue, are counted.
 """
 
 import os
@@ -20,7 +20,7 @@ class LineWriter:
     """Queue of lines, and the thread that writes them."""
 
     def __init__(self, write: Callable[[str], object]) -> None:
-        """write: writes a line; it may wait, and it may raise OSError or ValueError if it cannot write."""
+        """Start the thread. write: function that writes a line. It may wait, and may raise OSError or ValueError."""
         self._write = write
         self._lines = SimpleQueue[str | threading.Event | None]()
         self._overflowed = self._failed = 0
@@ -29,11 +29,11 @@ class LineWriter:
 
     @property
     def lost_count(self) -> int:
-        """Number of lines lost so far: they will not be written."""
+        """Return the number of lines lost so far, which will not be written."""
         return self._overflowed + self._failed
 
     def put(self, text: str) -> None:
-        """Put a line into the queue. Never waits. If the queue is full, the line is lost."""
+        """Put a line into the queue without waiting. If the queue is full, the line is lost."""
         if self._lines.qsize() >= ROOM:
             self._overflowed += 1
         else:
@@ -48,7 +48,7 @@ class LineWriter:
         self._lines.put(written)
         if written.wait(patience):
             return self.lost_count
-        return self.lost_count + self._lines.qsize()  # the event waits, too; it stands for the line being written
+        return self.lost_count + self._lines.qsize()  # the queued event counts for the line being written
 
     def close(self, patience: float = CLOSE_S) -> int:
         """Write the waiting lines, for at most `patience` seconds. Return the number of lost lines."""
@@ -58,7 +58,7 @@ class LineWriter:
 
     def _run(self) -> None:
         if hasattr(os, "sched_setscheduler"):
-            with suppress(OSError):  # a thread inherits real-time scheduling, which writing must not have
+            with suppress(OSError):  # this thread must not inherit real-time scheduling
                 os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         while (text := self._lines.get()) is not None:
             if isinstance(text, threading.Event):

@@ -21,7 +21,7 @@ RHO_CHANGE = 5.0
 """Smallest factor by which the weight of the constraints is changed [1, section 5.2]."""
 EQUILIBRATIONS = 4
 LOOSE = 1e20
-"""Size from which on a bound counts as infinite."""
+"""Magnitude above which a bound counts as infinite."""
 
 
 class ChangeRows(NamedTuple):
@@ -68,9 +68,9 @@ class _MatrixRows(NamedTuple):
 
 
 class QuadraticProgram(NamedTuple):
-    """P (n, n) symmetric positive semidefinite, q (n,), A (m, n) or `ChangeRows`, l <= u (m,).
+    """Quadratic program: P (n, n) symmetric positive semidefinite, q (n,), A (m, n) or `ChangeRows`, l <= u (m,).
 
-    An infinite l or u means no bound, l = u an equality.
+    An infinite l or u means no bound; l = u means an equality.
     """
 
     P: Any
@@ -130,7 +130,7 @@ def solve_quadratic_program(
         iterations: number of iterations in each round.
         tolerance: relative tolerance of the residuals of a solved program.
     """
-    if isinstance(given.A, ChangeRows):  # its entries are one, and stay so
+    if isinstance(given.A, ChangeRows):  # its entries are 1 and -1, and need no scaling
         scaled, D, E = given, jnp.ones_like(given.q), jnp.ones_like(given.l)
     else:
         scaled, D, E = _equilibrate(given)

@@ -2,9 +2,9 @@
 
 Three kinds of field:
 
-- ``quantity`` a number or array. It is a run-time input: a new value needs no new compilation;
-- ``part``      another record, a mapping or tuple of records, or None;
-- ``option`` a choice or a period. It shapes the program: a new value needs a new compilation.
+- ``quantity``: a number or array. It is a run-time input: a new value needs no new compilation.
+- ``part``: another record, a mapping or tuple of records, or None.
+- ``option``: a choice or a period. It is part of the program: a new value needs a new compilation.
 
 A field has the same name in ``--set``, the log, the plots and the exported code. This module does not import JAX, so
 programs that only read logs, draw them or run compiled code start without JAX.
@@ -211,7 +211,7 @@ def _declarations_of(kind: Any) -> Mapping[str, Declaration]:
 
 
 def children(value: Any) -> list[tuple[str, Any, Declaration | None]]:
-    """Yield name, value and declaration of each child of a record, mapping or tuple."""
+    """Return name, value and declaration of each child of a record, mapping or tuple."""
     if is_record(value):
         declared = declarations(value)
         return [(n, getattr(value, n), d) for n, d in declared.items()]
@@ -225,7 +225,7 @@ def children(value: Any) -> list[tuple[str, Any, Declaration | None]]:
 
 
 def absent_parts(value: Any, path: str = "") -> Iterator[tuple[str, Part]]:
-    """Return every optional part below value that is None, as (dotted path, declaration), in field order."""
+    """Yield every optional part below `value` that is None, as (dotted path, declaration), in field order."""
     for name, child, declared in children(value):
         here = f"{path}.{name}" if path else name
         if child is None and isinstance(declared, Part) and declared.optional is not None:
@@ -235,13 +235,13 @@ def absent_parts(value: Any, path: str = "") -> Iterator[tuple[str, Part]]:
 
 
 def records(value: Any, path: str = "") -> list[tuple[str, Any]]:
-    """Yield (path, record) for a record and for all records below it."""
+    """Return (path, record) for a record and for all records below it."""
     below = [pair for name, child, _ in children(value) for pair in records(child, f"{path}.{name}" if path else name)]
     return [(path, value), *below] if is_record(value) else below
 
 
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any, Quantity | Option]]:
-    """Return every quantity and option below value, as (dotted path, value, declaration), in field order."""
+    """Yield every quantity and option below `value`, as (dotted path, value, declaration), in field order."""
     for name, child, declared in children(value):
         here = f"{path}.{name}" if path else name
         if isinstance(declared, Quantity | Option):
@@ -251,7 +251,7 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any, Quantity | Op
 
 
 def part_classes(tree: Any, path: str = "") -> dict[str, str]:
-    """Return path of each record below a tree -> the name of its class."""
+    """Return path of each record below a tree -> name of its class."""
     classes = {}
     for name, child, _ in children(tree):
         here = f"{path}.{name}" if path else name

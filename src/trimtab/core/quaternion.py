@@ -1,8 +1,8 @@
 """Unit quaternions: attitude in three dimensions without a singular angle.
 
 Conventions: Hamilton's product, the scalar first, q = (w, x, y, z); q_WB takes body components to world components,
-v_W = q_WB (0, v_B) q_WB*, and q_AC = q_AB q_BC. q and -q are the same attitude. What is read from a quaternion
-(`to_matrix`, `rotate`) does not depend on its length, so that an integrator may let it drift.
+v_W = q_WB (0, v_B) q_WB*, and q_AC = q_AB q_BC. q and -q are the same attitude. The results of `to_matrix` and `rotate`
+do not depend on the quaternion's length, which may drift during integration.
 
 Source: Solà, "Quaternion kinematics for the error-state Kalman filter", arXiv:1711.02508, chapters 1, 2 and 4;
 Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1 (1978).

@@ -69,7 +69,7 @@ jax.config.update("jax_enable_x64", True)
 T = TypeVar("T")
 FAST_COMPILE_OPTIONS: Any = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
 if jax.__version_info__ < (0, 11):
-    # The older way to build loops compiles in half the time. One piece takes less time in all than the usual 32.
+    # The older code for loops compiles in half the time. A single piece takes less time in total than the usual 32.
     FAST_COMPILE_OPTIONS |= {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1}
 """Options for jax.jit(…, compiler_options=…) of code that runs once, so that it compiles in less time."""
 
@@ -91,8 +91,8 @@ def record(cls: type[T]) -> type[T]:
     _accept_texts(cls)
     try:
         frozen: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
-    except TypeError as error:  # a field without annotation, or one without default after one with
-        fix = 'name: float = quantity("m", "Meaning of the field.", default=0.0), each with a default or none'
+    except TypeError as error:  # a field without annotation, or without default after one that has one
+        fix = 'name: float = quantity("m", "Meaning of the field.", default=0.0); fields without a default come first'
         raise InputError(f"record {cls.__name__}", str(error), fix=fix) from None
     _explain_changes(frozen)
     for f in dataclasses.fields(frozen):
@@ -225,7 +225,7 @@ def with_leaf(value: Any, path: str, change: Callable[[Any, Quantity | Option], 
 
 
 def with_part_of(value: T, path: str) -> T:
-    """Return a tree in which no optional part along a dotted path is None: a copy, or the tree itself."""
+    """Return a tree of records in which each optional part along a dotted path is present, not None."""
     for where, declared in absent_parts(value):
         below = path.removeprefix(f"{where}.").partition(".")[0]
         if path.startswith(f"{where}.") and below in declarations(declared.optional):
@@ -255,7 +255,7 @@ def _replace_child(value: Any, name: str, child: Any) -> Any:
 
 
 def tree_where(condition: Any, a: T, b: T) -> T:
-    """Return a if the condition holds, else b, for each number of two trees with the same structure."""
+    """Return a where the condition is true, else b, for two trees of numbers with the same structure."""
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
 
 

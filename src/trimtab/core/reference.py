@@ -40,7 +40,7 @@ class ReferencePoint:
 
 
 def retime(point: ReferencePoint, rates: tuple[Any, Any, Any, Any]) -> ReferencePoint:
-    """Return a point of a reference whose parameter theta is a function of time, by the chain rule.
+    """Return the point of a reference as a function of time, by the chain rule, from the point as a function of theta.
 
     Args:
         point: point of the reference at theta.
@@ -78,7 +78,7 @@ def _ease_in(t: Any, ease: Any) -> tuple[Any, tuple[Any, Any, Any, Any]]:
 
 
 def _harmonic_point(centre: Any, terms: Any, phase: Any, w: Any) -> ReferencePoint:
-    """Return a sum of terms (k, shift, u), each u sin(k phase + shift) with phase' = w, and its derivatives."""
+    """Return the point centre + sum of u sin(k phase + shift) over the terms (k, shift, u), with phase' = w."""
     derivatives = [centre, 0.0, 0.0, 0.0, 0.0]
     for k, shift, u in terms:
         s, c = jnp.sin(k * phase + shift), jnp.cos(k * phase + shift)
@@ -150,7 +150,8 @@ class FigureEight:
 class PiecewisePath:
     """A path of consecutive polynomials of degree 5, as made by `interpolate_path` and `pass_waypoints`.
 
-    Piece k holds from times[k] to times[k + 1]: sum of coefficients[k, i] (t - times[k])^i, of north, east and heading.
+    Piece k is valid from times[k] to times[k + 1]. In it, north, east and heading are the sum over i of
+    coefficients[k, i] (t - times[k])^i.
     Before the first time and after the last, the path rests at its ends.
 
     Frames:  W.    Source:  C. de Boor, "A practical guide to splines", 1978.
@@ -207,7 +208,7 @@ def interpolate_path(times: Any, places: Any, headings: Any = None, *, rests: bo
     Raises:
         InputError: too few positions, or times that do not rise.
     """
-    from scipy.interpolate import make_interp_spline  # before a run only
+    from scipy.interpolate import make_interp_spline  # imported here: only used before a run
 
     t, x = np.asarray(times, np.float64), np.asarray(places, np.float64)
     fewest = 2 if rests else DEGREE + 1

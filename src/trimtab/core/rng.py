@@ -48,7 +48,7 @@ def key(seed: int, run: int = 0) -> Key:
 
 
 def split(key: Key, n: int) -> Key:
-    """Return keys of n equal blocks, fields (n,). Each block draws different numbers, which do not depend on n."""
+    """Return the keys of n equal blocks, as a Key with fields (n,). Their random numbers differ, whatever n is."""
     a, b = threefry2x32(key.seed, key.run, np.arange(n, dtype=np.uint32), np.uint32(key.stream))
     return Key(a, b, key.stream)
 
@@ -97,7 +97,7 @@ def uniform2(key: Key, index: Any, stream: int = 0) -> tuple[Any, Any]:
 
 
 def normal2(key: Key, index: Any, stream: int = 0) -> tuple[Any, Any]:
-    """Return two independent standard normals (Box and Muller 1958); arguments as `uniform2`."""
+    """Return two independent standard normals (Box and Muller 1958). The arguments are those of `uniform2`."""
     c0, c1 = jnp.asarray(index).astype(np.uint32), np.uint32((key.stream + stream) % 2**32)
     return _normal_pair(key, c0, c1)
 
@@ -112,9 +112,9 @@ def normals(key: Key, index: Any, n: int) -> Any:
 
 
 def _normal_pair(key: Key, counter: Any, streams: Any) -> tuple[Any, Any]:
-    """Return two normals for each draw.
+    """Return two standard normals for each draw.
 
-    With groups, each is a sum of TERMS normals of different groups. So it changes little when one group's word changes.
+    With groups, each is a scaled sum of TERMS normals of different groups, which changes little with one group's word.
     """
     if not jnp.ndim(key.run):
         return _box_muller(*threefry2x32(key.seed, key.run, counter, streams))

@@ -1,4 +1,4 @@
-"""A linearly implicit step for stiff systems: contact, stiff springs, fast valves. One matrix a step, no iteration.
+"""A linearly implicit step for stiff systems: contact, stiff springs, fast valves. It inverts one matrix per step.
 
 Source: [1] Hairer, Wanner, "Solving ordinary differential equations II", Springer 1996, section IV.7: RODAS, order four
 with an embedded formula of order three, both stiffly accurate, so that an infinitely fast motion is at rest after one

@@ -31,19 +31,19 @@ class Section:
 class SectionState:
     """State of a section in transposed direct form II. Source: Oppenheim, Schafer, section 6.3."""
 
-    s1: Any = quantity("1", "First memory, in the unit of the signal.")
-    s2: Any = quantity("1", "Second memory, in the unit of the signal.")
+    s1: Any = quantity("1", "First delay element, in the unit of the signal.")
+    s2: Any = quantity("1", "Second delay element, in the unit of the signal.")
 
 
 def steady_state(section: Section, u: Any) -> SectionState:
-    """Return the memory after a constant input u for all time."""
+    """Return the section's state after a constant input u for all time."""
     y = section.gain() * u
     s2 = section.b2 * u - section.a2 * y
     return SectionState(s1=section.b1 * u - section.a1 * y + s2, s2=s2)
 
 
 def filter_sample(section: Section, state: SectionState, u: Any) -> tuple[SectionState, Any]:
-    """Return the next memory, and the output for the newest input u."""
+    """Return the section's next state, and its output for the newest input u."""
     y = section.b0 * u + state.s1
     s1 = section.b1 * u - section.a1 * y + state.s2
     return SectionState(s1=s1, s2=section.b2 * u - section.a2 * y), y

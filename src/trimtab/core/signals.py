@@ -88,20 +88,19 @@ class Sample:
 
 
 def new_sample(t: Any, value: Any, *, fresh: Any = True) -> Sample:
-    """Return the sample of a value measured now, at integer time t."""
+    """Return a new sample of a value measured at integer time t."""
     return Sample(value=value, t=t, age=0.0, fresh=fresh, valid=True)
 
 
 def hold_sample(now: Any, sample: Sample, *, fresh: Any = False) -> Sample:
-    """Return the sample with its age at a later time `now`."""
+    """Return the sample with its age updated to a later time `now`."""
     return replace(sample, age=to_seconds(now - sample.t), fresh=fresh)
 
 
 def is_new(sample: Sample, seen: Any) -> Any:
-    """Return True if a sample is fresh:
+    """Return True if a sample is valid, and is marked as fresh or was measured at another integer time than `seen`.
 
-    measured at another integer time than `seen`. Times of measurement are compared for inequality, because the clocks
-    at the two ends of a link may differ.
+    The times are only compared for equality, because the clocks at the two ends of a link may differ.
     """
     return sample.valid & (sample.fresh | (sample.t != seen))
 
@@ -110,15 +109,15 @@ def is_new(sample: Sample, seen: Any) -> Any:
 class Frame:
     """Input of the autopilot: the newest sample of every sensor, by the sensor's name. Source: docs page, Time."""
 
-    t: Scalar = quantity("100 ns", "Time by the autopilot's clock.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the frame, by the autopilot's clock.", kind="time")
     samples: Mapping[str, Sample] = part("Newest sample of each sensor, by the sensor's name.")
 
 
 @record
 class Estimate:
-    """Input of a law. Source: docs page, Time."""
+    """Estimate of the vehicle's state, the input of a control law. Source: docs page, Time."""
 
-    t: Scalar = quantity("100 ns", "Time by the autopilot's clock.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the estimate, by the autopilot's clock.", kind="time")
     age: Scalar = quantity("s", "Age of the newest measurement used in the estimate.")
     fresh: Scalar = quantity("1", "True if a new measurement arrived at this step.", kind="flag")
     valid: Scalar = quantity("1", "True while the estimated state may be used.", kind="flag")
@@ -128,7 +127,8 @@ class Estimate:
 
 
 STICK_MODES = ("manual", "damped", "assisted")
-"""Modes of a pilot's stick. It commands the thrust vector, velocities in the body, or the velocity over the floor."""
+"""Modes of a pilot's stick. In these modes it commands the thrust vector, velocities in body axes, or the velocity over
+the floor."""
 
 
 @record
@@ -142,7 +142,7 @@ class Stick:
 
 @record
 class Command:
-    """Output of the autopilot, for the actuators. Source: docs page, Time."""
+    """Command of the autopilot to the actuators. Source: docs page, Time."""
 
     t: Scalar = quantity("100 ns", "Time at which the autopilot sent the command.", kind="time")
     valid: Scalar = quantity(
@@ -178,10 +178,10 @@ class PeerMessage:
     t: Scalar = quantity(
         "100 ns", "Time for which position and velocity in the message are valid.", kind="time", default=np.int64(NEVER)
     )
-    north: Scalar = quantity("m", "Reference point, north.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Reference point, east.", frame="W", default=0.0)
-    north_velocity: Scalar = quantity("m/s", "Velocity of the reference point, north.", frame="W", default=0.0)
-    east_velocity: Scalar = quantity("m/s", "Velocity of the reference point, east.", frame="W", default=0.0)
+    north: Scalar = quantity("m", "North coordinate of the craft's reference point.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "East coordinate of the craft's reference point.", frame="W", default=0.0)
+    north_velocity: Scalar = quantity("m/s", "North velocity of the craft's reference point.", frame="W", default=0.0)
+    east_velocity: Scalar = quantity("m/s", "East velocity of the craft's reference point.", frame="W", default=0.0)
 
 
 @record
@@ -192,7 +192,7 @@ class Peers:
     """
 
     messages: Any = part(
-        "Fields of PeerMessage, each (n,), with the newest message of each craft; t is NEVER without a message."
+        "Newest message of each craft: fields of PeerMessage, each (n,). t is NEVER for a craft without a message."
     )
 
     def message(self) -> PeerMessage:
@@ -202,7 +202,7 @@ class Peers:
 
 @record
 class PeerView:
-    """Estimated state of a craft of a swarm. Source: docs page, Swarms."""
+    """Estimated state of a craft of a swarm, with the messages of the others. Source: docs page, Swarms."""
 
     own: Any = part("Estimated state of the craft itself.")
     peers: Peers = part("Messages received from the other craft.")
@@ -210,7 +210,7 @@ class PeerView:
 
 @record
 class SwarmInput:
-    """Input and message of each craft: demand, command and input of a swarm. Source: docs page, Swarms."""
+    """Input and message of each craft of a swarm, used as demand, command and input. Source: docs page, Swarms."""
 
     act: Any = part("Input of each craft, or demand for its actuators; fields (n,).")
     say: PeerMessage = part("Message of each craft; fields (n,).")

@@ -1,8 +1,7 @@
-"""References for a vehicle in space:
+"""References for a vehicle in space: a helix, a fixed place, and a path in the plane at a constant height.
 
-a helix, a fixed place, and a path in the plane at a constant height. `at(t)` gives a SpatialPoint: the position and
-four derivatives, the heading and two derivatives. References are pure functions and compile to C, so a law can contain
-one in flight.
+`at(t)` returns a SpatialPoint: the position and four derivatives, the heading and two derivatives. References are pure
+functions and compile to C, so that a law can use one in flight.
 """
 
 from typing import Any

@@ -33,7 +33,7 @@ def unknown_setting(name: str, path: str, known: Iterable[str]) -> InputError:
 
 def closest(name: str, choices: Iterable[str], n: int = 3) -> list[str]:
     """Return up to n choices similar to a name, the most similar first."""
-    import difflib  # only after a mistake
+    import difflib  # imported here: only needed after a mistake
 
     names = list(choices)
     tail = _last_word(name)
@@ -43,5 +43,5 @@ def closest(name: str, choices: Iterable[str], n: int = 3) -> list[str]:
 
 
 def _last_word(name: str) -> str:
-    """Return the words in the path of a setting or the name of a scenario, in small letters."""
+    """Return the last part of the path of a setting, or of the name of a scenario, in lower case."""
     return name.lower().replace("/", ".").rpartition(".")[2]

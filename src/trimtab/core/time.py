@@ -110,7 +110,7 @@ class Instant(NamedTuple):
     always: frozenset[int] = frozenset()
 
     def due(self, period: int) -> Any:
-        """Return True if a block of this period is due now: Python's True, not an array, if it is always due."""
+        """Return True if a block of this period is due now. For a block that is always due, it is Python's True."""
         return True if period in self.always else self.t % period == 0
 
 

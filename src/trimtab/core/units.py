@@ -64,7 +64,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """Unit of storage -> units in which the quantity may be written -> their size in the unit of storage.
 
-A unit that occurs twice, such as g, means the first if the quantity is unknown.
+A unit that occurs twice, such as g, is taken as the first one if the quantity is unknown.
 """
 SPELLINGS = {
     "": "1",
@@ -122,7 +122,7 @@ NUMBER = re.compile(r"\s*([-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf))
 
 
 class Unit(NamedTuple):
-    """Unit of a text. scale: size of the unit in SI and radians. name: SI unit. kind: "real", "flag" or "count"."""
+    """Unit read from a text. scale: its size in the SI unit `name`. kind: "real", "flag" or "count"."""
 
     scale: float
     name: str
@@ -149,12 +149,12 @@ def find_unit(where: str, text: str) -> Unit:
 
 
 def find_size(text: str, kept: str) -> float | None:
-    """Return the size of a written unit in the unit of storage, or None if it measures another quantity."""
+    """Return the size of a written unit in the unit of storage, or None if it is a unit of another quantity."""
     return find_sizes(text).get(kept)
 
 
 def find_sizes(text: str) -> dict[str, float]:
-    """Return possible units of storage -> size of a written unit in each; empty for an unknown unit."""
+    """Return unit of storage -> size of the written unit in it, for all quantities with this unit; else empty."""
     plain = _spell_plainly(text)
     name = SPELLINGS.get(plain, plain)
     return {kept: sizes[name] for kept, sizes in UNITS.items() if name in sizes}
@@ -164,7 +164,7 @@ def check_symbols(unit: str) -> None:
     """Raise InputError if a declared unit is spelled out, because conversion needs the symbol.
 
     Raises:
-        InputError: names the symbol.
+        InputError: the unit is spelled out; the error names the symbol.
     """
     for word in re.findall("[A-Za-z]+", unit):
         symbol = NAMES.get(word.lower(), NAMES.get(word.lower().removesuffix("s")))
@@ -177,7 +177,7 @@ def check_kept(unit: str) -> None:
     """Raise InputError if a declared unit is not a unit of storage, such as deg.
 
     Raises:
-        InputError: names the unit to declare.
+        InputError: the unit is not one of storage; the error names the unit to declare.
     """
     kept = next((kept for kept, sizes in UNITS.items() if unit in sizes), unit)
     if unit not in (*UNITS, *IMPERIAL) and kept != unit:
@@ -189,7 +189,7 @@ def parse_unit(part: str, text: str, kept: str) -> float:
     """Return the size of the unit written after a number, in the unit of storage; 1 if no unit is written.
 
     Raises:
-        InputError: the written unit measures another quantity.
+        InputError: the written unit is one of another quantity.
     """
     if not text or text == kept:
         return 1.0

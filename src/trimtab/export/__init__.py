@@ -1,1 +1,1 @@
-"""The folder that an embedded user ships: a block as C with its own test, firmware, and boards to run it on."""
+"""Export of autopilots, vehicles and closed loops: as C with its own test, as an FMU, and as a WebAssembly page."""

@@ -1,6 +1,6 @@
-"""export_c: the autopilot of a scenario, or its whole closed loop, as C for a microcontroller, with its own test.
+"""Export of a scenario's autopilot, or of its whole closed loop, as C for a microcontroller, with a test.
 
-The samples that test the folder are steps of a simulated run.
+The test data are steps of a simulated run.
 """
 
 from pathlib import Path
@@ -27,7 +27,7 @@ PARTS = ("autopilot", "loop")
 REALS = {"double": "f64", "single": "f32"}
 STEPS = 2000
 OPTIONAL = ("supervisor", "predictor", "monitor")
-"""Optional parts of an autopilot that have outputs."""
+"""Optional parts of an autopilot whose outputs are logged."""
 
 
 @explain_call()
@@ -52,11 +52,12 @@ def export_c(
     Args:
         scenario: a scenario, or its name; fully checked before anything is written.
         folder: folder to write; created if missing.
-        part: "autopilot": frames in, commands out; "loop": World and Autopilot, time in, signals out.
+        part: "autopilot": input is a frame of samples, output a command. "loop": World and Autopilot; input is the
+            time, outputs are all signals.
         real: "double" or "single", the type of real numbers in the C text.
         steps: number of steps of a simulated run to write as test vectors.
         seed: seed of that run.
-        name: prefix of every name in the text; "autopilot" or "loop" when None.
+        name: prefix of every name in the C text; "autopilot" or "loop" if None.
 
     Raises:
         InputError: the scenario cannot be flown, a primitive has no C text, or the folder cannot be written.
@@ -112,7 +113,7 @@ def _export_autopilot(scenario: Scenario, steps: int, seed: int) -> tuple[BlockD
 
 
 def _export_loop(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefinition, Log, Any, int]:
-    """Return block, log, columns of the inputs and period of the closed loop."""
+    """Return the block of the closed loop, a log of its outputs, the columns of its inputs by path, and its period."""
     table = timetable(
         [*scenario.world.periods(), scenario.autopilot.period], scenario.duration, scenario.world.max_step
     )
@@ -128,5 +129,5 @@ def _export_loop(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefini
 
 
 def _stack_columns(columns: list[Any]) -> Any:
-    """Stack arrays (n, …) side by side as numbers (n, VECTORS)."""
+    """Return arrays (n, …) side by side as one array of numbers (n, VECTORS)."""
     return np.concatenate([exact_numbers(c).reshape(len(c), -1) for c in columns], axis=1)

@@ -1,6 +1,7 @@
-"""export_fmu: a scenario's autopilot, vehicle or closed loop as a functional mock-up unit for co-simulation.
+"""Export of a scenario's autopilot, vehicle or closed loop as a functional mock-up unit (FMU) for co-simulation.
 
-An FMU is a zip: a description of its variables, the compiled C for this machine, and the C itself. It needs no Python.
+An FMU is a zip file with a description of its variables, the library compiled for this machine, and the C sources. It
+needs no Python.
 Source: FMI 3.0.2 and FMI 2.0.5, Modelica Association, fmi-standard.org.
 """
 
@@ -31,12 +32,12 @@ HEADERS = {
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
 OPTIONS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-tree-slp-vectorize", "-fwrapv", "-fno-math-errno")
-"""Options of the compiler, for the same bits as the simulation, and for any processor of this kind."""
+"""Compiler options that give the same bits as the simulation, on any processor of this architecture."""
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib")}
 
 
 class ExportedFmu(NamedTuple):
-    """Result of an export. platform: folder of the binary; None without a compiler, with sources only."""
+    """Result of an FMU export. platform: folder of the binary in the FMU; None if no compiler was found."""
 
     path: Path
     block: BlockText
@@ -53,7 +54,8 @@ def export_fmu(
         scenario: scenario, fully checked before anything is written.
         path: path of the file.
         version: version of FMI, 2 or 3.
-        part: "autopilot": frames in, commands out; "vehicle": commands in, frames out; "loop": both, signals out.
+        part: "autopilot": input is a frame of samples, output a command. "vehicle": input is a command, output a frame
+            of samples. "loop": both, without inputs; outputs are all signals.
         real: "double" or "single", the type of real numbers in the C text.
         seed: seed of the random numbers; also a parameter of vehicle and loop.
 
@@ -102,7 +104,7 @@ def _source_files(
     scenario: Scenario,
     variables: list[FmuVariable],
 ) -> tuple[dict[str, bytes], FmuIdentity]:
-    """Return all files but the binary, and the identity with its token: a digest of their contents."""
+    """Return all files of the FMU except the binary, and its identity with a token: a digest of the files."""
     texts = {
         f"sources/{block.name}.h": block.header,
         f"sources/{block.name}.c": block.source,
@@ -123,7 +125,7 @@ def _source_files(
 
 
 def find_platform(version: int) -> tuple[str, str]:
-    """Return the name of the folder below binaries, and the suffix of a shared library."""
+    """Return the folder below `binaries` for this platform, and the suffix of its shared libraries."""
     system, suffix = SYSTEMS.get(sys.platform, ("windows", ".dll"))
     machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
     if version == 2 and machine == "x86_64":
@@ -132,7 +134,7 @@ def find_platform(version: int) -> tuple[str, str]:
 
 
 def _compile(about: FmuIdentity, files: dict[str, bytes], block: BlockText) -> bytes | None:
-    """Return the shared library of the sources; None without a compiler."""
+    """Compile the sources and return the content of the shared library; None if no compiler was found."""
     compiler = find_compiler("c")
     if compiler is None:
         return None
@@ -148,12 +150,12 @@ def _compile(about: FmuIdentity, files: dict[str, bytes], block: BlockText) -> b
         )
         if built.returncode:
             said = "\n".join(built.stderr.splitlines()[:20])
-            raise InputError("export --fmu", f"the compiler reported an error:\n{said}", fix="report it")
+            raise InputError("export --fmu", f"the compiler reported an error:\n{said}", fix="report this error")
         return (Path(scratch) / "model.so").read_bytes()
 
 
 def _write_archive(path: Path, files: dict[str, bytes]) -> None:
-    """Write a zip whose bytes depend on its files only."""
+    """Write a zip file whose bytes depend only on the files in it."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:

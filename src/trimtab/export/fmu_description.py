@@ -1,4 +1,4 @@
-"""modelDescription.xml of an FMU, by FMI 2.0 and 3.0; units in SI, ranges as min and max, parameters tunable or fixed.
+"""The file modelDescription.xml of an FMU, for FMI 2.0 and 3.0: units, ranges, and tunable or fixed parameters.
 
 Source: FMI 3.0.2 and FMI 2.0.5, Modelica Association, fmi-standard.org.
 """
@@ -36,11 +36,11 @@ BASE: dict[str, tuple[float, dict[str, int]]] = {
     "lbf": (4.4482216152605, {"kg": 1, "m": 1, "s": -2}),
     "slug": (14.593902937206, {"kg": 1}),
 }
-"""Unit -> its factor to SI, and its exponents of the SI base units."""
+"""Unit -> its size in SI, and its exponents of the SI base units."""
 
 
 class FmuIdentity(NamedTuple):
-    """Description of the FMU as a whole. sources: the files that are compiled."""
+    """Description of an FMU as a whole. sources: names of the C files to compile."""
 
     scenario: str
     part: str
@@ -99,7 +99,7 @@ def build_description_xml(about: FmuIdentity, options: str) -> str:
 
 
 def unit_in_si(unit: str) -> tuple[float, dict[str, int]] | None:
-    """Return a unit's factor to SI and its SI exponents; None if FMI cannot express the unit, e.g. a root."""
+    """Return the size of a unit in SI and its SI exponents; None if FMI cannot express the unit, e.g. a root."""
     factor, exponents, sign = 1.0, dict[str, int](), 1
     if match := re.fullmatch(r"(\d+) (.*)", unit):
         factor, unit = float(match[1]), match[2]
@@ -134,7 +134,7 @@ def _add_units(root: ET.Element, version: int, variables: list[FmuVariable]) -> 
 
 
 def _unit(v: FmuVariable, version: int) -> str:
-    """Return the declared unit of a variable; whole numbers have none."""
+    """Return the declared unit of a real variable; "" for integers, flags, and variables without a unit."""
     is_real = (TYPES_3 if version == 3 else TYPES_2)[v.dtype] in ("Float64", "Float32", "Real")
     d = v.member.declaration
     return d.unit if d is not None and is_real and d.unit not in ("", "1") else ""
@@ -159,7 +159,7 @@ def _attributes(v: FmuVariable, reference: int) -> dict[str, str]:
 
 
 def _limits(v: FmuVariable, version: int) -> dict[str, str]:
-    """Return unit, min and max of a real number. Outputs have no limits."""
+    """Return the attributes unit, min and max of a variable. Outputs and integers have no min and max."""
     unit, d = _unit(v, version), v.member.declaration
     told = {"unit": unit} if unit else {}
     if d is None or v.role == "output" or v.dtype[0] != "f":

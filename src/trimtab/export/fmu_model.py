@@ -1,4 +1,4 @@
-"""Model of a compiled block for an FMU: its variables, and the text of model.h, by which `fmi/fmu.h` reaches them.
+"""Model of a compiled block for an FMU: its variables, and the text of model.h, through which `fmi/fmu.h` uses them.
 
 Variables are named as in settings and logs: parameters `autopilot.law.k1`, signals `command.value.FX`.
 """
@@ -22,11 +22,11 @@ TYPES = ("f64", "f32", "i32", "i64", "u32", "bool")
 UNSTAMPED = -(2**63)
 """Time stamp of a message whose time was not set. Such a message counts as current."""
 SPLIT_AT = 256
-"""For FMI 2.0, which has no arrays, a parameter with more numbers than this is left out."""
+"""Maximum size of a parameter array in FMI 2.0, which has no arrays. A larger parameter is left out."""
 
 
 class FmuVariable(NamedTuple):
-    """Variable. place: below model_data, in C.  start: its numbers; None for an output."""
+    """Variable of an FMU. place: its C path below model_data. start: its start value; None for an output."""
 
     name: str
     place: str
@@ -36,22 +36,23 @@ class FmuVariable(NamedTuple):
 
     @property
     def dtype(self) -> str:
-        """Type of its numbers, as the compiler names it."""
+        """Return the type of the variable's numbers, by the compiler's short name, e.g. f64."""
         return self.member.dtype
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of an array; () for a number."""
+        """Return the shape of the variable; () for a single number."""
         return self.member.shape
 
 
 class FmuModel(NamedTuple):
-    """Part of a scenario for an FMU.
+    """Part of a scenario that becomes an FMU.
 
-    definition: the block.  prefix: prefix that makes the paths of its parameters those of settings.
+    definition: block of the part.
+    prefix: text that, put before the path of a parameter in the block, gives the parameter's path as a setting.
     name_input: path of an input in the block -> name of the variable; None for inputs set by the FMU itself.
-    begin, advance: bodies of C.
-    step_s: recommended time between communication points.
+    begin, advance: bodies of the C functions model_begin and model_advance.
+    step_s: recommended time between communication points (s).
     """
 
     definition: BlockDefinition
@@ -130,14 +131,14 @@ def fmu_model(scenario: Scenario, part: str, seed: int = 0) -> FmuModel:
     if part == "vehicle":
         block = world_block(scenario, seed=seed)
         return FmuModel(block, "", _name_command, VEHICLE_BEGIN, VEHICLE_ADVANCE, period * 1e-7)
-    # A longer walk has the same periods due at every instant.
+    # A longer simulation has the same set of periods that are due at every instant.
     always = timetable(periods, scenario.duration, scenario.world.max_step).always
     begin = "    model_advance(d, c, 0, w);\n"
     return FmuModel(loop_block(scenario, always, seed=seed), "", lambda p: None, begin, LOOP_ADVANCE, period * 1e-7)
 
 
 def _name_sample(path: str) -> str | None:
-    """Return the vehicle's output of the same name, to which the input is wired."""
+    """Return the name of an input that is a sample: the name of the vehicle's output to which it is connected."""
     return "downlink" + path.removeprefix("samples") if path.startswith("samples.") else None
 
 
@@ -146,10 +147,10 @@ def _name_command(path: str) -> str | None:
 
 
 def fmu_variables(model: FmuModel, block: BlockText) -> list[FmuVariable]:
-    """Return parameters that the C reads, inputs and outputs, in this order.
+    """Return the variables of an FMU: parameters that the C code reads, then inputs, then outputs.
 
     Raises:
-        InputError: a variable has a type unknown to FMI, or a name used twice.
+        InputError: a variable has a type that FMI does not have, or two variables have the same name.
     """
     values = [np.asarray(v) for v in jax.tree.leaves(model.definition.parameters)]
     begins, steps = _function_texts(block, "init"), _function_texts(block, "step")
@@ -176,7 +177,7 @@ def fmu_variables(model: FmuModel, block: BlockText) -> list[FmuVariable]:
 
 
 def split_variables(variables: Iterable[FmuVariable]) -> list[FmuVariable]:
-    """Split into one variable per number, as in FMI 2.0. Parameters with very many numbers are left out."""
+    """Return one variable per number, as FMI 2.0 requires. Parameters with more than SPLIT_AT numbers are left out."""
     single = []
     for v in variables:
         if not v.shape:
@@ -193,7 +194,7 @@ def split_variables(variables: Iterable[FmuVariable]) -> list[FmuVariable]:
 def model_header(
     model: FmuModel, block: BlockText, scenario: Scenario, variables: list[FmuVariable], token: str
 ) -> str:
-    """Return the text of model.h."""
+    """Return the text of model.h, which connects an FMU's variables with the block's C code."""
     name, more = block.name, ", w" if block.workspace else ""
     real = "double" if all(m.dtype != "f32" for m in [*block.inputs, *block.parameters]) else "float"
     samples = [m.path.removesuffix(".age") for m in block.inputs if m.path.endswith(".age")]
@@ -260,7 +261,7 @@ def _literal(value: Any, dtype: str) -> str:
 
 
 def _input_start(m: Member) -> Any:
-    """Return the start value of an input. A message starts as valid and current; numbers as near to zero as allowed."""
+    """Return the start value of an input: the valid value closest to zero. A message starts as valid and current."""
     last = m.path.rpartition(".")[2]
     if m.dtype == "bool":
         return np.full(m.shape, last in ("valid", "fresh"))

@@ -1,4 +1,4 @@
-"""Check of an exported folder: compiled without a warning, checked, and compared with the simulation by sample."""
+"""Check of an exported folder: compile it without warnings, replay its test, and compare each sample with JAX."""
 
 import json
 import os
@@ -19,12 +19,13 @@ SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g")
 
 
 class VerificationReport(NamedTuple):
-    """Result of a check.
+    """Result of the check of an exported folder.
 
     good: every sample is within its tolerance, and the sanitizers found nothing.
-    worst: output -> (largest difference, tolerance).  first: step, output, got and wanted of the first sample out of
-        tolerance.
-    stack_bytes: stack of the step and its callees, as counted by the compiler.  sanitized: False without sanitizers.
+    worst: output -> (largest difference, tolerance).
+    first: step, output, computed value and expected value of the first sample out of tolerance, or None.
+    stack_bytes: stack of the step function and its callees, as reported by the compiler.
+    sanitized: False if the compiler has no sanitizers.
     """
 
     good: bool
@@ -38,7 +39,8 @@ class VerificationReport(NamedTuple):
 def verify_folder(folder: Path) -> VerificationReport:
     """Compile and replay a folder written by `trimtab export`, and compare sample by sample.
 
-    Raises InputError if the folder is not one, there is no compiler, or the text does not compile cleanly.
+    Raises InputError if the folder was not written by `trimtab export`, no compiler is found, or the C text does not
+    compile without warnings.
     """
     about = _read_manifest(folder)
     compiler = find_compiler("c")
@@ -74,17 +76,17 @@ def compare_samples(
 
 
 def _differences(got: Any, wanted: Any, exact: bool) -> Any:
-    """Return the error of each sample; 0 where both are NaN. exact: compare as integers, which float64 may not hold."""
+    """Return the error of each sample; 0 where both are NaN. exact: compare as integers, which may exceed float64."""
     kind = object if exact else np.float64
     got, wanted = np.asarray(got, kind), np.asarray(wanted, kind)
-    with np.errstate(invalid="ignore"):  # difference of two infinities
+    with np.errstate(invalid="ignore"):  # the difference of two infinities is NaN
         off = np.abs(got - wanted).astype(np.float64)
     same = (got == wanted) | ((got != got) & (wanted != wanted))
     return np.where(same, 0.0, np.where(np.isnan(off), np.inf, off))
 
 
 def _read_rows(lines: list[str]) -> Any:
-    """Return rows of numbers as text, integers exactly: an array of Python's own numbers."""
+    """Return the numbers in lines of text, as an array of Python numbers, in which integers are exact."""
     rows = [line.split(",") if line else [] for line in lines]
     width = max(map(len, rows), default=0)
     if any(len(row) != width for row in rows):
@@ -109,7 +111,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def _check_header(header: Path) -> None:
-    """Raise InputError for a header that a C++ program cannot include. Without a C++ compiler nothing is checked."""
+    """Raise InputError if a C++ program cannot include the header. Without a C++ compiler, nothing is checked."""
     compiler = find_compiler("c++")
     if compiler is None:
         return
@@ -120,7 +122,7 @@ def _check_header(header: Path) -> None:
     ran = subprocess.run(command, input=text, capture_output=True, text=True, check=False)
     if ran.returncode:
         said = "\n".join(ran.stderr.splitlines()[:20])
-        raise InputError("export --verify", f"a C++ compiler refused {header.name}:\n{said}", fix="report it")
+        raise InputError("export --verify", f"a C++ compiler rejected {header.name}:\n{said}", fix="report this error")
 
 
 def _run_replay(cc: list[str], folder: Path, name: str, scratch: Path, extra: tuple[str, ...]) -> Any:
@@ -136,7 +138,7 @@ def _run_replay(cc: list[str], folder: Path, name: str, scratch: Path, extra: tu
     ran = subprocess.run([program, vectors], capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)
     if ran.returncode:
         said = "\n".join(ran.stderr.splitlines()[:20])
-        raise InputError("export --verify", f"the replay stopped with {ran.returncode}:\n{said}", fix="report it")
+        raise InputError("export --verify", f"the replay stopped with {ran.returncode}:\n{said}", fix="report this")
     return _read_rows(ran.stdout.splitlines())
 
 
@@ -149,12 +151,12 @@ def _run_sanitizers(cc: list[str], folder: Path, name: str, scratch: Path, got: 
         return False
     again = _run_replay(cc, folder, name, scratch, SANITIZERS)
     if not ((again == got) | ((again != again) & (got != got))).all():
-        raise InputError("export --verify", "results change when built with sanitizers", fix="report it")
+        raise InputError("export --verify", "results change when built with sanitizers", fix="report this error")
     return True
 
 
 def _deepest_stack(scratch: Path) -> int:
-    """Return the deepest stack of a function, by -fstack-usage. All calls are inlined or maths functions."""
+    """Return the largest stack (bytes) of a step function, by -fstack-usage. Its calls are inlined or from libm."""
     found = [0]
     for file in scratch.glob("*.su"):
         for line in file.read_text().splitlines():

@@ -1,8 +1,8 @@
-"""Closed loop as WebAssembly: the exported C, compiled for a browser, and a page with sliders for its parameters.
+"""Export of a closed loop as WebAssembly: the exported C, compiled for a browser, and a page with parameter sliders.
 
-The program imports nothing. It keeps one set of parameters, flies all instants of a run in one call, and leaves every
-output of every instant in its memory, as double. The elementary functions are those of the exported text, so that the
-bits are those of every other machine (docs page, Fly in the page).
+The program imports nothing. It has one set of parameters, simulates a whole run in one call, and stores every output of
+every instant in its memory, as double. It uses the elementary functions of the exported C, so the results have the same
+bits as on every other machine (docs page, Fly in the page).
 """
 
 import base64
@@ -39,16 +39,18 @@ TOOLS = ("clang", "wasm-ld")
 FLAGS = ("--target=wasm32", "-std=c99", "-nostdlib", "-nostdlibinc", "-mbulk-memory", "-w")
 EXPORTED = ("defaults", "get", "set", "fly", "memory")
 MEMORY = 64 * 2**20
-"""Maximum size of the outputs of a flight (bytes)."""
+"""Maximum size of the outputs of a simulated flight (bytes)."""
 REFERENCE_ROWS = 300
 
 
 class Slider(NamedTuple):
-    """Slider for a number of the loop.
+    """Slider of the page, which changes parameters of the loop.
 
-    name, unit: as shown.  low, high: ends of the slider.  paths: of the quantities, below the scenario, that it
-    changes. adds: True adds it to the scenario's own numbers, starting at 0; False replaces them, starting at the
-    first.
+    name, unit: name and unit shown on the page.
+    low, high: ends of the slider.
+    paths: paths, in the scenario, of the quantities that the slider changes.
+    adds: True: the slider's value is added to the scenario's values, and starts at 0. False: it replaces them, and
+        starts at the first one.
     """
 
     name: str
@@ -60,14 +62,14 @@ class Slider(NamedTuple):
 
 
 class WebFlight(NamedTuple):
-    """Closed loop for the browser. program: the WebAssembly.  about: description for the page, for JSON."""
+    """Closed loop for a browser. program: WebAssembly. about: description for the page, which can be stored as JSON."""
 
     program: bytes
     about: dict[str, Any]
 
 
 def delay_slider(scenario: Scenario, high: float, link: str = "uplink") -> tuple[Scenario, Slider]:
-    """Return the scenario with a large enough ring, and a slider for delay (s) on top of a link's latency.
+    """Return a slider that adds delay (s) to a link's latency, and the scenario with a large enough buffer for it.
 
     Raises:
         InputError: the link has no table of latencies.
@@ -84,7 +86,7 @@ def delay_slider(scenario: Scenario, high: float, link: str = "uplink") -> tuple
 
 
 def missing_web_tools() -> list[str]:
-    """Return the missing tools for compiling to WebAssembly."""
+    """Return the names of the tools for WebAssembly that are not installed."""
     return [tool for tool in TOOLS if shutil.which(tool) is None]
 
 
@@ -96,11 +98,12 @@ def export_web(
     Args:
         scenario: scenario, fully checked before anything is compiled.
         sliders: sliders of the page.
-        signals: signals to plot, one plot each; empty: those with targets in the scenario.
+        signals: signals to plot, one plot each; by default the signals that have targets in the scenario.
         seed: seed of the flight that is shown first.
 
     Raises:
-        InputError: missing tools, unknown signal or quantity, or a flight with too many numbers.
+        InputError: a tool is missing, a signal or quantity is unknown, or the outputs of the flight need too much
+            memory.
     """
     if missing := missing_web_tools():
         problem = f"there is no {' and no '.join(missing)} here"
@@ -134,7 +137,7 @@ def export_web(
 
 
 def web_fragment(flight: WebFlight) -> str:
-    """Return the text of a page for a flight. It loads nothing, and may be used in any page, more than once."""
+    """Return HTML for a flight. It loads no other files, and may be put into any page, also several times."""
     about = flight.about | {"program": base64.b64encode(flight.program).decode()}
     data = json.dumps(about).replace("</", "<\\/")
     style, script = ((WEB / name).read_text(encoding="utf-8") for name in ("flight.css", "flight.js"))
@@ -145,7 +148,7 @@ def web_fragment(flight: WebFlight) -> str:
 
 
 def write_web_page(flight: WebFlight, folder: Path) -> list[Path]:
-    """Write index.html, which works without a server, and the program and its description for your own pages."""
+    """Write index.html, which works without a server, and the program and its description for use in other pages."""
     head = (
         '<!doctype html>\n<html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">\n'
     )
@@ -177,7 +180,7 @@ def _check_names(wanted: tuple[str, ...], names: list[str], what: str) -> None:
 
 
 def _check_slider(slider: Slider, block: BlockText, own: Callable[[str], Any]) -> None:
-    """Raise InputError for a slider of an unknown parameter, or whose range excludes its start."""
+    """Raise InputError if a slider changes an unknown parameter, or if its range excludes its start value."""
     quantities = [m.name for m in block.parameters if m.dtype == "f64"]
     _check_names(slider.paths, quantities, "quantity")
     begin = 0.0 if slider.adds else float(np.ravel(own(slider.paths[0]))[0])
@@ -198,7 +201,7 @@ def _describe_slider(slider: Slider, block: BlockText) -> dict[str, Any]:
 
 
 def _describe_signal(path: str, block: BlockText, scenario: Scenario) -> dict[str, Any]:
-    """Return name, unit, meaning and target of a plotted signal."""
+    """Return the path, unit, meaning and target of a plotted signal, for the page."""
     declared = next((m.declaration for m in block.outputs if path.startswith(m.name)), None)
     goals = [target.value for target in scenario.targets if full_path(target.path) == path]
     return {
@@ -210,7 +213,7 @@ def _describe_signal(path: str, block: BlockText, scenario: Scenario) -> dict[st
 
 
 def _reference(scenario: Scenario, signals: tuple[str, ...], table: Timetable, seed: int) -> dict[str, Any]:
-    """Return the shown signals as simulated here, each `every` instants: float64, the instant as first axis."""
+    """Return the plotted signals as simulated on this machine, one row every `every` instants, as float64 in base64."""
     log = simulate(scenario, seed=seed, log_period=1, signals=tuple(s.partition("[")[0] for s in signals))
     every = -(-len(table.t) // REFERENCE_ROWS)
     columns = []
@@ -223,7 +226,7 @@ def _reference(scenario: Scenario, signals: tuple[str, ...], table: Timetable, s
 
 
 def flight_text(block: BlockText, table: Timetable) -> str:
-    """Return the C for a page: parameters by number, and the whole flight over the instants of a table."""
+    """Return the C code for a page: access to parameters by number, and the simulation of a whole flight."""
     numbers = 1 + len(column_names(block.outputs))
     starts = np.flatnonzero(np.diff(table.h, prepend=-1))
     counts = np.diff(starts, append=len(table.h))
@@ -265,7 +268,7 @@ void set(int32_t which, int32_t i, double value)
     }}
 }}
 
-/* The whole flight: at each instant the time (100 ns), then all outputs. */
+/* Simulate the whole flight. Each row of the result has the time (100 ns) and all outputs of an instant. */
 const double *fly(void)
 {{
     double *row = rows[0];
@@ -286,7 +289,7 @@ const double *fly(void)
 
 
 def _cases(parameters: list[Member], text: str) -> str:
-    """Return a line for each parameter."""
+    """Return a C `case` line for each parameter. text: statement with {place} and {type}."""
     lines = []
     for which, m in enumerate(parameters):
         body = text.format(place=m.at("p.", "i"), type=C_TYPES[m.dtype])

@@ -1,7 +1,7 @@
-/* Arguments of a compiled function: checked, and taken apart into the addresses of their numbers.
+/* Arguments of a compiled function: check them, and find the addresses of their numbers.
  *
- * What is used of Python is its stable ABI, declared here, so that no headers are needed; of numpy's arrays the layout
- * that its ABI fixes. HEAD, the size of an object's head, stands before this text. */
+ * The text uses Python's stable ABI, which is declared here, so that no headers are needed. It also uses the memory
+ * layout of numpy's arrays, which numpy's ABI fixes. HEAD is the size of an object's head, defined before this text. */
 #include <pthread.h>
 #include <stdbool.h>
 #include <stddef.h>
@@ -48,7 +48,7 @@ int PyType_IsSubtype(PyObject *type, PyObject *of);
 void Py_DecRef(PyObject *object);
 void Py_IncRef(PyObject *object);
 
-/* What an object shows of its memory: the buffer protocol. */
+/* View of an object's memory (buffer protocol). */
 typedef struct {
     void *data;
     PyObject *owner;
@@ -59,24 +59,24 @@ typedef struct {
     void *internal;
 } View;
 
-enum { FORMAT_AND_SHAPE = 0x0c }; /* without strides: of contiguous memory alone */
+enum { FORMAT_AND_SHAPE = 0x0c }; /* without strides: only contiguous memory */
 int PyObject_CheckBuffer(PyObject *object);
 int PyObject_GetBuffer(PyObject *object, View *view, int flags);
 void PyBuffer_Release(View *view);
 
-/* A place in a tree, in the order in which it is walked. NAMED: a named tuple. */
+/* Node of a tree; its parts follow it. NAMED: a named tuple. */
 enum { LEAF, TUPLE, LIST, DICT, NOTHING, RECORD, NAMED };
 typedef struct {
     int64_t kind, count;
-    PyObject *type;  /* borrowed, as all objects here: `kept` holds them */
-    PyObject **keys; /* of a dict, or names of fields */
+    PyObject *type;  /* borrowed, as all objects here: `kept` keeps them alive */
+    PyObject **keys; /* keys of a dict, or names of fields */
 } Node;
 
-/* An array. If it has no axes: scalar: numpy's class of such numbers, else NULL; numbers: which of Python's numbers it
- * takes: 'd', 'f', 'l', 'i', '?' or 0. */
+/* Type of an array. For an array without axes, scalar is numpy's class of such a number, and numbers is the kind of
+ * Python number that is accepted: 'd', 'f', 'l', 'i', '?'. For other arrays, they are NULL and 0. */
 typedef struct {
     PyObject *type, *scalar;
-    int64_t axes, numbers, format, width; /* format: of a View of it; width: bytes of all, or of one run */
+    int64_t axes, numbers, format, width; /* format: as in a View; width: bytes of the array of one run */
     int64_t *shape;
     PyObject *empty; /* arguments of numpy.empty */
 } Leaf;
@@ -89,9 +89,9 @@ typedef struct {
     Leaf *in, *out;
     Node *takes, *gives;
     PyObject *array, *python_float, *python_int, *python_bool, *empty, *none;
-    PyObject *normalise; /* (all arguments) -> flat tuple of arrays as they must be; raises */
-    PyObject *assemble;  /* (flat results) -> tree, or NULL where `gives` tells all */
-    void *spare;         /* a workspace that no call uses now */
+    PyObject *normalise; /* (all arguments) -> flat tuple of arrays of the right types; raises */
+    PyObject *assemble;  /* (flat results) -> tree, or NULL if `gives` describes the tree */
+    void *spare;         /* a workspace that no call uses at present */
 } Program;
 
 typedef struct {
@@ -113,7 +113,7 @@ typedef union {
     bool b;
 } Number;
 
-/* runs: of the arrays with an axis of runs, or -1.  shared: counts the arrays without. */
+/* Arguments of a call. runs: number of runs; -1 if no array has an axis of runs. shared: number of arrays without. */
 typedef struct {
     const Program *p;
     const Node *node;
@@ -121,7 +121,7 @@ typedef struct {
     const void **in;
     PyObject **held;
     Number *numbers;
-    char *once; /* of many runs, whether all share an array */
+    char *once; /* for each array: 1 if all runs share it */
     View *views;
 } Taking;
 
@@ -130,7 +130,7 @@ static PyObject *type_of(PyObject *o)
     return *(PyObject **)((char *)o + HEAD - sizeof(PyObject *));
 }
 
-/* Whether a shape is that of a leaf, or of many runs of it; then the runs are noted. */
+/* True if a shape is that of a leaf, or of many runs of it. The number of runs is stored. */
 static bool fits(Taking *t, const Leaf *leaf, int64_t axes, const Py_ssize_t *shape)
 {
     bool many = t->p->lanes && axes == leaf->axes + 1;
@@ -162,7 +162,7 @@ static bool take_array(Taking *t, PyObject *o)
     return true;
 }
 
-/* What shows its memory, such as a jax.Array. Classes made from numpy's arrays are not taken: they may mean more. */
+/* Take an object with the buffer protocol, such as a jax.Array. Subclasses of numpy's array are left to Python code. */
 static bool take_view(Taking *t, PyObject *o)
 {
     const Leaf *leaf = &t->p->in[t->at];
@@ -175,7 +175,7 @@ static bool take_view(Taking *t, PyObject *o)
     }
     t->viewed++;
     const char *format = view->format ? view->format : "";
-    format += *format == '='; /* of standard size, which these types have */
+    format += *format == '='; /* '=': standard size, which these types have */
     bool same = format[0] == leaf->format && !format[1] && view->data;
     if (!same || (uintptr_t)view->data % (uintptr_t)view->each || !fits(t, leaf, view->axes, view->shape))
         return false;
@@ -183,7 +183,7 @@ static bool take_view(Taking *t, PyObject *o)
     return true;
 }
 
-/* A number of numpy: it stands behind the head. */
+/* Take a numpy scalar. Its number is in memory after the object's head. */
 static bool take_scalar(Taking *t, PyObject *o)
 {
     if (type_of(o) != t->p->in[t->at].scalar)
@@ -230,7 +230,7 @@ static bool take_number(Taking *t, PyObject *o)
     return true;
 }
 
-/* The leaves of a tree into t; false where it is not just so, and then Python looks closer. */
+/* Take the leaves of a tree into t. Return false if it is not exactly as described; Python code then checks it. */
 static bool take(Taking *t, PyObject *o)
 {
     const Node *node = t->node++;
@@ -276,7 +276,7 @@ static void let_go(Taking *t)
     t->runs = -1;
 }
 
-/* What Python makes of arguments that are not just so. */
+/* Take arguments that are not exactly as described, after Python code has converted them. */
 static bool take_normalised(Taking *t, PyObject *const *arguments, Py_ssize_t count)
 {
     PyErr_Clear();

@@ -1,4 +1,4 @@
-/* Many runs, which several threads share. This text stands behind that of arguments.c. */
+/* Many runs, which several threads share. This text follows that of arguments.c. */
 typedef struct {
     const Program *p;
     const void *const *in;
@@ -40,7 +40,7 @@ static void *run_some(void *pointer)
     return NULL;
 }
 
-/* Run all, in as many threads as there is work for; false where there was not enough memory. */
+/* Run all runs, in at most as many threads as have work. Return false if there was not enough memory. */
 static bool run_batch(Batch *b)
 {
     int64_t threads = (b->runs + b->p->lanes - 1) / b->p->lanes;
@@ -58,10 +58,10 @@ static bool run_batch(Batch *b)
     return !b->failed;
 }
 
-/* Bytes of one array's copies. */
+/* Maximum bytes of the copies of one array. */
 #define MOST_COPIED ((int64_t)1 << 46)
 
-/* Run all, with a copy for each run of what they share: `shared` arrays, marked in `once`. */
+/* Run all runs. Arrays that the runs share (marked in `once`) are copied for each run. Return false without memory. */
 static bool run_many(const Program *p, const void **in, const char *once, int64_t shared, void *const *out, int64_t runs)
 {
     int64_t bytes = 0, at = 0;

@@ -1,4 +1,4 @@
-"""Build C or C++ text to a shared library, once per text, compiler and CPU, and keep it."""
+"""Build of C or C++ text to a shared library, once for each text, compiler and CPU. The library is cached."""
 
 import functools
 import os
@@ -37,9 +37,12 @@ COMMON = (
     *("-O2", "-march=native", "-ffp-contract=off", "-fwrapv", "-fno-math-errno"),
     *("-fno-tree-slp-vectorize", "--param=vect-epilogues-nomask=0"),
 )
-"""The vectoriser of straight lines fuses products and sums in turns (vfmaddsub), -ffp-contract=off or not. The last one
-keeps gcc from vectorising what a vectorised loop leaves over: there gcc 12 takes arrays on the stack as aligned to 32
-bytes that are aligned to 16, and the program dies of SIGSEGV (`TightlyCoupled`, 28 beacons, AVX-512)."""
+"""Compiler flags for both languages.
+
+The vectoriser of straight-line code (SLP) is off, because it fuses products and sums (vfmaddsub) even with
+-ffp-contract=off. The last flag keeps gcc from vectorising the remainder of a vectorised loop. In such a remainder,
+gcc 12 assumes an alignment of 32 bytes for arrays on the stack that are aligned to 16, and the program dies of SIGSEGV
+(`TightlyCoupled`, 28 beacons, AVX-512)."""
 FLAGS = {
     "c": (
         "-std=c99",
@@ -52,15 +55,17 @@ FLAGS = {
     ),
     "c++": ("-std=c++17", *COMMON, "-Wno-psabi"),
 }
-"""Per language. Of the scalar text only loops over arrays are vectorised, which changes no bit: nothing is summed in
-another order; they are if what they call is put in their place, such as tanh, which -O2 does for one call only. The
-text over lanes is the compiler's to improve."""
+"""Compiler flags of each language.
+
+In scalar C, only loops over arrays are vectorised. That changes no bit, because no sum changes its order. A loop that
+calls a function, such as tanh, is vectorised only if the function is inlined. By default, -O2 inlines such a function
+only if it has a single call. C++ for lanes is compiled with the default options of vectorisation."""
 GCC_FLAGS = {"c": (), "c++": ("-fschedule-insns", "-fsched-pressure")}
-"""Per language, for gcc alone: it orders the instructions of lanes before it chooses registers, as clang always does.
-A campaign takes 7 to 14 % less time, with the same bits."""
+"""Additional flags of each language for gcc. With them, gcc orders the instructions before it allocates registers, as
+clang always does. A campaign takes 7 to 14 % less time and gives the same bits."""
 LIBRARIES = {"c": ("-lm",), "c++": ("-lpthread", "-lm")}
 OLDER_FLAGS = {"-std=c++17": "-std=c++1z"}
-"""Names of flags in older compilers."""
+"""Flag -> its name in older compilers."""
 TIME_LIMIT = 300.0
 """Maximum duration of a compilation (s)."""
 LINES, WIDTH = 20, 160
@@ -68,11 +73,11 @@ LINES, WIDTH = 20, 160
 
 
 class BuildError(InputError):
-    """Error: a working compiler failed to build a library. The problem has the first lines of its output."""
+    """Error: a working compiler failed to build a library. The message contains the first lines of its output."""
 
 
 class _BuildJob(NamedTuple):
-    """Text to be built, with compiler and flags."""
+    """Text to build, with compiler and flags."""
 
     compiler: Compiler
     language: str
@@ -86,30 +91,30 @@ class _BuildJob(NamedTuple):
 
     @property
     def key(self) -> str:
-        """Return the key of the library: text, flags, compiler, CPU and this file's generation."""
+        """Return the cache key of the library: a hash of text, flags, compiler, CPU and GENERATION."""
         given = (GENERATION, self.language, *self.flags, *LIBRARIES[self.language], *self.extra)
         return sha256("\0".join((*given, self.compiler.identity, cpu_identity(), self.source)).encode()).hexdigest()
 
     @property
     def part(self) -> str:
-        """Return the subject of an error."""
+        """Return the subject of an error message: path and identity of the compiler."""
         return f"compiler {self.compiler.path} ({self.compiler.identity})"
 
 
 def compiler_flags(language: str, kind: str) -> tuple[str, ...]:
-    """Return the flags for a text in ``c`` or ``c++`` and a compiler of this kind: ``gcc`` or ``clang``."""
+    """Return the flags for a language (``c`` or ``c++``) and a kind of compiler (``gcc`` or ``clang``)."""
     return (*FLAGS[language], *(GCC_FLAGS[language] if kind == "gcc" else ()))
 
 
 def build_library(source: str, language: str = "c", *, extra: tuple[str, ...] = ()) -> Path:
-    """Return the shared library of a C99 (``c``) or C++17 (``c++``) text; from the cache, if it has been built before.
+    """Return the path of the shared library of a C99 (``c``) or C++17 (``c++``) text. A library built before is cached.
 
     Args:
-        source: the whole text. What it includes, beyond the system's headers, isn't part of what is remembered.
+        source: the whole text. Files that it includes are not part of the cache key; include only system headers.
         language: ``c`` or ``c++``.
-        extra: further flags and libraries, which come last.
+        extra: further flags and libraries, which come last on the command line.
 
-    Raises NoCompiler if no compiler works, BuildFailed if the compiler makes no library or no folder accepts it.
+    Raises NoCompilerError if no compiler works, and BuildError if the compiler fails or no folder can be written.
     """
     found = search_compiler(language)
     if found.compiler is None:
@@ -122,20 +127,20 @@ def build_library(source: str, language: str = "c", *, extra: tuple[str, ...] = 
     except OSError as reason:
         raise BuildError(
             "cache of compiled programs",
-            f"no folder accepts the library: {reason}",
+            f"the library cannot be written to any folder: {reason}",
             fix=MAKE_ROOM_FIX,
         ) from reason
 
 
 def load_library(path: Path) -> "ctypes.CDLL":
-    """Load a library made by build."""
+    """Load a shared library built by `build_library`."""
     import ctypes
 
     try:
         return ctypes.CDLL(os.fspath(path))
     except OSError as reason:
         raise BuildError(
-            f"library {path}", f"it cannot be loaded: {reason}", fix="the library cannot be loaded: {reason}"
+            f"library {path}", f"it cannot be loaded: {reason}", fix="remove this file and run again, which rebuilds it"
         ) from reason
 
 
@@ -150,13 +155,13 @@ def _build_in_folder(job: _BuildJob, folder: Path) -> Path:
 
 
 def _compile_source(job: _BuildJob, work: Path) -> tuple[str, ...]:
-    """Compile to program.so in the work folder; return the flags that were used."""
+    """Compile the text to program.so in the work folder, and return the flags that were used."""
     (work / f"program.{SUFFIX[job.language]}").write_text(job.source, encoding="utf-8")
     first = _try_flags(job, job.flags, work)
     if first.status == 0:
         return job.flags
     accepted = _find_accepted_flags(job, work)
-    # An assembler older than the CPU knows the flag, but not the instructions.
+    # With an assembler older than the CPU, -march=native is accepted, but the instructions are not.
     tries = [accepted, tuple(flag for flag in accepted if flag != "-march=native")]
     for flags in dict.fromkeys(tries):
         if flags != job.flags and _try_flags(job, flags, work).status == 0:
@@ -165,19 +170,19 @@ def _compile_source(job: _BuildJob, work: Path) -> tuple[str, ...]:
     raise BuildError(
         job.part,
         f"the compiler rejected the {job.language.upper()} text with status {first.status}:\n{said}",
-        fix=f"try {NEEDED_VERSIONS}, named in CC or CXX; if that fails too, the text is at fault.",
+        fix=f"try {NEEDED_VERSIONS}, named in CC or CXX; if that fails too, report this as a fault of trimtab.",
     )
 
 
 def _try_flags(job: _BuildJob, flags: tuple[str, ...], work: Path, name: str = "program") -> CompilerOutcome:
-    """Run the compiler to its end; there is a library if the status is 0."""
+    """Run the compiler with these flags and return the outcome. The library NAME.so exists if the status is 0."""
     library = work / f"{name}.so"
     library.unlink(missing_ok=True)
     arguments = (*flags, "-shared", "-fPIC", "-o", library.name, f"{name}.{SUFFIX[job.language]}")
     command = (job.compiler.path, *job.compiler.options, *arguments, *job.extra, *LIBRARIES[job.language])
     outcome = run_compiler(command, work, TIME_LIMIT)
     if outcome.interruption:
-        fix = "run it again; if that happens again, memory may be short, or another compiler be named in CC or CXX."
+        fix = "run it again; if that fails too, free some memory, or name another compiler in CC or CXX."
         raise BuildError(job.part, f"{outcome.interruption} before the library was made", fix=fix)
     if outcome.status == 0 and not _is_library(library):
         said = " ".join(outcome.text.split())[:300]
@@ -192,14 +197,14 @@ def _is_library(path: Path) -> bool:
         content = path.read_bytes()
     except OSError:
         return False
-    if content[:6] == b"\x7fELF\x02\x01":  # the table of sections comes last
+    if content[:6] == b"\x7fELF\x02\x01":  # the table of sections is at the end of the file
         start, size, count = (int.from_bytes(content[i:j], "little") for i, j in ((40, 48), (58, 60), (60, 62)))
         return len(content) >= max(64, start + size * count)
     return content[:4] in (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
 
 
 def _find_accepted_flags(job: _BuildJob, work: Path) -> tuple[str, ...]:
-    """Return the flags that the compiler accepts, tested with one line of text; flags that affect results must be."""
+    """Return the flags that the compiler accepts. Raise BuildError if it rejects a flag that affects results."""
     (work / f"flags.{SUFFIX[job.language]}").write_text("int nothing;\n")
 
     def takes(*flags: str) -> bool:

@@ -1,9 +1,9 @@
-"""Cache of compiled libraries between runs, in folders of this user alone.
+"""Cache of compiled libraries, in folders that only this user can write to.
 
-An entry is a library KEY.so and a manifest KEY.txt that holds the library's checksum. Both are written under other
-names and renamed, the manifest last, so an entry is either whole or absent. A library that does not match its manifest
-is ignored. Libraries go to the user's cache or, if that is unavailable, to a folder that is removed at the end of the
-process.
+An entry is a library KEY.so and a manifest KEY.txt with the library's checksum. Both are written under other names and
+then renamed, the manifest last, so an entry is either complete or absent. A library that does not match its manifest is
+ignored. Libraries are stored in the user's cache or, if that cannot be used, in a folder that is removed at the end of
+the process.
 """
 
 import contextlib
@@ -18,14 +18,14 @@ from typing import TypeVar
 from trimtab.core.cache_folder import cache_folder, is_owned_by_user
 
 LIMIT = 512 * 2**20
-"""Maximum size of the cache in bytes; beyond, the least recently used entries are removed."""
+"""Maximum size of the cache in bytes. Beyond it, the least recently used entries are removed."""
 PATIENCE = 300.0
-"""Longest wait (s) for another process that builds the same library."""
+"""Maximum time (s) to wait for another process that builds the same library."""
 DAY = 86400.0
 MAKE_ROOM_FIX = (
-    "free some space, or set TRIMTAB_CACHE to a folder that only you can write to and that may contain programs."
+    "free some space, or set TRIMTAB_CACHE to a folder that only you can write to, and in which programs can run."
 )
-"""Fix for the case that no folder can be used."""
+"""Fix text of errors that occur if no folder can be used."""
 
 _private_folders: list[Path] = []
 _folder_problems: list[str] = []
@@ -34,31 +34,31 @@ Result = TypeVar("Result")
 
 
 def cached_library_folder() -> Path:
-    """Return the folder of libraries that outlast the process; OSError if there is none that is safe."""
+    """Return the folder of libraries that outlast the process. Raise OSError if no folder is safe."""
     return _check_runnable(cache_folder("c"))
 
 
 def private_folder() -> Path:
-    """Return a folder of this process alone, removed at its end."""
+    """Return a folder that only this process uses. It is removed at the end of the process."""
     if not _private_folders or not _private_folders[-1].is_dir():
         import atexit
         import shutil
         import tempfile
 
         folder, maker = Path(tempfile.mkdtemp(prefix="trimtab-")).absolute(), os.getpid()
-        # A forked child inherits the registration, and mustn't remove what its parent still uses.
+        # A forked child inherits this registration, and must not remove the folder that its parent still uses.
         atexit.register(lambda: shutil.rmtree(folder, ignore_errors=True) if os.getpid() == maker else None)
         _private_folders.append(folder)
     return _check_runnable(_private_folders[-1])
 
 
 def cache_problem() -> str:
-    """Return the reason why this process cannot use the user's cache, or ""; then every process compiles again."""
+    """Return the reason why this process cannot use the user's cache and compiles everything again, else ""."""
     return _folder_problems[-1] if _folder_problems else ""
 
 
 def try_folders(action: Callable[[Path], Result]) -> Result:
-    """Return the action's result in the first folder where it works; OSError with all reasons if none does."""
+    """Return the result of the action in the first folder where it succeeds. Raise OSError if all folders fail."""
     reasons: list[str] = []
     for folder in (cached_library_folder, private_folder):
         try:
@@ -79,7 +79,7 @@ def find_library(key: str) -> Path | None:
 
 
 def find_in_folder(folder: Path, key: str) -> Path | None:
-    """Return the library for this key in a folder, unless entry, owner, mode or checksum is wrong."""
+    """Return the library for this key in a folder, or None if it is missing or its owner, mode or checksum is wrong."""
     manifest, library = folder / f"{key}.txt", folder / f"{key}.so"
     said = _parse_manifest(read_private_file(manifest))
     content = read_private_file(library)
@@ -92,7 +92,7 @@ def find_in_folder(folder: Path, key: str) -> Path | None:
 
 
 def store_library(folder: Path, key: str, library: Path, about: dict[str, str]) -> Path:
-    """Move a finished library from the work folder into the cache as the entry for this key."""
+    """Move a finished library from the work folder into the cache, as the entry for this key. Return its path."""
     library.chmod(0o700)
     with library.open("rb+") as file:
         said = {"key": key, "sha256": sha256(file.read()).hexdigest(), **about}
@@ -105,7 +105,7 @@ def store_library(folder: Path, key: str, library: Path, about: dict[str, str]) 
 
 
 def read_private_file(path: Path) -> bytes | None:
-    """Return the content of a plain file of this user that nobody else can write to; otherwise None."""
+    """Return the content of a file, or None unless it is a regular file that only this user can write to."""
     try:
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
     except OSError:
@@ -121,7 +121,7 @@ def read_private_file(path: Path) -> bytes | None:
 
 
 def write_atomically(path: Path, text: str) -> None:
-    """Write a file atomically: it exists whole or not at all."""
+    """Write a file atomically: it is either complete or absent."""
     with work_folder(path.parent) as work:
         draft = work / "draft"
         with draft.open("x", encoding="utf-8") as file:
@@ -134,7 +134,7 @@ def write_atomically(path: Path, text: str) -> None:
 
 @contextlib.contextmanager
 def work_folder(folder: Path) -> Iterator[Path]:
-    """Make a new folder in the folder, for this user alone, removed at the end."""
+    """Make a temporary folder in this folder that only this user can access, and remove it at the end."""
     import shutil
     import tempfile
 
@@ -147,8 +147,8 @@ def work_folder(folder: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def lock_key(folder: Path, key: str) -> Iterator[None]:
-    """Wait while another process builds that key. If files can't be locked, both build, which is harmless."""
-    from filelock import FileLock  # takes longer than running with an existing library
+    """Wait while another process builds the library of this key. If no lock is possible, both build it: no harm."""
+    from filelock import FileLock  # imported here: the import takes longer than the use of an existing library
 
     name = folder / f"{key}.lock"
     lock = FileLock(name, timeout=PATIENCE, mode=0o600, poll_interval=0.02)
@@ -158,7 +158,7 @@ def lock_key(folder: Path, key: str) -> Iterator[None]:
         yield
     finally:
         if lock.is_locked:
-            with contextlib.suppress(OSError):  # while it is locked, so that nobody else's is removed
+            with contextlib.suppress(OSError):  # while locked, so that no other process's lock is removed
                 name.unlink()
             with contextlib.suppress(OSError):
                 lock.release()
@@ -176,7 +176,7 @@ def _parse_manifest(content: bytes | None) -> dict[str, str]:
 
 
 def _remove_old_entries(folder: Path, spare: str) -> None:
-    """Remove leftovers of killed builds after a day, and the least recently used entries beyond the limit."""
+    """Remove files of interrupted builds after a day, and the least recently used entries beyond the size limit."""
     now, whole, total = time.time(), [], 0
     for name, ends in _files_by_key(folder).items():
         used = max(about.st_mtime for about in ends.values())

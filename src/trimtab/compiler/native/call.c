@@ -1,4 +1,4 @@
-/* A compiled function as a callable of Python: memory found, results put together. This text stands behind that of
+/* A compiled function as a Python callable: allocate memory and build the results. This text follows that of
  * arguments.c and batch.c. */
 static PyObject *give(const Program *p, const Node **node, PyObject ***results)
 {
@@ -67,11 +67,11 @@ static void return_workspace(Program *p, void *memory)
         free(__atomic_exchange_n(&p->spare, memory, __ATOMIC_ACQ_REL));
 }
 
-/* Arguments or results of which the pointers lie on the stack. */
+/* Maximum number of arguments or results whose pointers are on the stack. */
 enum { FEW = 32 };
 
-/* What is given where `count` fits it, else new memory of these bytes for each; NULL, with an error set, where there is
- * none. */
+/* Return `few` if it has room for `count` elements, else new memory of `count` times `each` bytes. Without memory, set
+ * an error and return NULL. */
 static void *room(int64_t count, size_t each, void *few)
 {
     void *memory = count <= FEW ? few : malloc((size_t)count * each);
@@ -86,7 +86,7 @@ static void leave(void *memory, void *few)
         free(memory);
 }
 
-/* An array of a result, or of many runs of it. */
+/* Return a new array for a result, or for that result in many runs. */
 static PyObject *new_result(const Program *p, const Leaf *leaf, int64_t runs)
 {
     if (!p->lanes)
@@ -190,7 +190,7 @@ static void end(PyObject *capsule)
     free(p->spare);
 }
 
-/* A callable of this program; kept: what must live as long as it. */
+/* Return a callable of this program. kept: objects that must live as long as the callable. */
 PyObject *trimtab_callable(Program *p, PyObject *kept)
 {
     PyObject *capsule = PyCapsule_New(p, NULL, end);
@@ -200,7 +200,7 @@ PyObject *trimtab_callable(Program *p, PyObject *kept)
     return made;
 }
 
-/* Whether arrays, and numbers of numpy, lie in memory as is taken for granted here. */
+/* True if numpy's arrays and scalars have the memory layout that this text assumes. */
 int trimtab_knows_arrays(
     PyObject *array, PyObject *array_type, PyObject *type, void *data, int64_t rows, int64_t columns, PyObject *pi)
 {

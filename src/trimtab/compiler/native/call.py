@@ -1,7 +1,8 @@
-"""Compiled functions as Python callables that cost well under a microsecond: the description of a program for C.
+"""Compiled functions as Python callables, whose call costs well under a microsecond.
 
-The generated text stays plain C over pointers; arguments are checked and taken apart, and results put together, by one
-small library that knows Python and is built once per machine.
+The generated text is plain C that works on pointers. One small library, built once per machine, is the interface to
+Python: it checks the arguments, passes the addresses of their numbers, and builds the results. This module describes
+a compiled function to that library.
 """
 
 import ctypes
@@ -18,18 +19,21 @@ from trimtab.core.errors import InputError
 
 KINDS = {"leaf": 0, "tuple": 1, "list": 2, "dict": 3, "none": 4, "record": 5, "named": 6}
 NUMBERS = {"float64": "d", "float32": "f", "int64": "l", "int32": "i", "bool": "?"}
-"""Types of scalars for which Python's own numbers can be given."""
+"""Scalar types for which a Python number can be passed -> letter of the type in arguments.c."""
 
 FORMATS = {"float64": "d", "float32": "f", "bool": "?", "int8": "b", "int16": "h", "int32": "i", "int64": "q"}
 FORMATS |= {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q"}
-"""Types of arrays in the buffer protocol, as `jax.Array` names them."""
+"""Array types -> their format letters in the buffer protocol, as `jax.Array` uses them."""
 TEXTS = ("arguments.c", "batch.c", "call.c")
 
 
 class TreeNode(NamedTuple):
-    """Node of a tree, in the order in which it is walked; its parts follow it.
+    """Node of a tree of arguments or results. In a list of nodes, the parts of a node follow it.
 
-    kind: of KINDS.  keys: of a dict in JAX's order, or names of a record's fields.  parts: how many follow it.
+    kind: a key of KINDS.
+    cls: Python class of the node.
+    parts: number of parts.
+    keys: keys of a dict in JAX's order, or names of a record's fields.
     """
 
     kind: str
@@ -46,19 +50,22 @@ class ArrayType(NamedTuple):
 
     @property
     def width(self) -> int:
-        """Return the number of bytes."""
+        """Return the size of the array in bytes."""
         return int(np.prod(self.shape, dtype=np.int64)) * self.dtype.itemsize
 
 
 class LoadedFunction(NamedTuple):
-    """Compiled function with its surroundings.
+    """Compiled function, with the description of its arguments and results.
 
-    function: `void f(const void *const *in, void *const *out, void *workspace, int32_t runs)`.
-    workspace: bytes that each call needs.  takes: the tuple of arguments as a tree; a first node of -1 parts leaves all
-    to `normalise`.  gives: the tree of results, or None where `assemble` makes it of a flat tuple.
-    normalise: all arguments -> a flat tuple of arrays, contiguous and of the types of `inputs`; raises InputError.
-    lanes: 0 for one run.  For many runs, the number that is computed side by side: then arrays have an axis of runs.
-    threads: how many share many runs.
+    function: C function `void f(const void *const *in, void *const *out, void *workspace, int32_t runs)`.
+    workspace: bytes of memory that each call needs.
+    inputs, outputs: types of the arrays.
+    takes: tree of the arguments (a tuple). If its first node has -1 parts, `normalise` handles all arguments.
+    gives: tree of the results; None if `assemble` builds the results from a flat tuple.
+    normalise: all arguments -> flat tuple of contiguous arrays of the types of `inputs`; raises InputError.
+    assemble: flat tuple of arrays -> tree of results.
+    lanes: 0 for a single run; else the number of runs computed side by side, and arrays have an axis of runs.
+    threads: number of threads that share the runs.
     """
 
     function: Any
@@ -104,7 +111,7 @@ class _Program(ctypes.Structure):
 
 @functools.cache
 def _library() -> Any:
-    """Return the library of calls, which holds Python's lock while it is called."""
+    """Return the library that calls compiled functions from Python. Its own functions are called with the GIL held."""
     text = "\n".join(files("trimtab.compiler.native").joinpath(name).read_text("utf-8") for name in TEXTS)
     extra = ("-pthread", *(("-undefined", "dynamic_lookup") if sys.platform == "darwin" else ()))
     locked = ctypes.PyDLL(str(build_library(f"#define HEAD {object.__basicsize__}\n{text}", extra=extra)))
@@ -116,13 +123,13 @@ def _library() -> Any:
     if sys.implementation.name != "cpython" or not locked.trimtab_knows_arrays(
         probe, np.ndarray, probe.dtype, probe.ctypes.data, *probe.shape, np.float64(np.pi)
     ):
-        problem = f"arrays of {sys.version.split()[0]} with numpy {np.__version__} are not laid out as numpy's ABI says"
+        problem = f"in Python {sys.version.split()[0]}, numpy {np.__version__} does not have the expected array layout"
         raise InputError("compile", problem, fix="use CPython with numpy 1.24 or newer")
     return locked
 
 
 def make_callable(program: LoadedFunction) -> Callable[..., Any]:
-    """Return a Python callable that runs a program; safe from several threads at once."""
+    """Return a Python callable that runs a compiled function. Several threads may call it at the same time."""
     kept: list[Any] = [program]
     made = _Program()
     made.function = ctypes.cast(program.function, ctypes.c_void_p).value
@@ -154,7 +161,7 @@ def _numbers(numbers: Sequence[int]) -> Any:
 
 
 def array_addresses(arrays: Sequence[Any]) -> Any:
-    """Return pointers to the numbers of arrays, for C; the arrays must stay alive."""
+    """Return a C array of pointers to the data of these arrays. The arrays must stay alive while it is used."""
     return (ctypes.c_void_p * max(len(arrays), 1))(*[a.ctypes.data for a in arrays])
 
 

@@ -1,6 +1,6 @@
-"""The machine's C and C++ compilers: which are present, their identity, and their knowledge of the CPU.
+"""The machine's C and C++ compilers: search, identity, and vector width for this CPU.
 
-A compiler runs with a time limit, and writes its files into a temporary folder.
+A compiler is run with a time limit, and writes its files to a temporary folder.
 """
 
 import contextlib
@@ -29,15 +29,15 @@ NO_ROOM_MESSAGES = (
     "File size limit exceeded",
 )
 KILL_MESSAGES = ("Killed signal terminated", "Terminated signal terminated", "unable to execute command: Killed")
-"""Messages of the gcc and clang drivers, with an exit status of their own, when a child program was killed."""
+"""Messages of gcc and clang if a program that they started was killed; their exit status does not show that."""
 
 
 class CompilerOutcome(NamedTuple):
-    """Result of a run.
+    """Result of running a compiler.
 
     Attributes:
-        status: the exit status; negative, the signal that killed it; None, it had to be stopped.
-        text: all that it said.
+        status: exit status; if negative, the signal that killed the compiler; None if it was stopped by the time limit.
+        text: output of the compiler, or the reason why it was stopped.
     """
 
     status: int | None
@@ -45,7 +45,7 @@ class CompilerOutcome(NamedTuple):
 
     @property
     def interruption(self) -> str:
-        """Return the interruption that kept the run from judging the program, or ""."""
+        """Return the reason why the compiler did not run to its end, or "" if it did."""
         if self.status is None:
             return self.text
         if self.status < 0:
@@ -55,14 +55,14 @@ class CompilerOutcome(NamedTuple):
 
 
 def run_compiler(command: tuple[str, ...], work: Path, limit: float) -> CompilerOutcome:
-    """Run a command in a work folder, which also gets its intermediate files; it is stopped after limit seconds.
+    """Run a command in a work folder, which also gets its temporary files. Stop the command after limit seconds.
 
-    Raises OSError where the folder takes no more: another one may.
+    Raises OSError if the folder cannot be written or its disk is full, so that the caller can try another folder.
     """
     outcome = _run_process(command, work, limit)
     for words in NO_ROOM_MESSAGES if outcome.status else ():
         if words in outcome.text:
-            raise OSError(errno.ENOSPC, f"the compiler said '{words}'", str(work.parent))
+            raise OSError(errno.ENOSPC, f"the compiler reported '{words}'", str(work.parent))
     return outcome
 
 
@@ -89,7 +89,7 @@ def _run_process(command: tuple[str, ...], work: Path, limit: float) -> Compiler
     except subprocess.TimeoutExpired:
         return CompilerOutcome(None, f"it did not end within {limit:g} s")
     finally:
-        if started.returncode is None:  # stopped with all its children, also when this process is interrupted
+        if started.returncode is None:  # stop it with all its children, also if this process is interrupted
             os.killpg(started.pid, signal.SIGKILL)
             started.wait()
         if started.stdout:
@@ -97,10 +97,10 @@ def _run_process(command: tuple[str, ...], work: Path, limit: float) -> Compiler
 
 
 NAMES = {"c": ("CC", "gcc", "clang", "cc"), "c++": ("CXX", "g++", "clang++", "c++")}
-"""Environment variable that names a compiler, per language, followed by the names that are tried."""
+"""Language -> environment variable that names a compiler, and the compiler names that are tried without it."""
 SUFFIX = {"c": "c", "c++": "cpp"}
 REQUIRED = {"c": ("-std=c99", "-ffp-contract=off", "-fwrapv"), "c++": ("-ffp-contract=off", "-fwrapv")}
-"""Flags without which results could differ: a compiler that rejects one cannot be used."""
+"""Flags without which results could differ. A compiler that rejects one of them cannot be used."""
 NEEDED_VERSIONS = "gcc 8, clang 10 or newer"
 INSTALL = {
     "c": "install gcc (Debian: apt install gcc libc6-dev; Fedora: dnf install gcc; macOS: xcode-select --install)",
@@ -111,11 +111,11 @@ PROBE = {
     "c++": '#include <cmath>\nextern "C" double probe(double x) { return std::floor(x) + 1.0; }\n',
 }
 PROBE_LIMIT = 30.0
-"""Maximum duration (s) of a trivial compilation."""
+"""Maximum duration (s) of the compilation that tests a compiler."""
 
 
 class NoCompilerError(InputError):
-    """Error: no compiler works. The problem lists the attempts, the fix what to install."""
+    """Error: no compiler works. The message lists the compilers tried and the package to install."""
 
 
 class Compiler(NamedTuple):
@@ -124,10 +124,10 @@ class Compiler(NamedTuple):
     Attributes:
         path: the executable.
         kind: ``gcc`` or ``clang``.
-        version: as it numbers itself, (12, 2, 0).
-        identity: first line of ``--version``, target and options: what decides, with flags and CPU, what it makes.
-        options: words that come first, from a CC of several words such as ``ccache gcc``.
-        width: doubles in a vector of this CPU, as far as this compiler knows it.
+        version: version number, e.g. (12, 2, 0).
+        identity: first line of ``--version``, target and options. Together with flags and CPU, it determines the code.
+        options: words after the executable, if CC has several words, such as ``ccache gcc``.
+        width: number of doubles in a vector, if compiled for this CPU.
     """
 
     path: str
@@ -139,7 +139,7 @@ class Compiler(NamedTuple):
 
 
 class CompilerSearch(NamedTuple):
-    """Result of the search for a compiler: a compiler, or the reasons why there is none and the fix."""
+    """Result of the search for a compiler: the compiler, or the reasons why none works and the fix."""
 
     compiler: Compiler | None
     problem: str = ""
@@ -147,16 +147,16 @@ class CompilerSearch(NamedTuple):
 
 
 def find_compiler(language: str = "c") -> Compiler | None:
-    """Return the compiler for ``c`` or ``c++``: CC or CXX, else gcc, clang or cc; None if none works.
+    """Return the compiler for ``c`` or ``c++``: CC or CXX, else gcc, clang or cc. Return None if none works.
 
-    One works if it makes a shared library that loads and gives the right number. That is found out once per process,
-    and remembered in the cache: the next process only looks whether the executable is still the same.
+    A compiler works if it makes a shared library that loads and computes the right number. The result is cached. The
+    next process only checks that the executable is still the same.
     """
     return search_compiler(language).compiler
 
 
 def search_compiler(language: str) -> CompilerSearch:
-    """Return the result of find_compiler, with the reasons."""
+    """Return the compiler as `find_compiler` does, or the reasons why none works."""
     if language not in NAMES:
         raise InputError("build", f"unknown language {language!r}", choices=NAMES)
     try:
@@ -166,13 +166,13 @@ def search_compiler(language: str) -> CompilerSearch:
 
 
 def lane_count(compiler: Compiler) -> int:
-    """Return the doubles per instruction under -march=native: 8 with AVX-512 F, DQ and VL, 4 with AVX2, else 1."""
+    """Return the number of lanes for this CPU: 8 with AVX-512 F, DQ and VL, 4 with AVX2, else 1."""
     return compiler.width
 
 
 @functools.cache
 def cpu_identity() -> str:
-    """Return the identity of the CPU's model and features: code made for one isn't run on another."""
+    """Return an identity of the CPU's model and features. Code built for one CPU is not run on another."""
     for source in ("/sys/devices/system/cpu/modalias", "/proc/cpuinfo"):
         try:
             content = Path(source).read_bytes()
@@ -210,7 +210,7 @@ def _search_on_path(language: str, wished: str, path: str) -> CompilerSearch:
 
 
 def _split_command(wished: str) -> tuple[str, ...]:
-    """Return the words of CC, which may include options, as in 'ccache gcc'."""
+    """Return the words of the environment variable CC or CXX, which may include options, as in 'ccache gcc'."""
     import shlex
 
     try:
@@ -228,7 +228,7 @@ def _find_executable(name: str, path: str) -> str | None:
 
 
 def _cache_key(executable: str, words: tuple[str, ...], language: str, path: str) -> str:
-    """Return a key that changes with the named executable, or the CPU."""
+    """Return a cache key that changes if the compiler's executable or the CPU changes."""
     parts = [language, cpu_identity(), *words]
     for file in filter(None, [executable, *(_find_executable(word, path) for word in words[1:])]):
         about = os.stat(file)
@@ -249,12 +249,12 @@ def _load_from_cache(note: str, executable: str, words: tuple[str, ...]) -> Comp
 def _save_to_cache(note: str, found: Compiler | str) -> None:
     if isinstance(found, Compiler):
         lines = (found.kind, ".".join(map(str, found.version)), str(found.width), found.identity, "end")
-        with contextlib.suppress(OSError):  # then the next process tries again
+        with contextlib.suppress(OSError):  # if it fails, the next process tests the compiler again
             write_atomically(cached_library_folder() / note, "\n".join(lines))
 
 
 def _try_compiler(executable: str, options: tuple[str, ...], language: str, folder: Path) -> Compiler | str:
-    """Return the compiler, or the reason why it can't be used."""
+    """Test a compiler. Return it, or the reason why it cannot be used."""
     with work_folder(folder) as work:
         said = run_compiler((executable, *options, "--version"), work, PROBE_LIMIT)
         first = said.text.strip().splitlines()[:1]
@@ -272,7 +272,7 @@ def _try_compiler(executable: str, options: tuple[str, ...], language: str, fold
 
 
 def _find_defect(command: tuple[str, ...], language: str, work: Path) -> str:
-    """Return the reason why a compiler makes no library that gives the right number, or ""."""
+    """Return the reason why a compiler does not make a library that computes the right number, or "" if it does."""
     import ctypes
 
     source, library = f"probe.{SUFFIX[language]}", work / "probe.so"
@@ -298,7 +298,7 @@ def _vector_width(command: tuple[str, ...], language: str, work: Path) -> int:
 
 
 def _parse_version(line: str) -> tuple[int, ...]:
-    """Return the version in a first line such as 'gcc (Debian 12.2.0-14) 12.2.0': not the packager's, in brackets."""
+    """Return the version number in a line such as 'gcc (Debian 12.2.0-14) 12.2.0', without the part in brackets."""
     import re
 
     found = re.search(r"\s(\d+(?:\.\d+)+)", re.sub(r"\([^)]*\)", "", line))

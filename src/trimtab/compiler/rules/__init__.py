@@ -1,4 +1,4 @@
-"""Table of the rules that lower primitives."""
+"""Table of the rules that lower JAX primitives."""
 
 from trimtab.compiler.lower import Rule
 from trimtab.compiler.rules import (
@@ -32,4 +32,4 @@ RULES: dict[str, Rule] = {
 }
 RULES |= {name: random.key_rule(RULES[name]) for name in random.OF_KEYS if name in RULES}
 RULES |= {name: composite.one_or_each(RULES[name], rule) for name, rule in composite.EACH.items()}
-"""Name of a primitive -> the rule that lowers it."""
+"""Name of a JAX primitive -> the rule that lowers it."""

@@ -1,6 +1,6 @@
-"""Rules for primitives that are programs of others: written in JAX, traced, and lowered as if a user had written them.
+"""Lowering rules for primitives that are composed of others: programs in JAX, traced and lowered like user code.
 
-Batches are loops over single problems. What is written here computes what JAX documents, to rounding.
+A batch is a loop over single problems. Results agree with JAX's documentation up to rounding.
 """
 
 import math
@@ -17,11 +17,11 @@ from trimtab.compiler.arrays import Array, constant
 from trimtab.compiler.lower import Rule, Site
 
 COUNTED = 40
-"""Number of elements up to which sorting counts the smaller ones; above, it merges."""
+"""Maximum number of elements that are sorted by counting the smaller elements; more are sorted by merging."""
 
 
 def composite(program: Callable[..., Any]) -> Rule:
-    """Return the rule of a primitive that program(*operands, **parameters) computes."""
+    """Return the rule of a primitive that the JAX function program(*operands, **parameters) computes."""
 
     def rule(site: Site) -> list[Array]:
         return inline_program(site, lambda *operands: program(*operands, **site.params))
@@ -36,7 +36,7 @@ def inline_program(site: Site, program: Callable[..., Any]) -> list[Array]:
 
 
 def each_matrix(single: Callable[..., Any], axes: int, *operands: Any) -> Any:
-    """Apply single(...) to the last axes of operands with equal batch axes: one after the other."""
+    """Apply single(...) to the last axes of the operands, for one index of their equal batch axes after the other."""
     batch = operands[0].shape[:-axes]
     if not batch:
         return single(*operands)
@@ -57,7 +57,7 @@ def _permutation(pivots: Any, *, permutation_size: int, **_: Any) -> Any:
 
 
 def _each(site: Site) -> list[Array]:
-    """Return the same primitive, matrix by matrix."""
+    """Return the results of the primitive, applied to one matrix of the batch after the other."""
     primitive, params = site.equation.primitive, site.params
     return inline_program(site, lambda *x: each_matrix(lambda *single: primitive.bind(*single, **params), 2, *x))
 
@@ -81,7 +81,7 @@ def _top_k(operand: Any, *, k: int, axis: int = -1, **_: Any) -> Any:
 
 
 def _total_order(x: Any) -> Any:
-    """Return integers in the order of top_k: -NaN, -inf, ..., -0, 0, ..., inf, NaN."""
+    """Return integers that are ordered as top_k orders floats: -NaN, -inf, ..., -0, 0, ..., inf, NaN."""
     if not jnp.issubdtype(x.dtype, jnp.floating):
         return x
     bits = lax.bitcast_convert_type(x, {4: jnp.int32, 8: jnp.int64}[x.dtype.itemsize])
@@ -89,7 +89,7 @@ def _total_order(x: Any) -> Any:
 
 
 def _comes_before(x: tuple[Any, ...], y: tuple[Any, ...]) -> Any:
-    """Return True where keys come before others: numbers in order, NaN last."""
+    """Return True where the keys x sort before the keys y: numbers in order, NaN last."""
     before, equal = jnp.bool_(False), jnp.bool_(True)
     for a, b in zip(x, y, strict=True):
         less = a < b
@@ -103,7 +103,7 @@ def _comes_before(x: tuple[Any, ...], y: tuple[Any, ...]) -> Any:
 
 
 def sorting_order(keys: tuple[Any, ...], reverse: bool) -> Any:
-    """Return int32 positions of the keys in order; of equals the first comes first."""
+    """Return the positions (int32) of the keys in sorted order. Equal keys keep their order."""
     n = keys[0].shape[0]
     places = jnp.arange(n, dtype=jnp.int32)
 
@@ -125,7 +125,7 @@ def sorting_order(keys: tuple[Any, ...], reverse: bool) -> Any:
 
 
 def _merge_runs(order: Any, keys: tuple[Any, ...], before: Callable[..., Any], width: int) -> Any:
-    """Merge sorted runs of this width two by two: each element searches its place in the other run."""
+    """Merge sorted runs of this width in pairs. The place of each element in the other run is found by search."""
     n = order.shape[0]
 
     def key(place: Any) -> tuple[Any, ...]:
@@ -150,9 +150,10 @@ def _merge_runs(order: Any, keys: tuple[Any, ...], before: Callable[..., Any], w
 
 
 def _erf_inv(x: Any, **_: Any) -> Any:
-    """Giles's approximation for single precision (GPU Computing Gems, 2011), then steps of Halley on erf or erfc.
+    """Compute the inverse of erf: Giles's approximation for single precision, then Halley steps on erf or erfc.
 
-    Beyond its range, first term of the tail's expansion: erfc(y) = exp(-y^2) / (y sqrt(pi)).
+    Beyond its range, the first term of the expansion of the tail is used: erfc(y) = exp(-y^2) / (y sqrt(pi)).
+    Source: Giles, GPU Computing Gems (2011).
     """
     low = (2.81022636e-08, 3.43273939e-07, -3.5233877e-06, -4.39150654e-06, 0.00021858087)
     low += (-0.00125372503, -0.00417768164, 0.246640727, 1.50140941)
@@ -182,11 +183,11 @@ def _erf_inv(x: Any, **_: Any) -> Any:
 
 LANCZOS = (676.5203681218851, -1259.1392167224028, 771.32342877765313, -176.61502916214059, 12.507343278686905)
 LANCZOS += (-0.13857109526572012, 9.9843695780195716e-6, 1.5056327351493116e-7)
-"""Coefficients of the gamma function with g = 7, from the second on; the first is 0.99999999999980993."""
+"""Lanczos coefficients of the gamma function for g = 7, from the second one on; the first is 0.99999999999980993."""
 
 
 def _lgamma(x: Any, **_: Any) -> Any:
-    """Return the log of the gamma function by Lanczos, reflected below 1/2."""
+    """Return the log of the gamma function by Lanczos's formula, with the reflection formula below 1/2."""
     below = x < 0.5
     z = jnp.where(below, -x, x - 1)
     total = 0.99999999999980993 + sum(c / (z + (i + 1)) for i, c in enumerate(LANCZOS))
@@ -213,7 +214,10 @@ def _digamma(x: Any, **_: Any) -> Any:
 
 
 def _threefry(k1: Any, k2: Any, x1: Any, x2: Any, **_: Any) -> Any:
-    """Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011): 20 rounds on two words."""
+    """Compute threefry2x32: 20 rounds on two words.
+
+    Source: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011).
+    """
     turns = ((13, 15, 26, 6), (17, 29, 16, 24))
     keys = (k1, k2, k1 ^ k2 ^ np.uint32(0x1BD11BDA))
     x, y = x1 + keys[0], x2 + keys[1]
@@ -240,7 +244,7 @@ def _platform(site: Site) -> list[Array]:
 
 
 def _error_value(site: Site) -> list[Array]:
-    """Return the result of equinox.error_if with EQX_ON_ERROR=nan: NaN, the largest integer, True."""
+    """Return the result of equinox.error_if with EQX_ON_ERROR=nan: NaN, the largest integer or True, by type."""
     if not jaxprs.raises_of_equinox(site.equation):
         raise site.lowering.refusal("pure_callback")
 
@@ -273,4 +277,4 @@ def one_or_each(one: Rule, each: Rule) -> Rule:
 
 
 EACH: dict[str, Rule] = dict.fromkeys(("cholesky", "lu", "triangular_solve"), _each)
-"""Rules for batches of the primitives that `linalg` handles for one matrix."""
+"""Rules for batches of matrices, for primitives of which `linalg` handles a single matrix."""

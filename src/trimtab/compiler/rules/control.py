@@ -1,4 +1,4 @@
-"""Rules for branches and loops."""
+"""Lowering rules for branches and loops."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -28,7 +28,7 @@ def _cond(site: Site) -> list[Array]:
     programs = jaxprs.cond_branches(site.equation)
     which = element_list(site.b, site.operands[0])[0]
     operands, dying = site.operands[1:], site.dying[1:]
-    # what one operand's buffer is to several is settled by the equation: a branch sees each under its own names
+    # `dying` is already right for operands that share a buffer: a branch sees each operand under its own name
     return _choose_branch(site, which, programs, operands, dying)
 
 
@@ -60,7 +60,7 @@ def _replaceable(operands: list[Array], dying: list[bool]) -> list[Buffer]:
 
 
 def _is_zero(b: Builder, which: Value) -> Value:
-    """Return True if the first of two branches is taken; free if the index came from a bool."""
+    """Return the test that the first of two branches is taken. It costs nothing if the index came from a bool."""
     if which.op == "convert" and which.args[0].dtype == "bool":
         return b.op("not", which.args[0], dtype="bool")
     return b.op("le", which, b.const(0, which.dtype), dtype="bool")
@@ -73,10 +73,11 @@ def branch_arrays(
     second: Callable[[], list[Array]],
     replaceable: Sequence[Buffer] = (),
 ) -> list[Array]:
-    """Write a branch: results in memory on both sides end in one buffer, the others are joined value by value.
+    """Write a branch and return its results. Large results of both sides are put into the same buffer.
 
-    replaceable: buffers that nobody reads afterwards. Where one side hands such a one on as it was, the other writes
-    its own result there, and nothing is copied on the side that changes nothing.
+    Small results are joined value by value.
+    replaceable: buffers that are not read after the branch. If one side returns such a buffer unchanged, the other side
+    writes its result there, and the side without changes copies nothing.
     """
     made = If(test, Block(), Block())
     with b.write_into(made.first):
@@ -90,7 +91,7 @@ def branch_arrays(
 
 
 def _choose_buffer(k: int, xs: list[Array], ys: list[Array], replaceable: Sequence[Buffer]) -> Buffer | None:
-    """Return the buffer that one side passes on as result k, if both can leave it: no other result may read it."""
+    """Return the buffer that one side returns unchanged as result k and that no other result uses, else None."""
     for array in (xs[k], ys[k]):
         buffer = array.buffer
         users = [i for side in (xs, ys) for i, a in enumerate(side) if a.buffer is buffer]
@@ -119,7 +120,7 @@ def _join_arrays(b: Builder, made: If, x: Array, y: Array, held: Buffer | None) 
 
 
 class LoopCarries:
-    """Arrays that a loop carries: values, or, if they are large or indexed, a buffer of the loop."""
+    """Arrays that a loop carries from turn to turn: as values or, if large or indexed, in a buffer of the loop."""
 
     def __init__(
         self, b: Builder, starts: list[Array], dying: list[bool], indexed: set[int], others: Sequence[Array] = ()
@@ -144,7 +145,7 @@ class LoopCarries:
         self.values = [v for a, held in free if held is None for v in element_list(b, a)]
 
     def arrays(self, flat: list[Value]) -> list[Array]:
-        """Return the carried arrays, from their flat values."""
+        """Return the carried arrays. flat: values of the small ones, one after the other."""
         rest = iter(flat)
         found = []
         for a, buffer in zip(self.like, self.buffers, strict=True):
@@ -152,7 +153,7 @@ class LoopCarries:
         return found
 
     def close_iteration(self, nexts: list[Array]) -> list[Value]:
-        """End an iteration of a loop: write large results to their buffers, and return the small ones."""
+        """End a turn of the loop: write large results to their buffers, and return the values of the small ones."""
         b = self.b
         flat = [v for a, held in zip(nexts, self.buffers, strict=True) if held is None for v in element_list(b, a)]
         moves = []
@@ -195,7 +196,7 @@ def _scan(site: Site) -> list[Array]:
 
 
 def array_row(b: Builder, array: Array, k: Value) -> Array:
-    """Return array[k], k in range: values if small, else a view."""
+    """Return array[k] for k in range: as values if it is small, else as a view of the buffer."""
     shape = array.shape[1:]
     size = math.prod(shape)
     offset = b.op("mul", k, b.index(size), dtype="i32")
@@ -219,7 +220,7 @@ def _write_row(b: Builder, made: Array, k: Value, row: Array) -> None:
 
 
 def _select_arrays(b: Builder, holds: Array, new: Array, old: Array) -> Array:
-    """Return the new numbers of the batch members whose test holds; the batch's axes are the first."""
+    """Return `new` for the members of the batch whose test holds, else `old`. The batch axes come first."""
 
     def one(index: Index) -> Value:
         test = read_element(b, holds, index[: len(holds.shape)])
@@ -229,7 +230,7 @@ def _select_arrays(b: Builder, holds: Array, new: Array, old: Array) -> Array:
 
 
 def _store_constants(b: Builder, constants: list[Array], program: Any) -> None:
-    """Put small arrays that a loop reads at computed indices in memory before it, not at each turn."""
+    """Put small arrays that a loop reads at computed indices into memory before the loop, not at each turn."""
     for i in jaxprs.indexed_inputs(program.jaxpr):
         if i < len(constants):
             store_in_memory(b, constants[i])
@@ -257,7 +258,7 @@ def _while(site: Site) -> list[Array]:
         if not w.test.out_avals[0].shape:
             dying = [False] * len(of_body) + [True] * len(now)
             return carried.close_iteration(site.inline(w.body, [*of_body, *now], dying))
-        # under vmap the test is an array: those of the batch that are done keep what they have
+        # under vmap the test is an array: members of the batch whose test is false keep their values
         [holds] = site.inline(w.test, [*of_test, *now])
         nexts = site.inline(w.body, [*of_body, *now])
         return carried.close_iteration(

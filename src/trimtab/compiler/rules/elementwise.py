@@ -1,4 +1,4 @@
-"""Rules for primitives that work element by element."""
+"""Lowering rules for primitives that work element by element."""
 
 from collections.abc import Callable
 
@@ -37,7 +37,7 @@ def elementwise(element: Element) -> Rule:
 
 
 def map_elements(site: Site, element: Callable[[list[Value]], Value], operands: list[Array]) -> Array:
-    """Apply element(values) at every index of the result."""
+    """Return the array with element(values) at every index, where values are those of the operands at this index."""
 
     def one(index: Index) -> Value:
         return element([read_element(site.b, a, index if a.shape else []) for a in operands])
@@ -60,7 +60,7 @@ def _comparison(op: str) -> Element:
 
 
 def _select(site: Site) -> list[Array]:
-    """Select element by element; of two arrays that differ in a few updates only those elements are written."""
+    """Select element by element. If two arrays differ only in pending updates, only those elements are written."""
     b, [test, *cases] = site.b, site.operands
     if any(c.updates for c in cases):
         shared = all(c.buffer is cases[0].buffer and c.offset is None for c in cases)
@@ -72,7 +72,7 @@ def _select(site: Site) -> list[Array]:
 
 
 def _select_updates(site: Site, test: Value, cases: list[Array]) -> Array:
-    """Return the buffer of both cases, with the updates of the chosen case."""
+    """Return the array in the buffer that both cases share, with the updates of the chosen case."""
     b, updates = site.b, list[ElementUpdate]()
     for case, chosen in zip(cases, (b.op("not", test, dtype="bool"), test), strict=True):
         updates += [u._replace(inside=b.op("and", chosen, u.inside, dtype="bool")) for u in case.updates]
@@ -81,7 +81,7 @@ def _select_updates(site: Site, test: Value, cases: list[Array]) -> Array:
 
 
 def select_case(b: Builder, which: Value, cases: list[Value]) -> Value:
-    """Return the case that a bool or an integer, clipped to the range, chooses."""
+    """Return the case that `which` chooses: a bool, or an integer that is clipped to the range."""
     if which.dtype == "bool":
         return b.op("select", which, cases[1], cases[0], dtype=cases[0].dtype) if len(cases) > 1 else cases[0]
     found = cases[-1]
@@ -141,7 +141,7 @@ def _is_finite(site: Site, v: list[Value]) -> Value:
 
 
 def convert(b: Builder, value: Value, dtype: str) -> Value:
-    """Return a value in another type, as JAX converts: out of range saturates, NaN gives 0."""
+    """Return a value converted to another type as in JAX: a number out of range saturates, NaN becomes 0."""
     if dtype == "bool" and value.dtype != "bool":
         return b.op("ne", value, b.const(0, value.dtype), dtype="bool")
     return b.op("convert", value, dtype=dtype)
@@ -157,7 +157,7 @@ def _bitcast(site: Site) -> list[Array]:
         return [source]
     if source.dtype[1:] != site.dtype[1:] or "bool" in (source.dtype, site.dtype):
         problem = f"bitcast of {source.dtype} to {site.dtype} changes the width"
-        raise InputError("export", problem, fix="cast between types of one width")
+        raise InputError("export", problem, fix="cast between types of the same width")
     return [map_elements(site, lambda v: site.b.op("bitcast", v[0], dtype=site.dtype), [source])]
 
 
@@ -167,7 +167,7 @@ def _iota(site: Site) -> list[Array]:
 
 
 def _total_less(site: Site, v: list[Value]) -> Value:
-    """Compare with NaN last, as jnp.searchsorted does; signed zeros and NaN were made equal before."""
+    """Return x < y with NaN as the largest number, as in jnp.searchsorted. JAX has made all zeros and all NaN equal."""
     b, (x, y) = site.b, v
     less = b.op("lt", x, y, dtype="bool")
     if not is_float(x.dtype):
@@ -186,7 +186,7 @@ def _total_equal(site: Site, v: list[Value]) -> Value:
 
 
 def _or_all_nan(b: Builder, test: Value, values: list[Value]) -> Value:
-    """Return a test that also holds where all these values are NaN."""
+    """Return a test that is true if `test` is true, or if all these values are NaN."""
     if not is_float(values[0].dtype):
         return test
     nan = b.const(1, "bool")
@@ -196,7 +196,7 @@ def _or_all_nan(b: Builder, test: Value, values: list[Value]) -> Value:
 
 
 def _empty(site: Site) -> list[Array]:
-    """Return memory that is written before it is read: zeros."""
+    """Return zeros for an uninitialised array, which is written before it is read."""
     return [build_array(site.b, site.shape, site.dtype, lambda index: site.b.const(0, site.dtype))]
 
 

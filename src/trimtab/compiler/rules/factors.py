@@ -1,4 +1,4 @@
-"""Rules for QR factors, eigenvalues, singular values, and systems with three diagonals: programs as in `composite`."""
+"""Lowering rules for QR factors, eigenvalues, singular values, tridiagonal systems: JAX programs as in `composite`."""
 
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +17,7 @@ def _geqrf(a: Any, **_: Any) -> Any:
 
 
 def _single_geqrf(a: Any) -> Any:
-    """Return reflections below the diagonal, their factors, and R above: with the signs of LAPACK."""
+    """Return R with the Householder vectors below its diagonal, and their factors, with the signs of LAPACK."""
     m, n = a.shape
     rows, columns = jnp.arange(m), jnp.arange(n)
 
@@ -26,7 +26,7 @@ def _single_geqrf(a: Any) -> Any:
         x = jnp.where(rows >= j, r[:, j], 0.0)
         head, rest = r[j, j], jnp.where(rows > j, r[:, j], 0.0)
         size = jnp.max(jnp.abs(x))
-        scaled = x / jnp.where(size > 0, size, 1.0).astype(a.dtype)  # so that squares neither vanish nor overflow
+        scaled = x / jnp.where(size > 0, size, 1.0).astype(a.dtype)  # against underflow and overflow of squares
         beta = -jnp.copysign(size * jnp.sqrt(jnp.sum(scaled * scaled)), head)
         none = jnp.max(jnp.abs(rest)) == 0
         below = jnp.where(none, 0.0, rest / jnp.where(none, 1.0, head - beta))
@@ -41,7 +41,7 @@ def _single_geqrf(a: Any) -> Any:
 
 
 def _reflect(a: Any, factors: Any, c: Any, backwards: bool) -> Any:
-    """Apply reflections to the rows of c, from the first on or from the last on."""
+    """Apply Householder reflections to the rows of c, from the first to the last, or backwards."""
     rows, k = jnp.arange(a.shape[0]), factors.shape[0]
 
     def step(i: Any, c: Any) -> Any:
@@ -75,19 +75,22 @@ def _single_qr(a: Any, full: bool) -> Any:
 
 
 SWEEPS = 40
-"""Maximum number of sweeps of rotations: they converge quadratically, in less than ten up to 100 columns."""
+"""Maximum number of sweeps of rotations. They converge quadratically: up to 100 columns need less than ten sweeps."""
 
 
 def _svd(a: Any, *, full_matrices: bool, compute_uv: bool, subset_by_index: Any, **_: Any) -> Any:
     if subset_by_index is not None and tuple(subset_by_index) != (0, min(a.shape[-2:])):
-        problem = f"singular values {subset_by_index} alone have no C text"
-        raise InputError("export", problem, fix="compute all singular values, and take those")
+        problem = f"a subset of the singular values ({subset_by_index}) has no C text"
+        raise InputError("export", problem, fix="compute all singular values and select some of them")
     s, u, vt = each_matrix(lambda a: _single_svd(a, full_matrices), 2, a)
     return (s, u, vt) if compute_uv else (s,)
 
 
 def _single_svd(a: Any, full: bool) -> Any:
-    """Hestenes (1958): columns are turned in pairs until they are orthogonal; QR of them fills up what is missing."""
+    """Compute the SVD by Hestenes's method (1958): columns are rotated in pairs until they are orthogonal.
+
+    A QR factorisation of the rotated columns completes the left singular vectors if some columns are zero.
+    """
     m, n = a.shape
     if m < n:
         s, u, vt = _single_svd(a.T, full)
@@ -117,13 +120,13 @@ def _single_svd(a: Any, full: bool) -> Any:
 
 def _eigh(a: Any, *, lower: bool, subset_by_index: Any, **_: Any) -> Any:
     if subset_by_index is not None and tuple(subset_by_index) != (0, a.shape[-1]):
-        problem = f"eigenvalues {subset_by_index} alone have no C text"
-        raise InputError("export", problem, fix="compute all eigenvalues, and take those")
+        problem = f"a subset of the eigenvalues ({subset_by_index}) has no C text"
+        raise InputError("export", problem, fix="compute all eigenvalues and select some of them")
     return each_matrix(lambda a: _single_eigh(a, lower), 2, a)
 
 
 def _single_eigh(a: Any, lower: bool) -> Any:
-    """Return eigenvectors in columns and eigenvalues in order, by Jacobi's rotations."""
+    """Return eigenvectors in columns, and sorted eigenvalues, by Jacobi rotations."""
     half = jnp.tril(a) if lower else jnp.triu(a)
     a = half + (jnp.tril(a, -1).T if lower else jnp.triu(a, 1).T)
     tiny = jnp.max(jnp.abs(a)) * float(jnp.finfo(a.dtype).eps) ** 2
@@ -161,7 +164,7 @@ def _sweep_pairs(rotate: Callable[..., Any], a: Any) -> Any:
 
 
 def _rotation(alpha: Any, beta: Any, gamma: Any, wanted: Any) -> Any:
-    """Return cosine and sine of the rotation that makes [alpha, gamma; gamma, beta] diagonal; none if not needed."""
+    """Return cosine and sine of the rotation that diagonalises [alpha, gamma; gamma, beta]; 1 and 0 if not wanted."""
     zeta = (beta - alpha) / (2 * jnp.where(wanted, gamma, 1.0))
     t = jnp.where(zeta < 0, -1.0, 1.0) / (jnp.abs(zeta) + jnp.sqrt(1 + zeta * zeta))
     c = jnp.where(wanted, 1 / jnp.sqrt(1 + t * t), 1.0).astype(alpha.dtype)
@@ -181,7 +184,7 @@ def _tridiagonal_solve(dl: Any, d: Any, du: Any, b: Any, *, perturb_singular: bo
 
 
 def _single_tridiagonal(dl: Any, d: Any, du: Any, b: Any) -> Any:
-    """Solve by Gauss elimination with exchange of neighbouring rows, as in LAPACK."""
+    """Solve a tridiagonal system by Gaussian elimination with exchange of neighbouring rows, as in LAPACK."""
     zero = jnp.zeros((), d.dtype)
 
     def eliminate(row: Any, below: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Rules for reading and writing at computed indices: slices, gathers (lookup tables), updates, scatters."""
+"""Lowering rules for array access at computed indices: slices, gathers (lookup tables), updates, scatters."""
 
 import numpy as np
 from jax import lax
@@ -31,7 +31,7 @@ MODE = lax.GatherScatterMode
 
 
 def clamp_start(site: Site, start: Value, extent: int, window: int) -> Value:
-    """Return a start index clipped so that the window fits, as an int32."""
+    """Return the start index of a window, clipped so that the window fits into the array, as an int32."""
     b = site.b
     most = extent - window
     if most == 0:
@@ -45,7 +45,7 @@ def clamp_start(site: Site, start: Value, extent: int, window: int) -> Value:
 
 
 def widen_index(b: Builder, start: Value) -> Value:
-    """Return an index whose type can hold the extent of any array."""
+    """Return an index, widened if its type is too small for the length of any array."""
     return b.op("convert", start, dtype="i32") if start.dtype[1:] in ("8", "16") else start
 
 
@@ -65,14 +65,14 @@ def _dynamic_slice(site: Site) -> list[Array]:
 
 
 def read_window(site: Site, array: Array, starts: Index) -> Array:
-    """Return a window of the site's shape from in-range starts; small arrays are read by selects or a table."""
+    """Return the window of the result's shape at a start in range. Small arrays are read by selects or a table."""
     return build_array(
         site.b, site.shape, array.dtype, lambda index: read_element(site.b, array, _add_indices(site, starts, index))
     )
 
 
 def writable_operand(site: Site, which: int) -> Array:
-    """Return operand `which` in a writable buffer: its own if nobody reads it afterwards, else a copy."""
+    """Return operand `which` in a writable buffer: its own buffer if that is not read later, else a copy."""
     array = site.operands[which]
     if array.updates:
         return apply_updates(site.b, array, site.dying[which])
@@ -109,7 +109,7 @@ def _dynamic_update_slice(site: Site) -> list[Array]:
 
 
 def _update_elements(site: Site, updates: list[ElementUpdate]) -> Array:
-    """Return operand 0 with a few elements written: now if nobody reads the old ones, else later."""
+    """Return operand 0 with a few elements written. If the old ones are read later, the writes stay pending."""
     array = site.operands[0]
     if is_small(array.shape) or array.offset is not None or site.dying[0]:
         target = writable_operand(site, 0)
@@ -119,14 +119,14 @@ def _update_elements(site: Site, updates: list[ElementUpdate]) -> Array:
 
 
 def _unshare_update(site: Site, update: Array, array: Array) -> Array:
-    """Return the update, in memory not shared with the target."""
+    """Return the update array, or a copy of it if it shares memory with the target array."""
     if update.items is None and update.buffer is array.buffer:
         return copy_array(site.b, update)
     return update
 
 
 def _replace_element(site: Site, array: Array, starts: Index, value: Value) -> Array:
-    """Return a small array with one element replaced: a select for each, no memory."""
+    """Return a small array with one element replaced, by a select for each element, without memory."""
     b, where = site.b, flat_index(site.b, array.shape, starts)
     new = [
         b.op("select", b.op("eq", where, b.index(i), dtype="bool"), value, old, dtype=array.dtype)
@@ -136,13 +136,13 @@ def _replace_element(site: Site, array: Array, starts: Index, value: Value) -> A
 
 
 class Windows:
-    """Positions of the windows of a gather or scatter: from its dimension numbers and its array of indices."""
+    """Positions of the windows of a gather or scatter, from its dimension numbers and its array of indices."""
 
     def __init__(self, site: Site, array: Array, indices: Array, sizes: tuple[int, ...], to: tuple[int, ...]) -> None:
         self.site, self.array, self.indices, self.sizes, self.to = site, array, indices, sizes, to
 
     def starts(self, batch: Index, paired: dict[int, int]) -> tuple[Index, Value]:
-        """Return the start of the window of one batch index, clipped, and whether it was in range."""
+        """Return the clipped start of the window of a batch index, and True if the start was in range."""
         b, array = self.site.b, self.array
         found: Index = [b.index(0)] * len(array.shape)
         inside = b.const(1, "bool")
@@ -199,7 +199,7 @@ def _fill_value(site: Site, array: Array) -> Value:
 
 
 class ScatterUpdates:
-    """Writes of a scatter: the position of each update, whether it is in range, and the new number."""
+    """Updates of a scatter: the position of each update, a test that it is in range, and the new number."""
 
     def __init__(self, site: Site, combine: str | None, updates: Array, indices: Array) -> None:
         self.site, self.combine, self.updates = site, combine, updates
@@ -215,7 +215,7 @@ class ScatterUpdates:
         self.function = site.params["update_jaxpr"] if combine is None else None
 
     def place(self, index: Index) -> tuple[Value, Value]:
-        """Return the row-major position of one update, and whether its window is in range."""
+        """Return the row-major position of an update, and the test that its window is in range."""
         b, window = self.site.b, self.numbers.update_window_dims
         batch = [i for a, i in enumerate(index) if a not in window]
         starts, inside = self.windows.starts(batch, self.paired)
@@ -227,7 +227,7 @@ class ScatterUpdates:
         return flat_index(b, self.array.shape, place), inside
 
     def updated_value(self, old: Value, index: Index, inside: Value) -> Value:
-        """Return the number after one update of the present number."""
+        """Return the new number of an element: the result of combining its old number with an update."""
         site, b = self.site, self.site.b
         new = read_element(b, self.updates, index)
         if self.combine is not None:
@@ -277,7 +277,7 @@ def _scatter(combine: str | None) -> Rule:
 def _rewrite_elements(
     array: Array, updates: ScatterUpdates, indices: list[Index], places: list[tuple[Value, Value]]
 ) -> Array:
-    """Return a small array with elements replaced at known positions: no memory."""
+    """Return a small array with elements replaced at known positions, without memory."""
     flat = list(array.items.ravel())
     for index, (where, inside) in zip(indices, places, strict=True):
         flat[int(where.const)] = updates.updated_value(flat[int(where.const)], index, inside)
@@ -285,7 +285,7 @@ def _rewrite_elements(
 
 
 def _unroll_array(site: Site, array: Array) -> Array:
-    """Return a small array as values again, so that later updates don't change it."""
+    """Return a small array as scalar values instead of in a buffer, so that later updates do not change it."""
     if is_small(array.shape):
         return scalars([read_flat(site.b, array, site.b.index(i)) for i in range(array.size)], array.shape, array.dtype)
     return array

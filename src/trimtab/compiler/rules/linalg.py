@@ -1,4 +1,4 @@
-"""Rules for Cholesky and LU factors and triangular solves of single matrices; batches of them: `composite`."""
+"""Lowering rules for Cholesky and LU factors and triangular systems of single matrices. Batches are in `composite`."""
 
 from collections.abc import Callable
 
@@ -18,11 +18,11 @@ from trimtab.compiler.lower import Rule, Site
 from trimtab.compiler.values import Buffer, Value
 
 SIDES = 4
-"""Number of right sides from which all are solved side by side; fewer are solved one by one."""
+"""Minimum number of right-hand sides that are solved side by side; fewer are solved one by one."""
 
 
 class Matrix:
-    """A matrix in a buffer, read and written by indices that are numbers or values."""
+    """Matrix in a buffer. Its indices are constants, or values known only at run time."""
 
     def __init__(self, site: Site, array: Array) -> None:
         self.b, self.array, self.dtype = site.b, array, array.dtype
@@ -37,7 +37,7 @@ class Matrix:
 
 
 class Vector:
-    """Return numbers in a buffer of their own."""
+    """Vector in a buffer of its own."""
 
     def __init__(self, site: Site, size: int) -> None:
         self.b, self.buffer = site.b, site.b.local_buffer(site.dtype, size)
@@ -50,7 +50,7 @@ class Vector:
 
 
 def _cholesky(site: Site) -> list[Array]:
-    """Return the lower factor, zeros above it; all NaN if the matrix is not positive definite, as in JAX."""
+    """Return the lower Cholesky factor with zeros above it, or all NaN if the matrix is not positive definite."""
     b, dtype, n = site.b, site.dtype, site.shape[0]
     if is_small(site.shape):
         L, ok = _unroll_cholesky(site, n)
@@ -85,7 +85,7 @@ def _unroll_cholesky(site: Site, n: int) -> tuple[Array, Value]:
 
 
 def _loop_cholesky(site: Site, n: int) -> tuple[Array, Value]:
-    """Factorise column by column; the rest is updated at once, along its rows, which become vectors."""
+    """Factorise column by column. After each column, the rest of the matrix is updated along its rows (vectorised)."""
     b, dtype = site.b, site.dtype
     result = copy_array(b, site.operands[0])
     L = Matrix(site, result)
@@ -124,7 +124,7 @@ def _loop_cholesky(site: Site, n: int) -> tuple[Array, Value]:
 
 
 def _triangular_solve(site: Site) -> list[Array]:
-    """Solve op(A) X = B, or X op(A) = B, for X: forward or backward substitution."""
+    """Solve op(A) X = B or X op(A) = B for X by forward or backward substitution."""
     b, dtype, p = site.b, site.dtype, site.params
     A, B = site.operands
     n, left = A.shape[0], bool(p["left_side"])
@@ -155,7 +155,7 @@ def _loop_substitution(
     place: Callable[[Value, Value], list[Value]],
     divide: Callable[[Value, Value], Value],
 ) -> Array:
-    """Solve row after row of the unknowns, all right sides side by side."""
+    """Solve for one row of the unknowns after the other, with all right-hand sides side by side."""
     b, dtype, B = site.b, site.dtype, site.operands[1]
     rows = Array((n, m), dtype, buffer=b.local_buffer(dtype, n * m))
     X = Matrix(site, rows)
@@ -218,9 +218,10 @@ def _unroll_substitution(
 
 
 def _lu(site: Site) -> list[Array]:
-    """Return the factors in one matrix, the row exchanged at each step, and the order of the rows.
+    """Return the LU factors in one matrix, the row exchanged at each step, and the resulting order of the rows.
 
-    As LAPACK does it: the largest element of a column is its pivot, the first of equals; a column of zeros is left.
+    As in LAPACK, the pivot is the largest element of a column, the first one if several are equal. A column of zeros
+    is left as it is.
     """
     b, dtype = site.b, site.dtype
     m, n = site.operands[0].shape

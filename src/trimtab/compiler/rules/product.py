@@ -1,6 +1,6 @@
-"""Rule for products of arrays: small ones term by term, large ones by loops that a C compiler makes vectors of.
+"""Lowering rule for products of arrays: small ones term by term, large ones by loops that a C compiler vectorises.
 
-Every element is summed in the order of the index, whatever the order of the loops.
+The terms of every element are added in the order of their index, whatever the order of the loops.
 """
 
 import math
@@ -29,18 +29,18 @@ from trimtab.compiler.values import Value
 WIDTH = 8
 """Number of neighbouring elements of a result that are summed together."""
 DEPTH = 16
-"""Number of terms added before a result is stored again, if there are too many to unroll."""
+"""Number of terms that are added before a result is stored, if there are too many terms to unroll."""
 PANEL = 1024
-"""Number of elements of a factor from which neighbours are copied together before they are used for row after row."""
+"""Minimum size of a factor whose neighbouring columns are copied to contiguous memory before use for all rows."""
 PACK = 4
-"""Number of rows from which a factor is transposed first, so that one result row's elements lie side by side."""
+"""Minimum number of rows for which a factor is transposed first, so that its elements for one row are contiguous."""
 
 
 Read = Callable[[Index, Value], Value]
 
 
 class _Factor:
-    """Array in a product: its axes shared by all (batch), summed over (along), and its own (free)."""
+    """Array in a product. Its axes: shared by both factors (batch), summed over (along), and its own (free)."""
 
     def __init__(self, array: Array, along: tuple[int, ...], batch: tuple[int, ...]) -> None:
         self.array, self.along, self.batch = array, along, batch
@@ -48,15 +48,15 @@ class _Factor:
 
     @property
     def extents(self) -> tuple[int, ...]:
-        """Return the size of the free axes."""
+        """Return the lengths of the free axes."""
         return tuple(self.array.shape[a] for a in self.free)
 
     def is_contiguous(self) -> bool:
-        """Return True if neighbours along the last free axis are neighbours in memory."""
+        """Return True if elements along the last free axis are next to each other in memory."""
         return all(self.array.shape[a] == 1 for a in range(self.free[-1] + 1, len(self.array.shape)))
 
     def read(self, site: Site, batch: Index, along: Index, free: Index) -> Value:
-        """Return an element, as a number of the result's type."""
+        """Return an element of the factor, converted to the type of the result."""
         axes = [*zip(self.batch, batch, strict=True), *zip(self.along, along, strict=True)]
         places = dict([*axes, *zip(self.free, free, strict=True)])
         value = read_element(site.b, self.array, [places[a] for a in range(len(places))])
@@ -64,18 +64,18 @@ class _Factor:
 
     @property
     def is_known(self) -> bool:
-        """Return True if its numbers are known, or values without a place."""
+        """Return True if the factor's numbers are constants, or scalar values that are not in memory."""
         return self.array.buffer is None or self.array.buffer.data is not None
 
     @property
     def is_constant(self) -> bool:
-        """Return True if nothing writes to its buffer."""
+        """Return True if nothing writes to the factor's buffer."""
         return self.array.buffer is not None and self.array.buffer.is_read_only and self.array.offset is None
 
     def pack(self, site: Site) -> "_Factor":
-        """Return the array with axes in the order batch, along, free; done once if its numbers stay.
+        """Return the factor with its axes in the order batch, along, free.
 
-        Numbers that are known are moved here, not in C; an input's before all loops.
+        Constants are reordered here, not in C. A read-only input is reordered once, before all loops.
         """
         order = [*self.batch, *self.along, *self.free]
         places = [int(a) for a in np.argsort(order)]
@@ -90,7 +90,7 @@ class _Factor:
         if array.items is not None:
             packed = Array(shape, array.dtype, array.items.transpose(order))
         elif self.is_constant:
-            # The key holds all that the copy depends on: reshaped, the same numbers are another matrix.
+            # The key contains everything on which the copy depends: the same numbers reshaped are another matrix.
             packed = b.before_all(("packed", array.buffer, array.shape, array.dtype, tuple(order)), move)
         else:
             packed = move()
@@ -99,7 +99,7 @@ class _Factor:
 
 
 class _Product:
-    """One product in loops. rows: the factor whose elements are the same for neighbours; columns: the other one."""
+    """Product written as loops. Neighbours in a row of the result share elements of `rows` and differ in `columns`."""
 
     def __init__(self, site: Site, rows: _Factor, columns: _Factor, swapped: bool) -> None:
         self.site, self.b, self.rows, self.columns, self.swapped = site, site.b, rows, columns, swapped
@@ -107,12 +107,12 @@ class _Product:
         self.along = tuple(rows.array.shape[a] for a in rows.along)
         buffer = self.b.local_buffer(site.dtype, math.prod(site.shape))
         self.buffer, self.result = buffer, Array(site.shape, site.dtype, buffer=buffer)
-        # what is unrolled begins with the first product, and -0 + x is x, of -0 too
+        # equal to the unrolled sum, which starts with the first product: -0 + x is x, also for x = -0
         zero = -0.0 if is_float(site.dtype) and is_small(self.along) else 0
         self.zero = self.b.const(zero, site.dtype)
 
     def position(self, batch: Index, row: Index, column: Index) -> Value:
-        """Return the position of an element of the result."""
+        """Return the row-major position of an element of the result."""
         own = [*column, *row] if self.swapped else [*row, *column]
         return flat_index(self.b, self.site.shape, [*batch, *own])
 
@@ -122,7 +122,7 @@ class _Product:
     def for_each_tile(self, body: Any) -> None:
         """Run body(batch, row, head, first, width, read) for `width` neighbours in a row of the result from `first` on.
 
-        read(along, j): what the columns' factor has for neighbour j.
+        read(along, j) returns the element of the factor `columns` for neighbour j.
         """
         b, n = self.b, self.columns.extents[-1]
         whole = math.prod(self.rows.extents) == 1 and self.columns.is_contiguous()
@@ -146,7 +146,7 @@ class _Product:
         loop_over_indices(b, self.batch, lambda batch: loop_over_indices(b, heads, lambda head: columns(batch, head)))
 
     def reader(self, batch: Index, head: Index, first: Value) -> Read:
-        """Read the columns' factor in place."""
+        """Return a function that reads the factor `columns` in place."""
 
         def read(along: Index, j: Value) -> Value:
             column = [*head, self.b.op("add", first, j, dtype="i32")]
@@ -155,7 +155,7 @@ class _Product:
         return read
 
     def copy_panel(self, read: Read, width: int) -> Read:
-        """Read a copy of these neighbours, without gaps: rows far apart evict each other from a cache."""
+        """Return a function that reads a contiguous copy: rows far apart in memory evict each other from the cache."""
         b, size = self.b, math.prod(self.along) * width
         panel = Array((*self.along, width), self.site.dtype, buffer=b.local_buffer(self.site.dtype, size))
 
@@ -167,7 +167,7 @@ class _Product:
         return lambda along, j: read_element(b, panel, [*along, j])
 
     def sum_neighbours(self, batch: Index, row: Index, head: Index, first: Value, width: int, read: Read) -> None:
-        """Sum neighbours side by side: the loop over them is the innermost, and becomes vectors."""
+        """Sum neighbours side by side. The loop over neighbours is the innermost, so that it is vectorised."""
         b = self.b
 
         def column(j: Value) -> Index:
@@ -202,7 +202,7 @@ class _Product:
         loop_over_indices(b, self.along[:-1], add_all)
 
     def sum_together(self, batch: Index, row: Index, head: Index, first: Value, width: int, read: Read) -> None:
-        """Sum neighbours that lie apart: their sums are carried together, so that none waits for another."""
+        """Sum neighbours that are apart in memory. One loop carries all sums, so that no sum waits for another."""
         b = self.b
         columns = [[*head, b.op("add", first, b.index(j), dtype="i32")] for j in range(width)]
 
@@ -235,7 +235,7 @@ def _dot_general(site: Site) -> list[Array]:
 
 
 def _sum_each(site: Site, x: _Factor, y: _Factor, along: tuple[int, ...]) -> Array:
-    """Sum each element by itself."""
+    """Return a small product: the terms of each element are summed separately."""
     b = site.b
 
     def element(index: Index) -> Value:

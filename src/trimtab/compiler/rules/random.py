@@ -1,4 +1,4 @@
-"""Rules for keys of jax.random: two words of 32 bits each, in one axis more, the last; the bits are JAX's own."""
+"""Lowering rules for random keys (jax.random). A key is two 32-bit words in a last axis. The bits equal JAX's."""
 
 import math
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from trimtab.compiler.lower import Rule, Site
 
 
 def _words(program: Callable[..., Any], keys: bool = True) -> Rule:
-    """Return the rule that applies program(implementation, words of a key, *other operands, **parameters) to keys."""
+    """Return the rule that applies program(generator, words of a key, *other operands, **parameters) to keys."""
 
     def rule(site: Site) -> list[Array]:
         params = {k: v for k, v in site.params.items() if k != "impl"}
@@ -24,7 +24,7 @@ def _words(program: Callable[..., Any], keys: bool = True) -> Rule:
         def one(words: Any, *others: Any) -> Any:
             return program(implementation, words, *others, **params)
 
-        # the other operand of fold_in, and the seeds, go along with the keys
+        # seeds, and the second operand of fold_in, have the same batch axes as the keys
         for _ in shape:
             one = jax.vmap(one)
         shapes = [
@@ -41,7 +41,7 @@ def _same(site: Site) -> list[Array]:
 
 
 def key_rule(rule: Rule) -> Rule:
-    """Return the rule of a primitive that may be given keys: it is applied to each of their words."""
+    """Return a rule that also accepts keys as operands: the primitive is then applied to each word of the keys."""
 
     def either(site: Site) -> list[Array]:
         if not any(jaxprs.is_key(v.aval) for v in site.equation.invars):
@@ -61,7 +61,7 @@ def key_rule(rule: Rule) -> Rule:
 
 
 def _pair_of_counts(site: Site) -> list[Array]:
-    """Return the row-major position of each element, as high and low words."""
+    """Return the row-major position of each element, as an array of high words and an array of low words."""
     shape = site.params["shape"]
 
     def program() -> Any:
@@ -92,4 +92,4 @@ OF_KEYS = (
     "rev",
 )
 OF_KEYS += ("select_n", "stack", "unstack", "dynamic_update_slice", "scatter", "expand_dims", "split")
-"""Primitives that move keys like other numbers."""
+"""Primitives that move keys in the same way as numbers."""

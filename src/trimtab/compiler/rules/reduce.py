@@ -1,4 +1,4 @@
-"""Rules for sums, products, extremes and their positions, along axes and running."""
+"""Lowering rules for sums, products, minima, maxima and their positions along axes, and for cumulative ones."""
 
 import math
 from collections.abc import Callable
@@ -32,7 +32,7 @@ RUNNING_OPERATIONS = {"cumsum": "add", "cumprod": "mul", "cummax": "max", "cummi
 
 
 def neutral_element(op: str, dtype: str) -> object:
-    """Return the result of an empty reduction."""
+    """Return the neutral element of an operation: the result of a reduction of no elements."""
     if op in ("add", "or", "xor"):
         return 0
     if op == "mul":
@@ -48,7 +48,7 @@ def neutral_element(op: str, dtype: str) -> object:
 
 
 def _merge_indices(index: Index, inner: Index, axes: tuple[int, ...]) -> Index:
-    """Return the operand's index from that of the result and that along the reduced axes."""
+    """Return the index of the operand, merged from the index of the result and the index along the reduced axes."""
     rest, along = iter(index), iter(inner)
     return [next(along) if a in axes else next(rest) for a in range(len(index) + len(inner))]
 
@@ -61,7 +61,7 @@ def accumulate(
     *,
     unroll: int = UNROLL,
 ) -> list[Value]:
-    """Carry values over all indices of a shape in row-major order: up to `unroll` written out, more in loops."""
+    """Carry values over all indices of a shape in row-major order. Up to `unroll` indices are unrolled, else loops."""
     if math.prod(shape) <= unroll:
         for index in np.ndindex(*shape):
             starts = step([b.index(i) for i in index], starts)
@@ -94,7 +94,7 @@ def _reduce(op: str) -> Rule:
 
 
 def _extreme_position(better: str) -> Rule:
-    """Lower argmax and argmin: the first of equals; NaN wins over any number."""
+    """Return the rule of argmax or argmin. The first of equal numbers is chosen; NaN beats any number."""
 
     def rule(site: Site) -> list[Array]:
         b, array, axes = site.b, site.operands[0], tuple(site.params["axes"])

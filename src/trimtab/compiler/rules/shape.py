@@ -1,4 +1,4 @@
-"""Rules for primitives that only move elements: small arrays cost nothing, large ones a loop."""
+"""Lowering rules for primitives that only move elements. Small arrays cost nothing at run time, large ones a loop."""
 
 import math
 from collections.abc import Callable
@@ -42,7 +42,7 @@ def _squeeze(site: Site) -> list[Array]:
 
 
 def _reshape(site: Site) -> list[Array]:
-    """Return the elements in another shape, read in the order of the given axes."""
+    """Return the elements in another shape, read in the order of the parameter `dimensions`."""
     array, axes = site.operands[0], site.params["dimensions"]
     if axes is not None:
         order = [int(a) for a in np.argsort(axes)]
@@ -91,7 +91,7 @@ def _concatenate(site: Site) -> list[Array]:
 
 
 def concatenate_arrays(site: Site, parts: list[Array], axis: int) -> Array:
-    """Return arrays one after another along an axis; the result's shape is the site's."""
+    """Return arrays concatenated along an axis, with the shape of the equation's result."""
     if is_small(site.shape):
         joined = np.concatenate([element_array(site.b, p) for p in parts], axis)
         return Array(site.shape, site.dtype, joined)

@@ -1,4 +1,4 @@
-"""Rules for special functions: JAX's own programs where it has them, which are what it computes itself."""
+"""Lowering rules for special functions. Functions that JAX computes by a program of its own are lowered from it."""
 
 import math
 from typing import Any
@@ -14,11 +14,11 @@ BERNOULLI = (1 / 6, -1 / 30, 1 / 42, -1 / 30, 5 / 66, -691 / 2730, 7 / 6, -3617 
 BERNOULLI += (854513 / 138, -236364091 / 2730)
 """Bernoulli numbers B2, B4, .. B24."""
 EXPLICIT = 10
-"""Number of terms of the zeta function that are added one by one."""
+"""Number of terms of the zeta function's series that are added one by one before the Euler-Maclaurin remainder."""
 
 
 def _zeta(s: Any, a: Any, **_: Any) -> Any:
-    """Return Hurwitz's zeta function: Euler and Maclaurin's sum for s > 1 and a > 0."""
+    """Return Hurwitz's zeta function zeta(s, a), by the Euler-Maclaurin formula for s > 1 and a > 0."""
     s, a = jnp.broadcast_arrays(s, a)
     total = a ** (-s)
     for i in range(1, EXPLICIT):
@@ -31,7 +31,7 @@ def _zeta(s: Any, a: Any, **_: Any) -> Any:
         total = total + bernoulli / math.factorial(2 * k) * factor * power
         factor = factor * (s + (2 * k - 1)) * (s + 2 * k)
         power = power / (end * end)
-    # at whole a <= 0 a term is infinite, of which sign is known for even s; for a < 0 terms are real for whole s
+    # at integer a <= 0 one term is infinite, of known sign only for even s; for a < 0 terms are real only for integer s
     pole = jnp.where(s % 2 == 0, jnp.inf, jnp.nan)
     below = jnp.where(a == jnp.floor(a), pole, jnp.where(s == jnp.floor(s), total, jnp.nan))
     found = jnp.where(a <= 0, below, total)
@@ -59,9 +59,9 @@ _FAR = """\
 2.96262899764595e-16 -3.209525921993424e-17 -4.6503053684893586e-17 4.414348323071708e-18 7.517296310842105e-18
 -9.314178867326884e-19 -1.242193275194891e-18 2.4142767194548486e-19 2.0269443840532852e-19"""
 I1E_NEAR = [float(x) for x in _NEAR.split()]
-"""Chebyshev coefficients of exp(-x) I1(x) / x in x / 4 - 1, for x up to 8: from 40 digits."""
+"""Chebyshev coefficients of exp(-x) I1(x) / x as a function of x / 4 - 1, for x up to 8; computed with 40 digits."""
 I1E_FAR = [float(x) for x in _FAR.split()]
-"""Chebyshev coefficients of exp(-x) I1(x) sqrt(x) in 16 / x - 1, from x = 8 on."""
+"""Chebyshev coefficients of exp(-x) I1(x) sqrt(x) as a function of 16 / x - 1, for x from 8 on."""
 
 
 def _bessel_i1e(x: Any, **_: Any) -> Any:
@@ -72,7 +72,7 @@ def _bessel_i1e(x: Any, **_: Any) -> Any:
 
 
 def _chebyshev(t: Any, coefficients: Any) -> Any:
-    """Return Clenshaw's sum."""
+    """Return the sum of a Chebyshev series at t, by Clenshaw's algorithm."""
     one, two = jnp.zeros_like(t), jnp.zeros_like(t)
     for c in coefficients[:0:-1]:
         one, two = (2 * t) * one - two + c, one
@@ -80,7 +80,7 @@ def _chebyshev(t: Any, coefficients: Any) -> Any:
 
 
 def _own(name: str) -> Rule:
-    """Return the rule of JAX's own program, for one number after the other: each ends its loops in its own turn."""
+    """Return the rule that runs JAX's own program number by number, so that each number ends its loops by itself."""
 
     def program(*operands: Any, **_: Any) -> Any:
         function, together = jaxprs.special_function(name), jnp.broadcast_arrays(*operands)

@@ -1,6 +1,6 @@
-"""Rules for convolutions, and sums and extremes over windows: padded first, so that no element lies outside.
+"""Lowering rules for convolutions, and for sums, minima and maxima over windows. Operands are padded, so windows fit.
 
-What is padded adds nothing to a convolution, as in one written out: not even NaN, where the kernel is infinite.
+A padded element adds nothing to a convolution, also if the kernel is infinite there (0 times infinity would be NaN).
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ def _inline_on(site: Site, program: Callable[..., Any], operands: list[Array], a
 
 
 def _window_place(site: Site, at: Value, step: int, inner: Value, dilation: int) -> Value:
-    """Return at * step + inner * dilation."""
+    """Return the position of an element of a window: at * step + inner * dilation."""
     b = site.b
     start, offset = b.op("mul", at, b.index(step), dtype="i32"), b.op("mul", inner, b.index(dilation), dtype="i32")
     return b.op("add", start, offset, dtype="i32")
@@ -39,10 +39,10 @@ def _conv(site: Site) -> list[Array]:
     spread = [(lo, hi, d - 1) for (lo, hi), d in zip(p["padding"], p["lhs_dilation"], strict=True)]
 
     def arrange(x: Any) -> Any:
-        """Return the operand with axes batch, features, places; padded and dilated."""
+        """Return the operand with the axes batch, features, positions in space; padded and dilated."""
         x = jnp.transpose(x, numbers.lhs_spec)
         x = lax.pad(x, x.dtype.type(0), [(0, 0, 0)] * 2 + spread)
-        if batches > 1:  # groups of the batch are groups of features
+        if batches > 1:  # turn groups of the batch into groups of features
             x = jnp.moveaxis(x.reshape(batches, -1, *x.shape[1:]), 0, 1)
             x = x.reshape(x.shape[0], -1, *x.shape[3:])
         return x

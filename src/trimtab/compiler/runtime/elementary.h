@@ -1,6 +1,7 @@
-/* The functions, once for both shapes. elementary.py replaces F64 (number), U64 (its bits), M64 (truth value), INLINE,
- * COLD (seldom called) and FN(name), and puts scalar.h or vector.h before. A blank line stands between two functions,
- * nowhere else. ma(a, b, c) is a b + c; coefficients are minimax, found as docs/compiler/generator.md says. */
+/* Elementary functions, written once for scalars and vectors. elementary.py replaces F64 (number), U64 (its bits), M64
+ * (truth value), INLINE, COLD (seldom called) and FN(name), and puts scalar.h or vector.h before this text. A blank
+ * line separates two functions, and must not be anywhere else. ma(a, b, c) is a b + c. Coefficients are minimax,
+ * computed as docs/compiler/generator.md describes. */
 
 INLINE F64 FN(abs)(F64 x)
 {
@@ -12,13 +13,13 @@ INLINE F64 FN(copysign)(F64 x, F64 sign)
     return FN(from_bits)((FN(bits)(x) & UINT64_C(0x7fffffffffffffff)) | (FN(bits)(sign) & UINT64_C(0x8000000000000000)));
 }
 
-/* y with its sign turned where x is negative */
+/* y, with its sign changed if x is negative */
 INLINE F64 FN(turn)(F64 y, F64 x)
 {
     return FN(from_bits)(FN(bits)(y) ^ (FN(bits)(x) & UINT64_C(0x8000000000000000)));
 }
 
-/* the leading 26 bits of x: products of two such are exact */
+/* the leading 26 bits of x: a product of two such numbers is exact */
 INLINE F64 FN(head)(F64 x)
 {
     return FN(from_bits)(FN(bits)(x) & UINT64_C(0xfffffffff8000000));
@@ -34,7 +35,7 @@ INLINE F64 FN(rsqrt)(F64 x)
     return 1.0 / FN(sqrt)(x);
 }
 
-/* n - q d, for q d near n */
+/* n - q d, for a product q d near n */
 INLINE F64 FN(residual)(F64 n, F64 q, F64 d)
 {
 #if TT_FMA
@@ -45,7 +46,7 @@ INLINE F64 FN(residual)(F64 n, F64 q, F64 d)
 #endif
 }
 
-/* (n + nl) / (d + dl) as a sum of two doubles: the quotient and what it lacks */
+/* (n + nl) / (d + dl) as a sum of two doubles: the quotient and its error *lack */
 INLINE F64 FN(quotient)(F64 n, F64 nl, F64 d, F64 dl, F64 *lack)
 {
     F64 inverse = 1.0 / d, q = n * inverse;
@@ -53,13 +54,14 @@ INLINE F64 FN(quotient)(F64 n, F64 nl, F64 d, F64 dl, F64 *lack)
     return q;
 }
 
-/* Cody-Waite. sin r = *s + *sl, cos r = *c + *cl for a = q pi/2 + r, |r| <= pi/4; returns q in its low bits; 0 <= a <= 1e6 */
+/* Cody-Waite. sin r = *s + *sl, cos r = *c + *cl for a = q pi/2 + r, |r| <= pi/4, 0 <= a <= 1e6. Returns q in the low
+ * bits. */
 INLINE U64 FN(quarter_turn)(F64 a, F64 *s, F64 *sl, F64 *c, F64 *cl)
 {
     F64 t = FN(ma)(a, 0x1.45f306dc9c883p-1, 0x1.8p52), n = t - 0x1.8p52;
     F64 x = FN(ma)(n, -0x1.921fb544p+0, a), y = FN(ma)(n, -0x1.0b4611a8p-34, x); /* products with n are exact */
     F64 e = FN(ma)(n, -0x1.d9cceba4p-66, -FN(ma)(n, -0x1.0b4611a8p-34, x - y));
-    F64 r = y - e, l = FN(ma)(n, -0x1.b839a252p-104, (y - r) - e); /* r + l = y - e, also where they cancel */
+    F64 r = y - e, l = FN(ma)(n, -0x1.b839a252p-104, (y - r) - e); /* r + l = y - e, also if y and e cancel */
     F64 z = y * y, z2 = z * z, yz = y * z, o = FN(ma)(z, -0.5, 1.0);
     F64 p0 = FN(ma)(z, 0x1.111111110f730p-7, -0x1.5555555555548p-3);
     F64 p = FN(ma)(z2, FN(ma)(z2, FN(ma)(z, 0x1.5d8b55f8305f4p-33, -0x1.ae5e4b854b2dap-26),
@@ -147,7 +149,7 @@ INLINE F64 FN(atan)(F64 x)
     return FN(turn)(FN(angle_sum)(steep ? 2.0 - k : k, steep ? -t : t, steep ? -rest : rest), x);
 }
 
-/* atan2 of magnitudes that are not extreme */
+/* atan2 of y and x, if their magnitudes are not extreme */
 INLINE F64 FN(atan2_near)(F64 y, F64 x)
 {
     F64 a = FN(abs)(x), b = FN(abs)(y), k, rest;
@@ -165,7 +167,7 @@ INLINE F64 FN(atan2)(F64 y, F64 x)
     return FN(all)(near) ? r : FN(far_atan2)(near, y, x, r);
 }
 
-/* arcsin of a = |x|, or of sqrt((1 - a) / 2) where a > 1/2, as the sum of that number and a rest */
+/* arcsin of s, as the sum of s and a rest: s is a = |x|, or sqrt((1 - a) / 2) if a > 1/2 */
 INLINE F64 FN(arc)(F64 a, M64 big, F64 *rest)
 {
     F64 z = big ? (1.0 - a) * 0.5 : a * a, root = FN(sqrt)(z), s = big ? root : a;
@@ -231,7 +233,7 @@ INLINE F64 FN(exp_small)(F64 r, F64 e)
     return s + (((1.0 - s) + r) + FN(ma)(0.5 * r, r, FN(exp_rest)(r, e)));
 }
 
-/* y 2^k in two steps, so that subnormal results are rounded once and overflow gives infinity */
+/* y 2^k, in two steps, so that a subnormal result is rounded only once, and overflow gives infinity */
 INLINE F64 FN(scale)(F64 y, U64 k)
 {
     U64 both = k + 2048, half = both >> 1;
@@ -327,7 +329,7 @@ INLINE F64 FN(log_sum)(F64 n, F64 f, F64 c)
     return v + (b + (FN(ma)(s, FN(ma)(z, p, h), -h) + FN(ma)(n, 0x1.ef35793c76730p-45, c)));
 }
 
-/* x = 2^n (1 + f); |n| > 1021 tells that x may be no normal number above 0 */
+/* x = 2^n (1 + f); if |n| > 1021, x may not be a positive normal number */
 INLINE F64 FN(log_reduce)(F64 x, F64 *f)
 {
     U64 u = FN(bits)(x) + (UINT64_C(0x3ff0000000000000) - UINT64_C(0x3fe6a09e00000000));

@@ -1,4 +1,4 @@
-/* Where the short ways of elementary.h don't hold, one number at a time: `near` tells that y is right already. */
+/* Slow paths for arguments outside the range of elementary.h, one number at a time. near: y is already the result. */
 
 /* high and low 64 bits of a b */
 TT_INLINE uint64_t tt_product(uint64_t a, uint64_t b, uint64_t *low)
@@ -9,7 +9,7 @@ TT_INLINE uint64_t tt_product(uint64_t a, uint64_t b, uint64_t *low)
     return ah * bh + (mid >> 32) + (cross >> 32);
 }
 
-/* shifts *high, *low left until the highest bit is set; returns by how much. Not both are 0. */
+/* shifts *high, *low left until the highest bit is set, and returns the shift. At least one of them is not 0. */
 TT_INLINE int tt_normalise(uint64_t *high, uint64_t *low)
 {
     int shift = 0;
@@ -28,7 +28,7 @@ TT_INLINE int tt_normalise(uint64_t *high, uint64_t *low)
     return shift;
 }
 
-/* m, of 53 bits and its lowest 2^*e, of a finite number not 0 */
+/* mantissa (53 bits) of a finite number other than 0; its lowest bit has the value 2^*e */
 TT_INLINE uint64_t tt_mantissa(double x, int *e)
 {
     uint64_t m = tt_bits(x) & UINT64_C(0x000fffffffffffff), none = 0;
@@ -38,7 +38,7 @@ TT_INLINE uint64_t tt_mantissa(double x, int *e)
     return m >> 11;
 }
 
-/* a b + c in integers, rounded once */
+/* a b + c, computed with integers and rounded once */
 TT_COLD double tt_fused_any(double a, double b, double c)
 {
     uint64_t high, low, h = 0, l = 0, lost = 0, sign = (tt_bits(a) ^ tt_bits(b)) >> 63, other = tt_bits(c) >> 63, tail;
@@ -62,7 +62,7 @@ TT_COLD double tt_fused_any(double a, double b, double c)
         k = e - k < 127 ? e - k : 127;
         if (k >= 64) lost = l, l = h, h = 0, k -= 64;
         if (k > 0) lost |= l << (64 - k), l = l >> k | h << (64 - k), h >>= k;
-        l |= lost != 0; /* what falls out below is kept as one bit */
+        l |= lost != 0; /* the bits shifted out are kept as a single bit */
         if (sign == other) {
             low += l;
             high += h + (low < l);
@@ -72,7 +72,7 @@ TT_COLD double tt_fused_any(double a, double b, double c)
             if ((high | low) == 0) return 0.0;
         }
     }
-    e += 1150 - tt_normalise(&high, &low); /* the exponent as it stands in the bits */
+    e += 1150 - tt_normalise(&high, &low); /* the exponent, as it is stored */
     if (e >= 2047) return tt_from_bits(sign << 63 | UINT64_C(0x7ff0000000000000));
     if (e < 1) { /* subnormal */
         k = 1 - e < 63 ? 1 - e : 63;
@@ -85,8 +85,8 @@ TT_COLD double tt_fused_any(double a, double b, double c)
     return tt_from_bits(sign << 63 | (((uint64_t)(e - 1) << 52) + high));
 }
 
-/* a b + c rounded once, for machines that have no instruction for it: product and sums with their errors, which are
- * added with rounding to odd. Boldo & Melquiond, IEEE Trans. Computers 57 (2008), 462. */
+/* a b + c rounded once, for machines without an instruction for it: the errors of product and sums are added with
+ * rounding to odd. Boldo & Melquiond, IEEE Trans. Computers 57 (2008), 462. */
 TT_CALLED double tt_fused(double a, double b, double c)
 {
     double p = a * b, size = tt_abs(p), sa = tt_abs(a), sb = tt_abs(b), sc = tt_abs(c), ah, bh, al, bl, e, t, tl, v, vl, z, y;
@@ -104,10 +104,10 @@ TT_CALLED double tt_fused(double a, double b, double c)
     return v + z;
 }
 
-/* Payne-Hanek: a = q pi/2 + r for any finite a >= 1, as quarter_turn gives it */
+/* Payne-Hanek: a = q pi/2 + r for any finite a >= 1, with the results of quarter_turn */
 TT_COLD uint64_t tt_far_turn(double a, double *s, double *sl, double *c, double *cl)
 {
-    static const uint64_t digits[20] = { /* of 2 / pi, 64 before the point */
+    static const uint64_t digits[20] = { /* digits of 2 / pi, with 64 bits before the point */
         0, UINT64_C(0xa2f9836e4e441529), UINT64_C(0xfc2757d1f534ddc0), UINT64_C(0xdb6295993c439041),
         UINT64_C(0xfe5163abdebbc561), UINT64_C(0xb7246e3a424dd2e0), UINT64_C(0x06492eea09d1921c),
         UINT64_C(0xfe1deb1cb129a73e), UINT64_C(0xe88235f52ebb4484), UINT64_C(0xe99c7026b45f7e41),
@@ -119,14 +119,14 @@ TT_COLD uint64_t tt_far_turn(double a, double *s, double *sl, double *c, double 
     uint64_t word[3], high, mid, low, q, back, m;
     int e, at, by, shift;
     m = tt_mantissa(a, &e);
-    at = (e + 62) >> 6, by = (e + 62) & 63; /* from the digit on that counts quarters of a turn, all turns left out */
+    at = (e + 62) >> 6, by = (e + 62) & 63; /* from the digit of quarter turns on; whole turns are left out */
     for (int i = 0; i < 3; i++) word[i] = by ? digits[at + i] << by | digits[at + i + 1] >> (64 - by) : digits[at + i];
     high = tt_product(m, word[2], &low);
     low = tt_product(m, word[1], &mid);
     mid += high;
     high = m * word[0] + low + (mid < high);
     q = high >> 62;
-    high = high << 2 | mid >> 62; /* of a quarter */
+    high = high << 2 | mid >> 62; /* fraction of a quarter turn */
     mid <<= 2;
     back = high >> 63;
     if (back) {
@@ -200,7 +200,7 @@ TT_COLD double tt_far_atan2(int near, double y, double x, double r)
     if (x != x || y != y) return x + y;
     if (a > DBL_MAX && b > DBL_MAX) a = 1.0, b = 1.0;
     large = a > b ? a : b, small = a > b ? b : a;
-    if (small <= large * 0x1p-60) { /* of nothing but the first order, also where it is subnormal */
+    if (small <= large * 0x1p-60) { /* the first-order term is exact, also if it is subnormal */
         if (a >= b && tt_turn(1.0, x) > 0.0) return tt_turn(a == 0.0 ? 0.0 : b / a, y);
         small = a >= b ? 1.0 : 0.0;
         return tt_atan2_near(tt_turn(1.0 - small, y), tt_turn(small, x));

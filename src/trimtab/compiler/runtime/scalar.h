@@ -1,5 +1,6 @@
-/* Elementary functions of trimtab, the same bits in scalar C and in vectors. Free to use, change and give away,
- * with or without this notice and under any licence; no warranty. Compile with -ffp-contract=off, never -ffast-math. */
+/* Elementary functions of trimtab. Results have the same bits in scalar C and in vectors. You may use, change and pass
+ * on this text, with or without this notice and under any licence; it comes without warranty. Compile it with
+ * -ffp-contract=off, never with -ffast-math. */
 #include <float.h>
 #include <math.h>
 #include <stdint.h>
@@ -13,7 +14,7 @@
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
 #endif
-#ifndef TT_FMA /* 1: products and sums under `ma` are rounded once, on every machine the same; 0: twice, other bits */
+#ifndef TT_FMA /* 1: `ma` rounds product and sum once, with the same bits on every machine; 0: twice, with other bits */
 #define TT_FMA 1
 #endif
 #if defined(__arm__) && !(defined(__ARM_FP) && (__ARM_FP & 8))
@@ -26,7 +27,7 @@
 #else
 #define TT_FUSED tt_fused
 #endif
-#ifndef TT_SINGLE /* 1: functions of float are those of double, rounded; 0: the C library's, for want of a double FPU */
+#ifndef TT_SINGLE /* 1: functions for float are those for double, rounded; 0: the C library's, without a double FPU */
 #define TT_SINGLE TT_DOUBLE_FPU
 #endif
 #ifndef TT_INLINE
@@ -40,8 +41,8 @@
 #define TT_CALLED static
 #endif
 #endif
-/* x as float. gcc's vectoriser of straight lines (SLP; gcc 12, x86) leaves the rounding out of two such beside each other
- * that are taken as double again: the empty instruction keeps it from them. TT_NO_SLP: it is off anyway. */
+/* x as float. gcc's vectoriser of straight-line code (SLP; gcc 12, x86) leaves out the rounding of two neighbouring
+ * numbers that are converted back to double. The empty instruction prevents that. TT_NO_SLP: this vectoriser is off. */
 TT_INLINE float tt_single(double x)
 {
     float y = (float)x;
@@ -97,7 +98,7 @@ TT_INLINE int tt_all(int m)
 #endif
 }
 
-/* exchanges *u and *v where the highest bit is set; neither by a branch nor over memory, for both are foretold badly */
+/* exchanges *u and *v if the highest bit is set, without branch or memory access, which the CPU would predict badly */
 TT_INLINE void tt_swap(uint64_t bit, double *u, double *v)
 {
     uint64_t apart = (tt_bits(*u) ^ tt_bits(*v)) & (0 - (bit >> 63));

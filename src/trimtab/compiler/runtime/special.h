@@ -1,7 +1,7 @@
-/* Powers, inverse hyperbolic functions and the error function, once for both shapes as in elementary.h, after which they
- * come. */
+/* Powers, inverse hyperbolic functions and the error function, written once for scalars and vectors. This text follows
+ * that of elementary.h. */
 
-/* ln x as the sum of two doubles, right to 2^-65, for x = 2^n (1 + f) normal and above 0; ln 2^shift is added */
+/* ln x + ln 2^shift as the sum of two doubles, accurate to 2^-65, for a positive normal number x = 2^n (1 + f) */
 INLINE F64 FN(log_double)(F64 x, F64 shift, F64 *low)
 {
     F64 f, n = FN(log_reduce)(x, &f) + shift, d = 2.0 + f, sl;
@@ -20,7 +20,7 @@ INLINE F64 FN(log_double)(F64 x, F64 shift, F64 *low)
     return h;
 }
 
-/* exp(h + l), for |h| <= 1000 and l of few units in its last place: the sum of two doubles, times 2^k */
+/* exp(h + l) as the sum of two doubles times 2^k, for |h| <= 1000 and l of a few units in the last place of h */
 INLINE F64 FN(exp_double)(F64 h, F64 l, F64 *low, U64 *k)
 {
     F64 r, e;
@@ -31,7 +31,7 @@ INLINE F64 FN(exp_double)(F64 h, F64 l, F64 *low, U64 *k)
     return y;
 }
 
-/* x^y 2^(shift y) for x normal and above 0, y finite */
+/* x^y 2^(shift y), for a positive normal number x and a finite y */
 INLINE F64 FN(pow_near)(F64 x, F64 y, F64 shift)
 {
     F64 l, h = FN(log_double)(x, shift, &l), p = y * h, q = FN(ma)(y, l, -FN(residual)(p, y, h));
@@ -50,7 +50,7 @@ INLINE F64 FN(pow)(F64 x, F64 y)
     return FN(all)(near) ? r : FN(far_pow)(near, x, y, r);
 }
 
-/* two steps of Halley on a third of the exponent; then one from 26 bits, whose square is exact */
+/* two Halley steps from a third of the exponent; then one step from 26 bits, whose square is exact */
 INLINE F64 FN(cbrt)(F64 x)
 {
     F64 a = FN(abs)(x), b = a < DBL_MIN ? a * 0x1p54 : a, inverse = 1.0 / b;
@@ -87,7 +87,7 @@ INLINE F64 FN(atanh)(F64 x)
     return FN(turn)(a < 0x1p-28 ? a : y, x);
 }
 
-/* erfc(a) = exp(-a^2) g / (1 + 2 a) for a >= 3/4, with g over (a - 4) / (a + 4) */
+/* erfc(a) = exp(-a^2) g / (1 + 2 a) for a >= 3/4, with g a polynomial in (a - 4) / (a + 4) */
 INLINE F64 FN(erfc_tail)(F64 a)
 {
     F64 b = a > 28.0 ? 28.0 : a;

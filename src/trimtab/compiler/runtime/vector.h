@@ -5,7 +5,7 @@
 #error "lanes compute functions of float by those of double"
 #endif
 #define TTV_COLD static __attribute__((noinline, cold, unused))
-#ifdef __clang__ /* it computes the loops over lanes one number after the other, without its vectoriser of straight lines */
+#ifdef __clang__ /* without SLP, clang computes the loops over lanes one number after the other */
 #if __has_builtin(__builtin_elementwise_fma) && (defined(__FMA__) || defined(__aarch64__))
 #define TTV_FUSED(x, y, z) __builtin_elementwise_fma(x, y, z)
 #elif defined(__AVX512F__) && TT_LANES == 8
@@ -20,7 +20,7 @@
 #elif defined(__AVX__) && TT_LANES == 4
 #define TTV_SQRT(x) __builtin_ia32_sqrtpd256(x)
 #endif
-#elif defined(__AVX512F__) && TT_LANES == 8 /* the loop over lanes, compiled much sooner */
+#elif defined(__AVX512F__) && TT_LANES == 8 /* same code as the loop over lanes, but much faster to compile */
 #define TTV_FUSED(x, y, z) __builtin_ia32_vfmaddpd512_mask(x, y, z, -1, 4)
 #define TTV_SQRT(x) __builtin_ia32_sqrtpd512_mask(x, (vf64){}, -1, 4)
 #elif defined(__AVX__) && TT_LANES == 4
@@ -66,7 +66,7 @@ TTV_INLINE int ttv_all(vi64 m)
 #endif
 }
 
-/* all a <= limit */
+/* true if a <= limit in all lanes */
 TTV_INLINE int ttv_within(vf64 a, double limit)
 {
 #if defined(__AVX512DQ__) && TT_LANES == 8
@@ -76,7 +76,7 @@ TTV_INLINE int ttv_within(vf64 a, double limit)
 #endif
 }
 
-/* a b + c, of vectors and numbers */
+/* a b + c, each a vector or a number */
 template <class A, class B, class C> TTV_INLINE vf64 ttv_ma(A a, B b, C c)
 {
     vf64 x = ttv_splat(a), y = ttv_splat(b), z = ttv_splat(c), r;
@@ -95,7 +95,7 @@ TTV_INLINE int ttv_any(vi64 m)
     return !ttv_all(m == 0);
 }
 
-/* exchanges *u and *v where the highest bit is set */
+/* exchanges *u and *v in the lanes where the highest bit is set */
 TTV_INLINE void ttv_swap(vu64 bit, vf64 *u, vf64 *v)
 {
     vi64 turned = (vi64)bit < 0;

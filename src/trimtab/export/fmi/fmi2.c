@@ -1,7 +1,7 @@
 /* This text may be used, changed and passed on for any purpose, under any licence or none, without notice; it comes
  * without warranty. */
 
-/* Co-simulation by FMI 2.0, over fmu.h. Times of 100 ns and unsigned numbers are Reals here. */
+/* Co-simulation by FMI 2.0, based on fmu.h. Integer times (100 ns) and unsigned numbers are Reals here. */
 #include "fmi2Functions.h"
 #include "fmu.h"
 
@@ -71,7 +71,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint, fmi2R
     return STATUS(fmu_step((fmu *)c, currentCommunicationPoint, communicationStepSize));
 }
 
-/* Whether a variable is seen as this type of FMI 2.0: FMU_F64 for Real, FMU_I32 for Integer, FMU_BOOL for Boolean. */
+/* True if a variable has this type in FMI 2.0: FMU_F64 for Real, FMU_I32 for Integer, FMU_BOOL for Boolean. */
 static bool is_seen_as(const fmu_variable *v, uint8_t type)
 {
     return v->type == type || (type == FMU_F64 && v->type != FMU_I32 && v->type != FMU_BOOL);
@@ -84,7 +84,7 @@ static bool get_number(fmu *f, fmi2ValueReference reference, uint8_t type, doubl
     if (!at)
         return false;
     *value = fmu_read(at, v->type);
-    return is_seen_as(v, type) || fmu_fail(f, v->name, "it is of another type");
+    return is_seen_as(v, type) || fmu_fail(f, v->name, "the variable has another type");
 }
 
 static bool set_number(fmu *f, fmi2ValueReference reference, uint8_t type, double value)
@@ -92,7 +92,7 @@ static bool set_number(fmu *f, fmi2ValueReference reference, uint8_t type, doubl
     const fmu_variable *const v = fmu_find(f, reference);
     if (!v || !fmu_may_set(f, v))
         return false;
-    return is_seen_as(v, type) ? fmu_set(f, v, 0, value) : fmu_fail(f, v->name, "it is of another type");
+    return is_seen_as(v, type) ? fmu_set(f, v, 0, value) : fmu_fail(f, v->name, "the variable has another type");
 }
 
 #define ACCESS(Name, type)                                                                                             \
@@ -172,7 +172,7 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedSta
     return STATUS((*FMUstate = fmu_deserialize((fmu *)c, (const unsigned char *)serializedState, size)) != NULL);
 }
 
-/* Functions of what this FMU has not, as its model description says. */
+/* Functions for features that this FMU does not have, according to its model description. */
 #define ABSENT(name, ...)                                                                                              \
     fmi2Status name(__VA_ARGS__)                                                                                       \
     {                                                                                                                  \

@@ -1,7 +1,7 @@
 /* This text may be used, changed and passed on for any purpose, under any licence or none, without notice; it comes
  * without warranty. */
 
-/* Co-simulation by FMI 3.0, over fmu.h. */
+/* Co-simulation by FMI 3.0, based on fmu.h. */
 #include "fmi3Functions.h"
 #include "fmu.h"
 
@@ -20,7 +20,7 @@ static double fmu_time(const fmu *f)
     return f->kept.start + (double)f->kept.clock.now / FMU_TICKS;
 }
 
-/* Set a whole number of 64 bits, which a double does not hold. */
+/* Set a 64-bit integer, which a double cannot represent exactly. */
 static void fmu_set_whole(fmu *f, const fmu_variable *v, uint32_t element, const void *value)
 {
     memcpy((char *)&f->kept.data + v->offset + element * sizeof(int64_t), value, sizeof(int64_t));
@@ -58,7 +58,7 @@ fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String in
 {
     (void)instanceName, (void)instantiationToken, (void)resourcePath, (void)visible, (void)loggingOn;
     if (logMessage)
-        logMessage(instanceEnvironment, fmi3Error, "logStatusError", "this FMU is one for co-simulation");
+        logMessage(instanceEnvironment, fmi3Error, "logStatusError", "this FMU supports only co-simulation");
     return NULL;
 }
 
@@ -127,11 +127,11 @@ static bool get_values(fmu *f, const fmi3ValueReference *references, size_t coun
             return false;
         const size_t size = v->count * fmu_sizes[type];
         if (v->type != type || (size_t)(end - values) < size)
-            return fmu_fail(f, v->name, "it is of another type or size");
+            return fmu_fail(f, v->name, "the variable has another type or size");
         memcpy(values, at, size);
         values += size;
     }
-    return values == end || fmu_fail(f, "values", "there are more than the variables have");
+    return values == end || fmu_fail(f, "values", "more values were given than the variables have");
 }
 
 static bool set_values(fmu *f, const fmi3ValueReference *references, size_t count, const char *values, size_t n,
@@ -143,7 +143,7 @@ static bool set_values(fmu *f, const fmi3ValueReference *references, size_t coun
         if (!v || !fmu_may_set(f, v))
             return false;
         if (v->type != type || (size_t)(end - values) < v->count * fmu_sizes[type])
-            return fmu_fail(f, v->name, "it is of another type or size");
+            return fmu_fail(f, v->name, "the variable has another type or size");
         for (uint32_t k = 0; k < v->count; k++, values += fmu_sizes[type]) {
             if (type == FMU_I64)
                 fmu_set_whole(f, v, k, values);
@@ -151,7 +151,7 @@ static bool set_values(fmu *f, const fmi3ValueReference *references, size_t coun
                 return false;
         }
     }
-    return values == end || fmu_fail(f, "values", "there are more than the variables have");
+    return values == end || fmu_fail(f, "values", "more values were given than the variables have");
 }
 
 #define ACCESS(Name, type)                                                                                             \
@@ -172,7 +172,7 @@ ACCESS(Int64, FMU_I64)
 ACCESS(UInt32, FMU_U32)
 ACCESS(Boolean, FMU_BOOL)
 
-/* There is no variable of these types. */
+/* No variable has one of these types. */
 #define NO_ACCESS(Name)                                                                                                \
     fmi3Status fmi3Get##Name(REFERENCES, fmi3##Name values[], size_t nValues)                                          \
     {                                                                                                                  \
@@ -258,7 +258,7 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte seriali
     return STATUS((*FMUState = fmu_deserialize((fmu *)instance, serializedState, size)) != NULL);
 }
 
-/* Functions of what this FMU has not, as its model description says. */
+/* Functions for features that this FMU does not have, according to its model description. */
 #define ABSENT(name, ...)                                                                                              \
     fmi3Status name(__VA_ARGS__)                                                                                       \
     {                                                                                                                  \

@@ -1,7 +1,7 @@
 /* This text may be used, changed and passed on for any purpose, under any licence or none, without notice; it comes
  * without warranty. */
 
-/* What FMI 2.0 and 3.0 have in common: instances of a model, their variables by offset, and the state as one struct.
+/* Code shared by FMI 2.0 and 3.0: instances of a model, their variables by offset, and the state as one struct.
  *
  * model.h is generated: MODEL_TOKEN, MODEL_WORKSPACE, model_data, model_defaults, model_begin, model_advance and
  * model_variables. Everything here is static, so that FMUs can be linked together from source.
@@ -17,32 +17,32 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define FMU_UNSTAMPED INT64_MIN /* a message of this time is one of now */
-#define FMU_TICKS 1e7           /* in a second */
+#define FMU_UNSTAMPED INT64_MIN /* a message with this time counts as current */
+#define FMU_TICKS 1e7           /* time units per second */
 
 typedef enum { FMU_F64, FMU_F32, FMU_I32, FMU_I64, FMU_U32, FMU_BOOL } fmu_type;
 typedef enum { FMU_FIXED, FMU_TUNABLE, FMU_INPUT, FMU_OUTPUT } fmu_role;
 typedef enum { FMU_NEW, FMU_INITIALISING, FMU_STEPPING, FMU_ENDED } fmu_mode;
 
-/* One variable, by its value reference less 1; reference 0 is time. */
+/* Variable. Its position in the table is its value reference less 1; reference 0 is time. */
 typedef struct {
     size_t offset;
     uint32_t count;
     uint8_t type, role;
-    bool strict; /* low itself is refused */
+    bool strict; /* the value must be above low, not equal to it */
     double low, high;
     const char *name;
 } fmu_variable;
 
 typedef struct {
-    int64_t now;  /* 100 ns since the start: where the last step ended */
-    int64_t next; /* the next instant; of a vehicle the last one */
-    int64_t seen; /* of a vehicle: time of the last command */
+    int64_t now;  /* end of the last step, in 100 ns since the start */
+    int64_t next; /* the next instant; for a vehicle, the last one */
+    int64_t seen; /* time of the last command, for a vehicle */
 } fmu_clock;
 
 #include "model.h"
 
-/* All that changes, without a pointer in it: what is saved and restored. */
+/* All data that change, without pointers: they are saved and restored as FMU state. */
 typedef struct {
     model_data data;
     fmu_clock clock;
@@ -54,8 +54,8 @@ typedef struct {
 typedef struct fmu {
     fmu_kept kept;
     void (*say)(const struct fmu *f, const char *text);
-    void *environment;    /* the importer's, given back to it with each message */
-    void (*logger)(void); /* in its own type a callback of FMI 3.0 */
+    void *environment;    /* of the importer; passed to it with each message */
+    void (*logger)(void); /* callback of FMI 3.0, stored under another type */
     char *name;
     void *workspace;
     char memory[MODEL_WORKSPACE + 64];
@@ -107,7 +107,7 @@ static void fmu_free(fmu *f)
     free(f);
 }
 
-/* The state at the start, of the parameters as they are. */
+/* Set the state at the start, from the present parameters. */
 static void fmu_begin(fmu *f)
 {
     if (f->kept.begun)
@@ -136,7 +136,7 @@ static double fmu_read(const char *at, uint8_t type)
     }
 }
 
-/* False where the type cannot hold the value. */
+/* Return false if the type cannot represent the value. */
 static bool fmu_write(char *at, uint8_t type, double value)
 {
     const double limits[][2] = {{0, 0}, {0, 0}, {-2147483648.0, 2147483647.0},
@@ -176,7 +176,7 @@ static const fmu_variable *fmu_find(const fmu *f, uint32_t reference)
     return &model_variables[reference - 1];
 }
 
-/* Where a variable is read; NULL, and said, where there is none. */
+/* Return the address of a variable's value. For an unknown variable, report an error and return NULL. */
 static const char *fmu_look(fmu *f, uint32_t reference, const fmu_variable **found)
 {
     const fmu_variable *const v = *found = fmu_find(f, reference);
@@ -196,7 +196,7 @@ static bool fmu_may_set(const fmu *f, const fmu_variable *v)
     return true;
 }
 
-/* Check and set one number of a variable. Parameters are kept within their ranges; inputs are taken as they come. */
+/* Check and set one number of a variable. A parameter must be within its range; an input may have any value. */
 static bool fmu_set(fmu *f, const fmu_variable *v, uint32_t element, double value)
 {
     if (v->role <= FMU_TUNABLE && !(value >= v->low && value <= v->high && !(v->strict && value <= v->low))) {
@@ -206,7 +206,7 @@ static bool fmu_set(fmu *f, const fmu_variable *v, uint32_t element, double valu
         return fmu_fail(f, v->name, text);
     }
     if (!fmu_write((char *)&f->kept.data + v->offset + element * fmu_sizes[v->type], v->type, value))
-        return fmu_fail(f, v->name, "the value is not one of its type");
+        return fmu_fail(f, v->name, "the variable's type cannot represent the value");
     if (f->kept.mode <= FMU_INITIALISING)
         f->kept.begun = false;
     return true;
@@ -215,7 +215,7 @@ static bool fmu_set(fmu *f, const fmu_variable *v, uint32_t element, double valu
 static bool fmu_enter_initialization(fmu *f, double start)
 {
     if (f->kept.mode != FMU_NEW || !isfinite(start))
-        return fmu_fail(f, "initialization", "is entered once, before the first step, at a finite time");
+        return fmu_fail(f, "initialization", "it must be entered once, before the first step, at a finite time");
     f->kept.start = start;
     f->kept.mode = FMU_INITIALISING;
     return true;
@@ -224,7 +224,7 @@ static bool fmu_enter_initialization(fmu *f, double start)
 static bool fmu_exit_initialization(fmu *f)
 {
     if (f->kept.mode != FMU_INITIALISING)
-        return fmu_fail(f, "initialization", "it was not entered");
+        return fmu_fail(f, "initialization", "it must be entered before it is exited");
     fmu_begin(f);
     f->kept.mode = FMU_STEPPING;
     return true;
@@ -234,9 +234,9 @@ static bool fmu_step(fmu *f, double from, double length)
 {
     const double first = (from - f->kept.start) * FMU_TICKS, last = (from + length - f->kept.start) * FMU_TICKS;
     if (f->kept.mode != FMU_STEPPING)
-        return fmu_fail(f, "step", "initialization comes first");
+        return fmu_fail(f, "step", "initialization must be finished first");
     if (!(length >= 0) || !(fabs(last) < 4e18))
-        return fmu_fail(f, "step", "its length is not a number from 0 on");
+        return fmu_fail(f, "step", "its length must be finite and at least 0");
     if (fabs(first - (double)f->kept.clock.now) > 1.0 + 1e-15 * fabs(first))
         return fmu_fail(f, "step", "it does not begin where the last one ended");
     const int64_t until = llround(last);

@@ -1,4 +1,4 @@
-// A flight in the page: sets the numbers of its sliders, flies the whole run, draws it over the run as shipped.
+// Flight in a page: set the parameters by sliders, simulate the run, and draw it over the run with the original values.
 (() => {
   const root = document.currentScript.parentElement;
   const about = JSON.parse(root.querySelector("script[type='application/json']").textContent);
@@ -12,10 +12,10 @@
     return element;
   }
 
-  /** The value at which each number is as shipped. */
+  /** Return the slider's value at which the parameters have their original values. */
   const ownValue = (program, slider) => (slider.adds ? 0 : program.get(slider.which[0][0], 0));
 
-  /** Fly with these values, one a slider; gives all numbers of all instants, and how long it took (ms). */
+  /** Simulate a flight with these values, one per slider. Return all outputs of all instants, and the duration (ms). */
   function fly(program, values, seed) {
     program.defaults();
     about.sliders.forEach((slider, n) => {
@@ -34,7 +34,7 @@
 
   const reference = new Float64Array(decode(about.reference.rows).buffer);
 
-  /** Counts the numbers that differ in any bit from those of the package; two NaNs are equal. */
+  /** Count the numbers that differ in any bit from those of trimtab run; two NaNs are equal. */
   function countDifferences(rows) {
     const columns = about.signals.map((signal) => about.names.indexOf(signal.path));
     let others = 0;
@@ -45,7 +45,7 @@
     return others;
   }
 
-  /** Limits of an axis around finite numbers, with some room. */
+  /** Return the limits of an axis that shows all finite numbers of these lists, with some margin. */
   function findLimits(lists) {
     let [low, high] = [Infinity, -Infinity];
     for (const list of lists) for (const y of list) if (Number.isFinite(y)) [low, high] = [Math.min(low, y), Math.max(high, y)];
@@ -54,7 +54,7 @@
     return [low - room, high + room];
   }
 
-  /** Round numbers within limits, three to six of them. */
+  /** Return three to six round numbers between these limits. */
   function findTicks(low, high) {
     const rough = (high - low) / 4;
     const power = 10 ** Math.floor(Math.log10(rough));

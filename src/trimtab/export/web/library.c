@@ -1,5 +1,5 @@
-/* What exported text calls of the C library and WebAssembly has no instruction for. With -mbulk-memory the compiler makes
- * one instruction of each of the two loops. */
+/* C library functions that exported text calls and for which WebAssembly has no instruction. With -mbulk-memory, the
+ * compiler makes a single instruction of each of the two loops. */
 #include <math.h>
 #include <string.h>
 

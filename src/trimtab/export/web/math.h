@@ -1,4 +1,4 @@
-/* What exported text calls of the C library: WebAssembly has each as one instruction, or it is in library.c. */
+/* C library functions that exported text calls. Each is an instruction of WebAssembly, or is defined in library.c. */
 #ifndef TRIMTAB_MATH_H
 #define TRIMTAB_MATH_H
 

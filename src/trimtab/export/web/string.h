@@ -1,4 +1,4 @@
-/* What exported text calls of the C library, defined in library.c. */
+/* C library functions that exported text calls. They are defined in library.c. */
 #ifndef TRIMTAB_STRING_H
 #define TRIMTAB_STRING_H
 
