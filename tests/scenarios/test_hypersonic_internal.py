@@ -145,8 +145,8 @@ def test_other_readings_of_the_coupling_work_too():
 @pytest.mark.parametrize(
     ("climb", "settings", "text"),
     [
-        (CLIMB, {"beyond": 1.0}, "only 1 s beyond the last instant"),
-        (CLIMB, {"beyond": 0.0}, "needs more of the future"),
+        (CLIMB, {"beyond": 1.0}, "extends only 1 s beyond the last instant"),
+        (CLIMB, {"beyond": 0.0}, "needs a longer command"),
         (CLIMB, {"keep": 0.0123}, "nodes of 0.0123 s from steps of 0.005 s"),
         (CLIMB, {"dt": 0.0}, "from steps of 0 s"),
         (CLIMB, {"seconds": 0.0}, "0 s in nodes"),
