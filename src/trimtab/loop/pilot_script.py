@@ -34,7 +34,7 @@ class PilotScript:
         times, requests = np.asarray(self.times), np.asarray(self.requests)
         if times.ndim != 1 or times.shape != requests.shape or (np.diff(times) < self.period).any():
             counts = f"{len(times)} and {len(requests)}"
-            problem = f"there must be one rising time for each request, at most one per period; got {counts} times and requests"
+            problem = f"there must be one time per request, rising by a period or more; got {counts} times and requests"
             fix = f"give one time per request, {self.period} units of 100 ns or more apart"
             raise InputError("times", problem, fix=fix)
 
