@@ -104,7 +104,7 @@ def test_a_choice_of_the_scenario_stays_one():
 
 def test_a_law_that_follows_none_says_so():
     for name in ("hovercraft/forward", "hovercraft/spin"):  # of which one has a number of that name
-        with pytest.raises(InputError, match="follows no path") as refused:
+        with pytest.raises(InputError, match="cannot follow a path") as refused:
             build(name, {"reference": "circle()"})
         assert "hovercraft/track" in refused.value.fix
 
