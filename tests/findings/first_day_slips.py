@@ -46,7 +46,11 @@ SLIPS = {
     ),
     "three values are returned": Slip(LAW, RETURN, RETURN + ", 3", ":38: its step() must", "(state, output)"),
     "state and output are swapped": Slip(
-        LAW, RETURN, "        return MyLawOutput(demand, off), state", ":38: the state that step() returns", "as from init()"
+        LAW,
+        RETURN,
+        "        return MyLawOutput(demand, off), state",
+        ":38: the state that step() returns",
+        "as from init()",
     ),
     "demand alone is returned": Slip(LAW, RETURN, "        return state, demand", "no field 'demand'", "demand=…"),
     "if on a number of the run": Slip(
