@@ -42,7 +42,7 @@ class IntegrationReport:
     step: Scalar = quantity("s", "Length of the next trial step.")
     events: Scalar = quantity("1", "Number of events located since the start of the run.", kind="count")
     crowded: Scalar = quantity(
-        "1", "True if more events occurred since the last instant than `max_events`.", kind="flag"
+        "1", "True if more events occurred since the last instant than `most_events`.", kind="flag"
     )
 
 

@@ -74,7 +74,7 @@ class MonitorState:
     """Memory and last outputs of a monitor. Frames: none. Source: docs page, Monitor."""
 
     rows: Scalar = quantity("1", "Number of rows evaluated so far.", kind="count")
-    memory: Any = quantity("U", "Stored values of the last rows, for all delay lines one after another.")
+    memory: Any = quantity("U", "Stored values of the last rows: all delay lines, one after the other.")
     outputs: Mapping[str, MonitorOutput] = part("Last output for each formula, by name.")
 
 

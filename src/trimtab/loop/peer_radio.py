@@ -136,7 +136,7 @@ class ArenaReading:
     """Distances measured by a swarm's observer. Frames: W. Source: docs page, Swarms."""
 
     spacing: Scalar = quantity("m", "Smallest distance between the centres of mass of two craft.")
-    astray: Scalar = quantity("m", "Largest distance of a craft from its wanted position in the formation.")
+    astray: Scalar = quantity("m", "Largest distance of a craft from its desired position in the formation.")
 
 
 @record
@@ -146,8 +146,8 @@ class Arena:
     Frames: W. Source: docs page, Swarms.
     """
 
-    north: Any = quantity("m", "Wanted position of each craft (n,) relative to craft 0: north component.", frame="W")
-    east: Any = quantity("m", "Wanted position of each craft (n,) relative to craft 0: east component.", frame="W")
+    north: Any = quantity("m", "Desired position of each craft (n,) relative to craft 0: north component.", frame="W")
+    east: Any = quantity("m", "Desired position of each craft (n,) relative to craft 0: east component.", frame="W")
     period: int = period("Time between samples of the observer.", default=ms(20))
 
     OBSERVES: ClassVar[bool] = True

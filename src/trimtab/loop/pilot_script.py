@@ -23,7 +23,7 @@ class PilotScript:
     Frames:  none.    Source:  docs page, Supervisor.
     """
 
-    times: Any = quantity("100 ns", "Times of the requests; must rise.", kind="time", default=np.zeros(0, np.int64))
+    times: Any = quantity("100 ns", "Times of the requests, rising.", kind="time", default=np.zeros(0, np.int64))
     requests: Any = quantity(
         "1", "Requests.", kind="mode", modes=REQUESTS, default=np.zeros(0, np.int32), low=0, high=5
     )

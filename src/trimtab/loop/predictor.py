@@ -57,7 +57,7 @@ class Prediction:
     limited: Scalar = quantity(
         "1", "True if the prediction was cut off because the command acts later than the longest horizon.", kind="flag"
     )
-    innovation: Any = part("Newest measured state minus the state predicted for that time; 0 without a prediction.")
+    innovation: Any = part("Newest measured state minus the state predicted for its time. 0 without a prediction.")
     resets: Scalar = quantity(
         "1",
         "Number of restarts: after a gap longer than the horizon, or a measurement older than the one before.",

@@ -70,7 +70,7 @@ class Scenario(Generic[V]):
     name: str = option("Name of the scenario in the catalogue.", default="scenario")
     mismatch: Any = part("Paths of the autopilot's vehicle models that may differ from one another.", default=())
     words: Any = part(
-        "Random key word for each group of noise draws. Empty: the run number is used for all groups.", default=()
+        "Random key word of each group of noise draws. Empty: the run number is used for all groups.", default=()
     )
     choices: Any = part("Arguments with which `scenarios.build` built the scenario, recorded in logs.", default=())
 

@@ -43,7 +43,7 @@ class SetpointSchedule:
 
     path: str = option("Path of the scheduled parameter below the law, e.g. reference.", default="k1")
     kind: str = option("Kind of change between the values: steps or ramps.", default="steps", choices=KINDS)
-    times: Any = quantity("s", "Times of the scheduled values; must rise.", default=np.zeros(1))
+    times: Any = quantity("s", "Times of the scheduled values, in rising order.", default=np.zeros(1))
     values: Any = quantity(
         "as declared", "Values of the scheduled parameter at the times, in its unit.", default=np.zeros(1)
     )

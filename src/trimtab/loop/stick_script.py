@@ -26,7 +26,7 @@ class StickScript:
     """
 
     times: Any = quantity(
-        "100 ns", "Times of the stick positions; must rise.", kind="time", default=np.zeros(0, np.int64)
+        "100 ns", "Times of the stick positions, rising.", kind="time", default=np.zeros(0, np.int64)
     )
     forward: Any = quantity("1", "Forward deflection of the stick.", default=np.zeros(0), low=-1, high=1)
     turn: Any = quantity(

@@ -76,7 +76,7 @@ class SupervisorState:
     since: Scalar = quantity("100 ns", "Time at which the mode was entered.", kind="time")
     back: Scalar = quantity("1", "Mode to return to when the link or the estimate recovers.", kind="mode", modes=MODES)
     sample_arrival: Scalar = quantity("100 ns", "Time at which the last sample arrived over the link.", kind="time")
-    refused: Scalar = quantity("1", "Name of the check that refused the last request.", kind="mode", modes=CHECKS)
+    refused: Scalar = quantity("1", "Check that refused the last request.", kind="mode", modes=CHECKS)
     refusals: Scalar = quantity("1", "Number of refused requests.", kind="count")
     transitions: Scalar = quantity("1", "Number of mode changes.", kind="count")
 
@@ -88,11 +88,11 @@ class SupervisorOutput:
     mode: Scalar = quantity("1", "Mode of the supervisor.", kind="mode", modes=MODES)
     cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
     transitions: Scalar = quantity("1", "Number of mode changes.", kind="count")
-    refused: Scalar = quantity("1", "Name of the check that refused the last request.", kind="mode", modes=CHECKS)
+    refused: Scalar = quantity("1", "Check that refused the last request.", kind="mode", modes=CHECKS)
     refusals: Scalar = quantity("1", "Number of refused requests.", kind="count")
     check: Scalar = quantity(
         "1",
-        "Check that would refuse a request to arm at this instant; passed if none would.",
+        "Check that would refuse a request to arm at this instant, or passed.",
         kind="mode",
         modes=CHECKS,
     )

@@ -28,7 +28,7 @@ class Each:
     Frames: the part's. Source: docs page, Swarms.
     """
 
-    one: Any = part("Part that each craft has a copy of.")
+    one: Any = part("Part of which each craft has a copy.")
     count: int = option("Number of craft.", default=3)
     own: tuple[str, ...] = option("Names of the part's fields that differ from craft to craft.", default=())
 

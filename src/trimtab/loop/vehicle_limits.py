@@ -1,4 +1,4 @@
-"""Limits that a vehicle checks on board (fence, envelope of speed and attitude), and its criteria for being at rest.
+"""Limits that a vehicle checks on board: a fence, and an envelope of speed, rate and angle. Criteria for being at rest.
 
 Source: docs page, Arming.
 """
@@ -15,7 +15,7 @@ class VehicleLimits:
     """Limits on the vehicle's measurements, all off by default. If a limit is exceeded, the failsafe acts.
 
     Frames:  W for the distance, B for the other limits.
-    Not modelled: a fence with corners; the attitude if no sensor gives one.
+    Not modelled: a fence with corners; limits of roll and pitch.
     Source:  docs page, Arming; the numbers are chosen for trimtab.
     """
 
