@@ -154,7 +154,7 @@ def _is_measurable(scenario: Scenario) -> bool:
 
 def _refuse_scenario(scenario: Scenario) -> None:
     problem = "has neither targets nor an estimate with sigmas to compare with the truth: there is nothing to measure"
-    fix = "give the scenario targets=(Target(…),), or use one that has either: trimtab budget hovercraft/forward"
+    fix = "give the scenario targets=(Target(…),), or use another scenario: trimtab budget hovercraft/forward"
     raise InputError(f"scenario {scenario.name!r}", problem, fix=fix)
 
 

@@ -50,7 +50,7 @@ def find_parameters(scenario: Scenario, paths: Sequence[str]) -> tuple[Scenario,
         value, declared = real[base]
         assert isinstance(declared, Quantity)
         if not has_index(np.shape(value), at):
-            fix = f"{argument('paths', [first_number(base, np.shape(value))])}, one of them"
+            fix = f"{argument('paths', [first_number(base, np.shape(value))])}, for its first number"
             raise InputError(argument_name("paths", path), f"has shape {np.shape(value)}", fix=fix)
         value = np.asarray(value, np.float64)[at or ()]
         low, high = _bounds(declared)
