@@ -65,7 +65,9 @@ def _parse_delay(name: str, text: str) -> float:
         ) from None
     if units < 0:
         raise InputError(
-            argument_name("settings", name), f"must be 0 or more, got {text!r}", fix=argument("settings", "80 ms", name)
+            argument_name("settings", name),
+            f"must be at least 0, got {text!r}",
+            fix=argument("settings", "80 ms", name),
         )
     return float(to_seconds(units))
 
