@@ -170,7 +170,7 @@ def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) ->
 
 
 def tabulate_thrust(angles: Any, by_angle: Any, rows: Any) -> Any:
-    """Return the measured thrust coefficient times efficiency, c eta, interpolated at the rudder angles `rows` (m,).
+    """Return the measured thrust coefficient by angle, c eta, interpolated at the rudder angles `rows` (m,).
 
     Raise InputError for an angle outside the measured range.
     """

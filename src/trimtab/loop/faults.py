@@ -135,7 +135,7 @@ class Fault:
 
 
 def _replace_by_draws(function: Callable[[Any, Any], Any], key: Key, index: Any, tree: Any) -> Any:
-    """Return the tree with function(leaf, standard normal draws of its shape) in place of each leaf."""
+    """Return the tree with each leaf replaced by function(leaf, standard normal draws of the leaf's shape)."""
     leaves, structure = jax.tree.flatten(tree)
     sizes = [int(np.prod(np.shape(v))) for v in leaves]
     draws, out, k = normals(key, index, sum(sizes)), [], 0

@@ -88,7 +88,7 @@ def _parse_share(name: str, text: str) -> float:
 
 
 def even_latencies() -> np.ndarray:
-    """Return latencies (NODES,) distributed uniformly over [0, 1], as a table over the normal score."""
+    """Return the latency table (NODES,) of a uniform distribution over [0, 1], tabulated over the normal score."""
     from scipy.special import ndtr
 
     return ndtr(normal_scores())

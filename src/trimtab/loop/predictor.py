@@ -60,7 +60,7 @@ class Prediction:
     innovation: Any = part("Newest measured state minus the state predicted for its time. 0 without a prediction.")
     resets: Scalar = quantity(
         "1",
-        "Number of restarts: after a gap longer than the horizon, or a measurement older than the one before.",
+        "Number of restarts after a gap longer than the horizon, or after a measurement older than the last one.",
         kind="count",
     )
 

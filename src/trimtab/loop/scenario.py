@@ -65,7 +65,7 @@ class Scenario(Generic[V]):
     )
     limits: VehicleLimits = part("Limits that the vehicle checks on board in a real flight.", default=VehicleLimits())
     truth_sensor: Any = part(
-        "Sensor of the true state. The ideal twin uses this sensor in place of all sensors.", default=PlanarNavigation()
+        "Sensor of the true state. The ideal twin uses this sensor instead of all sensors.", default=PlanarNavigation()
     )
     name: str = option("Name of the scenario in the catalogue.", default="scenario")
     mismatch: Any = part("Paths of the autopilot's vehicle models that may differ from one another.", default=())

@@ -159,7 +159,7 @@ def carried_structures(scenario: Scenario) -> tuple[Frame, Command]:
 
 
 def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> BlockDefinition:
-    """Return a checked scenario's autopilot: `Frame` in, `AutopilotOutput` out.
+    """Return the autopilot of a checked scenario: `Frame` in, `AutopilotOutput` out.
 
     seed, run: key of the random numbers in the autopilot's initial state.
     """
@@ -190,7 +190,7 @@ def compile_autopilot(scenario: Scenario, *, seed: int = 0) -> CompiledBlock:
 
 
 def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> BlockDefinition:
-    """Return a checked scenario's whole closed loop: `LoopInput` in, the signals of the instant out.
+    """Return the whole closed loop of a checked scenario: `LoopInput` in, the signals of the instant out.
 
     always: periods that are due at every instant.
     """
@@ -208,8 +208,7 @@ def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> 
 
 
 def _keep_logged(seen: Signals) -> Signals:
-    """Return the signals with None in place of those that a log cannot hold, such as messages between craft of a
-    swarm."""
+    """Return the signals with None for each signal that a log cannot contain, such as messages between craft."""
     logged = {path for path, _, _ in logged_signals(seen)}
     values, structure = jax.tree.flatten(seen)
     return structure.unflatten([v if p in logged else None for p, v in zip(leaf_paths(seen), values, strict=True)])

@@ -100,8 +100,8 @@ def continuous_loop(plant: Hypersonic, believed: Hypersonic, K: Any, L: Any, at:
     """Return A (13, 13), or (15, 15) with integrals: z' = A z of plant, estimate and integrals, in level flight.
 
     The loop is linearised at the level flight of the model, whichever plant flies. There, each entry of A is affine in
-    1/m, in each coefficient of lift, drag, moment and thrust, and in w^2 and 2 zeta w of each mode, if the other ones
-    are constant.
+    1/m, in each coefficient of lift, drag, moment and thrust, and in w^2 and 2 zeta w of each mode, if all other
+    parameters are constant.
 
     Args:
         plant: the vehicle that flies.
