@@ -84,7 +84,7 @@ def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
 
 
 def describe_mismatches(mismatches: Iterable[Mapping[str, str]]) -> str:
-    """Return the differences in one line, e.g. "model ≠ world: mass 2.6 vs 3 (intended)"; "" if there are none."""
+    """Return the differences in one line, e.g. "model ≠ world: mass 2.6 vs 3 (intended)", or "" without any."""
     parts = [f"{m['path']} {m['believed']} vs {m['actual']}" for m in mismatches]
     more = f" and {len(parts) - SHOWN} more" if len(parts) > SHOWN else ""
     return f"model ≠ world: {', '.join(parts[:SHOWN])}{more} (intended)" if parts else ""

@@ -180,7 +180,7 @@ def _rows_of(tree: Temporal, period: int) -> tuple[int, int | None]:
 
 
 def _check_intervals(tree: Any, name: str, period: int) -> None:
-    """Raise InputError for an interval so short that it contains no row."""
+    """Raise InputError for an interval that is too short to contain a row."""
     if isinstance(tree, Predicate):
         return
     if isinstance(tree, Temporal):

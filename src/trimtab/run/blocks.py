@@ -105,9 +105,9 @@ def has_stepped_vehicle(scenario: Scenario) -> bool:
 
 
 def hold_vehicle(scenario: Scenario) -> Scenario:
-    """Return the scenario with an FMU vehicle held, so that a host program steps it.
+    """Return the scenario with its FMU vehicle marked as stepped by a host program.
 
-    Other scenarios are not changed.
+    A scenario without an FMU is not changed.
     """
     if not has_stepped_vehicle(scenario):
         return scenario
