@@ -70,7 +70,7 @@ def test_a_table_is_read_with_its_units(tmp_path):
         ("circle(radius=three)", "'three' is not a number"),
         ("circle(radius=3 kg)", "not a unit"),
         ("circle(clockwise=perhaps)", "must be true or false"),
-        ("waypoints(0 0, 3)", "has 1 numbers, must have 2 or 3"),
+        ("waypoints(0 0, 3)", "has 1 numbers, but must have 2 or 3"),
         ("waypoints(0 0, 3 0; tempo=3)", "is not speed=NUMBER"),
         ("places(0 s: 0 0, 3 0)", "is not TIME: NORTH EAST"),
         ("places(0: 0 0 1, 1: 1 0)", "some places have a heading"),

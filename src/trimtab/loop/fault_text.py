@@ -110,7 +110,7 @@ def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
     names = [others[i] or others[i + 1] for i in range(0, len(others), 3)]
     for name, said in zip(names, others[2::3], strict=True):
         if names.count(name) > 1:
-            raise InputError(about, f"contains {name!r} twice", fix="write this clause once")
+            raise InputError(about, f"has {name!r} twice", fix="write this clause once")
         fields |= _parse_clause(about, name, said)
     fault = Fault(**fields)
     check_part(about, fault.check)

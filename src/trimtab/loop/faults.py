@@ -103,9 +103,7 @@ class Fault:
         longest = to_seconds(step) * (capacity - 1)
         if int(self.word) == DELAYED and float(self.severity) > longest + 1e-9:
             needed = delay_slots(float(self.severity), step)
-            problem = (
-                f"the delay must be at most {longest:g} s with {capacity} slots, got {float(self.severity):g} s"
-            )
+            problem = f"the delay must be at most {longest:g} s with {capacity} slots, got {float(self.severity):g} s"
             raise InputError("fault.severity", problem, fix=f"set capacity to {needed} or more")
 
     def distort_value(self, value: Any) -> Any:

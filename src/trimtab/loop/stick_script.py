@@ -25,9 +25,7 @@ class StickScript:
     Frames:  none.    Source:  docs page, Piloted.
     """
 
-    times: Any = quantity(
-        "100 ns", "Times of the stick positions, rising.", kind="time", default=np.zeros(0, np.int64)
-    )
+    times: Any = quantity("100 ns", "Times of the stick positions, rising.", kind="time", default=np.zeros(0, np.int64))
     forward: Any = quantity("1", "Forward deflection of the stick.", default=np.zeros(0), low=-1, high=1)
     turn: Any = quantity(
         "1", "Sideways deflection of the stick, clockwise positive.", default=np.zeros(0), low=-1, high=1

@@ -277,9 +277,7 @@ def _time_grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float
         problem = f"got a duration of {seconds:g} s, {keep:g} s between nodes, and a step of {dt:g} s"
         raise InputError("internal table", problem, fix="give keep as a multiple of dt, and seconds of at least keep")
     if not beyond >= LEAST_BEYOND:
-        problem = (
-            f"the table is computed only {beyond:g} s beyond its end; the unstable mode needs more of the future"
-        )
+        problem = f"the table is computed only {beyond:g} s beyond its end; the unstable mode needs more of the future"
         raise InputError("internal table.beyond", problem, fix=f"give at least {LEAST_BEYOND:g} s")
     nodes = math.ceil(seconds / keep - 1e-9) * every
     t = dt * np.arange(nodes + math.ceil(beyond / dt) + 1)
