@@ -83,7 +83,7 @@ class ScenarioFile(NamedTuple):
         where = f"{self.find_place('targets')}: targets"
         for key in (*TARGET_KEYS, *target):
             if key not in target or key not in TARGET_KEYS:
-                problem = f"{key!r} is {'not a valid key' if key in target else 'missing'}"
+                problem = f"{key!r} is {'no key' if key in target else 'missing'}"
                 fix = 'signal = "truth.yaw_rate", value = "3 rad/s", band = "0.15 rad/s"'
                 raise InputError(where, problem, choices=TARGET_KEYS, fix=fix)
         path = full_path(str(target["signal"]))
