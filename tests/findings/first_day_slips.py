@@ -46,7 +46,11 @@ SLIPS = {
     ),
     "three values are returned": Slip(LAW, RETURN, RETURN + ", 3", ":38: its step() must", "(state, output)"),
     "state and output are swapped": Slip(
-        LAW, RETURN, "        return MyLawOutput(demand, off), state", ":38: the state that step() returns", "as init()"
+        LAW,
+        RETURN,
+        "        return MyLawOutput(demand, off), state",
+        ":38: the state that step() returns",
+        "as from init()",
     ),
     "demand alone is returned": Slip(LAW, RETURN, "        return state, demand", "no field 'demand'", "demand=…"),
     "if on a number of the run": Slip(
@@ -79,7 +83,7 @@ SLIPS = {
         FIRST,
         "        return jnp.zeros(2)\n",
         ":38: the state that step() returns has a number",
-        "as init() made it",
+        "same structure as from init()",
     ),
     "init without key": Slip(
         LAW, "def init(self, key: Any)", "def init(self)", ":34: init() must take (key)", "self, key"

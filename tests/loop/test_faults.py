@@ -370,7 +370,7 @@ def _part(scenario, place):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("off", r"a place and a word"),
+        ("off", r"a part and a kind of fault"),
         (
             "sensor:compass off",
             r"unknown part 'sensor:compass'.*\nChoices: sensor:navigation, downlink, uplink, actuators",
@@ -382,13 +382,13 @@ def _part(scenario, place):
         ("uplink off @ -1 s", r"a time must be 0 or later"),
         ("uplink off by", r"not a number"),
         ("uplink off by nan", r"not a number"),
-        ("uplink intermittent by 2", r"share of the time"),
+        ("uplink intermittent by 2", r"share of time"),
         ("uplink slow by 0.2", r"at least 1"),
         ("uplink delayed by -1", r"not negative"),
         ("uplink off @ 1 s @ 2 s", r"has '@' twice"),
         ("uplink off when value.speed", r"not a condition"),
         ("uplink off when value.speed above 2", r"has no signal 'value.speed'(.|\n)*value\.speed_rpm"),
-        ("uplink off now", r"a place and a word"),
+        ("uplink off now", r"a part and a kind of fault"),
     ],
 )
 def test_refusals_name_the_choices(flight, text, match):

@@ -142,7 +142,7 @@ def test_refusals():
     with pytest.raises(InputError, match=r"no sensor measures 'pose.nord'") as refused:
         design_filter(*words, {"pose.nord": 0.1}, FIRST, period=ms(10))
     assert "pose.north" in str(refused.value)
-    with pytest.raises(InputError, match="no first standard deviation is given for slosh, slosh_rate"):
+    with pytest.raises(InputError, match="the initial standard deviation of slosh, slosh_rate is missing"):
         design_filter(*words, {"pose.north": 0.1}, {"position": 1.0, "velocity": 1.0}, period=ms(10))
     with pytest.raises(InputError, match="quaternion"):
         design_filter(Multirotor(), MultirotorState(), RotorSpeeds(), {}, {}, {}, period=ms(10))

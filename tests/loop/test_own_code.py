@@ -99,7 +99,7 @@ OTHERS = {
     "a function by its name": (lambda x: sin(x.north), "`sin` of Python on a traced value", "use jnp.sin"),
     "item": (lambda x: x.north.item(), "`.item()` of a traced value", "leave .item() out"),
     "unknown argument": (lambda x: Point(nort=x.north), "unexpected keyword argument", "write north=… instead"),
-    "change": (lambda x: setattr(x, "north", 1.0), "records are immutable", "return what changes as the state"),
+    "change": (lambda x: setattr(x, "north", 1.0), "records are immutable", "return changing values as the state"),
     "format": (lambda x: f"{x.north:.2f}", "unsupported format string", "jax.debug.print"),
     "import": (lambda x: replace(x, north=1.0), "name 'replace' is not defined", "from trimtab import replace"),  # noqa: F821
     "below": (lambda x: x.north, "'Pair' object has no attribute 'north'", "write 'first.north' instead"),

@@ -68,7 +68,7 @@ def test_presets_are_methods_without_arguments():
     [
         ({"autopilot.law": "ConstantSpni"}, "unknown part 'ConstantSpni'[\\s\\S]*ConstantSpin"),
         ({"autopilot.law": "os.system"}, "unknown part 'os'"),
-        ({"world.sensors.imu": "Imu.nothing"}, "Imu has no 'nothing'"),
+        ({"world.sensors.imu": "Imu.nothing"}, "Imu has no product 'nothing'"),
         ({"world.vehicle": "none"}, "can't be left out"),
         ({"world.vehicle.mass": "3 m"}, "'m' is not a unit of this quantity[\\s\\S]*kg"),
         ({"world.vehicle.mass": "three"}, "'three' is not a number"),

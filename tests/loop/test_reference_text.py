@@ -70,7 +70,7 @@ def test_a_table_is_read_with_its_units(tmp_path):
         ("circle(radius=three)", "'three' is not a number"),
         ("circle(radius=3 kg)", "not a unit"),
         ("circle(clockwise=perhaps)", "must be true or false"),
-        ("waypoints(0 0, 3)", "has 1 numbers, must have 2 or 3"),
+        ("waypoints(0 0, 3)", "has 1 numbers, but must have 2 or 3"),
         ("waypoints(0 0, 3 0; tempo=3)", "is not speed=NUMBER"),
         ("places(0 s: 0 0, 3 0)", "is not TIME: NORTH EAST"),
         ("places(0: 0 0 1, 1: 1 0)", "some places have a heading"),
@@ -104,7 +104,7 @@ def test_a_choice_of_the_scenario_stays_one():
 
 def test_a_law_that_follows_none_says_so():
     for name in ("hovercraft/forward", "hovercraft/spin"):  # of which one has a number of that name
-        with pytest.raises(InputError, match="follows no path") as refused:
+        with pytest.raises(InputError, match="cannot follow a path") as refused:
             build(name, {"reference": "circle()"})
         assert "hovercraft/track" in refused.value.fix
 

@@ -163,7 +163,7 @@ def test_a_log_that_is_cut_replays_up_to_the_cut(flight, tmp_path):
     found = replay(cut, rebuild_scenario(cut), backend="c")
     assert found.exact
     assert len(found.replayed_log) == len(cut)
-    assert "cut at" in found.end_reason
+    assert "cut off at" in found.end_reason
 
 
 @compiled
@@ -197,13 +197,13 @@ def test_what_cannot_be_replayed_is_refused(flight):
     log, scenario = flight
     with pytest.raises(InputError, match=r"begins at 0\.5 s"):
         replay(log.between(0.5, 1.0), scenario)
-    with pytest.raises(InputError, match="holds no step"):
+    with pytest.raises(InputError, match="contains no control step"):
         replay(log.between(5.0, 6.0), scenario)
     few = {p: v for p, v in log.signals.items() if not p.endswith("yaw_rate")}
     with pytest.raises(InputError, match=r"lacks 'downlink\.navigation\.value\.yaw_rate'"):
         replay(Log(log.t, log.ticks, few, log.declarations, log.metadata), scenario)
     few = {p: v for p, v in log.signals.items() if p.startswith("downlink.")}
-    for about, fix in (({}, "log all signals"), ({"side": "vehicle"}, r"flight\.mcap of trimtab fly")):
+    for about, fix in (({}, "log all signals"), ({"side": "vehicle"}, r"flight\.mcap, written by trimtab fly")):
         with pytest.raises(InputError, match=rf"no outputs of an autopilot(.|\n)*Fix: .*{fix}"):
             replay(Log(log.t, log.ticks, few, log.declarations, log.metadata | about), scenario)
 

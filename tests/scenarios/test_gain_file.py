@@ -108,12 +108,12 @@ def test_refusals(folder, tmp_path):
 
     about = certificate.about
     text = refusal("quadrotor/track", gain=str(file))
-    assert "of a CartPole (cart-pole/swing-up), and here flies a Multirotor" in text
+    assert "for a CartPole (cart-pole/swing-up), but the scenario has a Multirotor" in text
     assert "trimtab design" in text
     units = about["units"].replace("position m", "position ft")
     assert "'position ft', here 'position m'" in refusal(gain=written(about={**about, "units": units}))
     plain = {n: v for n, v in about.items() if n != "vehicle"}
-    assert "not a gain of a vehicle's own states" in refusal(gain=written(about=plain))
+    assert "not a gain for the states of a vehicle" in refusal(gain=written(about=plain))
     assert "designed with a calibration" in refusal(gain=written(about={**about, "set": "calibration=boat.toml"}))
     states = ("position", "speed", "angle", "lean_rate")
     assert "'lean_rate', which the vehicle's state does not have" in refusal(gain=written(states=states))
@@ -122,8 +122,8 @@ def test_refusals(folder, tmp_path):
     changed.write_text(file.read_text(encoding="utf-8").replace('"cart-pole/swing-up"', '"cart-pole/swing"'), "utf-8")
     assert "its digest does not match its content" in refusal(gain=str(changed))
     text = refusal(gain=str(file), **{"autopilot.period": "200 ms", "world.actuators.period": "200 ms"})
-    assert "with a control period of 200 ms its loop is not stable" in text
-    assert "holds one state" in refusal("hovercraft/track", gain=str(file), reference="circle(radius=1, period=20)")
+    assert "the loop is not stable with a control period of 200 ms" in text
+    assert "keeps one trim" in refusal("hovercraft/track", gain=str(file), reference="circle(radius=1, period=20)")
 
 
 @pytest.mark.thorough

@@ -145,11 +145,11 @@ def test_other_readings_of_the_coupling_work_too():
 @pytest.mark.parametrize(
     ("climb", "settings", "text"),
     [
-        (CLIMB, {"beyond": 1.0}, "only 1 s beyond the last instant"),
+        (CLIMB, {"beyond": 1.0}, "computed only 1 s beyond its end"),
         (CLIMB, {"beyond": 0.0}, "needs more of the future"),
-        (CLIMB, {"keep": 0.0123}, "nodes of 0.0123 s from steps of 0.005 s"),
-        (CLIMB, {"dt": 0.0}, "from steps of 0 s"),
-        (CLIMB, {"seconds": 0.0}, "0 s in nodes"),
+        (CLIMB, {"keep": 0.0123}, "0.0123 s between nodes, and a step of 0.005 s"),
+        (CLIMB, {"dt": 0.0}, "a step of 0 s"),
+        (CLIMB, {"seconds": 0.0}, "a duration of 0 s"),
         (FilteredClimb(dh=1000.0, start=-20.0), {}, "not level"),
         (FilteredClimb(V0=3000.0), {}, "level trim at 85000 ft, 3000 ft/s: no trim was found"),
     ],

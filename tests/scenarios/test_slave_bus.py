@@ -87,7 +87,7 @@ def test_a_log_knows_that_there_was_a_bus():
 
 
 def test_the_error_model_has_no_units_to_put_on_a_bus():
-    with pytest.raises(InputError, match="the bus needs ultrasonic units") as refused:
+    with pytest.raises(InputError, match="the bus carries ultrasonic samples") as refused:
         catalogue.load_scenario("hovercraft/forward", {"bus": "slave"})
     assert 'navigation="ins"' in refused.value.fix
 

@@ -1,6 +1,6 @@
-"""The Autopilot: estimator, law and allocation.
+"""Autopilot: estimator, law and allocation.
 
-Its input is a Frame, its output a Command; it has no access to the world.
+The input is a Frame, the output a Command. The autopilot has no access to the true state of the world.
 """
 
 from typing import Any
@@ -26,7 +26,7 @@ from trimtab.loop.supervisor import Supervisor, SupervisorInput
 
 @record
 class AutopilotState:
-    """State of the autopilot: the states of its parts, and their last outputs. Source: docs page, Time."""
+    """State of the autopilot: states and last outputs of its parts. Source: docs page, Time."""
 
     estimator: Any = part("State of the estimator.")
     law: Any = part("State of the law.")
@@ -45,11 +45,11 @@ class AutopilotState:
     monitor: Any = part("State of the monitor; empty without a monitor.", default=())
 
     def last_prediction(self) -> Any:
-        """Return the last prediction; empty without a predictor."""
+        """Return the last prediction, or () without a predictor."""
         return self.predictor.prediction if self.predictor else ()
 
     def last_verdicts(self) -> Any:
-        """Return the monitor's last output for each formula; empty without a monitor."""
+        """Return the monitor's last output for each formula, or () without a monitor."""
         return self.monitor.outputs if self.monitor else ()
 
 
@@ -61,11 +61,11 @@ class Autopilot:
     >>> build("hovercraft/spin").autopilot.law.threshold
     'published'
 
-    Until the estimate is valid, the law does not step and the command is marked invalid, so that actuators stay
-    neutral. The same holds while the law's inputs or its demand are not finite: an estimate with a NaN counts as
-    invalid. The estimate given to a law carries the control period (s) as `dt`. For a law that uses a pilot's stick,
-    the estimate also contains the newest stick sample of the frame. With a predictor, the law reads the state predicted
-    for the time at which its command will act; the logged `estimate` stays the estimator's.
+    Until the estimate is valid, the law does not step and the command is marked invalid, so that the actuators stay
+    neutral. The same holds while an input or the demand of the law is not finite: an estimate that contains NaN counts
+    as invalid. The estimate given to a law contains the control period (s) as `dt`. For a law that uses a pilot's
+    stick, it also contains the newest stick sample of the frame. With a predictor, the law reads the state predicted
+    for the time at which its command will act. The logged `estimate` is always that of the estimator.
 
     Source: docs page, Time.
     """
@@ -86,7 +86,7 @@ class Autopilot:
     )
 
     def init(self, key: Key, frame: Frame) -> AutopilotState:
-        """Return the initial state, for frames of this structure. Raise InputError if parts don't fit each other."""
+        """Return the initial state. frame: example of a frame. Raise InputError if parts don't fit each other."""
         self._check_listens(frame)
         self._check_stick(frame)
         states = [
@@ -126,7 +126,7 @@ class Autopilot:
         return state
 
     def step(self, t: Any, state: AutopilotState, frame: Frame) -> tuple[AutopilotState, Command]:
-        """Return the state and the command at integer time t. Every sample that came since the last step is fresh."""
+        """Return the state and the command at integer time t. A sample that arrived since the last step is fresh."""
         received = frame
         seen = {name: measurement_time(frame.samples[name]) for name in state.seen}
         renewed = {n: replace(frame.samples[n], fresh=is_new(frame.samples[n], state.seen[n])) for n in seen}
@@ -163,9 +163,10 @@ class Autopilot:
     def _supervise(
         self, supervisor: Supervisor, t: Any, old: AutopilotState, new: AutopilotState, frame: Frame, finite: Any
     ) -> AutopilotState:
-        """Return the step, as the supervisor permits.
+        """Return the new state with the command that the supervisor permits.
 
-        Without permission the command is neutral or invalid, and the law waits.
+        If the supervisor does not permit the law's command, the command is neutral or invalid, and the law does not
+        step.
         """
         arrived = jnp.any(jnp.stack([jnp.asarray(frame.samples[name].fresh) for name in self.estimator.listens]))
         pilot = frame.samples.get(supervisor.pilot)
@@ -184,11 +185,11 @@ class Autopilot:
         )
 
     def _is_readable(self, estimate: Estimate) -> Any:
-        """Return True where everything that the law reads is finite."""
+        """Return True if all values that the law reads are finite."""
         return is_finite([getattr(estimate.state, name) for name in self.law.reads])
 
     def _complete(self, estimate: Estimate, frame: Frame) -> Estimate:
-        """Return the estimate as the law reads it: with the control period, and the pilot's stick if the law uses one.
+        """Return the estimate with the control period, and with the pilot's stick if the law uses one.
 
         These two additions are not logged with the estimate.
         """
@@ -197,7 +198,10 @@ class Autopilot:
         return replace(estimate, stick=frame.samples[name]) if name else estimate
 
     def _watched_samples(self, frame: Frame) -> tuple[str, ...]:
-        """Return the names of the sensors whose samples are marked as new or old: the estimator's, and the pilot's."""
+        """Return the names of the sensors whose samples are marked as new or old.
+
+        These are the sensors of the estimator, and those of the pilot's stick and requests.
+        """
         asked = (optional_member(self.law, "stick"), "" if self.supervisor is None else self.supervisor.pilot)
         own = dict.fromkeys(name for name in asked if name in frame.samples and name not in self.estimator.listens)
         return (*self.estimator.listens, *own)
@@ -209,7 +213,7 @@ class Autopilot:
         return replace(state, estimate=(), output=(), command=(), supervised=())
 
     def hold(self, t: Any, state: AutopilotState) -> AutopilotState:
-        """Return the state between two control periods: last outputs kept, nothing fresh."""
+        """Return the state between two control steps: the last outputs, marked as not fresh."""
         return replace(state, estimate=replace(state.estimate, t=t, fresh=False))
 
     def _check_reads(self, estimate: Estimate) -> None:
@@ -220,7 +224,7 @@ class Autopilot:
         for name in self.law.reads:
             if name not in provided:
                 near = closest(name, provided, 1)
-                fix = f"read {near[0]!r} instead" if near else "use an estimator or a sensor that gives it"
+                fix = f"read {near[0]!r} instead" if near else "use an estimator or a sensor that gives this value"
                 law, estimator = type(self.law).__name__, type(self.estimator).__name__
                 problem = f"{law} reads {name!r}, which {estimator} does not give"
                 raise InputError("autopilot.law", problem, choices=provided, fix=fix)

@@ -1,9 +1,9 @@
-"""Checks of the vehicle models inside an autopilot: they must agree. Differences from the true vehicle are reported.
+"""Checks that all vehicle models inside an autopilot agree. Differences from the true vehicle are reported.
 
-Every record of the vehicle's own class below the autopilot is a model of the vehicle that some part computes with: a
-filter's `craft`, a law's `model`. Models that differ from one another would give a wrong flight without a message. They
-are refused unless the setting `mismatch` names the difference. A true vehicle that differs from all models is allowed,
-as campaigns need it, and is reported in the log.
+Each record of the vehicle's class below the autopilot is a model with which some part computes: a filter's `craft`, a
+law's `model`. If the models differed from each other, the flight would be wrong without a message. So such models are
+an error unless the setting `mismatch` names the difference. A true vehicle that differs from all models is allowed,
+because campaigns need it, and is reported in the log.
 """
 
 from collections.abc import Iterable, Mapping
@@ -19,10 +19,10 @@ SHOWN = 6
 
 
 class Mismatch(NamedTuple):
-    """A parameter in which a model differs from the true vehicle.
+    """Parameter in which a model differs from the true vehicle.
 
-    path: path below the vehicle; if the models differ, path of the model. believed, actual: values of model and vehicle
-    as text; "none" for a missing part.
+    path: path below the vehicle; if the models disagree, path below the autopilot.  believed, actual: values in the
+    model and in the vehicle, as text; "none" for a missing part.
     """
 
     path: str
@@ -58,7 +58,7 @@ def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> No
         for below, a, b in _differences(copies[first], copies[other]):
             one, two = f"{first}.{below}", f"{other}.{below}"
             if not any(_is_below(path, name) for path in (one, two) for name in named):
-                problem = f"it is {b}, but {one} is {a}: two parts have different models of the vehicle"
+                problem = f"two parts have different models of the vehicle: this value is {b}, but {one} is {a}"
                 alike = " ".join(argument("settings", b, f"{c}.{below}") for c in copies if c != other)
                 raise InputError(
                     two,
@@ -84,18 +84,17 @@ def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
 
 
 def describe_mismatches(mismatches: Iterable[Mapping[str, str]]) -> str:
-    """Return the differences in one line, e.g. "model ≠ world: mass 2.6 vs 3 (intended)"; "" if there are none."""
+    """Return the differences in one line, e.g. "model ≠ world: mass 2.6 vs 3 (intended)", or "" without any."""
     parts = [f"{m['path']} {m['believed']} vs {m['actual']}" for m in mismatches]
     more = f" and {len(parts) - SHOWN} more" if len(parts) > SHOWN else ""
     return f"model ≠ world: {', '.join(parts[:SHOWN])}{more} (intended)" if parts else ""
 
 
 def _differences(one: Any, other: Any) -> list[tuple[str, str, str]]:
-    """Return the differences of two records: path, first value and second value.
+    """Return the differences between two records: path, first value and second value.
 
-    A part missing in one record is one entry.
-
-    Values that are not finite are skipped, as `loop.checks` refuses them.
+    A part that one record lacks gives one entry. Values that are not finite are skipped, because `loop.checks` reports
+    them.
     """
     a, b = ({path: value for path, value, _ in leaves(craft)} for craft in (one, other))
     parts = [{path for path, _ in records(craft)} for craft in (one, other)]

@@ -1,6 +1,6 @@
-"""Application of a calibration to a scenario: each calibrated number is set in every copy of its record.
+"""Application of a calibration to a scenario. Each calibrated number is set in every copy of its record.
 
-The number is set in the world and in the autopilot's models. Tables computed from a formula are computed again.
+The copies are in the world and in the autopilot's models. Tables computed from a formula are computed again.
 """
 
 import math
@@ -21,22 +21,21 @@ from trimtab.loop.calibration import Calibration
 from trimtab.loop.scenario import Scenario
 
 TABULATED = "thrust.angles", "thrust.by_angle"
-"""Calibration entry of the measured thrust by rudder angle. The fan's tables are computed from it, not from the
-formula."""
+"""Calibration entries with the measured thrust by rudder angle. If present, the fan's tables are computed from these
+entries instead of the formula."""
 STEPS = {
     "gyro.step": ("gyro", "gyro_walk"),
     "accelerometer.step": ("forward", "starboard", "force_walk"),
 }
-"""Calibration entry with the filter step (s) of the InertialNoise -> the noise fields that are valid only for this
-step."""
+"""Calibration entry that gives a filter step (s) -> the fields of InertialNoise that are valid only for this step."""
 NOTES = ("gyro.delay", *STEPS, *TABULATED)
 """Calibration entries that are not settings."""
 
 
 class CalibratedScenario(NamedTuple):
-    """scenario: scenario with the calibrated numbers.
+    """Scenario with the calibrated numbers. used: calibration entry -> paths that were set.
 
-    used: entry -> paths that were set. unused: entries that fit no setting.
+    unused: entries that correspond to no setting of the scenario.
     """
 
     scenario: Scenario
@@ -45,9 +44,9 @@ class CalibratedScenario(NamedTuple):
 
 
 def with_calibration(scenario: Scenario, calibration: Calibration) -> CalibratedScenario:
-    """Return the scenario with every number of a calibration that fits one of its settings.
+    """Return the scenario with the calibrated values of all its settings that have a calibration entry.
 
-    Raises: InputError if no entry fits a setting, or if a unit or shape differs from the setting's.
+    Raises: InputError if no entry corresponds to a setting, or if a unit or shape differs from the setting's.
     """
     used: dict[str, list[str]] = {}
     for name, entry in calibration.entries.items():
@@ -97,10 +96,10 @@ def _fitting_value(name: str, entry: Any, path: str, old: Any, declared: Quantit
     where = f"calibration, {name}"
     if entry.unit != declared.unit:
         problem = f"is in {entry.unit!r}, but the setting {path} is in {declared.unit!r}"
-        raise InputError(where, problem, fix=f'convert it, unit = "{declared.unit}"')
+        raise InputError(where, problem, fix=f'convert the value to unit = "{declared.unit}"')
     value = np.asarray(entry.value, declared.dtype())
     if value.shape != np.shape(old):
-        problem = f"has shape {value.shape}, but the setting {path} has {np.shape(old)}"
+        problem = f"has shape {value.shape}, but the setting {path} has shape {np.shape(old)}"
         raise InputError(where, problem, fix="calibrate again with this version")
     return float(value) if value.ndim == 0 else value
 
@@ -120,7 +119,7 @@ def _refuse_other_step(scenario: Scenario, calibration: Calibration) -> None:
 
 
 def _with_stops(scenario: Scenario) -> Scenario:
-    """Move rudder stops that lie beyond the measured angles to the ends of the measured range."""
+    """Return the scenario with rudder stops that lie beyond the measured angles moved to the ends of the range."""
     for path, r in records(scenario):
         if isinstance(r, RudderServo):
             low, high = float(np.min(r.angles)), float(np.max(r.angles))
@@ -131,7 +130,7 @@ def _with_stops(scenario: Scenario) -> Scenario:
 
 
 def _with_tables(scenario: Scenario, calibration: Calibration) -> Scenario:
-    """Compute the tables of fans again, from the formula or from the thrust measured at each rudder angle."""
+    """Return the scenario with new fan tables, from the formula or from the thrust measured at each rudder angle."""
     measured = [calibration.entries[n].value for n in TABULATED] if TABULATED[0] in calibration.entries else None
     for path, r in records(scenario):
         table, thruster = getattr(r, "table", None), getattr(r, "thruster", None)
@@ -147,7 +146,10 @@ def _with_tables(scenario: Scenario, calibration: Calibration) -> Scenario:
 
 
 def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) -> dict[str, Any]:
-    """Return the fields of a fan's table: force by speed, or speed by force. eta: measured thrust by angle, or None."""
+    """Return the changed fields of a fan's table, which gives force by speed or speed by force.
+
+    eta: measured thrust by angle relative to the thruster's coefficient, or None.
+    """
     rows, origin = table.rows(), "formula" if eta is None else "measured"
     straight = np.full_like(rows, float(thruster.offset))
     scale: Any = 1.0 if eta is None else eta
@@ -168,9 +170,9 @@ def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) ->
 
 
 def tabulate_thrust(angles: Any, by_angle: Any, rows: Any) -> Any:
-    """Interpolate the measured c eta at the rudder angles of the rows (m,).
+    """Return the measured thrust coefficient by angle, c eta, interpolated at the rudder angles `rows` (m,).
 
-    Raise InputError outside the measured range.
+    Raise InputError for an angle outside the measured range.
     """
     low, high = float(np.min(angles)), float(np.max(angles))
     outside = (np.asarray(rows) < low - 1e-6) | (np.asarray(rows) > high + 1e-6)

@@ -1,8 +1,8 @@
-"""Distributions that give the runs of a campaign the uncertainty of a calibration, tables included.
+"""Distributions of parameters for a campaign that represent the uncertainty of a calibration, tables included.
 
-Correlated numbers are drawn along directions: the calibrated numbers plus standard normal draws times the columns of a
-square root of their covariance. This applies to the four coefficients of reverse thrust, and to a link's latency table,
-which follows from mean and deviation to first order.
+Correlated numbers are drawn along directions: the drawn values are the calibrated numbers plus standard normal draws
+times the columns of a square root of their covariance. The four coefficients of reverse thrust are drawn in this way,
+and a link's latency table, which is computed from mean and deviation to first order.
 """
 
 import math
@@ -21,18 +21,18 @@ from trimtab.loop.calibration import Calibration, flat_entries, index_name, join
 from trimtab.loop.scenario import Scenario
 
 CORRELATED = 0.02
-"""Smallest correlation that is passed on to a campaign."""
+"""Smallest magnitude of a correlation that is passed on to a campaign."""
 REVERSE = "Thruster.reverse_ratio"
 LINKS = ("uplink", "downlink")
 HALVINGS = 12
-"""Maximum number of halvings of a drawn change, down to 1/4000 of it, until the reverse thrust rises."""
+"""Number of bisections that find the part of a drawn change with which the reverse thrust rises, to 1/4000."""
 
 
 class CalibratedSpread(NamedTuple):
-    """drawn: name of a parameter -> text of its distribution.
+    """Distributions for a campaign. drawn: name of a parameter -> text of its distribution.
 
-    correlate: pairs of parameters, and their correlation. notes: reasons why a calibrated number is not drawn, or is
-    drawn in another way.
+    correlate: pairs of parameters, and their correlation.  notes: reasons for which a calibrated number is not drawn,
+    or is drawn in another way.
     """
 
     drawn: dict[str, str]
@@ -43,7 +43,7 @@ class CalibratedSpread(NamedTuple):
 def calibrated_spread(scenario: Scenario, calibration: Calibration) -> CalibratedSpread:
     """Return the distributions of a calibration's errors, for the settings of a scenario that uses this calibration.
 
-    A fan's coefficient is drawn as its effectiveness, so that its tables stay.
+    Instead of a fan's coefficient, the fan's effectiveness is drawn, so that the fan's tables do not change.
 
     Raises: InputError if the calibration gives no uncertainty for this scenario.
     """
@@ -79,10 +79,11 @@ def calibrated_spread(scenario: Scenario, calibration: Calibration) -> Calibrate
 
 
 def follow_tables(scenario: Scenario, arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the drawn settings (n, …) and the settings that follow from them, e.g. a fan's table of reverse thrust.
+    """Return the drawn settings (n, …) and the settings that depend on them, e.g. a fan's table of reverse thrust.
 
-    A cubic whose reverse thrust doesn't rise has no inverse and fits no fan: it is moved back towards the scenario's
-    own cubic until it rises. Stops of a rudder that lie beyond its table's ends move to these.
+    A drawn cubic whose reverse thrust does not rise with speed has no inverse and describes no real fan. It is moved
+    back towards the scenario's own cubic until it rises. Rudder stops beyond the ends of the rudder's table are moved
+    to these ends.
     """
     arrays = dict(arrays)
     for path, r in records(scenario):
@@ -117,11 +118,11 @@ def _effectiveness(paths: list[str], known: Mapping[str, Any]) -> list[str]:
 
 
 def _explain(name: str) -> list[str]:
-    """Return the reason why an entry with an error is not drawn; "" if another entry represents it."""
+    """Return the reason for which an entry with an error is not drawn, or [] if another entry represents the error."""
     if name in tuple(f"{link}.{what}" for link in LINKS for what in ("mean", "deviation")):
         return []
     if name == "Thruster.offset":
-        return [f"{name} is not drawn: thrust is level there. RudderGeometry.offset, the same number, is drawn"]
+        return [f"{name} is not drawn: the thrust has no slope there. RudderGeometry.offset, the same number, is drawn"]
     if name == "thrust.by_angle":
         return [f"{name} is not drawn by angle: the fan's effectiveness is drawn for all angles together"]
     return [f"{name} is not drawn: the world of this scenario has no such number"]
@@ -137,7 +138,7 @@ def _correlations(calibration: Calibration, owner: Mapping[str, str]) -> list[tu
 
 
 def _reverse(scenario: Scenario, calibration: Calibration) -> tuple[dict[str, list[str]], str]:
-    """Return the directions along which the coefficients of reverse thrust are drawn."""
+    """Return the directions along which the coefficients of reverse thrust are drawn, by path, and a note."""
     entry = calibration.entries.get(REVERSE)
     if entry is None or entry.standard_error is None:
         return {}, ""
@@ -152,7 +153,10 @@ def _reverse(scenario: Scenario, calibration: Calibration) -> tuple[dict[str, li
 
 
 def _latency(known: Mapping[str, Any], calibration: Calibration, link: str) -> tuple[dict[str, list[str]], str]:
-    """Return the directions along which a link's latency table is drawn, from the errors of its mean and deviation."""
+    """Return the directions along which a link's latency table is drawn, by path, and a note.
+
+    They follow from the errors of the table's mean and deviation.
+    """
     names, path, entries = (f"{link}.mean", f"{link}.deviation"), f"world.{link}.latency", calibration.entries
     if names[0] not in entries or path not in entries:
         return {}, ""
@@ -172,14 +176,14 @@ def _latency(known: Mapping[str, Any], calibration: Calibration, link: str) -> t
 
 
 def _square_root(P: Any) -> Any:
-    """Return a square root L of a covariance P, with L L' = P. The columns are sorted by their size."""
+    """Return a square root L of a covariance P, with L L' = P. The longest column is the first."""
     values, vectors = np.linalg.eigh(np.asarray(P))
     order = np.argsort(values)[::-1]
     return vectors[:, order] * np.sqrt(np.maximum(values[order], 0.0))
 
 
 def _along(directions: Any) -> list[str]:
-    """Return a text along(…) for each non-zero column of a matrix (m, k)."""
+    """Return the text of a distribution, along(…), for each non-zero column of a matrix (m, k)."""
     return [f"along({', '.join(repr(float(v)) for v in d)})" for d in np.asarray(directions).T if np.any(d)]
 
 
@@ -189,7 +193,7 @@ def _cubic(y: Any, n: Any) -> Any:
 
 
 def _rising_share(own: Any, change: Any, low: float, high: float) -> Any:
-    """Return the fraction of each change (runs, 4) of a cubic that keeps the thrust positive and rising; usually 1."""
+    """Return the fraction of each change (runs, 4) of a cubic for which the thrust is positive and rises; usually 1."""
     n = np.linspace(low, high, 200) * 1e-3
 
     def rises(share: Any) -> Any:
@@ -209,7 +213,7 @@ def _rising_share(own: Any, change: Any, low: float, high: float) -> Any:
 
 
 def _normal_text(value: float, error: float, declared: Any) -> str:
-    """Return a normal distribution, truncated to the range of the setting."""
+    """Return the text of a normal distribution, truncated to the range of the setting if this is close."""
     low = declared.low if declared.low is not None else declared.above
     low = -math.inf if low is None else float(low)
     high = math.inf if declared.high is None else float(declared.high)

@@ -1,4 +1,4 @@
-"""Calibration files in TOML: measured parameters of a loop with their units, uncertainties and sources.
+"""Calibration files in TOML: measured parameters of a scenario with their units, uncertainties and sources.
 
     ["Thruster.coefficient"]
     value = 0.01112
@@ -13,9 +13,9 @@
     of = ["Hovercraft.inertia", "Hovercraft.arm"]
     matrix = [[…], […]]
 
-A number is named by its record and field, as in the reference, so that it applies to every copy of that record, in the
-world and in the autopilot's model. If two parts of one class have different numbers, the entry is named by the path of
-the setting: ``world.uplink.latency``. The content's SHA-256 identifies the calibration in logs.
+A number is named by its record class and field. So it applies to every copy of this record, in the world and in the
+autopilot's models. If two parts of one class have different numbers, an entry is named by the path of the setting:
+``world.uplink.latency``. The content's SHA-256 identifies the calibration in logs.
 """
 
 import hashlib
@@ -42,11 +42,11 @@ def student_reach(freedom: float) -> float:
 
 
 class Entry(NamedTuple):
-    """A measured number, or an array of them.
+    """Measured number, or array of measured numbers.
 
-    value: number or nested lists.  standard_error: of the same shape; None if unknown.
-    freedom: degrees of freedom of the standard errors. source: the data file, and its lines left out. procedure: name
-    of the procedure that measured the number.
+    value: number or nested lists.  standard_error: standard error of each number, in the same shape; None if unknown.
+    freedom: degrees of freedom of the standard errors.  source: the data file, and its lines that were left out.
+    procedure: name of the procedure that measured the number.
     """
 
     value: Any
@@ -57,9 +57,9 @@ class Entry(NamedTuple):
     procedure: str = ""
 
     def interval(self) -> tuple[Any, Any]:
-        """Return low and high end of the 95 % interval, in the value's shape.
+        """Return lower and upper end of the 95 % confidence interval, in the value's shape.
 
-        Both are the value if the error is unknown.
+        If the standard error is unknown, both ends equal the value.
         """
         value = np.asarray(self.value, np.float64)
         error = np.zeros_like(value) if self.standard_error is None else np.asarray(self.standard_error)
@@ -98,7 +98,7 @@ class Calibration(NamedTuple):
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
     def merge(self, new: "Calibration") -> "Calibration":
-        """Return the calibration with new entries.
+        """Return the calibration with the entries of a new calibration added.
 
         Earlier entries and covariances of the same procedures are removed.
         """
@@ -230,12 +230,12 @@ def _read_entry(where: str, table: Any) -> Entry:
         error = None if "standard_error" not in table else np.asarray(table["standard_error"], np.float64)
         freedom = float(table.get("freedom", math.inf))
     except (TypeError, ValueError):
-        raise InputError(where, "holds values that are not numbers", fix=fix) from None
+        raise InputError(where, "contains values that are not numbers", fix=fix) from None
     if not np.isfinite(value).all():
-        raise InputError(where, "its value is not finite", fix=fix)
+        raise InputError(where, "the value is not finite", fix=fix)
     if error is not None and (error.shape != value.shape or not (np.isfinite(error) & (error >= 0)).all()):
         problem = (
-            f"its standard_error must be one number of 0 or more for each of the {value.size} numbers of its value"
+            f"the standard_error must contain a number of 0 or more for each of the {value.size} numbers of the value"
         )
         raise InputError(where, problem, fix="leave standard_error out if it is unknown")
     texts = {n: str(table[n]) for n in ("unit", "source", "procedure") if n in table}
@@ -258,6 +258,6 @@ def _read_covariance(where: str, entries: Mapping[str, Entry], table: Any) -> Co
         )
     good = matrix.shape == (len(of),) * 2 and np.isfinite(matrix).all() and np.allclose(matrix, matrix.T)
     if not good or np.linalg.eigvalsh(matrix).min() < -1e-9 * max(np.trace(matrix), 1e-300):
-        problem = f"the covariance of {', '.join(of)} must be a symmetric, positive matrix of {len(of)} rows"
+        problem = f"the covariance of {', '.join(of)} must be a symmetric, semidefinite matrix of {len(of)} rows"
         raise InputError(where, problem, fix="use the covariance that trimtab calibrate writes")
     return Covariance(of, matrix.tolist(), str(table.get("procedure", "")))

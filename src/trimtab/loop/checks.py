@@ -1,4 +1,4 @@
-"""Checks of values before a run: finite, in range, of the declared shape, a valid choice, a possible period."""
+"""Checks of values before a run: finite, in range, of the declared shape, a valid choice, a valid period."""
 
 from typing import Any
 
@@ -10,11 +10,11 @@ from trimtab.core.quantity import Option, Quantity, leaves, records
 from trimtab.core.time import format_time
 
 SHORTEST_PERIOD = 100
-"""Minimum period, 10 µs in units of 100 ns. A smaller integer is nearly always seconds or milliseconds by mistake."""
+"""Minimum period, 10 µs in units of 100 ns. A smaller integer is nearly always given in seconds or ms by mistake."""
 
 
 def check_values(tree: Any, path: str = "") -> None:
-    """Check every declared field below tree and run every part's own check(). Raise InputError with the full path."""
+    """Check every declared field below `tree`, and call check() of every part. Raise InputError with the full path."""
     for where, value, declared in leaves(tree, path):
         if isinstance(declared, Quantity):
             _check_quantity(where, value, declared)
@@ -26,7 +26,7 @@ def check_values(tree: Any, path: str = "") -> None:
 
 
 def check_part(where: str, own: Any) -> None:
-    """Run a part's own check; an error names the part by its path."""
+    """Call the check() of a part. An error names the part by its path `where`."""
     try:
         own()
     except InputError as error:
@@ -44,7 +44,7 @@ def _check_quantity(where: str, value: Any, declared: Quantity) -> None:
             where, f"{value!r} is not a number", fix=argument("settings", "NUMBER", where) + in_unit
         ) from None
     if declared.shape and array.shape != declared.shape:
-        problem = f"has shape {array.shape}, must have shape {declared.shape}"
+        problem = f"must have shape {declared.shape}, but has shape {array.shape}"
         raise InputError(where, problem, fix=f"give {declared.shape} numbers{in_unit}")
     if not np.isfinite(array).all():
         raise InputError(where, f"{value} is not finite", fix=argument("settings", "NUMBER", where) + in_unit)

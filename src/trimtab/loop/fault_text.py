@@ -1,4 +1,4 @@
-"""Faults written as text, and put into a scenario: ``sensor:imu off @ 3 s for 1 s``.
+"""Parsing of faults written as text, ``sensor:imu off @ 3 s for 1 s``, and their injection into a scenario.
 
     WHERE WORD [by NUMBER] [bias NUMBER] [@ TIME] [for TIME] [when PATH above NUMBER | when PATH below NUMBER]
 
@@ -29,7 +29,7 @@ from trimtab.loop.walk import start
 SEVERITY = {"garbage": 10.0, "wrong": 0.5, "slow": 5.0, "delayed": 0.2, "intermittent": 0.5}
 """Default severity of each word."""
 OF_ACTUATORS = {"garbage": 1.0, "wrong": -2.0}
-"""Default severities for actuators, where they differ: a random input of unit size, and a reversed sign."""
+"""Default severities for actuators where these differ from SEVERITY: random input of unit size, reversed sign."""
 CLAUSES = ("by NUMBER", "bias NUMBER", "@ TIME", "for TIME", "when PATH above NUMBER", "when PATH below NUMBER")
 EXAMPLE = "sensor:NAME off @ 3 s for 1 s"
 
@@ -43,11 +43,9 @@ def inject_faults(scenario: Scenario, texts: Iterable[str]) -> Scenario:
 
 
 def check_fault_times(scenario: Scenario, texts: Iterable[str]) -> None:
-    """Raise InputError for a fault that begins after the end of the flight.
+    """Raise InputError, with the flight's duration, for a fault that begins after the end of the flight.
 
-    Only for virtual time: real flights may last longer.
-
-    Raises: InputError with the flight's length.
+    This is checked in virtual time only, because a real flight may last longer than the scenario's duration.
     """
     for text in texts:
         begin = int(parse_fault(scenario, text)[1].start)
@@ -68,8 +66,8 @@ def add_dormant_faults(scenario: Scenario, longest: float = 0.5) -> Scenario:
     A fault acts when its parameters are changed during the run.
 
     Args:
-        scenario: without faults.
-        longest: longest delay (s) that a fault can be given during the run.
+        scenario: scenario without faults.
+        longest: longest delay (s) to which a fault can be set during the run.
     """
     for where in fault_locations(scenario):
         scenario = _wrap_part(scenario, where, Fault(), longest)
@@ -77,29 +75,31 @@ def add_dormant_faults(scenario: Scenario, longest: float = 0.5) -> Scenario:
 
 
 def fault_locations(scenario: Scenario) -> tuple[str, ...]:
-    """Return the places of this scenario that can have a fault.
+    """Return the names of the parts of this scenario that can have a fault: sensors, links, and actuators.
 
-    Actuators can have one only if the vehicle has an input.
+    Actuators can have a fault only if the vehicle has an input.
     """
     acting = ("actuators",) if jax.tree.leaves(scenario.world.actuators.neutral()) else ()
     return (*(f"sensor:{name}" for name in scenario.world.sensors), "downlink", "uplink", *acting)
 
 
 def _input_fields(scenario: Scenario) -> list[str]:
-    """Return the paths of the fields of the vehicle's input, and of the elements of its arrays, if the input is a
-    record."""
+    """Return the paths of the fields of the vehicle's input, and of the elements of arrays in it.
+
+    The list is empty if the input is not a record.
+    """
     u = scenario.world.actuators.neutral().u
     fields = [(path, component_paths(path, np.shape(value))) for path, value, _ in leaves(u)] if is_record(u) else []
     return [p for path, numbers in fields for p in (path, *(n for n in numbers if n != path))]
 
 
 def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
-    """Return the place and the fault that a text describes."""
+    """Return the name of the faulty part, and the fault, that a text describes."""
     about = f"fault {text!r}"
     first, *others = re.split(r"\s*(?:\b(by|bias|for|when)\b|(@))\s*", " ".join(text.split()))
     head = first.split()
     if len(head) != 2:
-        problem = "must begin with a place and a word"
+        problem = "must begin with a part and a kind of fault"
         raise InputError(about, problem, choices=fault_locations(scenario), fix=f"write e.g. '{EXAMPLE}'")
     places = (*fault_locations(scenario), *(f"actuators:{name}" for name in _input_fields(scenario)))
     where = _check_choice(about, "part", head[0], places)
@@ -110,7 +110,7 @@ def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
     names = [others[i] or others[i + 1] for i in range(0, len(others), 3)]
     for name, said in zip(names, others[2::3], strict=True):
         if names.count(name) > 1:
-            raise InputError(about, f"has {name!r} twice", fix="write it once")
+            raise InputError(about, f"has {name!r} twice", fix="write this clause once")
         fields |= _parse_clause(about, name, said)
     fault = Fault(**fields)
     check_part(about, fault.check)
@@ -124,7 +124,7 @@ def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
 
 
 def watchable_paths(scenario: Scenario, where: str) -> list[str]:
-    """Return the paths of the signals that can trigger a fault at this place."""
+    """Return the paths of the signals that can trigger a fault in this part."""
     paths: list[str] = []
     for path, value, _ in leaves(_visible_signals(scenario, where)):
         paths += [f"{path}.{i}" for i in range(np.size(value))] if np.shape(value) else [path]
@@ -187,7 +187,7 @@ def _wrap_part(scenario: Scenario, where: str, fault: Fault, longest: float) -> 
 
 
 def _visible_signals(scenario: Scenario, where: str) -> Any:
-    """Return the record of signals that can trigger a fault at this place, with every number zero."""
+    """Return the record of signals that can trigger a fault in this part, with every number zero."""
     world, (kind, _, name) = scenario.world, where.partition(":")
     if name:
         feels = optional_member(world.sensors[name], "FEELS")

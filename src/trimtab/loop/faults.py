@@ -1,6 +1,6 @@
-"""Faults of a part: kind, start, duration and severity; and the wrappers that apply them to a part.
+"""Faults of a part, with kind, start, duration and severity, and the wrappers that apply a fault to a part.
 
-All parts share one vocabulary. Meaning of each word for a sensor, a link and the actuators: docs page, Faults.
+All parts have the same kinds of faults. Effect of each kind on a sensor, a link and the actuators: docs page, Faults.
 """
 
 import zlib
@@ -24,17 +24,18 @@ from trimtab.loop.structure import cast_like
 WORDS = ("none", "off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
 NONE, OFF, STUCK, GARBAGE, WRONG, SLOW, DELAYED, INTERMITTENT = range(len(WORDS))
 NAN_BEYOND = 1.5
-"""Size of a standard normal draw above which a garbage value is NaN: 13 % of the time."""
+"""Magnitude of a standard normal draw above which a garbage value is NaN. This happens in 13 % of the draws."""
 LINK_STREAM = zlib.crc32(b"fault of a channel")
-"""Random stream of a link's faults. A fault hits all values of a message together."""
+"""Random stream of a link's faults. It is the same for all values of a message, so a fault affects all of them."""
 
 
 @record
 class Fault:
-    """Fault of one part. Its parameters and its kind can be changed during a run.
+    """Fault of one part. Its kind and parameters can be changed during a run.
 
-    The fault acts from `start` for `duration`. With a `watch`, it acts from the first instant after `start` when
-    the watched number lies on the `side` of `level`. Before and after, the part behaves as without it, bit for bit.
+    The fault acts from `start` for `duration`. With a `watch`, it begins at the first instant after `start` at which
+    the watched number lies on the `side` of `level`. Before and after the fault, the part behaves as without a fault,
+    bit for bit.
 
     Frames:  those of the part.
     Source:  docs page, Faults; the words are those of PX4's failure injection.
@@ -62,15 +63,15 @@ class Fault:
             GARBAGE: (severity > 0, "a multiple of the plausible size, above 0"),
             SLOW: (severity >= 1, "N of 'every Nth sample arrives', at least 1"),
             DELAYED: (severity >= 0, "a delay in seconds, not negative"),
-            INTERMITTENT: (0 <= severity <= 1, "the share of the time that it is off, 0 to 1"),
+            INTERMITTENT: (0 <= severity <= 1, "the share of time in which the part is off, 0 to 1"),
         }
         good, meaning = rules.get(word, (True, ""))
         if not good:
-            problem = f"{severity:g} is not possible: for {WORDS[word]!r} the severity is {meaning}"
+            problem = f"{severity:g} is not valid: for {WORDS[word]!r}, the severity is {meaning}"
             raise InputError("severity", problem, fix="choose another severity, e.g. by 0.5, by 2")
 
     def begin_time(self, t: Any, begin: Any, signals: Any) -> Any:
-        """Return the time at which the fault began (100 ns), or NEVER. begin: this time at the last call."""
+        """Return the time at which the fault began (100 ns), or NEVER. begin: the result of the last call."""
         if not self.watch:
             return jnp.where(t >= self.start, jnp.asarray(self.start, np.int64), NEVER)
         number = jnp.asarray(signal_value(signals, self.watch), np.float64)
@@ -102,13 +103,11 @@ class Fault:
         longest = to_seconds(step) * (capacity - 1)
         if int(self.word) == DELAYED and float(self.severity) > longest + 1e-9:
             needed = delay_slots(float(self.severity), step)
-            problem = (
-                f"a delay of {float(self.severity):g} s is longer than the {longest:g} s that {capacity} slots hold"
-            )
+            problem = f"the delay must be at most {longest:g} s with {capacity} slots, got {float(self.severity):g} s"
             raise InputError("fault.severity", problem, fix=f"set capacity to {needed} or more")
 
     def distort_value(self, value: Any) -> Any:
-        """Return the value with every real number scaled by 1 + severity, and biased."""
+        """Return the value with every real number multiplied by 1 + severity, plus the bias."""
 
         def leaf(v: Any) -> Any:
             v = jnp.asarray(v)
@@ -117,7 +116,7 @@ class Fault:
         return jax.tree.map(leaf, value)
 
     def garbage_value(self, key: Key, index: Any, value: Any) -> Any:
-        """Return garbage like the value: NaN, and random numbers of size `severity` times max(1, |value|)."""
+        """Return garbage in the form of the value: NaN, or random numbers of size severity times max(1, |value|)."""
 
         def garbage(v: Any, z: Any) -> Any:
             if v.dtype == np.bool_:
@@ -129,12 +128,12 @@ class Fault:
         return _replace_by_draws(garbage, key, index, value)
 
     def random_input(self, key: Key, index: Any, u: Any) -> Any:
-        """Return a finite random input of the vehicle; `severity` is its standard deviation."""
+        """Return a finite random input of the vehicle, with a standard deviation of `severity`."""
         return _replace_by_draws(lambda v, z: (self.severity * z).astype(v.dtype), key, index, u)
 
 
 def _replace_by_draws(function: Callable[[Any, Any], Any], key: Key, index: Any, tree: Any) -> Any:
-    """Return the tree with function(leaf, standard normal draws of its shape) in place of each leaf."""
+    """Return the tree with each leaf replaced by function(leaf, standard normal draws of the leaf's shape)."""
     leaves, structure = jax.tree.flatten(tree)
     sizes = [int(np.prod(np.shape(v))) for v in leaves]
     draws, out, k = normals(key, index, sum(sizes)), [], 0
@@ -145,7 +144,7 @@ def _replace_by_draws(function: Callable[[Any, Any], Any], key: Key, index: Any,
 
 
 def delay_slots(delay: float, step: int) -> int:
-    """Return the number of ring buffer slots that a delay (s) needs, with one slot per step (100 ns)."""
+    """Return the number of slots that a ring buffer needs for a delay (s), with one slot per step (100 ns)."""
     return 1 + int(np.ceil(delay / to_seconds(step) - 1e-9))
 
 
@@ -172,7 +171,7 @@ def replace_number(tree: Any, path: str, other: Any) -> Any:
 
 @record
 class FaultMemory:
-    """Memory of a fault: past outputs of its part. Frames: those of the part. Source: docs page, Faults."""
+    """Memory of a fault, with past outputs of the part. Frames: those of the part. Source: docs page, Faults."""
 
     key: Any = part("Random key of the fault's random draws.")
     begin: Scalar = quantity("100 ns", "Time at which the fault began.", kind="time")
@@ -191,7 +190,7 @@ class FaultyState:
 
 
 def _initial_memory(key: Any, output: Any, ring: Any) -> FaultMemory:
-    """Return the initial memory of a fault. output: output before the first step. ring: ring buffer filled with it."""
+    """Return the initial memory of a fault. output: output before the first step. ring: initial ring buffer."""
     return FaultMemory(
         key=key, begin=np.int64(NEVER), output=output, lost=np.int64(NEVER), number=np.int32(0), ring=ring
     )
@@ -275,9 +274,10 @@ def apply_to_output(
 
 
 class FaultyPart:
-    """A part with a fault. Before and after the fault its output equals that of the part without a fault, bit for bit.
+    """Part with a fault. Base class of `FaultySensor`, `FaultyChannel` and `FaultyActuators`.
 
-    The path of the wrapped part ends with `.inner`. The three classes below are its kinds.
+    Before and after the fault, the output equals that of the part without a fault, bit for bit. The path of the wrapped
+    part ends with `.inner`.
     """
 
     inner: Any
@@ -290,15 +290,15 @@ class FaultyPart:
         return self.inner.period
 
     def check(self) -> None:
-        """Raise InputError for a delay that is longer than the memory."""
+        """Raise InputError for a delay that exceeds the capacity of the ring buffer."""
         self.fault.check_ring(self.period, self.capacity)
 
     def initial_state(self, inner: Any, input: Any, key: Key) -> FaultyState:
-        """Return the initial state of a wrapped part that gives samples. inner: the part's state. input: an example."""
+        """Return the initial state of a wrapped sensor or channel. inner: state of the part. input: example input."""
         try:
             sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, input)
         except AttributeError as error:
-            problem = f"it reads more than a {type(input).__name__} ({error}): neither faults nor real links carry that"
+            problem = f"the part reads more than a {type(input).__name__} ({error}); faults and real links give no more"
             fix = "fly in virtual time, without a fault in this sensor:  trimtab run SCENARIO"
             raise InputError(f"fault in {type(self.inner).__name__}", problem, fix=fix) from error
         none = jax.tree.map(lambda v: jnp.zeros(jnp.shape(v), jnp.result_type(v)), sample)
@@ -307,7 +307,7 @@ class FaultyPart:
 
 @record
 class FaultySensor(FaultyPart):
-    """A sensor whose samples are distorted or dropped while a fault acts.
+    """Sensor whose samples are distorted or dropped while a fault acts.
 
     The fault may watch the sensor's input, e.g. `p_WB.0` or `v_WB_B.1` of a motion.
 
@@ -325,7 +325,7 @@ class FaultySensor(FaultyPart):
         return optional_member(self.inner, "FEELS")
 
     def init(self, key: Key) -> FaultyState:
-        """Return the initial state: nothing measured."""
+        """Return the initial state, with no sample measured yet."""
         example = no_motion() if self.example is None else self.example
         return self.initial_state(self.inner.init(key), example, key.at("fault"))
 
@@ -342,7 +342,7 @@ class FaultySensor(FaultyPart):
 
 @record
 class FaultyChannel(FaultyPart):
-    """A channel with a fault at its receiving end.
+    """Channel with a fault at its receiving end.
 
     A checksum rejects distorted messages, so a fault `garbage` gives no data. The fault may watch the carried sample,
     e.g. `value.surge_velocity` or `age`.
@@ -355,11 +355,11 @@ class FaultyChannel(FaultyPart):
     capacity: int = option("Capacity of the ring buffer: steps in the longest delay, plus 1.", default=2)
 
     def init(self, key: Key, like: Sample) -> FaultyState:
-        """Return the initial state: nothing received."""
+        """Return the initial state, with no sample received yet."""
         return self.initial_state(self.inner.init(key, like), like, Key(key.seed, key.run, LINK_STREAM))
 
     def step(self, t: Any, state: FaultyState, sample: Sample) -> tuple[FaultyState, Sample]:
-        """Return the state and the sample that the receiving end holds at integer time t."""
+        """Return the state, and the newest sample at the receiving end at integer time t."""
         inner, arrived = self.inner.step(t, state.inner, sample)
         memory, out = apply_to_sample(
             t, state.memory, self.fault, arrived, arrived, step=self.period, has_checksum=True
@@ -385,7 +385,7 @@ class FaultyActuators(FaultyPart):
         return self.inner.neutral()
 
     def init(self, key: Key) -> FaultyState:
-        """Return the initial state: at rest."""
+        """Return the initial state: actuators at rest."""
         neutral = jax.tree.map(jnp.asarray, self.inner.neutral())
         slots = empty_slots(neutral, self.capacity)
         rest = jax.tree.map(lambda slot, v: jnp.broadcast_to(v, slot.shape), slots, neutral)

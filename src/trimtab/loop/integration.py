@@ -1,6 +1,6 @@
 """Integration of the vehicle's true state: methods, tolerances, and steps that end at events.
 
-By default a world takes one classical Runge–Kutta step between two instants. Source: docs page, Integration.
+The default is one classical Runge–Kutta step between two instants. Source: docs page, Integration.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,9 +26,9 @@ STEPS: Mapping[str, tuple[Any, int | None]] = MappingProxyType(
         "rosenbrock": (rodas, 4),
     }
 )
-"""Step function of each method, and the order used by its step size control; None: fixed step."""
+"""Step function of each method, and the order used by its step size control, or None for a fixed step."""
 HALVINGS = 52
-"""Number of bisections that locate an event within a step. So many that only rounding error remains."""
+"""Number of bisections that locate an event within a step. After these, only rounding error remains."""
 
 
 @record
@@ -42,7 +42,7 @@ class IntegrationReport:
     step: Scalar = quantity("s", "Length of the next trial step.")
     events: Scalar = quantity("1", "Number of events located since the start of the run.", kind="count")
     crowded: Scalar = quantity(
-        "1", "True if more events occurred since the last instant than `max_events`.", kind="flag"
+        "1", "True if more events occurred since the last instant than `most_events`.", kind="flag"
     )
 
 
@@ -50,13 +50,13 @@ class IntegrationReport:
 class Integration:
     """Integration of the true state from instant to instant: method, tolerances, and limits on steps and events.
 
-        rk4           one step of order four, of fixed length; its error is estimated
-        rk4-doubling  the same step; its error is estimated from two steps of half the length
+        rk4           one step of order four, of fixed length; the error is estimated by an embedded formula
+        rk4-doubling  the step of rk4; the error is estimated from two steps of half the length
         rk45          steps of order five, as long as the error allows: for smooth motion that is fast at times
         rosenbrock    linearly implicit steps of order four, as long as the error allows: for stiff systems
 
-    A step's error in each number x of the state, by an embedded formula, may be absolute + relative |x|. With
-    attitude on the group, the quaternions that the vehicle names are rotated, and so keep their length.
+    The tolerance of a step's estimated error in each number x of the state is absolute + relative |x|. With attitude
+    "group", the quaternions that the vehicle names are integrated as rotations, which keeps their length.
 
     Source:  docs page, Integration.
     """
@@ -85,14 +85,15 @@ class Integration:
 
 
 PLAIN_STEP = Integration(relative=1e-4, absolute=1e-4)
-"""Default integration of a world: one Runge–Kutta step. The error estimate only shows whether the step is far too
-long."""
+"""Default integration of a world: one Runge–Kutta step. The error estimate only shows if the step is far too long."""
 
 
 class _Progress(NamedTuple):
     """Progress of the integration between two instants.
 
-    since: time since the instant (s). size: next trial step (s). located: number of events located so far.
+    since: time since the first instant (s).  x: state.  size: next trial step (s).  steps: number of steps so far.
+    error: largest error of a step, relative to the tolerance.  located: number of events located so far.  is_crowded:
+    True if there were more events than `most_events`.
     """
 
     since: Any
@@ -107,9 +108,10 @@ class _Progress(NamedTuple):
 def integrate_truth(
     method: Integration, vehicle: Any, u: Any, t: Any, x: Any, h: Any, before: IntegrationReport
 ) -> tuple[Any, IntegrationReport]:
-    """Return the truth at t + h (s) under a constant input, and the report.
+    """Return the true state at t + h (s) with a constant input, and the report.
 
-    A step ends where one of the vehicle's `events` changes its sign; its `jump` gives the state after the event.
+    A step ends where a function in the vehicle's `events` changes its sign. The vehicle's `jump` gives the state after
+    the event.
     """
     none = jnp.zeros((), np.int32)
     start = _Progress(jnp.zeros(()), _as_floats(x), before.step, none, jnp.zeros(()), none, jnp.zeros((), np.bool_))
@@ -130,9 +132,9 @@ def integrate_truth(
 
 
 def _take_step(method: Integration, vehicle: Any, u: Any, t: Any, h: Any, p: _Progress) -> _Progress:
-    """Take one step, as far as h, the error tolerance or the first event allows.
+    """Return the progress after one step, which ends at h, at the trial length or at the first event.
 
-    A step with too large an error is rejected.
+    A step whose error exceeds the tolerance is rejected.
     """
 
     def f(time: Any, at: Any) -> Any:
@@ -155,7 +157,7 @@ def _take_step(method: Integration, vehicle: Any, u: Any, t: Any, h: Any, p: _Pr
         is_taken, size = jnp.ones((), np.bool_), p.size
     else:
         is_taken = is_forced | (ratio <= 1)
-        # a step shortened to end at h is no reason to shorten the intended step size
+        # a step that was cut to end at h does not reduce the trial length of the next step
         size = jnp.where(is_taken & reaches & (own < p.size), p.size, next_step(own, ratio, order))
     located, is_crowded = p.located, p.is_crowded
     since = jnp.where(reaches, h, p.since + own)
@@ -181,9 +183,10 @@ def _take_step(method: Integration, vehicle: Any, u: Any, t: Any, h: Any, p: _Pr
 def _stop_at_event(
     vehicle: Any, t: Any, x: Any, rate: Any, h: Any, x1: Any, is_free: Any, step: Callable[[Any], tuple[Any, Any]]
 ) -> tuple[Any, Any, Any]:
-    """Return the length (s) of a step cut at its first event, the state there, and True if the step contains an event.
+    """Return the length (s) of a step up to its first event, the state there, and True if the step contains an event.
 
-    rate: the derivative at x.  is_free: True if an event may end the step.
+    rate: derivative at x.  h: length of the whole step (s).  x1: state at its end.  is_free: True if an event may end
+    the step.  step: function that takes a step of a given length from x.
     """
 
     def values(by: Any, at: Any) -> Any:
@@ -192,7 +195,7 @@ def _stop_at_event(
     rate = jax.tree.map(lambda v, d: jnp.broadcast_to(jnp.asarray(d, np.float64), jnp.shape(v)), x, rate)
     zero = jnp.zeros(())
     g, slope = jax.jvp(values, (zero, x), (jnp.ones(()), rate))
-    before = jnp.where(g == 0, slope, g)  # after a jump to zero, the sign is that of the slope
+    before = jnp.where(g == 0, slope, g)  # if a jump has set g to zero, use the sign of its slope
     has_crossed = jnp.any(_crosses(before, values(h, x1)))
 
     def locate() -> tuple[Any, Any]:
@@ -217,5 +220,5 @@ def _as_floats(x: Any) -> Any:
 
 
 def _crosses(g: Any, later: Any) -> Any:
-    """Return True for each function that has changed its sign."""
+    """Return True for each event function that has changed its sign."""
     return ((g > 0) & (later <= 0)) | ((g < 0) & (later >= 0))

@@ -1,4 +1,4 @@
-"""A Kalman filter for the linear model of any vehicle, with a check that the sensors observe the model's modes.
+"""Design of a Kalman filter for the linear model of any vehicle, with a check that the sensors observe its modes.
 
 Source: docs page, Linear model filter.
 """
@@ -23,11 +23,11 @@ from trimtab.estimators.linear_model import LinearModelFilter
 LIGHT = 0.2
 """Damping ratio below which a mode counts as lightly damped and must be observable."""
 UNSEEN = 3e-5
-"""Singular value below which a direction counts as unobservable, as a fraction of the largest singular value."""
+"""Smallest singular value below which a mode counts as unobservable, as a fraction of the largest singular value."""
 
 
 class UnseenMode(NamedTuple):
-    """Unobservable pole of a linear model. states: the states that move in its mode, the largest motion first."""
+    """Unobservable mode of a linear model. pole: its pole.  states: states that move, the largest motion first."""
 
     pole: complex
     states: tuple[str, ...]
@@ -40,13 +40,14 @@ class UnseenMode(NamedTuple):
 
 
 def measure_channels(vehicle: Any, x: Any, u: Any, sensors: Mapping[str, Any]) -> dict[str, Callable[[Any, Any], Any]]:
-    """Return each number that a sensor measures, e.g. ``encoder.position``, as a function of the vehicle's state and
-    input.
+    """Return the numbers that the sensors measure, by name, as functions of the vehicle's state and input.
+
+    An example of a name is ``encoder.position``.
 
     Args:
         vehicle: the vehicle with the sensors.
-        x: a state record.
-        u: an input record.
+        x: example of a state record.
+        u: example of an input record.
         sensors: the sensors by name. Sensors of the vehicle's input are skipped, as they don't depend on the state.
     """
     functions: dict[str, Callable[[Any, Any], Any]] = {}
@@ -105,22 +106,23 @@ def design_filter(
     Args:
         vehicle: model of the vehicle.
         x: state record, at a trim.
-        u: input record, likewise.
+        u: input record, at the trim.
         sensors: the world's sensors by name.
-        noise: measured number to use, e.g. ``encoder.position`` -> standard deviation of its noise, in its unit.
-        first: state -> standard deviation of its initial estimate; needed for all states.
-        disturbance: state -> white noise on its derivative, square root of the density (unit of the derivative times
-        s^0.5).
+        noise: name of a measured number that the filter uses, e.g. ``encoder.position`` -> standard deviation of its
+            noise, in its unit.
+        first: state -> standard deviation of its initial estimate. Needed for all states.
+        disturbance: state -> square root of the density of the white noise on its derivative (unit of the derivative
+            times s^0.5).
         period: control period of the autopilot (100 ns).
         actuators: name of the sensor that measures the acting input (`sensors.flight_state.ActingInput`).
 
-    Raises: InputError that names an unobservable mode which is not well damped; also for a vehicle whose attitude is a
-        quaternion, which needs a filter for inertial navigation (docs, Gnss and inertial).
+    Raises: InputError if a mode that is not well damped is unobservable, or if the vehicle's attitude is a quaternion,
+        which needs a filter for inertial navigation (docs, Gnss and inertial).
     """
     if attitude_fields(x):
         fix = "use an estimator for inertial navigation (docs, Gnss and inertial)"
         raise InputError(
-            "design_filter", "the vehicle's state has a quaternion, which a linear filter cannot estimate", fix=fix
+            "design_filter", "the vehicle's state contains a quaternion, which a linear filter cannot estimate", fix=fix
         )
     channels = measure_channels(vehicle, x, u, sensors)
     for name in noise:
@@ -132,7 +134,7 @@ def design_filter(
     linear = linearise(model_of_vehicle(vehicle, x, u, outputs={n: channels[n] for n in noise}))
     lacking = [n for n in linear.states if n not in first]
     if lacking:
-        problem = f"no first standard deviation is given for {', '.join(lacking)}"
+        problem = f"the initial standard deviation of {', '.join(lacking)} is missing"
         raise InputError("design_filter.first", problem, fix=f"first={{{lacking[0]!r}: …}}, a standard deviation")
     _refuse_unseen(linear, [n for n in channels if n not in noise])
     find_indices("design_filter.first", first, linear.states)

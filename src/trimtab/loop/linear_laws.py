@@ -1,4 +1,4 @@
-"""Linear laws about a trim for any vehicle, from the certificate of a gain, or from a compensator of another tool."""
+"""Linear laws about a trim for any vehicle, from the certificate of a gain or from a compensator of another tool."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,28 +25,27 @@ from trimtab.laws.state_space import StateSpaceLaw
 from trimtab.loop.structure import check_record, check_vehicle
 
 STATE, INPUT = "x0 ", "u0 "
-"""Prefixes of the settings in a certificate that give the trim."""
+"""Prefixes of the entries in a certificate that give the trim: values of states and of inputs."""
 INTEGRAL_FACTOR = 5.0
-"""Bound on an integral of the law, as a multiple of the integral's design limit."""
+"""Bound of each integral in the law, as a multiple of the integral's limit in the design."""
 
 
 def read_feedback(file: Path | str, x: Any, u: Any, believed: Any = None) -> StateFeedback:
-    """Return the law of a gain that `trimtab design VEHICLE --lqr --out FILE` has written.
+    """Return the law from a gain that `trimtab design VEHICLE --lqr --out FILE` has written.
 
     Args:
         file: the certificate.
-        x: a state record of the vehicle, for its fields, and for numbers that are not in the file.
-        u: an input record, likewise.
-        believed: vehicle model for which the gain was designed. The log reports differences from the vehicle that
-        flies.
+        x: state record of the vehicle. It gives the fields, and the values that are not in the file.
+        u: input record of the vehicle. It gives the fields, and the values that are not in the file.
+        believed: vehicle model for which the gain was designed. The log reports how it differs from the true vehicle.
 
-    Raises: InputError for a file that is not a certificate, or is the certificate of another vehicle.
+    Raises: InputError if the file is not a certificate, or is the certificate of another vehicle.
     """
     return feedback_law(read_certificate(Path(file))[0], x, u, believed)
 
 
 def feedback_law(certificate: Certificate, x: Any, u: Any, believed: Any = None) -> StateFeedback:
-    """Return the law of a certificate. Arguments as for `read_feedback`."""
+    """Return the law from the gain in a certificate. The other arguments are those of `read_feedback`."""
     integrals = [n for n in certificate.states if n.startswith(INTEGRAL)]
     states = [n for n in certificate.states if n not in integrals]
     columns, fields, turned, places = _feedback_columns(x, states)
@@ -54,7 +53,7 @@ def feedback_law(certificate: Certificate, x: Any, u: Any, believed: Any = None)
     K[:, columns] = certificate.K[:, : len(states)]
     inputs = input_names(u, entry_names(x))
     if tuple(certificate.inputs) != inputs:
-        problem = f"its inputs are {', '.join(certificate.inputs)}, but the vehicle's are {', '.join(inputs)}"
+        problem = f"the gain's inputs are {', '.join(certificate.inputs)}, but the vehicle's are {', '.join(inputs)}"
         raise InputError("gain", problem, fix="design the gain with all inputs of this vehicle")
     trim = {n.removeprefix(STATE): v for n, v in certificate.about.items() if n.startswith(STATE)}
     point = state_from_trim(x, {n: float(v) for n, v in trim.items()})
@@ -86,8 +85,9 @@ def design_feedback(
     Args:
         vehicle: model of the vehicle.
         x: state record, at a trim.
-        u: input record, likewise.
-        limits: each state that is fed back, and each input -> largest allowed deviation; names as of `error_model`.
+        u: input record, at the trim.
+        limits: each state that is fed back, and each input -> largest allowed deviation. The names are those of
+            `error_model`.
         integrals: state -> largest allowed integral of its error.
 
     Source: `design.bryson`.
@@ -103,13 +103,14 @@ def design_feedback(
 def track_course(
     feedback: StateFeedback, model: StateSpaceModel, course: Inversion, *, every: int = 1
 ) -> CourseTracking:
-    """Return the law that flies an inversion: feedforward of its states and inputs, and feedback of the deviations.
+    """Return the law that follows a course from an inversion: feedforward of its inputs, feedback of the deviations.
 
     Args:
         feedback: linear law of the vehicle, about the first point of the course.
-        model: model with which the course was computed. Inputs missing in the model keep the values of the feedback
-        law. course: the inversion, evenly spaced.
-        every: use only every Nth node of the course.
+        model: model with which the course was computed. Inputs that the model lacks keep the values of the feedback
+            law.
+        course: result of the inversion, with equal time steps.
+        every: N, to use only every Nth node of the course.
     """
     whole = jax.jit(jax.vmap(model.to_record or (lambda x: unpack_record(model.state_record, x))))
     states = whole(jnp.asarray(course.x[::every]))
@@ -128,15 +129,17 @@ def compensator_law(system: Any, reads: Sequence[str], x0: Any, u0: Any, *, peri
 
     Args:
         system: compensator from the errors of the fields in `reads` to the changes of the inputs. A continuous
-        compensator is discretised by Tustin's rule. The feedback is positive: a stabilising compensator contains the
-        minus sign. reads: fields of the state. x0: set-points of the fields in `reads`, all numbers in one list.
+            compensator is discretised by Tustin's rule. The feedback is positive: a stabilising compensator contains
+            the minus sign.
+        reads: fields of the state.
+        x0: set-points of the fields in `reads`, all numbers in one list.
         u0: input record at the set-point.
         period: period of the compensator (100 ns), a multiple of the autopilot's.
     """
     A, B, C, D = discrete_matrices(system, period * SECONDS_PER_UNIT)
     wanted = (int(np.size(record_vector(u0))), int(np.size(x0)))
     if D.shape != wanted:
-        problem = f"it has {D.shape[1]} inputs and {D.shape[0]} outputs"
+        problem = f"the compensator has {D.shape[1]} inputs and {D.shape[0]} outputs"
         raise InputError(
             "compensator", problem, fix=f"give a compensator from {wanted[1]} errors to {wanted[0]} inputs"
         )
@@ -144,9 +147,9 @@ def compensator_law(system: Any, reads: Sequence[str], x0: Any, u0: Any, *, peri
 
 
 class StateNumber(NamedTuple):
-    """A number of the vehicle's state that a law feeds back.
+    """Number of the vehicle's state that a law feeds back.
 
-    path: path below the state. state: name in the gain. value: value at the trim. unit: unit of the state.
+    path: path below the state.  state: name in the gain.  value: value at the trim.  unit: unit of the number.
     """
 
     path: str
@@ -158,7 +161,7 @@ class StateNumber(NamedTuple):
 def state_numbers(law: StateFeedback, x: Any) -> list[StateNumber]:
     """Return the numbers of the state that a law of `feedback_law` reads, except those of an attitude.
 
-    x: a state record.
+    x: example of a state record.
     """
     declared = {path: d for path, _, d in leaves(x) if isinstance(d, Quantity)}
     numbers: list[StateNumber] = []
@@ -176,17 +179,16 @@ def state_numbers(law: StateFeedback, x: Any) -> list[StateNumber]:
 
 
 def describe_vehicle(vehicle: Any, x: Any, u: Any) -> dict[str, str]:
-    """Return the description of a vehicle for a gain's file: its class, and the units of its states and inputs, in
-    order."""
+    """Return the description of a vehicle in a gain's file: its class, and names and units of its states and inputs."""
     units = [f"{path} {d.unit}" for own in (x, u) for path, _, d in leaves(own) if isinstance(d, Quantity)]
     return {"vehicle": type(vehicle).__name__, "units": "; ".join(units)}
 
 
 class _FeedbackColumns(NamedTuple):
-    """columns: index of each fed-back state among the errors of the fields.
+    """Columns of the gain. columns: index of each fed-back state among the errors of the fields.
 
-    fields: fields that contain fed-back states, with sizes. turned: fields that are velocities in the outer frame of an
-    attitude. places: fields that are positions in that frame.
+    fields: fields that contain fed-back states, with sizes.  turned: fields that are velocities in the outer frame of
+    an attitude.  places: fields that are positions in that frame.
     """
 
     columns: list[int]
@@ -208,8 +210,8 @@ def _feedback_columns(x: Any, states: Sequence[str]) -> _FeedbackColumns:
         begin += len(names)
     unknown = [n for n in states if n not in columns]
     if unknown:
-        problem = f"it feeds back {unknown[0]!r}, which the vehicle's state does not have"
-        raise InputError("gain", problem, choices=columns, fix="give the vehicle's own state record")
+        problem = f"the gain feeds back {unknown[0]!r}, which the vehicle's state does not have"
+        raise InputError("gain", problem, choices=columns, fix="give the state record of this gain's vehicle")
     outer = attitude_fields(x)
     own = dict(fields)
     vectors = [(p, d) for p, v, d in leaves(x) if isinstance(d, Quantity) and p in own and np.shape(v) == (3,)]

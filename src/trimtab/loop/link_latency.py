@@ -1,8 +1,8 @@
-"""Delay, jitter and loss of any link as three numbers. The link is replaced by a `MeasuredLatency`.
+"""Settings of delay, jitter and loss for any link. The link is replaced by a `MeasuredLatency`.
 
     delay     constant latency; replaces the latency of the link
-    jitter    additional latency, uniform from 0 to this value
-    loss      share of packets lost, independently
+    jitter    additional latency, uniformly distributed from 0 to this value
+    loss      probability that a packet is lost, independent for each packet
 
 Source: docs page, Axes.
 """
@@ -25,7 +25,7 @@ LINKS = ("uplink", "downlink")
 KINDS = ("delay", "jitter", "loss")
 EXPECTED = "autopilot.predictor.uplink_delay"
 SETTINGS = tuple(f"{link}.{kind}" for link in LINKS for kind in KINDS)
-"""Settings of the links, in the order in which they are applied."""
+"""Names of the settings of both links, in the order in which they are applied."""
 
 
 def with_link_settings(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
@@ -41,7 +41,7 @@ def with_link_settings(scenario: Scenario, settings: Mapping[str, str]) -> Scena
 
 
 def _change_link(scenario: Scenario, link: str, kind: str, value: float) -> Scenario:
-    """Return the scenario with delay (s), jitter (s) or loss of a link."""
+    """Return the scenario with one changed number of a link: delay (s), jitter (s) or loss."""
     channel = measured_latency(scenario, link)
     if kind == "loss":
         return replace(scenario, world=replace(scenario.world, **{link: replace(channel, loss=value)}))
@@ -65,7 +65,9 @@ def _parse_delay(name: str, text: str) -> float:
         ) from None
     if units < 0:
         raise InputError(
-            argument_name("settings", name), f"{text!r} must be at least 0", fix=argument("settings", "80 ms", name)
+            argument_name("settings", name),
+            f"must be at least 0, got {text!r}",
+            fix=argument("settings", "80 ms", name),
         )
     return float(to_seconds(units))
 
@@ -79,23 +81,23 @@ def _parse_share(name: str, text: str) -> float:
     if not 0 <= value <= 1:
         raise InputError(
             argument_name("settings", name),
-            f"{text!r} is not a share of packets",
+            f"must be a share of packets, 0 to 100 %, got {text!r}",
             fix=f"{argument('settings', '5 %', name)}, from 0 to 100 %",
         )
     return value
 
 
 def even_latencies() -> np.ndarray:
-    """Return latencies (NODES,) distributed uniformly over [0, 1], as a table over the normal score."""
+    """Return the latency table (NODES,) of a uniform distribution over [0, 1], tabulated over the normal score."""
     from scipy.special import ndtr
 
     return ndtr(normal_scores())
 
 
 def measured_latency(scenario: Scenario, link: str) -> MeasuredLatency:
-    """Return a link as a `MeasuredLatency` of equal delay and packet rate.
+    """Return a link as a `MeasuredLatency` with the same delay and packet rate.
 
-    A `MeasuredLatency` is returned unchanged.
+    A link that is a `MeasuredLatency` already is returned unchanged.
     """
     channel = getattr(scenario.world, link)
     if isinstance(channel, MeasuredLatency):
@@ -111,7 +113,10 @@ def measured_latency(scenario: Scenario, link: str) -> MeasuredLatency:
 
 
 def extend_horizon(scenario: Scenario, longest: int) -> Scenario:
-    """Return the scenario with the horizon of its predictor, if any, longer by this time (100 ns)."""
+    """Return the scenario with the horizon of its predictor extended by a time `longest` (100 ns).
+
+    A scenario without a predictor is returned unchanged.
+    """
     predictor = scenario.autopilot.predictor
     if predictor is None:
         return scenario

@@ -1,21 +1,22 @@
 """Monitor of formulas in signal temporal logic during the flight. An optional part of the Autopilot.
 
-The value of a formula that looks ahead is known only later: the monitor's output at a row is for the row a fixed DELAY
-earlier, where DELAY is how far the formula looks ahead (in rows of the monitor's period). It equals the value that
-`logs.robustness` gives for that row of the log, bit for bit. `always` or `eventually` without an end must be
-outermost: the output is then the least or largest value since the first row.
+The value of a formula that looks ahead is known only later. So the monitor's output at a row is the value for the row
+that is a fixed DELAY earlier. DELAY is the number of rows (one row per period of the monitor) by which the formula
+looks ahead. The output equals the value that `logs.robustness` computes for that row of the log, bit for bit. `always`
+or `eventually` without an end must be outermost. The output is then the smallest or largest value since the first row.
 
-    always[a, b] F    at row i the least of the last b - a + 1 values of F, valid for row i - b
-    F until[a, b] G   the same with pairs (u, m), the until and the least F of a stretch; first A, then B:
+    always[a, b] F    at row i, the smallest of the last b - a + 1 values of F; this is the value for row i - b
+    F until[a, b] G   computed from pairs (u, m) for each window: u the value of until, m the smallest value of F.
+                      For an older window A and the following window B, the pair of both together is
                       u = max(uA, min(mA, uB))      m = min(mA, mB)
 
-Windows of 1, 2, 4, … rows that end now are each combined from two windows of half the length; the last two may overlap.
-So the time of a step does not depend on the data, and grows with the logarithm of the number of rows in the window. The
-memory is one number for each row of the window.
+A window of 2, 4, 8, … rows that ends now is combined from two windows of half the length. The last two windows may
+overlap. So the time of a step does not depend on the data, and grows with the logarithm of the number of rows in the
+window. The memory is one number for each row of the window.
 
-Source: Maler, Nickovic, Pnueli, "From MITL to timed automata", FORMATS 2006, for a formula of bounded future as one of
-the past; Bender, Farach-Colton, "The LCA problem revisited", LATIN 2000, for windows by powers of two; docs page,
-Monitor.
+Source: Maler, Nickovic, Pnueli, "From MITL to timed automata", FORMATS 2006, for the conversion of a formula about a
+bounded future into one about the past; Bender, Farach-Colton, "The LCA problem revisited", LATIN 2000, for windows of
+lengths that are powers of two; docs page, Monitor.
 """
 
 import functools
@@ -45,7 +46,7 @@ EXTREMES = {"always": SMALLEST, "historically": SMALLEST, "eventually": LARGEST,
 
 @record
 class MonitorInput:
-    """Signals that a formula may use: the autopilot's signals, by their paths in the log.
+    """Signals that a formula may use. Their paths are those of the autopilot's signals in the log.
 
     Source:  docs page, Monitor.
     """
@@ -73,16 +74,16 @@ class MonitorState:
     """Memory and last outputs of a monitor. Frames: none. Source: docs page, Monitor."""
 
     rows: Scalar = quantity("1", "Number of rows evaluated so far.", kind="count")
-    memory: Any = quantity("U", "Stored values of the last rows, for all delay lines one after another.")
+    memory: Any = quantity("U", "Stored values of the last rows: all delay lines, one after the other.")
     outputs: Mapping[str, MonitorOutput] = part("Last output for each formula, by name.")
 
 
 @record
 class Monitor:
-    """Monitor of formulas: gives the margin of each formula, once each `period`.
+    """Monitor of formulas in signal temporal logic. It computes the margin of each formula once per `period`.
 
     Frames:  none; formulas have their own units.
-    Not modelled: periods that are skipped in real time; their rows are missing.
+    Not modelled: periods that are skipped in a real-time flight. Their rows are missing.
     Source:  docs page, Monitor.
     """
 
@@ -100,7 +101,7 @@ class Monitor:
             inside = tree.formulas[0] if _is_without_end(tree) else tree
             if look_ahead(inside) is None:
                 problem = f"{name}: {text!r} looks ahead without an end, so its value is never known in flight"
-                fix = "give each interval an end, e.g. eventually[0, 2 s](…); only an outermost always(…) needs none"
+                fix = "give each interval an end, e.g. eventually[0, 2 s](…); only an outermost always(…) may have none"
                 raise InputError("formulas", problem, fix=fix)
             _check_intervals(tree, name, self.period)
             online = _Online(self.period)
@@ -116,7 +117,7 @@ class Monitor:
     def texts(self) -> dict[str, str]:
         """Return the formulas by name.
 
-        A formula without a name is named "requirement", the second such "requirement_2".
+        A single formula without a name is named "requirement". Formula number 2 of several is named "requirement_2".
         """
         texts: dict[str, str] = {}
         pieces = self.formulas.split(";")
@@ -134,12 +135,12 @@ class Monitor:
         return texts
 
     def fit(self, input: MonitorInput) -> dict[str, Formula]:
-        """Return the formulas by name, checked against the autopilot's signals: their paths and units must fit."""
+        """Return the formulas by name. Raise InputError if a path or unit does not fit the autopilot's signals."""
         known = [(path, np.shape(value), d.unit) for path, value, d in leaves(input) if isinstance(d, Quantity)]
         return self.fit_signals({path: shape for path, shape, _ in known}, {path: unit for path, _, unit in known})
 
     def fit_signals(self, shapes: Mapping[str, tuple[int, ...]], units: Mapping[str, str]) -> dict[str, Formula]:
-        """Return the formulas by name, checked against signals given by shape and unit."""
+        """Return the formulas by name, checked against the shapes and units of signals, which are given by path."""
         try:
             return {name: fit_formula(text, shapes, units) for name, text in self.texts().items()}
         except InputError as error:
@@ -171,22 +172,25 @@ def _is_without_end(tree: Any) -> bool:
 
 
 def _rows_of(tree: Temporal, period: int) -> tuple[int, int | None]:
-    """Return the first and last row of an interval, relative to the row for which the formula is evaluated."""
+    """Return the first and the last row of an interval, relative to the row for which the formula is evaluated.
+
+    The last row of an interval without an end is None.
+    """
     return -(-tree.low // period), None if tree.high is None else tree.high // period
 
 
 def _check_intervals(tree: Any, name: str, period: int) -> None:
-    """Raise InputError for an interval so short that it contains no row."""
+    """Raise InputError for an interval that is too short to contain a row."""
     if isinstance(tree, Predicate):
         return
     if isinstance(tree, Temporal):
         low, high = _rows_of(tree, period)
         if high is not None and high < low:
-            problem = f"{name}: the interval of {tree.word} lies between two rows, {format_time(period)} apart"
+            problem = f"{name}: the interval of {tree.word} contains no row: rows are {format_time(period)} apart"
             raise InputError(
                 "formulas",
                 problem,
-                fix=f"make it longer, or {argument('settings', '1 ms', 'autopilot.monitor.period')}",
+                fix=f"make the interval longer, or {argument('settings', '1 ms', 'autopilot.monitor.period')}",
             )
     for formula in tree.formulas:
         _check_intervals(formula, name, period)
@@ -195,10 +199,10 @@ def _check_intervals(tree: Any, name: str, period: int) -> None:
 class _Online:
     """Evaluation of a formula at one row.
 
-    All delay lines are in one array; without the array only their lengths are found.
+    All delay lines are stored in the array `memory`. If it is None, only the required memory is counted.
 
-    Each formula gives a value and its delay in rows: until that many rows have passed the value is meaningless.
-    sign: -1 in a negated formula.
+    A formula is evaluated to a value and a delay in rows. Before this number of rows has passed, the value is
+    meaningless. sign: -1 in a negated formula.
     """
 
     def __init__(
@@ -286,15 +290,15 @@ class _Online:
         return [self._delay(value, ago - own, 0.0) for value, own in below], ago
 
     def _since(self, first: int, value: Any, none: float) -> Any:
-        """Return the value at rows from `first` on, and `none` at earlier rows."""
+        """Return `value` at rows from `first` on, and `none` at earlier rows."""
         return value if first == 0 else jnp.where(self.row >= first, value, none)
 
     def _slide_one(self, extreme: Any, value: Any, width: int, none: float) -> Any:
-        """Return the extreme (smallest or largest) of the last `width` values."""
+        """Return the smallest or largest (function `extreme`) of the last `width` values."""
         return self._slide((value,), width, (none,), lambda a, b: (extreme(a[0], b[0]),))[0]
 
     def _slide(self, now: tuple[Any, ...], width: int, none: tuple[float, ...], combine: Any) -> tuple[Any, ...]:
-        """Return the values of the last `width` rows combined. `combine` must allow windows that overlap."""
+        """Return the values of the last `width` rows, combined. `combine` must allow overlapping windows."""
         length = 1
         while length < width:
             back = min(length, width - length)
@@ -303,7 +307,7 @@ class _Online:
         return now
 
     def _delay(self, x: Any, n: int, none: float) -> Any:
-        """Store the value x and return the value stored n rows ago; `none` if that is before the first row."""
+        """Store the value x. Return the value stored n rows ago, or `none` if that is before the first row."""
         if n == 0:
             return x
         place = self.used + self.row % n
@@ -315,7 +319,7 @@ class _Online:
         return old
 
     def _accumulate(self, function: Any, x: Any, none: float) -> Any:
-        """Return function(r, x), where r is the result at the previous row. Store the result."""
+        """Return and store function(r, x), where r is the result at the previous row."""
         place = self.used
         self._reserve(1, none)
         if self.memory is None:
@@ -330,7 +334,7 @@ class _Online:
 
 
 def _join_stretches(older: tuple[Any, Any], newer: tuple[Any, Any]) -> tuple[Any, Any]:
-    """Return (until, smallest value of the left side) for two consecutive windows together."""
+    """Return the pair (value of until, smallest value of its left side) for two consecutive windows together."""
     return jnp.maximum(older[0], jnp.minimum(older[1], newer[0])), jnp.minimum(older[1], newer[1])
 
 

@@ -1,4 +1,4 @@
-"""Error messages for a user's vehicle, law or scenario file: one sentence, with file and line."""
+"""Error messages for faults in a user's vehicle, law or scenario file: one sentence, with file and line."""
 
 import dataclasses
 import difflib
@@ -40,7 +40,7 @@ REPLACEMENTS = (
     (r"\b(and|or|not)\b", "`{0}` on " + TRACED, "use &, | and ~, with brackets around each comparison"),
     (r"\b(min|max)\(", "`{0}()` of " + TRACED, "use jnp.{0}imum(a, b)"),
 )
-"""Patterns of faulty lines. Each entry: pattern, description of the problem, and text to write instead."""
+"""Patterns of faulty lines. Each entry: pattern, description of the problem, and code to write instead."""
 IMPORTS = {"jnp": "import jax.numpy as jnp", "np": "import numpy as np", "jax": "import jax", "math": "import math"}
 """Names that a user's file often uses without an import, with the line that imports each."""
 
@@ -49,13 +49,13 @@ REMEDIES = {
     "__format__": "use jax.debug.print to print a number of a run",
     "item assignment": "write x = x.at[i].set(value)",
 }
-"""Part of the text of a TypeError -> the fix to write."""
+"""Text in the message of a TypeError -> the fix to suggest."""
 
 
 class CodeFault(NamedTuple):
-    """place: file and line, e.g. "boat.py:31: "; "" if the error is not in a user's file.
+    """Fault in a user's code. place: file and line, e.g. "boat.py:31: ", or "" if the error is not in a user's file.
 
-    fix: text to write; "" if unknown.
+    problem: description of the fault.  fix: code to write, or "" if unknown.  choices: names that are valid there.
     """
 
     place: str
@@ -75,11 +75,11 @@ def describe_fault(error: BaseException) -> CodeFault:
         return CodeFault(place, *_describe_conversion(frame, number))
     text = str(error).partition("\n")[0]
     if isinstance(error, dataclasses.FrozenInstanceError):
-        return CodeFault(place, text, "return what changes as the state, from step()")
+        return CodeFault(place, text, "return changing values as the state, from step()")
     if isinstance(error, AttributeError) and error.name and is_record(error.obj):
         return _describe_attribute(place, error)
     if isinstance(error, ImportError):
-        return CodeFault(place, text, "correct the name, or install its package")
+        return CodeFault(place, text, "correct the name of the module, or install its package")
     if isinstance(error, NameError) and error.name:
         return CodeFault(place, f"NameError: {text}", _find_name(error.name, frame))
     if isinstance(error, TypeError):
@@ -129,7 +129,10 @@ def refuse_own_code(part: str, error: Exception) -> InputError:
 
 
 def _describe_attribute(place: str, error: AttributeError) -> CodeFault:
-    """Return the fault of reading a missing field of a record. The fix names a field of equal name below the record."""
+    """Return the fault for an attribute that a record lacks.
+
+    The fix names a field of this name deeper in the record, or else a field with a similar name.
+    """
     fields = tuple(declarations(error.obj))
     below = [path for path, _, _ in leaves(error.obj) if path.endswith(f".{error.name}")]
     near = closest(error.name or "", fields, 1)
@@ -148,7 +151,7 @@ def _find_name(name: str, frame: FrameType | None) -> str:
 
 
 def _describe_arguments(text: str, frame: FrameType | None) -> str:
-    """Return the fix for wrong arguments in the call of a record's constructor; "" for any other error."""
+    """Return the fix for a TypeError: wrong arguments of a record's constructor, or a case of REMEDIES; else ""."""
     match = re.match(r"(\w+)\.__init__\(\) (?:got an unexpected keyword argument|missing .* arguments?:) (.*)", text)
     if match is None:
         known = (words for part, words in REMEDIES.items() if part in text)
@@ -162,8 +165,10 @@ def _describe_arguments(text: str, frame: FrameType | None) -> str:
 
 
 def _frame_at_fault(error: BaseException) -> tuple[FrameType | None, int]:
-    """Return the innermost stack frame in a user's file, else in the package, and its line number; None without a
-    frame."""
+    """Return the innermost stack frame in a user's file, or else in the package, and its line number.
+
+    Return (None, 0) if there is no such frame.
+    """
     frames = [(f, line) for f, line in traceback.walk_tb(error.__traceback__) if f.f_code.co_filename[0] != "<"]
     frames = [(f, n) for f, n in frames if not {"site-packages", "importlib"} & set(Path(f.f_code.co_filename).parts)]
     frames = [(f, n) for f, n in frames if not f.f_code.co_filename.startswith(STANDARD)]
@@ -188,5 +193,5 @@ def _describe_conversion(frame: FrameType | None, number: int) -> tuple[str, str
         called = {**frame.f_globals, **frame.f_locals}.get(name) if frame else None
         if isinstance(called, np.ufunc) or getattr(called, "__module__", "") in ("math", "numpy"):
             return f"`{name}` of Python on {TRACED}", f"use jnp.{name}, after  import jax.numpy as jnp"
-    fix = "write jnp.where(condition, a, b) for a if b is one, jnp.sin for math.sin, x.astype(…) for float(x)"
+    fix = "write jnp.where(c, a, b) for  a if c else b,  jnp.sin for math.sin,  x.astype(…) for float(x)"
     return f"a Python branch or function on {TRACED}", fix

@@ -1,7 +1,8 @@
-"""Parts built from text, by the name of their class. Used by scenario files and settings.
+"""Construction of parts from text, by the name of their class. Used by scenario files and settings.
 
-A name is that of a record of the package, e.g. ``ForwardMomentum``, or of a product, which is a class method without
-arguments, e.g. ``Imu.microstrain_3dm_gx1``. No other names are accepted, and nothing is imported to look them up.
+A name is that of a record class of the package, e.g. ``ForwardMomentum``, or of a product, which is a class method
+without arguments, e.g. ``Imu.microstrain_3dm_gx1``. Other names are not accepted, and nothing is imported to look up a
+name.
 
 Source: docs page, Scenario files.
 """
@@ -29,15 +30,14 @@ NOTHING = "none"
 UNSET = object()
 
 LeafParser = Callable[[str, str, Any, Any], Any]
-"""Function that returns the value of a quantity or option, from path, text, old value (UNSET if none) and
-declaration."""
+"""Function (path, text, old value, declaration) -> value of a quantity or option. UNSET: no old value."""
 
 
 @functools.cache
 def part_modules() -> Mapping[str, str]:
-    """Return the module of each record class of the package's parts, by class name.
+    """Return the module of each record class in the folders of parts, by class name.
 
-    Read from the files without importing.
+    The files are read, not imported.
     """
     root = Path(__file__).parents[1]
     files = [file for folder in FOLDERS for file in sorted((root / folder).rglob("*.py"))]
@@ -59,7 +59,7 @@ def find_class(where: str, name: str) -> Any:
 
 
 def presets(kind: Any) -> dict[str, Callable[[], Any]]:
-    """Return by name the class methods that take no arguments and return a record of this class."""
+    """Return, by name, the class methods that need no arguments and return a record of this class."""
     found = {}
     for name, method in inspect.getmembers(kind, inspect.ismethod):
         arguments = inspect.signature(method).parameters.values()
@@ -76,8 +76,10 @@ def is_name(text: str) -> bool:
 
 
 def is_part(tree: Any, path: str) -> bool:
-    """Return True if a path leads to a part: a record, a container of records, or a name at which a part can be
-    added."""
+    """Return True if a path leads to a part, or to a place where a part can be added.
+
+    A part is a record or a container of records.
+    """
     above, _, name = path.rpartition(".")
     tree = functools.reduce(_child, filter(None, above.split(".")), tree)
     below = {n: (child, declared) for n, child, declared in children(tree)}
@@ -92,9 +94,10 @@ def _child(tree: Any, name: str) -> Any:
 
 
 def with_part(tree: Any, path: str, settings: dict[str, str], parse: LeafParser) -> Any:
-    """Return a copy of a tree with the part that the settings name at a path. An old part of the same class is kept.
+    """Return a copy of a tree in which the part at a path is replaced by the part that the settings name.
 
-    The settings of the new part's own fields are removed from the settings, and so is the path.
+    An old part of the same class is kept. The path, and the settings of the new part's fields, are removed from the
+    settings.
 
     Raises: InputError for an unknown name, and for a field that has neither a default nor a setting.
     """
@@ -125,13 +128,15 @@ def _without_part(tree: Any, path: str, owner: Any, declared: Declaration | None
 
 
 def make_part(path: str, text: str, settings: dict[str, str], parse: LeafParser) -> Any:
-    """Return the part with this class name, built with the settings of its fields. These settings are removed."""
+    """Return a part of the class that the text names, with the settings of its fields. These settings are removed."""
     where, (name, _, preset) = argument_name("settings", path), text.partition(".")
     kind = find_class(where, name)
     if preset:
         known = presets(kind)
         if preset not in known:
-            raise InputError(where, f"{name} has no {preset!r}", choices=known, fix=argument("settings", name, path))
+            raise InputError(
+                where, f"{name} has no product {preset!r}", choices=known, fix=argument("settings", name, path)
+            )
         return known[preset]()
     fields: dict[str, Any] = {}
     for field, declared in declarations(kind).items():
@@ -156,7 +161,7 @@ def _default(kind: Any, field: str) -> Any:
 
 
 def _example(kind: Any, field: str) -> Any:
-    """Return an example value for a field without default, if its type is integer or Boolean; else raise InputError."""
+    """Return an example value for a field without default if its type is int, bool, str or float, else UNSET."""
     hint = typing.get_type_hints(kind if isinstance(kind, type) else type(kind)).get(field)
     return hint() if hint in (int, bool, str, float) else UNSET
 

@@ -1,4 +1,4 @@
-"""The radio between the craft of a swarm: one channel shared by time slots, with delay and losses."""
+"""Radio between the craft of a swarm: one channel, shared in time slots, with delay and losses."""
 
 from typing import Any, ClassVar
 
@@ -29,36 +29,38 @@ class PeerRadioState:
 
 @record
 class PeerRadio:
-    """One radio channel for all craft. In each time slot one craft sends a message to all others.
+    """One radio channel for all n craft. In each time slot, one craft sends a message to all others.
 
-        slot k: craft k mod n sends its message;   each other craft receives it `delay` slots later, if not lost
+        slot k: craft k mod n sends its message;   each other craft receives it `delay` slots later, if it is not lost
 
     A craft without a message leaves its slot empty. Losses are drawn independently for each receiver and slot. Each
-    craft sends once per round of n slots, so with more craft each sends less often. Each receiver holds the newest
-    message of each sender; the message contains the time at which it was valid.
+    craft sends once in n slots. So each sends less often if there are more craft. Each receiver stores the newest
+    message of each sender, which contains the time at which it was valid.
 
-    Frames: those of the messages. Not modelled: collisions (the slots keep the clocks' differences apart), jitter,
-    bursts of loss. Source: docs page, Swarms.
+    Frames: those of the messages. Not modelled: collisions (slots are assumed longer than the differences of the
+    clocks), jitter, bursts of loss. Source: docs page, Swarms.
     """
 
     count: int = option("Number of craft.", default=3)
     slot: int = period("Length of a slot.", default=ms(5))
     delay: int = option(
-        "Number of slots from sending to reception; 0: received in the slot of sending.",
+        "Number of slots from sending to reception. 0: a message is received in the slot in which it is sent.",
         default=4,
         off={"peer-delay": 0},
     )
     loss: Scalar = imperfection("1", "Probability that a receiver does not receive a message.", "peer-loss", high=1)
 
     def init(self, key: Key) -> PeerRadioState:
-        """Return the initial state: nothing received."""
+        """Return the initial state, with no message received yet."""
         silence = strengthen_types(PeerMessage())
         received = jax.tree.map(lambda v: jnp.full((self.count, self.count), v, v.dtype), silence)
         return PeerRadioState(key=key, on_the_way=empty_slots(silence, self.delay), received=received)
 
     def step(self, t: Any, state: PeerRadioState, say: PeerMessage) -> tuple[PeerRadioState, Peers]:
-        """Return the state and the messages received until integer time t, the start of a slot; fields (receiver,
-        sender)."""
+        """Return the state, and the messages received until integer time t, the start of a slot.
+
+        The fields have shape (receiver, sender).
+        """
         number = t // self.slot
         sender = (number - self.delay) % self.count
         message = jax.tree.map(lambda v: v[number % self.count], say)
@@ -86,7 +88,7 @@ def _peers(received: PeerMessage) -> Peers:
 
 @record
 class SwarmNavigation:
-    """Sensor of a swarm: each craft's navigation, and the messages that its radio received. One sample per slot.
+    """Sensor of a swarm: navigation of each craft, and the messages that each craft has received. One sample per slot.
 
     Frames: those of navigation and messages. Source: docs page, Swarms.
     """
@@ -100,7 +102,7 @@ class SwarmNavigation:
         return self.radio.slot
 
     def init(self, key: Key) -> tuple[Any, PeerRadioState]:
-        """Return the initial state: nothing measured, nothing received."""
+        """Return the initial state, with nothing measured or received yet."""
         return self.each.init(key.at("each")), self.radio.init(key.at("radio"))
 
     def step(self, t: Any, state: tuple[Any, Any], motion: SwarmMotion) -> tuple[tuple[Any, Any], Sample]:
@@ -122,7 +124,7 @@ class PerfectSwarmNavigation:
         return self.each.init(key)
 
     def step(self, t: Any, state: Any, motion: SwarmMotion) -> tuple[Any, Sample]:
-        """Return the state and the sample at integer time t: every message has reached every craft."""
+        """Return the state and the sample at integer time t. Every message has reached every craft."""
         state, sample = self.each.step(t, state, motion.each)
         count = motion.say.north.shape[0]
         table = jax.tree.map(lambda v: jnp.broadcast_to(v, (count, count)), motion.say)
@@ -134,18 +136,18 @@ class ArenaReading:
     """Distances measured by a swarm's observer. Frames: W. Source: docs page, Swarms."""
 
     spacing: Scalar = quantity("m", "Smallest distance between the centres of mass of two craft.")
-    astray: Scalar = quantity("m", "Largest distance of a craft from its wanted position in the formation.")
+    astray: Scalar = quantity("m", "Largest distance of a craft from its desired position in the formation.")
 
 
 @record
 class Arena:
-    """Observer of a swarm: measures the true positions of all craft; no autopilot reads it.
+    """Observer of a swarm, which measures the true positions of all craft. No autopilot reads its samples.
 
     Frames: W. Source: docs page, Swarms.
     """
 
-    north: Any = quantity("m", "Wanted position of each craft (n,) relative to craft 0: north component.", frame="W")
-    east: Any = quantity("m", "Wanted position of each craft (n,) relative to craft 0: east component.", frame="W")
+    north: Any = quantity("m", "Desired position of each craft (n,) relative to craft 0: north component.", frame="W")
+    east: Any = quantity("m", "Desired position of each craft (n,) relative to craft 0: east component.", frame="W")
     period: int = period("Time between samples of the observer.", default=ms(20))
 
     OBSERVES: ClassVar[bool] = True

@@ -1,4 +1,4 @@
-"""A pilot with scripted requests to the supervisor, for simulations."""
+"""Pilot with scripted requests to the supervisor, for simulations."""
 
 from typing import Any
 
@@ -16,27 +16,25 @@ from trimtab.loop.supervisor import NO_REQUEST, REQUESTS, PilotRequest
 
 @record
 class PilotScript:
-    """Sensor of the pilot's requests: gives one new sample at the time of each request.
+    """Sensor of the pilot's requests, with one new sample at the time of each scripted request.
 
-    Without requests no sample is valid.
-
-    In a flight over a link the ground station gives the samples instead.
+    Before the first request, no sample is valid. In a flight over a link, the ground station gives the samples instead.
 
     Frames:  none.    Source:  docs page, Supervisor.
     """
 
-    times: Any = quantity("100 ns", "Times of the requests; must rise.", kind="time", default=np.zeros(0, np.int64))
+    times: Any = quantity("100 ns", "Times of the requests, rising.", kind="time", default=np.zeros(0, np.int64))
     requests: Any = quantity(
         "1", "Requests.", kind="mode", modes=REQUESTS, default=np.zeros(0, np.int32), low=0, high=5
     )
     period: int = period("Time between samples.", default=ms(10))
 
     def check(self) -> None:
-        """Raise InputError for a script whose times don't rise or don't match the requests."""
+        """Raise InputError if the times of the script don't rise, or if there is not one time for each request."""
         times, requests = np.asarray(self.times), np.asarray(self.requests)
         if times.ndim != 1 or times.shape != requests.shape or (np.diff(times) < self.period).any():
             counts = f"{len(times)} and {len(requests)}"
-            problem = f"times and requests must be equally many, got {counts}; times must rise, at most one per period"
+            problem = f"there must be one time per request, rising by a period or more; got {counts} times and requests"
             fix = f"give one time per request, {self.period} units of 100 ns or more apart"
             raise InputError("times", problem, fix=fix)
 
@@ -45,7 +43,7 @@ class PilotScript:
         return ()
 
     def measure(self, motion: Motion) -> PilotRequest:
-        """Return an empty request, as requests don't depend on the motion."""
+        """Return an empty request, because requests don't depend on the motion."""
         return PilotRequest(request=np.int32(NO_REQUEST))
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
@@ -67,7 +65,9 @@ def pilot_script(*requests: tuple[int, str]) -> PilotScript:
     """Return a script made of (integer time, name of the request) pairs."""
     for _, name in requests:
         if name not in REQUESTS[1:]:
-            raise InputError("pilot's script", f"unknown request {name!r}", choices=REQUESTS[1:], fix="name one")
+            raise InputError(
+                "pilot's script", f"unknown request {name!r}", choices=REQUESTS[1:], fix="use one of these names"
+            )
     return PilotScript(
         times=np.array([t for t, _ in requests], np.int64),
         requests=np.array([REQUESTS.index(name) for _, name in requests], np.int32),
@@ -75,7 +75,7 @@ def pilot_script(*requests: tuple[int, str]) -> PilotScript:
 
 
 def add_pilot_sensor(scenario: Scenario) -> Scenario:
-    """Return the scenario with a sensor for its supervisor's requests; unchanged without a supervisor."""
+    """Return the scenario with a sensor for the requests to its supervisor. Without supervisor, it is unchanged."""
     supervisor, sensors = scenario.autopilot.supervisor, scenario.world.sensors
     if supervisor is None or supervisor.pilot in sensors:
         return scenario

@@ -1,6 +1,6 @@
-"""Predictor of the vehicle's state over the delay of both links.
+"""Predictor of the vehicle's state over the delay of both links. An optional part of the Autopilot.
 
-It stands between the estimator and any law. An optional part of the Autopilot.
+The predictor is computed between the estimator and the law.
 
 Source: docs page, Predictor.
 """
@@ -40,8 +40,7 @@ from trimtab.loop.beliefs import vehicle_copies
 from trimtab.loop.structure import cast_like, strengthen_types, zeros_of
 
 TICK = ms(10)
-"""Approximate period of the modelled actuators. Small enough that a brake of 150 ms ends at a multiple of the
-period."""
+"""Period of the modelled actuators if it divides the time between commands. A brake of 150 ms is a multiple of it."""
 
 
 @record
@@ -58,10 +57,10 @@ class Prediction:
     limited: Scalar = quantity(
         "1", "True if the prediction was cut off because the command acts later than the longest horizon.", kind="flag"
     )
-    innovation: Any = part("Newest measured state minus the state predicted for that time; 0 without a prediction.")
+    innovation: Any = part("Newest measured state minus the state predicted for its time. 0 without a prediction.")
     resets: Scalar = quantity(
         "1",
-        "Number of restarts: after a gap longer than the horizon, or a measurement older than the one before.",
+        "Number of restarts after a gap longer than the horizon, or after a measurement older than the last one.",
         kind="count",
     )
 
@@ -70,7 +69,7 @@ class Prediction:
 class SentInputs:
     """Ring buffer of the vehicle inputs caused by commands, with a slot for each tick of the actuators.
 
-    Source:  docs page.
+    Source:  docs page, Predictor.
     """
 
     start: Scalar = quantity("100 ns", "Time at which the input starts to act; NEVER in an empty slot.", kind="time")
@@ -79,7 +78,7 @@ class SentInputs:
 
 @record
 class PastPredictions:
-    """Ring buffer of recent predicted states, with a slot for each command. Source: docs page."""
+    """Ring buffer of recent predicted states, with a slot for each command. Source: docs page, Predictor."""
 
     t: Scalar = quantity("100 ns", "Time for which the state was predicted; NEVER in an empty slot.", kind="time")
     state: Any = part("Predicted state.")
@@ -98,17 +97,17 @@ class PredictorState:
 
 @record
 class Predictor:
-    """Predictor: propagates an estimate from the time of its measurement to the time when its command acts.
+    """Predictor of the state from the time of its measurement to the time when the present command acts.
 
-        from t - age, the estimate's state, over the inputs of the vehicle, to  latch(t + uplink_delay)
+        x(t - age), the estimate, is integrated with the vehicle's inputs to x(latch(t + uplink_delay))
 
-    The inputs are computed by the modelled actuators, with their stops, tables and brake, from each command that was
-    sent; they are known from the moment of sending. The prediction starts from each new measurement, so an error of the
-    model grows over one horizon only. A command leaves every `period`; in between, prediction and demand are held.
+    latch(t) is the next frame of the actuators, or t without frames. The inputs are computed by modelled actuators,
+    with stops, tables and brake, from all commands sent so far. The prediction starts from each new measurement, so an
+    error of the model grows over one horizon only. A command is sent every `period`. In between, prediction and demand
+    do not change.
 
-    Known:   the age of the measurement, from the time that each sample carries; the delay of commands, from
-             `uplink_delay` alone.
-             Not in:  jitter of the uplink and lost commands; the commands are assumed to arrive on time.
+    Known:   age of the measurement, from the time stamp of each sample; mean delay of commands, `uplink_delay`.
+    Not modelled: jitter of the uplink and lost commands. Commands are assumed to arrive on time.
     Source:  O. J. M. Smith, "Closer control of loops with dead time", Chem. Eng. Prog. 53 (1957); A. Z. Manitius,
              A. W. Olbrot, "Finite spectrum assignment problem for systems with delays", IEEE TAC 24 (1979), for the
              prediction from a measured state over the inputs in transit.
@@ -136,23 +135,23 @@ class Predictor:
             raise InputError(
                 "actuators.period",
                 problem,
-                fix="make the predictor's period a multiple of it, e.g. 20 ms for actuators with a period of 10 ms",
+                fix="make the predictor's period a multiple, e.g. 20 ms for actuators with a period of 10 ms",
             )
         if self.horizon < self.period:
-            problem = f"{format_time(self.horizon)} must not be shorter than the time between commands"
+            problem = f"must be at least as long as the time between commands, got {format_time(self.horizon)}"
             raise InputError(
                 "horizon", problem, fix=f"set the horizon to {format_time(self.period)} or more, e.g. 500 ms"
             )
         if frame is not None and self.period % frame:
             problem = f"{format_time(self.period)} must be a multiple of the actuators' frame of {format_time(frame)}"
             raise InputError(
-                "period", problem, fix=f"set the predictor's period to {format_time(frame)}, or a multiple of it"
+                "period", problem, fix=f"set the predictor's period to {format_time(frame)}, or a multiple of that time"
             )
 
     def init(self, key: Key, estimate: Estimate) -> PredictorState:
-        """Return the initial state, for estimates of this structure.
+        """Return the initial state. estimate: example of an estimate.
 
-        Raise InputError if the estimate can't be predicted.
+        Raise InputError if the estimate lacks a field that a prediction needs.
         """
         self._check_estimate(estimate)
         state = strengthen_types(self.start)
@@ -182,7 +181,7 @@ class Predictor:
 
     def predict(self, t: Any, state: PredictorState, estimate: Estimate) -> tuple[PredictorState, Estimate]:
         """Return the predictor's state and the estimate that the law reads at time t (100 ns)."""
-        # The time alone decides, so that a batch of runs has a real branch here.
+        # The condition depends on the time only, so a batch of runs has a real branch here instead of a select.
         state = lax.cond(
             t % self.period == 0, lambda: cast_like(self._predict(t, state, estimate), state), lambda: state
         )
@@ -191,12 +190,14 @@ class Predictor:
         return state, replace(estimate, state=replace(estimate.state, **fields), valid=estimate.valid & made.valid)
 
     def note(self, t: Any, state: PredictorState, command: Command) -> PredictorState:
-        """Return the state with the effect of the command issued at integer time t, if this command is sent."""
+        """Return the state with the effect of the command issued at integer time t added, if this command is sent."""
         return lax.cond(t % self.period == 0, lambda: cast_like(self._note(t, state, command), state), lambda: state)
 
     def _acting_time(self, t: Any) -> Any:
-        """Return the time at which a command issued at integer time t starts to act: on arrival, or at the next frame
-        after it."""
+        """Return the time at which a command issued at integer time t starts to act.
+
+        This is the time of arrival, or the next frame of the actuators if they have frames.
+        """
         arrival = t + jnp.round(self.uplink_delay * UNITS_PER_SECOND).astype(np.int64)
         frame = optional_member(self.actuators, "frame")
         return arrival if frame is None else -(-arrival // frame) * frame
@@ -241,8 +242,7 @@ class Predictor:
         return replace(state, past=past, measured=jnp.where(estimate.valid, measured, NEVER), prediction=prediction)
 
     def _integrate(self, t: Any, inputs: SentInputs, x: Any, begin: Any, end: Any) -> Any:
-        """Return the vehicle's state at time `end`, integrated from the state at time `begin` with the stored
-        inputs."""
+        """Return the state at time `end`, integrated from the state x at time `begin` with the stored inputs."""
         slots = inputs.start.shape[0]
         oldest = t // self.actuators.period % slots
 
@@ -255,7 +255,7 @@ class Predictor:
             x, u, since, now = carry
             slot = read_slot(inputs, (oldest + k) % slots)
             x, now = advance(x, u, now, slot.start)
-            later = slot.start > since  # else there is no such command: the slot is empty, or one turn of the ring old
+            later = slot.start > since  # False for an empty slot, or one that is a whole turn of the ring old
             return (x, tree_where(later, slot.u, u), jnp.where(later, slot.start, since), now), None
 
         u = strengthen_types(self.actuators.neutral().u)
@@ -264,7 +264,7 @@ class Predictor:
         return advance(x, u, now, end)[0]
 
     def _innovation(self, t: Any, state: PredictorState, measured: Any, when: Any, shared: tuple[str, ...]) -> Any:
-        """Return a measured state minus the state predicted for the time of the measurement."""
+        """Return a measured state minus the state predicted earlier for the time of the measurement."""
         past = state.past
         later = jnp.sum(past.t > when)
         before = read_slot(past, (t // self.period - 1 - later) % past.t.shape[0])
@@ -278,12 +278,12 @@ class Predictor:
         return replace(measured, **missed)
 
     def _shared_fields(self, estimate: Estimate) -> tuple[str, ...]:
-        """Return the fields of the vehicle's state that the estimate has."""
+        """Return the names of the fields that both the vehicle's state and the estimate have."""
         given = declarations(estimate.state) if is_record(estimate.state) else ()
         return tuple(name for name in declarations(self.start) if name in given)
 
     def _check_estimate(self, estimate: Estimate) -> None:
-        """Raise InputError for an estimate that lacks a field on which the derivatives of its fields depend."""
+        """Raise InputError if the estimate lacks a field on which the derivatives of its other fields depend."""
         shared = self._shared_fields(estimate)
         needed = _needed_fields(self, shared)
         lacking = [name for name in needed if name not in shared]
@@ -304,7 +304,7 @@ def _needed_fields(predictor: Predictor, wanted: tuple[str, ...]) -> tuple[str, 
         "autopilot.predictor.craft", "its state", predictor.craft.dynamics, 0.0, state, predictor.actuators.neutral().u
     )
     if jax.tree.structure(derivative) != jax.tree.structure(state):
-        problem = f"{type(predictor.craft).__name__} has no derivative of a {type(predictor.start).__name__}"
+        problem = f"the state of {type(predictor.craft).__name__} is not a {type(predictor.start).__name__}"
         raise InputError("autopilot.predictor.start", problem, fix="set start to a state record of that vehicle")
     closed = jax.make_jaxpr(lambda x: predictor.craft.dynamics(0.0, x, predictor.actuators.neutral().u))(state)
     jaxpr = closed.jaxpr
@@ -322,7 +322,9 @@ def _needed_fields(predictor: Predictor, wanted: tuple[str, ...]) -> tuple[str, 
 
 
 def predictor_for(world: Any, autopilot: Any, start: Any) -> Predictor:
-    """Return a predictor with the models of an autopilot, for the links and actuators of a world. start: initial state.
+    """Return a predictor for the links and actuators of a world, with the vehicle model of an autopilot.
+
+    start: initial state of the vehicle.
 
     Raises: InputError for an uplink without a known latency.
     """

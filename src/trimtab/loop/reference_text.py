@@ -1,10 +1,10 @@
-"""References as text, as after ``--reference``, and their use in a scenario.
+"""Parsing of references written as text, as after ``--reference``, and their use in a scenario.
 
-circle(radius=1.5, period=20 s)             fields of the record, each with a unit if wanted
-eight(length=5, width=150 cm)
-waypoints(0 0, 3 0, 3 3 0.3; speed=0.4)     north and east (m), and the speed of the leg that leads there (m/s)
-places(0 s: 0 0, 2 s: 1 0, …)               north and east at times, and, if each has one, a heading (rad)
-path.csv                                    the same as a table: time [s], north [m], east [m], heading [deg]
+circle(radius=1.5, period=20 s)             fields of the record Circle, with or without a unit
+eight(length=5, width=150 cm)               fields of the record FigureEight, with or without a unit
+waypoints(0 0, 3 0, 3 3 0.3; speed=0.4)     north and east (m); a third number is the speed of the leg to there (m/s)
+places(0 s: 0 0, 2 s: 1 0, …)               north and east (m) at given times, all with or all without heading (rad)
+path.csv                                    table of timed places: time [s], north [m], east [m], heading [deg]
 """
 
 import re
@@ -40,16 +40,16 @@ COLUMNS = (
     MeasuredColumn("time", "s", "when"),
     MeasuredColumn("north", "m", "where"),
     MeasuredColumn("east", "m", "where"),
-    MeasuredColumn("heading", "rad", "wanted heading, unwrapped", needed=False, usual="deg"),
+    MeasuredColumn("heading", "rad", "desired heading, unwrapped", needed=False, usual="deg"),
 )
 SHAPES: Mapping[str, Any] = MappingProxyType({"circle": Circle, "eight": FigureEight})
 _CALL = re.compile(r"\s*(?P<name>\w+)\s*(\((?P<inside>.*)\))?\s*", re.DOTALL)
 
 
 def parse_reference(text: str) -> Any:
-    """Return the reference of a text; a file is read.
+    """Return the reference that a text describes. If the text names a file, read the file.
 
-    Raises: InputError that names the problem and the text to type.
+    Raises: InputError with the text to type instead.
     """
     if text.endswith(".csv"):
         return _read_path(text)
@@ -66,10 +66,7 @@ def parse_reference(text: str) -> Any:
 
 
 def plain_text(text: str) -> str:
-    """Return the text of a reference.
-
-    For a file, return its rows as text, so that a log can be replayed without the file.
-    """
+    """Return the text of a reference. For a file, return its rows as text, so that a replay does not need the file."""
     if not text.endswith(".csv"):
         return text
     table = read_measurements(text, COLUMNS, series=True)
@@ -87,8 +84,8 @@ def with_reference(scenario: Scenario, text: str) -> Scenario:
     """
     law = scenario.autopilot.law
     if not isinstance(declarations(law).get("reference"), Part) or not isinstance(law.reference, Reference):
-        problem = f"the law of {scenario.name}, {type(law).__name__}, follows no path"
-        fix = f"fly hovercraft/track with {argument(PART, text)}; of a number of this law: {argument(PART, FORMS[-1])}"
+        problem = f"the law of {scenario.name}, {type(law).__name__}, cannot follow a path"
+        fix = f"fly hovercraft/track with {argument(PART, text)}; to change a number: {argument(PART, FORMS[-1])}"
         raise InputError(argument_name(PART), problem, fix=fix)
     path = parse_reference(text)
     autopilot = replace(scenario.autopilot, law=replace(law, reference=path))
@@ -134,7 +131,7 @@ def _parse_shape(shape: Any, inside: str) -> Any:
 
 
 def _parse_waypoints(inside: str) -> PiecewisePath:
-    """Return the path of a text of way-points, e.g. ``0 0, 3 0, 3 3 0.3; speed=0.4``."""
+    """Return the path that a text of way-points describes, e.g. ``0 0, 3 0, 3 3 0.3; speed=0.4``."""
     points, _, rest = inside.partition(";")
     name, equals, text = (word.strip() for word in rest.partition("="))
     if rest.strip() and (name != "speed" or not equals):
@@ -146,7 +143,7 @@ def _parse_waypoints(inside: str) -> PiecewisePath:
 
 
 def _parse_places(inside: str) -> PiecewisePath:
-    """Return the path of a text of timed places, e.g. ``0 s: 0 0, 2 s: 1 0``."""
+    """Return the path that a text of timed places describes, e.g. ``0 s: 0 0, 2 s: 1 0``."""
     times, rows = [], []
     for item in inside.split(","):
         when, colon, what = item.partition(":")
@@ -173,7 +170,7 @@ def _read_path(file: str) -> PiecewisePath:
 def _parse_numbers(text: str, counts: tuple[int, ...], form: str) -> list[float]:
     words = text.split()
     if len(words) not in counts:
-        problem = f"{text.strip()!r} has {len(words)} numbers, must have {' or '.join(map(str, counts))}"
+        problem = f"{text.strip()!r} has {len(words)} numbers, but must have {' or '.join(map(str, counts))}"
         raise InputError(argument_name(PART), problem, fix=argument(PART, form))
     return [_parse_number(argument_name(PART), word) for word in words]
 

@@ -1,4 +1,4 @@
-"""A sensor whose samples travel over a bus on the vehicle before they are sent to the ground."""
+"""Sensor whose samples travel over a bus on the vehicle before they are sent to the ground."""
 
 from typing import Any, ClassVar
 
@@ -16,7 +16,7 @@ from trimtab.loop.structure import cast_like, strengthen_types
 
 @record
 class RelayedSensorState:
-    """State of the sensor and of the bus. Frames: those of the sensor. Source: docs page, Slave bus."""
+    """State of a relayed sensor and its bus. Frames: those of the sensor. Source: docs page, Slave bus."""
 
     inner: Any = part("State of the sensor.")
     bus: Any = part("State of the bus, with samples in transit.")
@@ -24,10 +24,10 @@ class RelayedSensorState:
 
 @record
 class RelayedSensor:
-    """A sensor whose samples travel over a bus on the vehicle to the unit with the radio.
+    """Sensor whose samples travel over a bus on the vehicle to the unit with the radio.
 
-    Times of measurement travel with the samples, so ages include the bus. A real link replaces the scenario's radio,
-    not this bus.
+    A sample contains its time of measurement, so its age includes the delay of the bus. In a flight over a real link,
+    the link replaces the scenario's radio, but not this bus.
 
     Frames:  the sensor's.    Source:  docs page, Slave bus.
     """
@@ -36,7 +36,7 @@ class RelayedSensor:
     bus: Any = part("Bus between sensor and radio: a channel whose period equals the sensor's.")
 
     LATE: ClassVar[bool] = True
-    """True: samples come out later than they were measured."""
+    """True, because a sample is given later than it was measured."""
 
     @property
     def period(self) -> int:
@@ -52,18 +52,18 @@ class RelayedSensor:
             raise InputError("RelayedSensor.inner", problem, fix="use this sensor without a bus")
         if self.bus.period != self.inner.period:
             problem = (
-                f"its period is {format_time(self.bus.period)}, must be the sensor's, {format_time(self.inner.period)}"
+                f"period must be the sensor's, {format_time(self.inner.period)}, got {format_time(self.bus.period)}"
             )
             raise InputError("RelayedSensor.bus", problem, fix=f"set bus.period to {format_time(self.inner.period)}")
 
     def init(self, key: Key) -> RelayedSensorState:
-        """Return the initial state: nothing measured, nothing on the bus."""
+        """Return the initial state, with nothing measured and nothing on the bus."""
         inner = self.inner.init(key)
         sample = jax.eval_shape(lambda s: self.inner.step(np.int64(0), s, no_motion())[1], inner)
         return RelayedSensorState(inner=inner, bus=strengthen_types(self.bus.init(key.at("bus"), sample)))
 
     def measure(self, motion: Any) -> Any:
-        """Return the sensor's measurement, without noise or bus."""
+        """Return the sensor's measurement, without noise and without the delay of the bus."""
         return self.inner.measure(motion)
 
     def step(self, t: Any, state: RelayedSensorState, motion: Any) -> tuple[RelayedSensorState, Sample]:

@@ -1,4 +1,4 @@
-"""A scenario: a complete loop that can be run. All its values are checked before a run."""
+"""Scenario: a complete loop that can be run. All values are checked before a run."""
 
 import textwrap
 from typing import TYPE_CHECKING, Any, Generic
@@ -65,12 +65,12 @@ class Scenario(Generic[V]):
     )
     limits: VehicleLimits = part("Limits that the vehicle checks on board in a real flight.", default=VehicleLimits())
     truth_sensor: Any = part(
-        "Sensor of the true state. The ideal twin uses this sensor in place of all sensors.", default=PlanarNavigation()
+        "Sensor of the true state. The ideal twin uses this sensor instead of all sensors.", default=PlanarNavigation()
     )
     name: str = option("Name of the scenario in the catalogue.", default="scenario")
     mismatch: Any = part("Paths of the autopilot's vehicle models that may differ from one another.", default=())
     words: Any = part(
-        "Random key word for each group of noise draws. Empty: the run number is used for all groups.", default=()
+        "Random key word of each group of noise draws. Empty: the run number is used for all groups.", default=()
     )
     choices: Any = part("Arguments with which `scenarios.build` built the scenario, recorded in logs.", default=())
 
@@ -87,11 +87,11 @@ class Scenario(Generic[V]):
         return html_table(f"{self.name}, {format_time(self.duration)}", (), summarise_scenario(self), NOTE)
 
     def ideal(self) -> "Scenario":
-        """Return the ideal twin: the same law on the true state, without delay or limits; its demand acts directly.
+        """Return the ideal twin: the law reads the true state, and its demand acts directly, without delay and limits.
 
         If the demand and the vehicle's input are records of different classes, allocation and actuators are kept,
         without imperfections. If the default truth sensor lacks fields that the law reads, but the vehicle's state has
-        them, the law reads the state. A pilot's stick and an observer are not changed.
+        these fields, the law reads the state. A pilot's stick and an observer are not changed.
         """
         neutral = self.world.actuators.neutral().u
         tick = self.autopilot.period
@@ -120,13 +120,13 @@ class Scenario(Generic[V]):
         return replace(self, world=world, autopilot=autopilot, choices=choices)
 
     def _without_its_own(self, one: Any) -> Any:
-        """Return a part without imperfections. Its vehicle models keep theirs, so that they match the true vehicle."""
+        """Return a part without its imperfections. Those of vehicle models in it stay, to match the true vehicle."""
         for name in find_imperfections(one).keys() - find_imperfections(self.world.vehicle).keys():
             one = without(one, name)
         return one
 
     def _demand_structure(self) -> Any:
-        """Return the structure (shapes and types) of the law's demand, without computing a demand."""
+        """Return the structure (shapes and types) of the law's demand. No demand is computed."""
         key = Key(np.uint32(0), np.uint32(0))
         free = replace(self.autopilot, supervisor=None)
         _, state = jax.eval_shape(lambda: start(self.world, free, to_arrays(self.initial), key))
@@ -165,7 +165,7 @@ class Scenario(Generic[V]):
         if link in LINKS:
             channel = without(getattr(self.world, link), name.removeprefix(f"{link}-"))
             autopilot = self.autopilot
-            if name in find_imperfections(autopilot):  # the predictor's model of the link
+            if name in find_imperfections(autopilot):  # in the predictor's model of the link
                 autopilot = without(autopilot, name)
             return replace(self, world=replace(self.world, **{link: channel}), autopilot=autopilot)
         links = {link: getattr(self.world, link) for link in LINKS}
@@ -175,7 +175,7 @@ class Scenario(Generic[V]):
     def check(self) -> None:
         """Raise InputError for values with which the scenario cannot run.
 
-        `loop.walk` checks that parts fit each other.
+        `loop.walk.start` checks that the parts fit each other.
         """
         self._check_interfaces()
         mav_type(self.world.vehicle)
@@ -199,7 +199,7 @@ class Scenario(Generic[V]):
 
 
 def _other_spelling(scenario: Scenario, name: str) -> str:
-    """Return the fix for a member that a scenario lacks: a member with a similar name; "" if there is none."""
+    """Return the fix for a member that a scenario lacks: a function or path with this name, or ""."""
     calls = {
         "plot": "plot_run(simulate(scenario))",
         "replace": "replace(scenario, …)",

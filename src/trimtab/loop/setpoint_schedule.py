@@ -1,9 +1,9 @@
-"""Schedules: set-points of a law that change during the flight, in steps or ramps.
+"""Schedules of set-points: numbers of a law that change during the flight, in steps or ramps.
 
     autopilot.law.reference = steps(0 s: 0, 5 s: 2 rad/s)
 
-Any number of a law can be scheduled. The scheduled number keeps its path. Its value in the law holds until the first
-scheduled time.
+Any number of a law can be scheduled. The path of the number does not change. With steps, the number's own value holds
+until the first scheduled time.
 """
 
 import re
@@ -35,15 +35,15 @@ def _example() -> str:
 class SetpointSchedule:
     """Schedule of one number of a law over the autopilot's time, which starts at 0 in a simulation.
 
-    steps: each value holds from its time on; before the first time, the law's own value holds. ramps: linear between
-    the times, with the first value before and the last value after.
+    steps: each value holds from its time on. Before the first time, the law's own value holds. ramps: the value is
+    linear between the times, equal to the first value before them, and to the last value after them.
 
     Source: docs page, References from the command line.
     """
 
     path: str = option("Path of the scheduled parameter below the law, e.g. reference.", default="k1")
     kind: str = option("Kind of change between the values: steps or ramps.", default="steps", choices=KINDS)
-    times: Any = quantity("s", "Times of the scheduled values; must rise.", default=np.zeros(1))
+    times: Any = quantity("s", "Times of the scheduled values, in rising order.", default=np.zeros(1))
     values: Any = quantity(
         "as declared", "Values of the scheduled parameter at the times, in its unit.", default=np.zeros(1)
     )
@@ -52,13 +52,13 @@ class SetpointSchedule:
         """Raise InputError unless the times rise and each time has a value."""
         times, values = np.asarray(self.times), np.asarray(self.values)
         if times.ndim != 1 or times.shape != values.shape or not len(times) or not (np.diff(times) > 0).all():
-            problem = f"{np.size(times)} times and {np.size(values)} values must be equally many, with rising times"
+            problem = f"there must be one value per rising time; got {np.size(times)} times, {np.size(values)} values"
             raise InputError(
                 f"schedule of {self.path}", problem, fix="give one value for each time, and the times in rising order"
             )
 
     def at(self, seconds: Any, before: Any) -> Any:
-        """Return the scheduled value at a time (s). before: value before the first step."""
+        """Return the scheduled value at a time (s). before: value of `steps` before the first time."""
         times, values = jnp.asarray(self.times), jnp.asarray(self.values)
         if self.kind == "ramps":
             return jnp.interp(seconds, times, values)
@@ -69,7 +69,7 @@ class SetpointSchedule:
 
 
 def schedule_law(law: L, schedules: Iterable[SetpointSchedule], t: Any) -> L:
-    """Return the law with its scheduled numbers set to their values at integer time t."""
+    """Return the law with each scheduled number set to its value at integer time t."""
     seconds = to_seconds(t)
     for one in schedules:
         law = with_leaf(law, one.path, lambda old, _, one=one: one.at(seconds, old))
@@ -77,7 +77,7 @@ def schedule_law(law: L, schedules: Iterable[SetpointSchedule], t: Any) -> L:
 
 
 def split_schedules(settings: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Split settings: return those that are constant, and those that are schedules."""
+    """Return the settings that are constant, and the settings that are schedules."""
     schedules = {path: text for path, text in settings.items() if SCHEDULE.fullmatch(text)}
     return {path: text for path, text in settings.items() if path not in schedules}, schedules
 

@@ -1,4 +1,4 @@
-"""Settings as text, ``path=value``, applied to a scenario. Paths are those of the log and the docs."""
+"""Application of settings, ``path=value``, to a scenario. The paths are those of the log and the docs."""
 
 import json
 import sys
@@ -22,7 +22,7 @@ T = TypeVar("T")
 def with_settings(tree: T, settings: Mapping[str, Any]) -> T:
     """Return a copy of the scenario with every setting applied.
 
-    For an unknown path or a wrong value, raise InputError with similar names.
+    Raise InputError, with similar names, for an unknown path, and InputError for an invalid value.
 
     >>> from trimtab import build, with_settings
     >>> with_settings(build("hovercraft/spin"), {"world.vehicle.mass": "3000 g"}).world.vehicle.mass
@@ -58,7 +58,7 @@ def setting_paths(tree: Any) -> list[str]:
 
 
 def with_parts(tree: T, settings: Mapping[str, str]) -> tuple[T, dict[str, str]]:
-    """Return a copy of the scenario with all parts that are named in the settings, and the remaining settings."""
+    """Return a copy of the scenario with all parts that the settings name, and the remaining settings."""
     rest = dict(settings)
     for path in sorted(settings, key=lambda p: p.count(".")):
         if path in rest and is_name(rest[path]) and is_part(tree, path):
@@ -67,7 +67,7 @@ def with_parts(tree: T, settings: Mapping[str, str]) -> tuple[T, dict[str, str]]
 
 
 def parse_value(path: str, text: str, old: Any, declared: Quantity | Option) -> Any:
-    """Return the value that a setting's text describes. old: present value; UNSET if only the declaration is known."""
+    """Return the value that a setting's text describes. old: present value, or UNSET if there is only a declaration."""
     if isinstance(declared, Option):
         return _parse_option(path, text, old, declared)
     shape = declared.shape if old is UNSET else np.shape(old)
@@ -80,13 +80,13 @@ def parse_value(path: str, text: str, old: Any, declared: Quantity | Option) -> 
         problem = f"{text!r} is not a list of finite numbers of shape {shape}"
         raise InputError(argument_name("settings", path), problem, fix=_example_list(path, old, shape)) from None
     if array.shape != shape and (old is not UNSET or shape):
-        problem = f"{text!r} has shape {array.shape}, must have {shape}"
+        problem = f"{text!r} has shape {array.shape}, but must have shape {shape}"
         raise InputError(argument_name("settings", path), problem, fix=_example_list(path, old, shape))
     return number if array.ndim == 0 else array
 
 
 def _parse_one_number(path: str, at: tuple[int, ...], text: str, old: Any, declared: Quantity | Option) -> Any:
-    """Return the array with the number at an index replaced."""
+    """Return the array with the number at one index replaced by the value in the text."""
     array = np.array(old, np.float64) if isinstance(declared, Quantity) else np.zeros(())
     if not array.ndim or not has_index(array.shape, at):
         whole, _ = split_index(path)
@@ -134,7 +134,7 @@ def _convert_units(path: str, value: Any, unit: str, declared: Quantity) -> Any:
 
 
 def _check_number(path: str, value: Any, declared: Quantity) -> None:
-    """Raise InputError for a number outside the range of 64-bit floats, and for true or false in place of a number."""
+    """Raise InputError for a number outside the range of 64-bit floats, and for true or false instead of a number."""
     problem = ""
     if isinstance(value, bool) and declared.kind != "flag":
         problem = f"must be a number, got {str(value).lower()}"

@@ -1,4 +1,4 @@
-"""A pilot with scripted stick movements, for simulations."""
+"""Pilot with scripted stick movements, for simulations."""
 
 from typing import Any
 
@@ -17,17 +17,15 @@ from trimtab.loop.scenario import Scenario
 
 @record
 class StickScript:
-    """Sensor of the pilot's stick: each scripted position holds from its time on. Without entries no sample is valid.
+    """Sensor of the pilot's stick. Each scripted position holds from its time on. Without entries, no sample is valid.
 
-    The stick is sampled each `period`, as in a flight with a pilot; the age of a sample is its delay from the stick to
-    the autopilot. In a flight with a pilot, the ground station with the stick gives the samples instead.
+    The stick is sampled once per `period`, as in a flight with a pilot. The age of a sample is its delay from the stick
+    to the autopilot. In a flight with a pilot, the ground station with the stick gives the samples instead.
 
     Frames:  none.    Source:  docs page, Piloted.
     """
 
-    times: Any = quantity(
-        "100 ns", "Times of the stick positions; must rise.", kind="time", default=np.zeros(0, np.int64)
-    )
+    times: Any = quantity("100 ns", "Times of the stick positions, rising.", kind="time", default=np.zeros(0, np.int64))
     forward: Any = quantity("1", "Forward deflection of the stick.", default=np.zeros(0), low=-1, high=1)
     turn: Any = quantity(
         "1", "Sideways deflection of the stick, clockwise positive.", default=np.zeros(0), low=-1, high=1
@@ -44,11 +42,11 @@ class StickScript:
     period: int = period("Time between samples of the stick.", default=ms(20))
 
     def check(self) -> None:
-        """Raise InputError unless the times rise and each entry is complete."""
+        """Raise InputError unless the times rise and each time has a position and a mode of the stick."""
         shapes = [np.shape(a) for a in (self.times, self.forward, self.turn, self.mode)]
         if len(set(shapes)) > 1 or len(shapes[0]) != 1 or not (np.diff(np.asarray(self.times, np.int64)) > 0).all():
             counts = ", ".join(f"{np.size(a)}" for a in (self.times, self.forward, self.turn, self.mode))
-            problem = f"{counts} times, forwards, turns and modes must be equally many, with rising times"
+            problem = f"there must be one forward, turn and mode per rising time, got {counts} times, …, modes"
             raise InputError(
                 "times",
                 problem,
@@ -60,7 +58,7 @@ class StickScript:
         return ()
 
     def measure(self, motion: Motion) -> Stick:
-        """Return a centred stick, as the stick doesn't depend on the motion."""
+        """Return a centred stick, because the stick doesn't depend on the motion."""
         return Stick(forward=np.float64(0.0), turn=np.float64(0.0), mode=np.int32(0))
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
@@ -78,7 +76,9 @@ def stick_script(*entries: tuple[int, float, float, str]) -> StickScript:
     """Return a script made of (integer time, forward, turn, name of the mode) entries."""
     for _, _, _, name in entries:
         if name not in STICK_MODES:
-            raise InputError("stick's script", f"unknown mode {name!r}", choices=STICK_MODES, fix="name one")
+            raise InputError(
+                "stick's script", f"unknown mode {name!r}", choices=STICK_MODES, fix="use one of these names"
+            )
     times, forward, turn, names = zip(*entries, strict=True) if entries else ((), (), (), ())
     return StickScript(
         times=np.array(times, np.int64),
@@ -89,7 +89,7 @@ def stick_script(*entries: tuple[int, float, float, str]) -> StickScript:
 
 
 def add_stick_sensor(scenario: Scenario) -> Scenario:
-    """Return the scenario with a sensor for the stick that its law reads; unchanged if the law reads none."""
+    """Return the scenario with a sensor for the stick that its law reads. If the law reads none, it is unchanged."""
     name, sensors = optional_member(scenario.autopilot.law, "stick"), scenario.world.sensors
     if not name or name in sensors:
         return scenario

@@ -1,6 +1,6 @@
-"""Shapes of the data that parts exchange, found without running the parts.
+"""Determination of the shapes of data that parts exchange, without running the parts.
 
-Errors name the two parts that do not fit.
+Errors name the two parts that do not fit each other.
 """
 
 import inspect
@@ -17,7 +17,7 @@ from trimtab.core.record import Scalar, is_record
 from trimtab.loop.own_code import check_arguments, describe_fault, place_of, refuse_own_code
 
 ARGUMENTS = {"step": "t, state, input", "dynamics": "t, x, u", "motion": "t, x, u"}
-"""Arguments of the methods of a user's part."""
+"""Arguments that the methods of a user's part must have, by the method's name."""
 
 
 def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) -> Any:
@@ -39,8 +39,8 @@ def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) 
         fault = describe_fault(error)
         name = type(inputs[-1]).__name__ if inputs else "nothing"
         problem = f"does not fit {reads}, which gives {name}: {fault.place}{fault.problem}"
-        other = f"give {part} an input that has what its step() reads, or use another part that reads {name}"
-        fix = fault.fix or (f"read one of these, or give {name} what is missing" if place_of(function) else other)
+        other = f"give {part} an input with the fields that its step() reads, or use another part that reads {name}"
+        fix = fault.fix or (f"read one of these, or add the missing field to {name}" if place_of(function) else other)
         raise InputError(part, problem, choices=fault.choices, fix=fix) from error
     return jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shape)
 
@@ -70,15 +70,17 @@ def first_state(part: str, init: Callable[..., Any], key: Any) -> Any:
 
 
 def check_state(part: str, step: Callable[..., Any], after: Any, first: Any) -> None:
-    """Raise InputError if step() returns a state of another structure than init(), or a fraction where init() has an
-    integer."""
+    """Raise InputError if the states from step() and init() have different structures.
+
+    A float in the state from step() where init() gives an integer is an error too.
+    """
     what = f"{place_of(step)}the state that step() returns"
     check_alike(
         part,
         what,
         after,
         first,
-        "return (state, output), the state as init() made it",
+        "return (state, output), with a state of the same structure as from init()",
     )
     for own, wanted in zip(jax.tree.leaves(after), jax.tree.leaves(first), strict=True):
         kinds = [jnp.issubdtype(jnp.result_type(v), jnp.inexact) for v in (own, wanted)]
@@ -88,7 +90,7 @@ def check_state(part: str, step: Callable[..., Any], after: Any, first: Any) -> 
 
 
 def check_members(part: str, value: Any, interface: Any, optional: Iterable[str] = ()) -> None:
-    """Raise InputError for a part that lacks a method or a field of its interface, with the code to write."""
+    """Raise InputError, with the code to write, for a part that lacks a method or a field of its interface."""
     check_record(part, value)
     for name in (*vars(interface), *interface.__annotations__):
         if name.startswith("_") or name in optional or hasattr(value, name):
@@ -104,7 +106,7 @@ def check_members(part: str, value: Any, interface: Any, optional: Iterable[str]
 
 
 def check_record(part: str, value: Any) -> None:
-    """Raise InputError for a class given in place of a part, and for a user's class without ``@record``."""
+    """Raise InputError for a class given instead of a part, and for a user's class without ``@record``."""
     kind = value if isinstance(value, type) else type(value)
     if isinstance(value, type):
         raise InputError(part, f"{kind.__name__} is a class, not a part", fix=f"{kind.__name__}(), with brackets")
@@ -120,7 +122,9 @@ def check_vehicle(vehicle: Any, x: Any, u: Any) -> Any:
     for name in ("dynamics", "motion"):
         if not callable(getattr(vehicle, name, None)):
             problem = f"{place_of(type(vehicle))}{type(vehicle).__name__} has no {name}(t, x, u)"
-            raise InputError("world.vehicle", problem, fix=f"def {name}(self, t, x, u): …  in it (docs, Add a vehicle)")
+            raise InputError(
+                "world.vehicle", problem, fix=f"def {name}(self, t, x, u): …  in the vehicle (docs, Add a vehicle)"
+            )
     motion = zeros_of("world.vehicle.motion", "the vehicle's state", vehicle.motion, 0, x, u)
     if motion is None:
         problem = f"{place_of(vehicle.motion)}motion() returns nothing"
@@ -137,14 +141,14 @@ def _first_line(member: Any) -> str:
 
 
 def check_alike(part: str, what: str, value: Any, like: Any, fix: str) -> None:
-    """Raise InputError unless a value has the structure of a pattern, with numbers of the same shapes."""
+    """Raise InputError unless a value has the same structure as `like`, with numbers of the same shapes."""
     if jax.tree.structure(value) != jax.tree.structure(like):
         raise InputError(part, f"{what} is {describe_tree(value)}, but must be {describe_tree(like)}", fix=fix)
     pairs = zip(jax.tree_util.tree_flatten_with_path(like)[0], jax.tree.leaves(value), strict=True)
     for (keys, wanted), own in pairs:
         name, shape = jax.tree_util.keystr(keys, simple=True, separator="."), np.shape(wanted)
         if np.shape(own) != shape and (len(np.shape(own)) > len(shape) or not _fits(np.shape(own), shape)):
-            problem = f"{what} has {name or 'a number'} of shape {np.shape(own)}, but it must be {shape}"
+            problem = f"{what} has {name or 'a number'} of shape {np.shape(own)}, but the shape must be {shape}"
             raise InputError(part, problem, fix=fix)
 
 
@@ -153,7 +157,7 @@ def _fits(shape: tuple[int, ...], whole: tuple[int, ...]) -> bool:
 
 
 def describe_tree(tree: Any) -> str:
-    """Return a description of a tree for messages: the class of its record, or how many numbers it has."""
+    """Return a description of a tree for messages: the class of its record, or its number of numbers."""
     if is_record(tree):
         return f"a {type(tree).__name__} as declared"
     if isinstance(tree, Mapping):
@@ -164,7 +168,7 @@ def describe_tree(tree: Any) -> str:
 
 
 def zeros_like(tree: Any) -> Any:
-    """Return a tree of shapes or numbers as NumPy arrays, with every number zero."""
+    """Return a tree of zero NumPy arrays with the shapes and types of a tree of shapes or numbers."""
     return jax.tree.map(lambda v: np.zeros(np.shape(v), jnp.result_type(v)), tree)
 
 
@@ -176,7 +180,7 @@ def step_if(due: Scalar, step: Callable[[], Any], hold: Callable[[], Any]) -> An
 
 
 def strengthen_types(tree: Any) -> Any:
-    """Return the tree with every number as an array of fixed type, as JAX loops need it."""
+    """Return the tree with every number as an array of fixed type, as loops in JAX require."""
 
     def fix(leaf: Any) -> Any:
         return jax.lax.convert_element_type(leaf, np.dtype(jnp.result_type(leaf)))
@@ -185,7 +189,7 @@ def strengthen_types(tree: Any) -> Any:
 
 
 def cast_like(tree: Any, pattern: Any) -> Any:
-    """Return the tree with every number converted to the data type in the pattern."""
+    """Return the tree with every number converted to the data type of the same number in `pattern`."""
     return jax.tree.map(lambda a, b: jnp.asarray(a, jnp.result_type(b)), tree, pattern)
 
 

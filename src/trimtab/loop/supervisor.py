@@ -1,4 +1,4 @@
-"""Supervisor: decides when the law's command is sent, and what is sent instead. An optional part of the Autopilot.
+"""Supervisor, which decides whether the law's command or another one is sent. An optional part of the Autopilot.
 
 Source: docs page, Supervisor.
 """
@@ -52,7 +52,7 @@ from trimtab.loop.supervisor_modes import (
 
 @record
 class PilotRequest:
-    """A pilot's request to the supervisor; a new sample is a new request. Frames: none. Source: docs page."""
+    """Request of a pilot. Each new sample is a new request. Frames: none. Source: docs page, Supervisor."""
 
     request: Scalar = quantity("1", "Request of the pilot.", kind="mode", modes=REQUESTS)
 
@@ -76,7 +76,7 @@ class SupervisorState:
     since: Scalar = quantity("100 ns", "Time at which the mode was entered.", kind="time")
     back: Scalar = quantity("1", "Mode to return to when the link or the estimate recovers.", kind="mode", modes=MODES)
     sample_arrival: Scalar = quantity("100 ns", "Time at which the last sample arrived over the link.", kind="time")
-    refused: Scalar = quantity("1", "Name of the check that refused the last request.", kind="mode", modes=CHECKS)
+    refused: Scalar = quantity("1", "Check that refused the last request.", kind="mode", modes=CHECKS)
     refusals: Scalar = quantity("1", "Number of refused requests.", kind="count")
     transitions: Scalar = quantity("1", "Number of mode changes.", kind="count")
 
@@ -88,11 +88,11 @@ class SupervisorOutput:
     mode: Scalar = quantity("1", "Mode of the supervisor.", kind="mode", modes=MODES)
     cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
     transitions: Scalar = quantity("1", "Number of mode changes.", kind="count")
-    refused: Scalar = quantity("1", "Name of the check that refused the last request.", kind="mode", modes=CHECKS)
+    refused: Scalar = quantity("1", "Check that refused the last request.", kind="mode", modes=CHECKS)
     refusals: Scalar = quantity("1", "Number of refused requests.", kind="count")
     check: Scalar = quantity(
         "1",
-        "Check that would refuse a request to arm at this instant; passed if none would.",
+        "Check that would refuse a request to arm at this instant, or passed.",
         kind="mode",
         modes=CHECKS,
     )
@@ -137,19 +137,20 @@ class Limit:
 
 @record
 class Supervisor:
-    """Supervisor between law and link: sends the law's command, the neutral command, or an invalid command.
+    """Supervisor between law and link. It sends the law's command, the neutral command, or an invalid command.
 
-        standby  --arm, checks passed-->  flying  <--hold, resume-->  hold  (neutral)
-        flying, hold  --link or estimate too old-->  lost: go on, then neutral, then ended
-        flying, hold, lost  --limit; flying: estimate, health, no number-->  fault       any of them  --end-->  ended
-        fault, ended  --clear-->  standby
+        standby  --arm request, if all checks pass-->  flying  <--hold, resume requests-->  hold (neutral command)
+        flying, hold  --link lost or estimate too old-->  lost (law's command, then neutral command, then ended)
+        flying, hold, lost  --limit exceeded-->  fault
+        flying  --estimate not valid, sensor health, or command not finite-->  fault
+        flying, hold, lost  --end request-->  ended
+        fault, ended  --clear request-->  standby
 
-    Fault and ended send no valid command, and stay until a clear request. The docs page has the complete table of
-    transitions.
+    In fault and ended, no valid command is sent. The docs page has the complete table of transitions.
 
     Frames:  the estimate's.
     Not modelled: the battery.
-    Source:  docs page, Supervisor; modes and times are this project's.
+    Source:  docs page, Supervisor; modes and times are chosen for trimtab.
     """
 
     neutral: Any = part("Neutral command.")
@@ -181,13 +182,16 @@ class Supervisor:
             if end <= goes_on:
                 problem = f"{format_time(end)} must be later than {what}_continue, {format_time(goes_on)}"
                 raise InputError(
-                    f"{what}_end", problem, fix="make it longer, so that the neutral command is sent in between"
+                    f"{what}_end", problem, fix="give a later time, so that the neutral command is sent in between"
                 )
 
     def fit_neutral(self, estimate: Estimate, value: Any, frame: Frame) -> Any:
-        """Return the neutral value in the allocation's data types. Raise InputError if the autopilot doesn't fit."""
+        """Return the neutral command in the allocation's data types.
+
+        Raise InputError if the autopilot's estimate, allocation or frame does not fit this supervisor.
+        """
         if self.pilot not in frame.samples and not self.automatic:
-            problem = f"it can never be armed: the frame has no sample {self.pilot!r}"
+            problem = f"the supervisor can never be armed, because the frame has no sample {self.pilot!r}"
             fix = f'add sensors={{"{self.pilot}": PilotScript(…)}} to the world, or set automatic=True'
             raise InputError("autopilot.supervisor.pilot", problem, choices=tuple(frame.samples), fix=fix)
         known = [path for path, _, _ in leaves(estimate.state)]
@@ -253,7 +257,7 @@ class Supervisor:
         sick: Any,
         check: Any,
     ) -> tuple[Any, Any]:
-        """Return mode and cause after this instant. If several rows of the docs table hold, the last one wins."""
+        """Return mode and cause after this instant. If several rows below apply, the last one counts."""
         valid = jnp.asarray(input.estimate.valid)
         standby, flying, hold, lost = (s.mode == m for m in (STANDBY, FLYING, HOLD, LOST))
         under_way = flying | hold | lost
@@ -298,7 +302,7 @@ class Supervisor:
         )
 
     def _first_failing_check(self, estimate: Estimate, silent: Any, stale: Any, sick: Any) -> Any:
-        """Return the number of the first check that fails; 0 if all pass."""
+        """Return the number, in CHECKS, of the first check that fails, or 0 if all checks pass."""
         outside = self._is_breached("envelope", estimate.state) | self._is_breached("geofence", estimate.state)
         failed = (~jnp.asarray(estimate.valid), stale, silent, outside, sick)
         first = jnp.asarray(0)
@@ -320,7 +324,7 @@ class Supervisor:
 
 
 def _pilot_request(pilot: Sample | None) -> Any:
-    """Return the pilot's request at this instant; no request if the sample is not new."""
+    """Return the pilot's request at this instant, or NO_REQUEST if the sample is not new."""
     if pilot is None:
         return jnp.asarray(NO_REQUEST)
     known = (pilot.value.request >= 0) & (pilot.value.request < len(REQUESTS))

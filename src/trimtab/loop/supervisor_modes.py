@@ -1,8 +1,8 @@
 """Names and numbers of the supervisor's modes, requests, causes and checks, and the requests possible in each mode.
 
-This module needs no JAX, so that programs which only show a flight start fast.
+This module needs no JAX, so that programs that only show a flight start fast.
 
-Source: docs page, Supervisor; modes are this project's.
+Source: docs page, Supervisor; the modes are defined by trimtab.
 """
 
 MODES = ("standby", "flying", "hold", "lost", "fault", "ended")
@@ -34,7 +34,7 @@ CHECKS = ("passed", "estimate not valid", "estimate stale", "link silent", "outs
 
 
 def explain_requests(mode: int, check: int) -> dict[str, str]:
-    """Return for each request the reason why it would be refused or have no effect in a mode; "" if it is possible.
+    """Return, for each request, the reason for which it would have no effect in a mode, or "" if it is possible.
 
     Args:
         mode: mode of the supervisor.

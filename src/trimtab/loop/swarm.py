@@ -1,8 +1,7 @@
-"""N craft in one loop: any vehicle, sensor, law, allocation and actuator side by side, each with its own state and key.
+"""Swarm of n craft in one loop. Each craft has its own vehicle, sensors, law, allocation, actuators, state and key.
 
-The parts are those of one craft. `Each` steps n of them by vmap: part i gets row i of the inputs and nothing of the
-other rows. So a craft can depend on others only through the messages that its radio has received
-(`loop.peer_radio`).
+The parts are defined for one craft. `Each` steps n copies of a part by vmap: copy i gets row i of the inputs only. So a
+craft can depend on others only through the messages that its radio has received (`loop.peer_radio`).
 """
 
 from collections.abc import Callable
@@ -21,15 +20,15 @@ from trimtab.loop.structure import strengthen_types
 
 @record
 class Each:
-    """n copies of a part, one for each craft: a sensor, estimator, law, allocation or actuators.
+    """Copies of a part, one for each of n craft. The part is a sensor, estimator, law, allocation or actuators.
 
-    Input arrays have the craft as first axis; scalar inputs go to every craft. All craft have the parameters of `one`,
-    except the fields named in `own`, which have the craft as first axis.
+    Input arrays have the craft as first axis. A scalar input is the same for every craft. All copies have the
+    parameters of `one`. Only the fields named in `own` differ, and have the craft as first axis.
 
     Frames: the part's. Source: docs page, Swarms.
     """
 
-    one: Any = part("Part that each craft has a copy of.")
+    one: Any = part("Part of which each craft has a copy.")
     count: int = option("Number of craft.", default=3)
     own: tuple[str, ...] = option("Names of the part's fields that differ from craft to craft.", default=())
 
@@ -50,16 +49,15 @@ class Each:
 
     @property
     def frame(self) -> Any:
-        """Return the actuators' frame."""
+        """Return the period of the actuators' frames, or None."""
         return optional_member(self.one, "frame")
 
     def check(self) -> None:
-        """Raise InputError for names in `own` that are not fields of the part, or fields without a number for each
-        craft."""
+        """Raise InputError unless each name in `own` is a field of the part that has a number for each craft."""
         for name in self.own:
             if name not in declarations(self.one):
                 problem = f"{type(self.one).__name__} has no field {name!r}"
-                raise InputError("Each.own", problem, choices=declarations(self.one), fix="use names of its fields")
+                raise InputError("Each.own", problem, choices=declarations(self.one), fix="use names of fields")
             shape = jnp.shape(getattr(self.one, name))
             if shape[:1] != (self.count,):
                 problem = f"has shape {shape}, but there are {self.count} craft"
@@ -80,7 +78,7 @@ class Each:
     def step(self, t: Any, state: Any, given: Any) -> tuple[Any, Any]:
         """Return state and output of each craft's part.
 
-        A sample or estimate has one time, and is valid if valid for all craft.
+        A sample or an estimate has one time for all craft. It is valid only if it is valid for every craft.
         """
         new, out = self._of_each(lambda one, s, x: strengthen_types(one.step(t, s, x)), state, given)
         if isinstance(out, Sample | Estimate):
@@ -91,7 +89,7 @@ class Each:
     def _of_each(self, call: Callable[..., Any], *given: Any) -> Any:
         """Return call(part, row) for each craft.
 
-        Arrays in the inputs are split into rows; scalars go to every craft.
+        Arrays in the inputs are split into rows. Scalars are the same for every craft.
         """
         leaves, tree = jax.tree.flatten(({n: getattr(self.one, n) for n in self.own}, given))
         differs = [jnp.ndim(v) > 0 for v in leaves]
@@ -107,9 +105,9 @@ class Each:
 
 @record
 class Swarm:
-    """n vehicles without contact: each moves as if it were alone.
+    """Vehicles without contact, each of which moves as if it were alone.
 
-    State and input are the vehicle's, with fields of shape (n,).
+    State and input are those of one vehicle, with fields of shape (n,) for n vehicles.
 
     Frames: the vehicle's. Not modelled: contact, the air flow of one craft at another. Source: docs page, Swarms.
     """
@@ -118,11 +116,11 @@ class Swarm:
     count: int = option("Number of craft.", default=3)
 
     def dynamics(self, t: Any, x: Any, u: SwarmInput) -> Any:
-        """Return the derivative of x; t: seconds."""
+        """Return the derivative of x at time t (s)."""
         return jax.vmap(lambda x, u: self.craft.dynamics(t, x, u))(x, u.act)
 
     def motion(self, t: Any, x: Any, u: SwarmInput) -> SwarmMotion:
-        """Return the motion of each craft for its sensors; t: integer time."""
+        """Return the motion of each craft, for its sensors, at integer time t."""
         return SwarmMotion(each=jax.vmap(lambda x, u: self.craft.motion(t, x, u))(x, u.act), say=u.say)
 
 
@@ -136,7 +134,7 @@ class SwarmOutput:
 
 @record
 class SwarmAllocation:
-    """Allocation of each craft; radio messages pass unchanged. Frames: the allocation's. Source: docs page, Swarms."""
+    """Allocation of each craft. Radio messages pass unchanged. Frames: the allocation's. Source: docs page, Swarms."""
 
     each: Each = part("Allocation of each craft.")
 
@@ -157,7 +155,7 @@ class SwarmActuators:
     Before the first command no craft sends a message.
 
     Frames:  those of the actuators.
-    Source:  Swarms.
+    Source:  docs page, Swarms.
     """
 
     each: Each = part("Actuators of each craft.")
@@ -165,12 +163,12 @@ class SwarmActuators:
 
     @property
     def period(self) -> int:
-        """Return this member of the actuators of one craft."""
+        """Return the period of the actuators."""
         return self.each.period
 
     @property
     def frame(self) -> Any:
-        """Return the actuators' frame."""
+        """Return the period of the actuators' frames, or None."""
         return self.each.frame
 
     def neutral(self) -> SwarmOutput:

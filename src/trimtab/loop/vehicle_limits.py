@@ -1,4 +1,4 @@
-"""Limits that a vehicle checks on board (fence, envelope of speed and attitude), and its criteria for being at rest.
+"""Limits that a vehicle checks on board: a fence, and an envelope of speed, rate and angle. Criteria for being at rest.
 
 Source: docs page, Arming.
 """
@@ -7,16 +7,16 @@ from trimtab.core.record import Scalar, period, quantity, record
 from trimtab.core.time import ms, seconds
 
 NO_LIMIT = 1e9
-"""Value from which a limit counts as off. A limit that is off needs no sensor."""
+"""Value at or above which a limit is switched off. A limit that is switched off needs no sensor."""
 
 
 @record
 class VehicleLimits:
     """Limits on the vehicle's measurements, all off by default. If a limit is exceeded, the failsafe acts.
 
-    Frames:  W for the distance, B for the rest.
-    Not modelled: a fence with corners; attitude where no sensor gives one.
-    Source:  docs page, Arming; numbers are this project's.
+    Frames:  W for the distance, B for the other limits.
+    Not modelled: a fence with corners; limits of roll and pitch.
+    Source:  docs page, Arming; the numbers are chosen for trimtab.
     """
 
     distance: Scalar = quantity(

@@ -1,7 +1,7 @@
-"""The walk over all instants of a run: the whole closed loop as one pure function of records.
+"""Walk over all instants of a run: the whole closed loop as one pure function of records.
 
-The order at one instant is that of the loop: truth, sensors, downlink, autopilot, uplink, actuators. Then the truth is
-integrated to the next instant.
+The order at one instant is that of the loop: true state, sensors, downlink, autopilot, uplink, actuators. Then the true
+state is integrated to the next instant.
 """
 
 from typing import Any, NamedTuple
@@ -21,9 +21,7 @@ from trimtab.loop.world import World, WorldState
 
 @record
 class Signals:
-    """Signals logged at one instant.
-
-    The path of a field is the name of the signal in the log.
+    """Signals that are logged at one instant. The path of a field is the path of the signal in the log.
 
     Source:  docs page, Log.
     """
@@ -72,7 +70,7 @@ def start(world: World, autopilot: Autopilot, x: Any, key: Key) -> tuple[WorldSt
 def instant(
     world: World, autopilot: Autopilot, clock: Instant, h: Any, s: WorldState, a: AutopilotState
 ) -> tuple[WorldState, AutopilotState, Signals]:
-    """Step the loop at one instant, then integrate the truth to the next instant, h later."""
+    """Return the states of world and autopilot at the next instant, h later, and the signals of this instant."""
     s, frame = world.sense(clock, s)
     due = clock.due(autopilot.period)
     a = step_if(due, lambda: autopilot.step(clock.t, a, frame)[0], lambda: autopilot.hold(clock.t, a))
@@ -83,8 +81,7 @@ def instant(
 def drop_derived_outputs(
     world: World, autopilot: Autopilot, s: WorldState, a: AutopilotState, always: frozenset[int]
 ) -> tuple[WorldState, AutopilotState]:
-    """Return the states of world and autopilot without outputs that every instant recomputes, so that a run is
-    faster."""
+    """Return both states without outputs that are recomputed at every instant. This makes a run faster."""
     return world.drop_derived_outputs(s, always), autopilot.drop_derived_outputs(a, always)
 
 
@@ -117,17 +114,17 @@ def walk(
     always: frozenset[int],
     wanted: tuple[str, ...] = (),
 ) -> WalkResult:
-    """Run the loop over all instants.
+    """Run the loop over all instants and return the logged rows and the final states.
 
     Args:
         world, autopilot: world and autopilot of the loop.
-        x: the vehicle's first state.
+        x: the vehicle's initial state.
         key: seed and run.
-        instants: integer time (n,), time to the next (n,), and the row of the log that each instant writes, (n,);
-            row `rows` is scratch for instants that are not logged.
-        rows: length of the log.
+        instants: integer time of each instant (n,), time to the next instant (n,), and index of the log row that it
+            writes (n,). Instants that are not logged write to the unused row with index `rows`.
+        rows: number of rows in the log.
         always: periods that are due at every instant.
-        wanted: paths of the signals to log, see `logged_signals`; all signals when empty.
+        wanted: paths of the signals to log, see `logged_signals`. Empty: all signals.
     """
     s, a = start(world, autopilot, x, key)
     width = pack_row(signals(s, a), wanted).shape[0]
@@ -155,9 +152,10 @@ def logged_signals(seen: Signals, wanted: tuple[str, ...] = ()) -> list[tuple[st
 
 
 def pack_row(seen: Signals, wanted: tuple[str, ...]) -> Any:
-    """Return one row of the log, float64 (width,): integers below 2**53 are exact.
+    """Return one row of the log, float64 (width,). Integers below 2**53 are exact.
 
-    It uses selects: concatenating that many scalars costs XLA's CPU backend more than the rest of the loop.
+    The row is built with selects, because XLA's CPU backend needs more time to concatenate the scalars than for the
+    rest of the loop.
     """
     parts = [jnp.ravel(value).astype(np.float64) for _, value, _ in logged_signals(seen, wanted)]
     scalars = [part[i] for part in parts for i in range(part.shape[0])]

@@ -1,4 +1,4 @@
-"""The World: vehicle, sensors, downlink, uplink and actuators. Its input is a Command, its output a Frame."""
+"""World: vehicle, sensors, downlink, uplink and actuators. The input is a Command, the output a Frame."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Generic
@@ -35,7 +35,7 @@ else:
 
 @record
 class WorldState:
-    """State of the world: the states of its parts and their last outputs. Source: docs page, Time."""
+    """State of the world: states and last outputs of its parts. Source: docs page, Time."""
 
     x: Any = part("State of the vehicle.")
     sensors: Any = part("State of each sensor.")
@@ -56,13 +56,13 @@ class WorldState:
 
 @record
 class World(Generic[V]):
-    """Vehicle, sensors, radio and actuators, with their faults.
+    """World of a loop: vehicle, sensors, links and actuators, with their imperfections.
 
     >>> from trimtab import build
     >>> build("hovercraft/spin").world.vehicle.mass
     2.6
 
-    Source: docs page, Time, for the order of things at one instant.
+    Source: docs page, Time, for the order of computation at one instant.
     """
 
     vehicle: V = part("Model of the true vehicle: dynamics and motion.")
@@ -83,7 +83,7 @@ class World(Generic[V]):
             object.__setattr__(self, "sensors", _sensors_by_name(self.sensors))
 
     def check(self) -> None:
-        """Raise InputError for an integration on the rotation group if the vehicle names no quaternions."""
+        """Raise InputError if quaternions are to be integrated as rotations, but the vehicle names no quaternions."""
         named = optional_member(self.vehicle, "QUATERNIONS")
         if self.integration is not None and self.integration.attitude == "group" and not named:
             problem = f"{type(self.vehicle).__name__} names no quaternion of its state to integrate on the group"
@@ -97,9 +97,9 @@ class World(Generic[V]):
         return [p.period for p in (parts if self.turbulence is None else [*parts, self.turbulence])]
 
     def init(self, key: Key, x: Any) -> WorldState:
-        """Return the initial state of the world: no sample taken, nothing received.
+        """Return the initial state of the world, before any sample is taken or received.
 
-        `connect` adds the uplink for a command.
+        `connect` adds the uplink.
         """
         neutral = self.actuators.neutral()
         motion = check_vehicle(self.vehicle, x, neutral.u)
@@ -145,12 +145,12 @@ class World(Generic[V]):
         return {"turbulence": self.turbulence.init(key.at("turbulence")), "gust": NO_GUST}
 
     def _vehicle_in(self, gust: Any) -> Any:
-        """Return the vehicle in the present gust."""
+        """Return the vehicle model in the present gust."""
         vehicle: Any = self.vehicle
         return vehicle if self.turbulence is None else vehicle.in_gust(gust)
 
     def _meet_gust(self, clock: Instant, s: WorldState) -> WorldState:
-        """Return the state with the gust of this instant, which the turbulence computes at the vehicle's position."""
+        """Return the state with the gust at the vehicle's position at this instant."""
         if self.turbulence is None:
             return s
 
@@ -163,7 +163,7 @@ class World(Generic[V]):
         return replace(s, turbulence=state, gust=gust)
 
     def connect(self, key: Key, s: WorldState, command: Command) -> WorldState:
-        """Return the world's state with an uplink for commands of this structure."""
+        """Return the world's state with an uplink. command: example of a command."""
         sample = as_sample(command, False)
         link = self.uplink.init(key.at("uplink"), sample)
         _, commanded = zeros_of_step("world.uplink", "the autopilot", self.uplink.step, 0, link, sample)
@@ -182,7 +182,7 @@ class World(Generic[V]):
         return replace(s, uplink=link, commanded=commanded, actuated=actuated, u=actuated.u)
 
     def sense(self, clock: Instant, s: WorldState) -> tuple[WorldState, Frame]:
-        """Step truth, sensors and downlink. Return the state and the frame that the autopilot holds at this instant."""
+        """Return the state after the steps of sensors and downlink, and the frame that the autopilot has received."""
         t = clock.t
         s = self._meet_gust(clock, s)
         vehicle = self._vehicle_in(s.gust)
@@ -223,7 +223,7 @@ class World(Generic[V]):
         return replace(s, uplink=link, commanded=commanded, actuators=state, actuated=actuated, u=actuated.u)
 
     def drop_derived_outputs(self, s: WorldState, always: frozenset[int]) -> WorldState:
-        """Return the state without outputs that every instant recomputes, so that a run is faster."""
+        """Return the state without outputs that are recomputed at every instant. This makes a run faster."""
         return replace(
             s,
             sampled={n: () if self.sensors[n].period in always else v for n, v in s.sampled.items()},
@@ -233,8 +233,7 @@ class World(Generic[V]):
         )
 
     def advance(self, t: Any, s: WorldState, h: Any) -> WorldState:
-        """Return the state with the true state integrated from integer time t over integer time h, with constant
-        input."""
+        """Return the state after integration of the true state from integer time t to t + h, with constant input."""
         vehicle = self._vehicle_in(s.gust)
 
         def derivative(time: Any, x: Any) -> Any:
@@ -255,7 +254,7 @@ def _sensor_input(where: str, sensor: Any, motion: Callable[[], Any], x: Any, u:
     inputs = {"motion": motion, "state": lambda: x, "input": lambda: u}
     feels = optional_member(sensor, "FEELS")
     if feels not in inputs:
-        problem = f"{type(sensor).__name__} feels {feels!r}, which World does not provide"
+        problem = f"{type(sensor).__name__} measures {feels!r}, which World does not provide"
         raise InputError(where, problem, choices=inputs, fix='write FEELS = "motion", or leave it out')
     return inputs[feels]()
 

@@ -1,7 +1,8 @@
-"""Blocks of a scenario that are compiled separately; each is a step function called from instant to instant.
+"""Blocks of a scenario that are compiled separately. Each block is a step function that is called once per instant.
 
-Autopilot and world are `simulate` split at the two messages: same order, same numbers (docs page, Time). Uplink,
-failsafe and motion are blocks of the vehicle, run by a virtual vehicle and by a microcontroller.
+The blocks "autopilot" and "world" are the loop of `simulate`, split at the messages frame and command. They compute in
+the same order and give the same numbers (docs page, Time). Uplink, failsafe and motion are blocks of the vehicle, used
+by a virtual vehicle and by a microcontroller.
 """
 
 import functools
@@ -31,12 +32,12 @@ from trimtab.run.inputs import RunInputs, leaf_paths, run_inputs
 from trimtab.run.kept_blocks import MOST_KEPT, Content, compile_kept
 
 UNLIMITED = 3e38
-"""Limit used for commands without declared limits: every finite float is accepted."""
+"""Limit of commands without declared limits. Every finite float is within this limit."""
 
 
 @record
 class StepInput:
-    """Input of a block with the time of the step. Source: docs page, Vehicle."""
+    """Input of a block, with the time of the step. Source: docs page, Vehicle."""
 
     t: Any = quantity("100 ns", "Present time.", kind="time")
     input: Any = part("Input of the block at this step.")
@@ -99,15 +100,14 @@ class UplinkParameters:
 
 
 def has_stepped_vehicle(scenario: Scenario) -> bool:
-    """Return True if another program must step the scenario's vehicle (an FMU), so that the vehicle can't be
-    compiled."""
+    """Return True if the scenario's vehicle is stepped by another program, as an FMU is, and so can't be compiled."""
     return optional_member(scenario.world.vehicle, "is_stepped") is not None
 
 
 def hold_vehicle(scenario: Scenario) -> Scenario:
-    """Return the scenario with an FMU vehicle held, so that a host program steps it.
+    """Return the scenario with its FMU vehicle marked as stepped by a host program.
 
-    Other scenarios are not changed.
+    A scenario without an FMU is not changed.
     """
     if not has_stepped_vehicle(scenario):
         return scenario
@@ -116,17 +116,17 @@ def hold_vehicle(scenario: Scenario) -> Scenario:
 
 
 def refuse_stepped_vehicle(scenario: Scenario) -> None:
-    """Raise the vehicle's InputError, before any other check, if the vehicle can't be compiled."""
+    """Raise InputError if the vehicle can't be compiled. Called before all other checks."""
     if has_stepped_vehicle(scenario):
         scenario.world.vehicle.dynamics(0.0, scenario.initial, None)
 
 
 def refuse_swarm(scenario: Scenario, end: str) -> None:
-    """Raise InputError for a swarm where one vehicle is needed. end: the thing for one vehicle, e.g. "firmware"."""
+    """Raise InputError for a swarm where one vehicle is needed. end: name of the user of one vehicle, "firmware"."""
     swarm = scenario.world.vehicle
     if isinstance(swarm, Swarm):
         problem = f"{end} is for one vehicle, but this is a swarm of {swarm.count} craft, which no link supports"
-        fix = "use a scenario of one craft, e.g. hovercraft/forward. One craft of the swarm as C code:"
+        fix = "use a scenario of one craft, e.g. hovercraft/forward. For one craft of the swarm as C code:"
         raise InputError(
             f"scenario {scenario.name!r}", problem, fix=f"{fix}  trimtab export FILE.py:function  (docs, Swarms)"
         )
@@ -150,7 +150,7 @@ def _keep_structures(content: Content) -> tuple[Frame, Command]:
 def carried_structures(scenario: Scenario) -> tuple[Frame, Command]:
     """Return frame and command as a link carries them, with every number zero.
 
-    A stick at the autopilot's end is left out.
+    The frame does not contain the sample of a stick that a pilot moves at the autopilot's end of the link.
     """
     scenario = add_stick_sensor(scenario)
     frame, command = message_structures(scenario)
@@ -159,7 +159,10 @@ def carried_structures(scenario: Scenario) -> tuple[Frame, Command]:
 
 
 def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> BlockDefinition:
-    """Return a checked scenario's autopilot: `Frame` in, `AutopilotOutput` out. seed, run: for its initial state."""
+    """Return the autopilot of a checked scenario: `Frame` in, `AutopilotOutput` out.
+
+    seed, run: key of the random numbers in the autopilot's initial state.
+    """
     inputs = run_inputs(scenario, seed, run)
     frame, key = message_structures(scenario)[0], inputs.key
     always = frozenset([inputs.autopilot.period])
@@ -180,14 +183,14 @@ def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> Block
 def compile_autopilot(scenario: Scenario, *, seed: int = 0) -> CompiledBlock:
     """Return a scenario's autopilot as a compiled step.
 
-    Raise InputError as `export_c` does, or if there is no C compiler.
+    Raise InputError in the same cases as `export_c`, or if no C compiler is found.
     """
     scenario.check()
     return compile_kept(autopilot_block, scenario, seed=seed)
 
 
 def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> BlockDefinition:
-    """Return a checked scenario's whole closed loop: `LoopInput` in, the signals of the instant out.
+    """Return the whole closed loop of a checked scenario: `LoopInput` in, the signals of the instant out.
 
     always: periods that are due at every instant.
     """
@@ -205,17 +208,16 @@ def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> 
 
 
 def _keep_logged(seen: Signals) -> Signals:
-    """Return the signals with None in place of those that a log cannot hold, such as messages between craft of a
-    swarm."""
+    """Return the signals with None for each signal that a log cannot contain, such as messages between craft."""
     logged = {path for path, _, _ in logged_signals(seen)}
     values, structure = jax.tree.flatten(seen)
     return structure.unflatten([v if p in logged else None for p, v in zip(leaf_paths(seen), values, strict=True)])
 
 
 def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
-    """Return a scenario's checked world: `WorldInput` in, `WorldOutput` out, from one instant to the next.
+    """Return a scenario's world, checked: `WorldInput` in, `WorldOutput` out. A step leads to the next instant.
 
-    A step gets the command of the last instant, and gives the frame of this one.
+    The input of a step contains the command of the last instant, and the output the frame of this instant.
     """
     scenario = add_stick_sensor(scenario)
     scenario.check()
@@ -249,12 +251,15 @@ def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
 
 
 def compile_world(scenario: Scenario, *, seed: int = 0) -> tuple[CompiledBlock, Frame, Command]:
-    """Return a scenario's compiled world, and its messages on a link. Raise without a C compiler."""
+    """Return a scenario's compiled world, and examples of frame and command as a link carries them.
+
+    Raise InputError if no C compiler is found.
+    """
     return compile_kept(world_block, scenario, seed=seed), *carried_structures(scenario)
 
 
 def timed_block(name: str, doc: str, block: Any, input: Any) -> BlockDefinition:
-    """Return a block with `StepInput` in, for a part with step(t, state, input) -> (state, output)."""
+    """Return a block with the input `StepInput`, made from a part with step(t, state, input) -> (state, output)."""
 
     def step(p: Any, s: Any, now: StepInput) -> Any:
         return p.step(now.t, s, now.input)
@@ -263,7 +268,7 @@ def timed_block(name: str, doc: str, block: Any, input: Any) -> BlockDefinition:
 
 
 def failsafe_block(failsafe: Failsafe, command: Command) -> BlockDefinition:
-    """Return a failsafe as a block, for commands of this structure."""
+    """Return a failsafe as a block. command: example with the structure of the commands."""
     no, value = np.bool_(False), zeros_like(command.value)
     first = FailsafeInput(
         command=_no_sample(value), manual=value, takeover=no, radio=no, arm=no, disarm=no, breach=np.int32(0)
@@ -277,9 +282,9 @@ def failsafe_block(failsafe: Failsafe, command: Command) -> BlockDefinition:
 
 
 def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
-    """Return the failsafe of the scenario; without one, that of the command's record; without either, a default.
+    """Return the failsafe of the scenario, or else that of the command's record, or else a default.
 
-    The default stops when no commands arrive, and accepts all finite numbers.
+    The default stops the vehicle when no commands arrive, and accepts all finite numbers.
     """
     if isinstance(scenario.failsafe, Failsafe):
         return scenario.failsafe
@@ -293,7 +298,10 @@ def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
 
 
 def uplink_block(uplink: Any, command: Command, *, seed: int = 0) -> BlockDefinition:
-    """Return a channel between a link and the failsafe, for commands of this structure: one sample in, one out."""
+    """Return the block of a channel between a link and the failsafe: one sample in, one sample out.
+
+    command: example with the structure of the commands.
+    """
     newest = _no_sample(zeros_like(command.value))
 
     def init(p: UplinkParameters) -> Any:
@@ -315,9 +323,9 @@ def _no_sample(value: Any) -> Sample:
 
 
 def motion_block(scenario: Scenario) -> BlockDefinition:
-    """Return the block of a vehicle's motion, for displays that need the motion instead of the state's own numbers.
+    """Return the block that computes a vehicle's motion from its state, for displays.
 
-    Its inputs below `input` are "truth", the state, and "u", the vehicle's input.
+    The inputs below `input` are "truth", the state, and "u", the vehicle's input.
     """
     inputs = run_inputs(hold_vehicle(scenario))
     s, _ = jax.eval_shape(inputs.initial_states)
@@ -331,7 +339,10 @@ def motion_block(scenario: Scenario) -> BlockDefinition:
 
 
 def place_block() -> BlockDefinition:
-    """Return the block from a position `p_WB` to the globe; the parameters give W. Source: docs page, Earth."""
+    """Return the block that converts a position `p_WB` to latitude, longitude and height.
+
+    The parameters give the position of W on the globe. Source: docs page, Earth.
+    """
 
     def step(p: Any, s: Any, now: Any) -> Any:
         return s, dict(zip(("latitude", "longitude", "height"), p.from_ned(now["p_WB"]), strict=True))
@@ -341,9 +352,10 @@ def place_block() -> BlockDefinition:
 
 
 def replace_links(scenario: Scenario) -> Scenario:
-    """Return the scenario with wires in place of simulated channels: delays and losses are those of the real link.
+    """Return the scenario with ideal channels instead of simulated ones, because a real link has its own delays and
+    losses.
 
-    Faults of the channels stay.
+    Faults of the channels are kept.
     """
     world = scenario.world
     downlink, uplink = _replace_with_wire(world.downlink), _replace_with_wire(world.uplink)

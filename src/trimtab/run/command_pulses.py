@@ -1,4 +1,4 @@
-"""Pulses of servos and speed controllers for the numbers of a command: on a board, and on a foreign autopilot."""
+"""Conversion of a command's numbers to pulses of servos and speed controllers, on a board or a foreign autopilot."""
 
 from typing import NamedTuple
 
@@ -14,11 +14,15 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.blocks import UNLIMITED, choose_failsafe
 
 MOST_OUTPUTS = 8
-"""Number of outputs in the message of the servo outputs."""
+"""Number of outputs that the message of servo outputs has."""
 
 
 class PulseOutput(NamedTuple):
-    """One output of a board: path and slot of its number, the declaration, the pulse table, and the safe pulse (s)."""
+    """One output of a board, for one number of the command.
+
+    path, slot: the number's path in the command, and its index in an array or None.  declared: the number's
+    declaration.  pulse: its pulse table.  safe: width of the safe pulse (s).
+    """
 
     path: str
     slot: int | None
@@ -35,21 +39,21 @@ class PulseOutput(NamedTuple):
 def find_outputs(
     scenario: Scenario, command: Command, most: int = MOST_OUTPUTS, part: str = "firmware"
 ) -> list[PulseOutput]:
-    """Return an output for each number of a scenario's command, in their order.
+    """Return an output for each number of a scenario's command, in the order of the numbers.
 
     Args:
         scenario: scenario with the actuators.
-        command: a command of the scenario's structure.
+        command: example with the structure of the scenario's commands.
         most: number of outputs of the board.
         part: name of the caller, for errors.
 
-    The table is the one that the actuators declare (`pulses`, ServoPulse, stops of a bank). Otherwise it is linear
-    from 1 to 2 ms between the limits of the failsafe, else of the vehicle (`input_limits`), else those that the
-    command's record declares. The safe pulse is that of the failsafe's safe value, else of the value nearest to zero,
-    at which a motor stands still.
+    The pulse table is the one that the actuators declare (`pulses`, ServoPulse, stops of a bank). Otherwise it is
+    linear from 1 to 2 ms between the first known limits: those of the failsafe, of the vehicle (`input_limits`), or of
+    the command's record. The safe pulse is the pulse of the failsafe's safe value. Without a failsafe, it is the pulse
+    of the value nearest to zero, at which a motor stands still.
 
     Raises:
-        InputError: a number without known limits, or more numbers than outputs.
+        InputError: a number has no known limits, or the command has more numbers than the board has outputs.
     """
     at_rest = {path: value for path, value, _ in leaves(choose_failsafe(scenario, command).safe)}
     outputs = list[PulseOutput]()
@@ -71,7 +75,7 @@ def find_outputs(
 
 
 def _find_pulse(scenario: Scenario, path: str, declared: Quantity, part: str) -> ServoPulse:
-    """Return the pulse table of a number of the command."""
+    """Return the pulse table of the number at this path of the command."""
     known = optional_member(scenario.world.actuators, "pulses")()
     name = path.partition(".")[0]
     if name in known:
@@ -91,7 +95,7 @@ def _find_pulse(scenario: Scenario, path: str, declared: Quantity, part: str) ->
 
 
 def describe_outputs(outputs: list[PulseOutput]) -> list[str]:
-    """Return a line of text for each output, for the wiring."""
+    """Return a line of text for each output, as instructions for the wiring."""
     lines = list[str]()
     for k, o in enumerate(outputs):
         values, widths = np.asarray(o.pulse.values), 1e3 * np.asarray(o.pulse.widths)

@@ -1,7 +1,7 @@
-"""cosimulate: a scenario whose vehicle is an FMU, in virtual time. The loop is compiled, and calls the FMU.
+"""Simulation of a scenario whose vehicle is an FMU, in virtual time. The rest of the loop is compiled.
 
-At each instant the FMU's outputs are the truth: sensors, links, autopilot and actuators are stepped with it as in
-`simulate`. Then the FMU is stepped to the next instant with the actuators' output as its input.
+At each instant, the FMU's outputs are the true state. Sensors, links, autopilot and actuators are stepped with this
+state as in `simulate`. Then the FMU is stepped to the next instant, with the actuators' output as its input.
 """
 
 from collections.abc import Mapping
@@ -40,7 +40,10 @@ MEASURED_STEPS = 300
 
 @record
 class SteppedWorldInput:
-    """Input of a world around a stepped vehicle: a `WorldInput`, and more fields. Source: docs page, FMU."""
+    """Input of a world whose vehicle is stepped by a host program: the fields of `WorldInput`, and two more.
+
+    Source: docs page, FMU.
+    """
 
     t: Any = quantity("100 ns", "Time of the last instant, at which the command was issued.", kind="time")
     h: Any = quantity("100 ns", "Time from the last instant to this instant.", kind="time")
@@ -48,15 +51,15 @@ class SteppedWorldInput:
     is_held: Any = quantity(
         "1", "True if the vehicle is held in place, so that its true state doesn't change.", kind="flag"
     )
-    fresh: Any = quantity("1", "True if the command is new.", kind="flag")
+    fresh: Any = quantity("1", "True if the command is new at this instant.", kind="flag")
     command: Any = part("Command.")
-    acts: Any = quantity("1", "True: this step is for the actuators. False: it is for the sensors.", kind="flag")
+    acts: Any = quantity("1", "True if this step runs the actuators, False if it runs the sensors.", kind="flag")
     truth: Any = part("True state of the vehicle at this instant.")
 
 
 @record
 class HostInput:
-    """Input of a loop around a stepped vehicle at each instant. Source: docs page, FMU."""
+    """Input, at each instant, of a loop whose vehicle is stepped by a host program. Source: docs page, FMU."""
 
     t: Any = quantity("100 ns", "Present time.", kind="time")
     truth: Any = part("True state of the vehicle at this instant.")
@@ -65,12 +68,12 @@ class HostInput:
 def cosimulate(
     scenario: Scenario, *, seed: int = 0, run: int = 0, duration: int | None = None, log_period: int = ms(1)
 ) -> Log:
-    """Run a scenario whose vehicle is an FMU, and return its log; arguments and log are those of `simulate`.
+    """Run a scenario whose vehicle is an FMU, and return its log. Arguments and log are those of `simulate`.
 
     Raises:
-        InputError: an FMU that is not trusted, does not start or refuses a step; no C compiler.
+        InputError: the FMU is not trusted, does not start or refuses a step; or no C compiler is found.
 
-    An FMU may request the end before the scenario's: the log ends there, and contains `ended_s`.
+    If the FMU requests the end of the run before the scenario's duration, the log ends there and contains `ended_s`.
     """
     scenario, table, written = prepare_run(hold_vehicle(scenario), [seed], duration, log_period)
     inputs = run_inputs(scenario, seed, run)
@@ -91,7 +94,7 @@ def cosimulate(
 
 
 def _fly(loop: CompiledBlock, fmu: FmuInstance, table: Timetable, written: Any) -> tuple[Any, int]:
-    """Return the logged rows, and the number of instants until the FMU requested the end, or of all."""
+    """Return the logged rows and the number of instants that were run. The FMU may request the end early."""
     truth = slot_indices(loop.reads, "truth.", len(loop.inputs))
     acting = slot_indices(loop.writes, "actuators.u.", len(loop.outputs))
     rows = list[Any]()
@@ -108,14 +111,14 @@ def _fly(loop: CompiledBlock, fmu: FmuInstance, table: Timetable, written: Any) 
 
 
 def slot_indices(where: Mapping[str, Any], prefix: str, size: int) -> Any:
-    """Return the indices of all leaves below a path in a vector of a size, in order."""
+    """Return the indices, in a vector of length `size`, of all leaves whose path begins with `prefix`, in order."""
     every = np.arange(size)
     found = [np.atleast_1d(every[at]) for path, at in where.items() if path.startswith(prefix)]
     return np.concatenate([np.zeros(0, np.intp), *found])
 
 
 def _host_block(inputs: RunInputs, always: frozenset[int]) -> BlockDefinition:
-    """Return the closed loop around a given truth: `HostInput` in, the signals of the instant out."""
+    """Return the closed loop without its vehicle: `HostInput`, the true state, in, the signals of the instant out."""
 
     def init(p: RunInputs) -> Any:
         return p.drop_derived_outputs(*p.initial_states(), always)
@@ -138,9 +141,10 @@ def _host_block(inputs: RunInputs, always: frozenset[int]) -> BlockDefinition:
 
 
 def prepare_world(scenario: Scenario, *, seed: int = 0) -> tuple[Any, Frame, Command]:
-    """Return the world of a scenario, compiled or around an FMU, and its messages on a link.
+    """Return the world of a scenario, and examples of frame and command as a link carries them.
 
-    Raise InputError without a C compiler, or if an FMU is not trusted.
+    The world is compiled; if the vehicle is an FMU, the rest of the world is. Raise InputError if no C compiler is
+    found, or if an FMU is not trusted.
     """
     if not has_stepped_vehicle(scenario):
         return compile_world(scenario, seed=seed)
@@ -148,13 +152,13 @@ def prepare_world(scenario: Scenario, *, seed: int = 0) -> tuple[Any, Frame, Com
 
 
 class SteppedWorld:
-    """A world around an FMU, used like the compiled block of a world: `WorldInput` in, `WorldOutput` out.
+    """World whose vehicle is an FMU, used like the compiled block of a world: `WorldInput` in, `WorldOutput` out.
 
-    After an FMU has requested the end, its state is held.
+    After the FMU has requested the end of the run, its state does not change any more.
     """
 
     def __init__(self, scenario: Scenario, *, seed: int = 0) -> None:
-        """Compile the loop around the vehicle, and start the FMU."""
+        """Compile the world without its vehicle, and start the FMU."""
         scenario = add_stick_sensor(scenario)
         scenario.check()
         self._block = compile_block(_stepped_block(hold_vehicle(scenario), seed))
@@ -166,13 +170,13 @@ class SteppedWorld:
         self._acting = slot_indices(self.writes, "actuators.u.", len(self.outputs))
 
     def reset(self) -> None:
-        """Return to the first state: restart the FMU."""
+        """Return to the initial state. Restart the FMU."""
         self._fmu.close()
         self._block.reset()
         self._fmu, self._is_over = FmuInstance(self._fmu.vehicle), False
 
     def measure_steps(self, h: int) -> float:
-        """Return the time (s) of a step by integer time h, at the 99th percentile. Then reset to the first state."""
+        """Return the computing time (s) of a step, 99th percentile. h: integer time of a step. Reset at the end."""
         took = list[int]()
         for k in range(MEASURED_STEPS):
             self.inputs[self.reads["t"]], self.inputs[self.reads["h"]] = max(k - 1, 0) * h, h if k else 0
@@ -198,7 +202,7 @@ class SteppedWorld:
 
 
 def _stepped_block(scenario: Scenario, seed: int) -> BlockDefinition:
-    """Return a world around a given truth; each instant takes two steps: first the actuators, then the sensors."""
+    """Return a world without its vehicle. Each instant takes two steps: first the actuators, then the sensors."""
     inputs = run_inputs(scenario, seed)
 
     def init(p: RunInputs) -> Any:

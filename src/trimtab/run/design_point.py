@@ -1,4 +1,4 @@
-"""Operating points of a vehicle, from the words of `trimtab trim`, `linearise` and `zeros`, and `trim` in Python."""
+"""Operating points of a vehicle, from the conditions of ``--at`` in `trimtab trim`, `linearise` and `zeros`."""
 
 import math
 import re
@@ -18,13 +18,15 @@ from trimtab.design.trim import Trim, idle_states, is_length, trim
 from trimtab.run.plant import Plant
 
 ZERO = 1e-12
-"""Size below which numbers of a trim count as zero (rounding)."""
+"""Magnitude below which a number of a trim is rounded to zero."""
 
 
 class Conditions(NamedTuple):
-    """fixed: state or input -> value.  free, kept, loose: names.  rates: state -> wanted derivative.
+    """Conditions of an operating point, by the names of states, inputs and outputs.
 
-    outputs: output -> value.  bounds: unknown -> (low, high).
+    fixed: state or input -> value.  free: unknowns of the trim.  kept: states and inputs that keep their initial value.
+    loose: states whose derivative may have any value.  rates: state -> desired derivative.  outputs: output -> value.
+    bounds: unknown -> (low, high).
     """
 
     fixed: dict[str, float]
@@ -37,7 +39,7 @@ class Conditions(NamedTuple):
 
 
 def parse_conditions(plant: Plant, words: tuple[str, ...]) -> Conditions:
-    """Return the conditions of ``--at``, by name."""
+    """Return the conditions that are typed as ``--at NAME=VALUE``."""
     c = Conditions({}, set(), set(), set(), {}, {}, {})
     model = plant.model
     for word in words:
@@ -62,9 +64,10 @@ def parse_conditions(plant: Plant, words: tuple[str, ...]) -> Conditions:
 def find_point(plant: Plant, words: tuple[str, ...]) -> Trim:
     """Return the trim for ``--at``: at rest if possible, else level and straight flight, else any steady motion.
 
-    Inputs and states other than positions are free unless ``--at`` gives a value. All derivatives are zero, except
-    those of positions and of states that nothing depends on; these are zero too if a trim with that exists. If the
-    vehicle can't rest and ``--at`` leaves several trims, level flight at the start's speed is taken: `Trim.taken`.
+    Inputs, and states other than positions, are free unless ``--at`` gives a value. All derivatives are zero, except
+    those of positions and of states on which no other state depends. These are zero too if such a trim exists. If the
+    vehicle can't rest and ``--at`` leaves several trims, the one in level flight at the initial speed is chosen;
+    `Trim.taken` contains the added conditions.
     """
     c, model = parse_conditions(plant, words), plant.model
     idle = idle_states(model, plant.units) | plant.places
@@ -90,7 +93,7 @@ def find_point(plant: Plant, words: tuple[str, ...]) -> Trim:
         if still is not None and still.is_found:
             if held is not rest or not _is_moving(plant, still):
                 return still
-            moving = still  # the state is constant but the vehicle moves: its state has no position
+            moving = still  # the state is constant, but the vehicle moves, because its state contains no position
     if moving is not None:
         return moving
     u = _holding_inputs(model, x, u, c, free) | u
@@ -98,10 +101,10 @@ def find_point(plant: Plant, words: tuple[str, ...]) -> Trim:
 
 
 def _carried_states(plant: Plant) -> list[str]:
-    """Return velocities and angles that only record the motion of a body carried along a path.
+    """Return the velocities and angles that only record the motion of a body which is carried along a path.
 
-    Empty for a vehicle whose position depends on one of its velocities. If the body stands still, the velocities are
-    zero; they are never unknowns of a trim.
+    The list is empty if the vehicle's position depends on one of its velocities. Recorded velocities are zero if the
+    body stands still. They are never unknowns of a trim.
     """
     model = plant.model
     speeds = {n for n in model.states if plant.units.get(n) == "m/s"}
@@ -117,7 +120,7 @@ def _carried_states(plant: Plant) -> list[str]:
 
 
 def _refuse_carried(plant: Plant, c: Conditions, carried: list[str]) -> None:
-    """Raise InputError for conditions of ``--at`` on recorded states, and on the speed and angles of these."""
+    """Raise InputError for conditions of ``--at`` on states that are only recorded, or on outputs that follow these."""
     model = plant.model
     said = {*c.fixed, *c.free, *c.kept, *c.rates, *c.outputs}
     asked = [n for n in (*carried, *model.outputs) if n in said and (n in carried or n not in model.states)]
@@ -130,14 +133,17 @@ def _refuse_carried(plant: Plant, c: Conditions, carried: list[str]) -> None:
 
 
 def _is_moving(plant: Plant, point: Trim) -> bool:
-    """Return True if a vehicle with a speed moves at a trim."""
+    """Return True if the vehicle has an output or state "speed" and moves at the trim."""
     y = dict(zip(plant.model.outputs, plant.model.evaluate(point.x, point.u)[1].tolist(), strict=True))
     y |= dict(zip(plant.model.states, point.x.tolist(), strict=True))
     return bool(y.get(plant.flight().get("speed", ""), 0.0) > STANDS)
 
 
 def _still_states(plant: Plant, c: Conditions, loose: list[str]) -> tuple[set[str], set[str]]:
-    """Return the states of `loose` to hold, at rest and in straight flight; empty if motion is wanted."""
+    """Return the states of `loose` that are constant at rest, and those that are constant in straight flight.
+
+    A set is empty if the conditions require motion or rotation.
+    """
     stay = {n for n in loose if n not in c.loose}
     moves = any(v and plant.units.get(n) in ("m/s", "rad/s") for n, v in c.fixed.items() if n in plant.model.states)
     turns = {n for n in stay if plant.units.get(n) == "rad" and n not in plant.places}
@@ -146,9 +152,10 @@ def _still_states(plant: Plant, c: Conditions, loose: list[str]) -> tuple[set[st
 
 
 def _find_level(plant: Plant, c: Conditions, model: StateSpaceModel, **wanted: Any) -> Trim | None:
-    """Return level flight at the start's speed and heading, as far as ``--at`` leaves it open, or None.
+    """Return level flight at the initial speed and heading, unless ``--at`` sets these, or None.
 
-    If no such flight exists (a torpedo rolls by its screw), allow a roll angle, then sideslip, then climb.
+    If no such flight exists, allow a roll angle, then sideslip, then climb. A torpedo, for example, rolls by the torque
+    of its propeller.
     """
     names = plant.flight()
     level = _level_conditions(plant, c, names)
@@ -171,7 +178,10 @@ def _find_level(plant: Plant, c: Conditions, model: StateSpaceModel, **wanted: A
 
 
 def _level_conditions(plant: Plant, c: Conditions, names: Mapping[str, str]) -> dict[str, float]:
-    """Return state or output -> value of level flight as at the start, without those in ``--at``; {} at rest."""
+    """Return state or output -> value of level flight at the initial speed, without those that ``--at`` sets.
+
+    Return {} if the initial state is at rest.
+    """
     model = plant.model
     known = dict(zip(model.outputs, model.evaluate(model.x0, model.u0)[1].tolist(), strict=True))
     known |= dict(zip(model.states, np.asarray(model.x0).tolist(), strict=True))
@@ -187,9 +197,9 @@ def _level_conditions(plant: Plant, c: Conditions, names: Mapping[str, str]) -> 
 
 
 def _holding_inputs(model: StateSpaceModel, x: Any, u: Any, c: Conditions, free: list[str]) -> dict[str, float]:
-    """Return the start of a search: the free inputs that hold the first state best, to first order.
+    """Return the initial guess of a search: the free inputs that best keep the first state constant, to first order.
 
-    From zero inputs, such as stopped rotors, the nearest trim would be a steady fall.
+    With an initial guess of zero, as for stopped rotors, the search would find a steady fall.
     """
     x0, u0 = model.point(x, u)
     slope = model.slopes(x0, u0)[1]
@@ -206,7 +216,10 @@ def linearise_at(plant: Plant, point: Trim) -> LinearModel:
 
 
 def smooth_model(plant: Plant, point: Trim, outputs: tuple[str, ...] = ()) -> StateSpaceModel:
-    """Return deviations from a trim, without outputs that have no slope there. Raise InputError if one is wanted."""
+    """Return the model of deviations from a trim, without outputs that are not differentiable there.
+
+    Raise InputError if such an output is in `outputs`.
+    """
     model = plant.error(*(np.where(np.abs(v) < ZERO, 0.0, v) for v in (point.x, point.u)))
     lacking = unsmooth_outputs(model)
     asked = [n for n in outputs if n in lacking]
@@ -219,7 +232,7 @@ def smooth_model(plant: Plant, point: Trim, outputs: tuple[str, ...] = ()) -> St
 
 
 def format_value(plant: Plant, name: str, value: float) -> str:
-    """Return a number with its unit; angles in degrees."""
+    """Return the text of a number with its unit. Angles are in degrees."""
     unit = plant.units.get(name, "")
     value = 0.0 if abs(value) < 1e-12 else value
     if unit in ("rad", "rad/s"):
@@ -228,7 +241,7 @@ def format_value(plant: Plant, name: str, value: float) -> str:
 
 
 def _steady_states(plant: Plant, idle: set[str]) -> set[str]:
-    """Return states that are held unless freed: idle states, and positions, which specify a point."""
+    """Return the states that keep their value unless ``--at`` frees them: idle states, and positions."""
     lengths = {n for n in plant.model.states if is_length(plant.units.get(n, ""))}
     return idle | lengths
 
@@ -258,10 +271,13 @@ def _add_condition(c: Conditions, plant: Plant, name: str, text: str, is_rate: b
 
 
 def parse_amount(plant: Plant, part: str, text: str, name: str, *, per_second: bool = False) -> float:
-    """Return the number of a text, with a unit or in the vehicle's own, for a state or input or its rate."""
+    """Return the number in a text, for a state, an input or their rate, in the vehicle's unit.
+
+    A text without unit is in the vehicle's unit already.
+    """
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?", text)
     if match is None:
-        fix = f"{part}=NUMBER, with a unit if you like, or free, fixed, LOW..HIGH"
+        fix = f"{part}=NUMBER, with or without a unit, or free, fixed, LOW..HIGH"
         raise InputError(part, f"{text!r} is not a number", fix=fix)
     number, unit, own = float(match[1]), match[2], plant.units.get(name, "1")
     if unit is None:

@@ -1,4 +1,4 @@
-"""Error budget: the cost of each imperfection, from flights without it and flights with it alone.
+"""Error budget: the cost of each imperfection, from flights without this imperfection and flights with only this one.
 
 Source: docs page, Error budget.
 """
@@ -24,22 +24,22 @@ from trimtab.run.walk_structure import signal_structure
 from trimtab.scenarios.build import find_scenario
 
 ALL, NONE = "all", "none"
-"""Names of the rows with all imperfections, and with none."""
+"""Names of the flights with all imperfections, and of those with none."""
 NAVIGATION_FIELDS = {
     "position": ("north", "east"),
     "velocity": ("surge_velocity", "sway_velocity"),
     "heading": ("heading",),
 }
-"""Fields of the estimate that each measure compares with the truth."""
+"""Fields of the estimate that are compared with the true state, by measure."""
 UNITS = {"position error": "m", "velocity error": "m/s", "heading error": "rad"}
 
 
 class Cost(NamedTuple):
-    """Cost of one imperfection, by measure: RMS error over runs and instants, and its standard error.
+    """Cost of one imperfection, by measure: RMS error over runs and instants, and the standard error of this number.
 
-    If a run has no valid estimate, measures of the estimate are infinite.
+    If a run has no valid estimate, the measures of the estimate are infinite.
 
-    without: flown with all imperfections except this one. alone: flown with only this imperfection.
+    without: from flights with all imperfections except this one.  alone: from flights with only this imperfection.
     """
 
     name: str
@@ -48,9 +48,9 @@ class Cost(NamedTuple):
 
 
 class ErrorBudget(NamedTuple):
-    """Costs of all imperfections, the largest first. As they interact, the costs need not add up to the whole.
+    """Costs of all imperfections, the largest first. They need not add up to the whole, as imperfections interact.
 
-    units: by measure.  whole, least: measures with all imperfections, and with none.
+    units: unit of each measure.  whole: measures with all imperfections.  least: measures with no imperfection.
     """
 
     units: Mapping[str, str]
@@ -75,17 +75,17 @@ def error_budget(
     >>> [cost.name for cost in budget.costs]
     ['dead-zone']
 
-    Measured over the second half of each run: the distance of the truth from the scenario's targets, and for a
-    navigation estimate also its distance from the truth at the same time.
+    The measures cover the second half of each run: the distance of the signals from the scenario's targets, and the
+    distance of a navigation estimate from the true state at the same time.
 
     Args:
         scenario: the scenario, or its name.
-        seeds: seeds of the runs, the same for every row, so that rows differ only by the imperfection.
-        names: names of imperfections; all of the scenario when empty.
-        tell: called with a name after each set of flights.
-        backend: as for `simulate`.
+        seeds: seeds of the runs. Every set of flights has the same seeds, so that only the imperfections differ.
+        names: names of imperfections. Empty: all imperfections of the scenario.
+        tell: called with the name of each set of flights after the set is flown.
+        backend: backend, as in `simulate`.
 
-        Raises: InputError if the scenario lacks an imperfection of a name, or has nothing to measure.
+        Raises: InputError if the scenario lacks a named imperfection, or has nothing to measure.
     """
     scenario = find_scenario(scenario)
     chosen, known = list(seeds), scenario.imperfections()
@@ -135,7 +135,7 @@ def flight_set_count(scenario: Scenario, names: Iterable[str] = ()) -> int:
 
 
 def cost_share(budget: ErrorBudget, cost: Cost, measure: str) -> float:
-    """Return an imperfection's share of the whole's mean square; below 0 if it helps, NaN if unknown."""
+    """Return an imperfection's share of the total mean square error. Below 0: it reduces the error. NaN: unknown."""
     whole, without = budget.whole[measure][0], cost.without[measure][0]
     if not (np.isfinite(whole) and np.isfinite(without)):
         return float("nan")
@@ -143,7 +143,7 @@ def cost_share(budget: ErrorBudget, cost: Cost, measure: str) -> float:
 
 
 def _is_measurable(scenario: Scenario) -> bool:
-    """Return True if a scenario has targets, or an estimate with sigmas of fields of the truth; nothing flies."""
+    """Return True if a scenario has targets, or an estimate with sigmas to compare with the truth. Nothing is flown."""
     if scenario.targets:
         return True
     _, autopilot = jax.eval_shape(run_inputs(scenario).initial_states)
@@ -154,7 +154,7 @@ def _is_measurable(scenario: Scenario) -> bool:
 
 def _refuse_scenario(scenario: Scenario) -> None:
     problem = "has neither targets nor an estimate with sigmas to compare with the truth: there is nothing to measure"
-    fix = "give the scenario targets=(Target(…),), or use one that has either: trimtab budget hovercraft/forward"
+    fix = "give the scenario targets=(Target(…),), or use another scenario: trimtab budget hovercraft/forward"
     raise InputError(f"scenario {scenario.name!r}", problem, fix=fix)
 
 
@@ -178,7 +178,7 @@ def _compute_measures(logs: list[Log], scenario: Scenario) -> dict[str, tuple[fl
 
 
 def _root_mean_square(squares: Any) -> tuple[float, float]:
-    """Return the root of the mean of the runs' mean squares, and its standard error."""
+    """Return the root of the mean of the runs' mean squares, and the standard error of this root."""
     mean, n = float(squares.mean()), len(squares)
     root = float(np.sqrt(mean))
     if n < 2 or root == 0.0 or not np.isfinite(root):

@@ -1,4 +1,4 @@
-"""Parameters to fit to flights: settings of the vehicle and its actuators, with bounds, and a delay."""
+"""Parameters that can be fitted to flights: settings of the vehicle and its actuators, with bounds, and a delay."""
 
 import math
 from collections.abc import Sequence
@@ -13,12 +13,12 @@ from trimtab.core.suggestions import closest
 from trimtab.loop.scenario import Scenario
 
 DELAY = "delay"
-"""Name of the delay parameter: time (s) from the logged command to its effect, including clock differences."""
+"""Name of the delay parameter: the time (s) from a logged command to its effect, including clock differences."""
 LONGEST_DELAY = 0.5
 
 
 class FitParameter(NamedTuple):
-    """A parameter to fit. path: setting, or "delay".  start: start of the search.  low, high: bounds."""
+    """Parameter to fit. path: path of a setting, or "delay".  start: initial value in the fit.  low, high: bounds."""
 
     path: str
     unit: str
@@ -28,7 +28,10 @@ class FitParameter(NamedTuple):
 
 
 def find_parameters(scenario: Scenario, paths: Sequence[str]) -> tuple[Scenario, tuple[FitParameter, ...]]:
-    """Return the scenario with the parts that the paths lead into, and the parameters. Raise InputError for others."""
+    """Return the scenario, with the parts in which the parameters are, and the parameters at these paths.
+
+    Raise InputError for a path that is not a numeric parameter of the vehicle or its actuators.
+    """
     parameters = []
     for path in paths:
         if path == DELAY:
@@ -47,7 +50,7 @@ def find_parameters(scenario: Scenario, paths: Sequence[str]) -> tuple[Scenario,
         value, declared = real[base]
         assert isinstance(declared, Quantity)
         if not has_index(np.shape(value), at):
-            fix = f"{argument('paths', [first_number(base, np.shape(value))])}, one of them"
+            fix = f"{argument('paths', [first_number(base, np.shape(value))])}, for its first number"
             raise InputError(argument_name("paths", path), f"has shape {np.shape(value)}", fix=fix)
         value = np.asarray(value, np.float64)[at or ()]
         low, high = _bounds(declared)
@@ -66,7 +69,7 @@ def _bounds(declared: Quantity) -> tuple[float, float]:
 
 
 def find_scale(p: FitParameter) -> float:
-    """Return the unit of the search: a tenth of the value, or a typical size for its unit."""
+    """Return the scale of a parameter in the search: a tenth of its initial value, or a typical size for its unit."""
     if p.path == DELAY:
         return 0.01
     return 0.1 * abs(p.start) if p.start else {"rad": 0.02, "m": 0.01}.get(p.unit, 0.003)

@@ -1,4 +1,4 @@
-"""Gradients of a whole run with respect to parameters: the derivative is carried along with the state, in C."""
+"""Gradients of a whole run with respect to parameters. The compiled loop computes them along with the state."""
 
 import functools
 from collections.abc import Callable, Iterable, Mapping
@@ -23,9 +23,11 @@ Cost = Callable[[Signals], Any]
 
 
 class Gradient(NamedTuple):
-    """cost: its integral over the run (unit of the cost x s).  slope: path -> its derivative, shape of the parameter.
+    """Cost of one run and its derivatives.
 
-    The derivative is that of this one run. If the loop switches on data, the cost jumps; the derivative ignores jumps.
+    cost: integral of the running cost over the run (unit of the running cost x s).  slope: path of a parameter ->
+    derivative of the cost, in the shape of the parameter. If the loop switches depending on data, the cost may jump
+    with a parameter. The derivative does not include such jumps.
     """
 
     cost: float
@@ -38,15 +40,15 @@ def gradient(
     """Return the integral of a running cost over one run, and its derivatives, by forward mode in C.
 
     Args:
-        scenario: the scenario; checked completely before the run.
-        cost: signals of an instant (`loop.walk.Signals`) -> scalar, in JAX, e.g.
+        scenario: the scenario. It is checked completely before the run.
+        cost: running cost: signals of an instant (`loop.walk.Signals`) -> scalar, in JAX, e.g.
             ``lambda s: s.truth.yaw_rate**2``. Define the function once: each new function is compiled again.
         paths: paths of parameters that are real numbers, e.g. ("autopilot.law.k1", "autopilot.law.k2").
         seed: seed of the random numbers.
-        duration: integer time; the scenario's own when None.
+        duration: duration of the run, integer time. None: the scenario's duration.
 
     Raises:
-        InputError: as `simulate`; or for a path that is not a real parameter, or without a C compiler.
+        InputError: as `simulate`; or a path is not that of a real parameter; or no C compiler is found.
     """
     scenario, table, _ = prepare_run(scenario, [seed], duration, ms(1))
     inputs = run_inputs(scenario, seed)
@@ -59,7 +61,7 @@ def gradient(
 
 
 class Gradients(NamedTuple):
-    """costs: (n, k), the integrals of n runs.  slopes: (n, k, d), their derivatives along d parameters."""
+    """Costs of n runs and their derivatives. costs: (n, k).  slopes: (n, k, d), derivatives by d parameters."""
 
     costs: Any
     slopes: Any
@@ -76,16 +78,17 @@ def gradients(
     since: tuple[int, ...] = (0,),
     threads: int | None = None,
 ) -> Gradients:
-    """Return `gradient` for many runs at once, with their own random numbers and parameters.
+    """Return costs and derivatives, as `gradient` does, of many runs that differ in random numbers and parameters.
 
     Args:
         scenario: the scenario.
-        cost: signals of an instant -> (k,), in JAX; defined once, as for `gradient`.
-        along: parameters of the derivatives, each a path and the index of one number, () for a scalar.
+        cost: running costs: signals of an instant -> (k,), in JAX. Define the function once, as for `gradient`.
+        along: parameters by which the costs are differentiated, each a path and the index of one number, () for a
+            scalar.
         seeds, runs: the two words of each run's key.
-        spread: path -> values (n, …), as `simulate_batch` takes them.
+        spread: path of a parameter -> its values (n, …), as in `simulate_batch`.
         since: integer times from which each of the k costs is integrated.
-        threads: number of threads; the number of cores when None.
+        threads: number of threads. None: the number of cores.
     """
     chosen, entries = list(seeds), list(along)
     scenario, table, _ = prepare_run(scenario, chosen, None, ms(1))
@@ -114,7 +117,7 @@ def _fly_directions(
     directions: Any,
     threads: int | None,
 ) -> Any:
-    """Return costs and their derivatives (runs x directions, 2 k): each run flies once along each direction."""
+    """Return costs and their derivatives (runs x directions, 2 k). Each run is flown once for each direction."""
     of = walk_structure(inputs, table.always, ())
     count = len(of.shapes)
     varying = frozenset(own) | frozenset(range(count, count + len(at)))
@@ -131,7 +134,10 @@ def _fly_directions(
 
 
 def _find_parameters(inputs: RunInputs, paths: tuple[str, ...]) -> tuple[tuple[int, ...], list[tuple[int, ...]]]:
-    """Return the positions among the inputs, and shapes. Raise InputError for a path that is not a real parameter."""
+    """Return the positions of parameters among the inputs, and their shapes.
+
+    Raise InputError for a path that is not that of a real parameter.
+    """
     known, values = leaf_paths(inputs), jax.tree.leaves(inputs)
     real = [p for p, v in zip(known, values, strict=True) if np.asarray(v).dtype == np.float64]
     if not paths:
@@ -147,7 +153,8 @@ def _find_parameters(inputs: RunInputs, paths: tuple[str, ...]) -> tuple[tuple[i
 
 @functools.lru_cache(maxsize=16)
 def _lower_dual(of: WalkStructure, at: tuple[int, ...], cost: Cost, since: tuple[int, ...]) -> WalkProgram:
-    """Return the walk of cost, state and their derivatives; its inputs are those of the run and a direction."""
+    """Return the program that steps cost, state and their derivatives. Its inputs are those of the run, and a direction
+    in the space of the parameters."""
     example = jax.tree.leaves(of.zero_inputs())
     dual = _DualRun(of.tree, of.always, at, cost, since)
     direction = [example[i] for i in at]
@@ -157,7 +164,7 @@ def _lower_dual(of: WalkStructure, at: tuple[int, ...], cost: Cost, since: tuple
 
 
 class _DualRun:
-    """A run with its derivative along a direction; values that are not real have no derivative."""
+    """Run with its derivative along a direction. Values that are not real numbers have no derivative."""
 
     def __init__(
         self, tree: Any, always: frozenset[int], at: tuple[int, ...], cost: Cost, since: tuple[int, ...]
@@ -172,7 +179,7 @@ class _DualRun:
         return jax.tree.unflatten(self.tree, mine)
 
     def split(self, state: Any) -> tuple[list[Any], list[Any]]:
-        """Return the real leaves of a state, and the others; store how to join them."""
+        """Return the real leaves of a state, and the other leaves. Store the structure with which to join them."""
         values, tree = jax.tree.flatten(state)
         real = [np.issubdtype(jax.numpy.result_type(v), np.floating) for v in values]
         self.structure = tree, real

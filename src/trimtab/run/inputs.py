@@ -1,4 +1,4 @@
-"""Inputs of a run: world, autopilot, first state and key, as numbers by path; and the inputs that differ by run."""
+"""Inputs of a run, as numbers by path: world, autopilot, initial state and key. Some inputs may differ between runs."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -31,7 +31,10 @@ class RunInputs:
         return start(self.world, self.autopilot, self.initial, self.key)
 
     def drop_derived_outputs(self, s: Any, a: Any, always: frozenset[int]) -> tuple[WorldState, AutopilotState]:
-        """Return the two states as a loop carries them, see `loop.walk`. always: periods due at every instant."""
+        """Return the states without outputs that the loop can derive again, see `loop.walk`.
+
+        always: periods that are due at every instant.
+        """
         return drop_derived_outputs(self.world, self.autopilot, s, a, always)
 
 
@@ -46,9 +49,10 @@ def run_inputs(scenario: Scenario, seed: int = 0, run: int = 0) -> RunInputs:
 
 
 def noise_words(scenario: Scenario, numbers: Any) -> Any:
-    """Return the second key words of runs with these numbers (…): the numbers, or with the scenario's words (…, m).
+    """Return the second key words of runs with these numbers (…).
 
-    Run 0 then has the scenario's words themselves; every other number gives other noise.
+    The words are the numbers themselves, or, if the scenario has m words, the scenario's words plus the number (…, m).
+    So run 0 has the scenario's words, and every other run has different noise.
     """
     numbers = np.asarray(numbers, np.uint32)
     return numbers[..., None] + np.asarray(scenario.words, np.uint32) if len(scenario.words) else numbers
@@ -61,13 +65,16 @@ def leaf_paths(tree: Any) -> list[str]:
 
 
 def flat_inputs(inputs: RunInputs, own: frozenset[int] = frozenset()) -> Any:
-    """Return the inputs that all runs share, float64, as a library reads them. own: positions of those that differ."""
+    """Return the inputs that all runs share, flat, float64, in the library's order.
+
+    own: positions of the inputs that differ between runs.
+    """
     shared = [np.ravel(v).astype(np.float64) for i, v in enumerate(jax.tree.leaves(inputs)) if i not in own]
     return np.concatenate([np.zeros(0), *shared])
 
 
 def input_position(inputs: RunInputs, path: str) -> int:
-    """Return the index of an input's first number in `flat_inputs(inputs)`."""
+    """Return the index in `flat_inputs(inputs)` of the first number of the input at a path."""
     sizes = [int(np.size(v)) for v in jax.tree.leaves(inputs)]
     return sum(sizes[: leaf_paths(inputs).index(path)])
 
@@ -75,9 +82,9 @@ def input_position(inputs: RunInputs, path: str) -> int:
 def own_inputs(
     inputs: RunInputs, seeds: list[int], runs: Iterable[int] | None = None, spread: Mapping[str, Any] | None = None
 ) -> dict[int, Any]:
-    """Return position of each input that differs -> its values, with the run as first axis.
+    """Return, for each input that differs between runs, its position -> its values, with the run as first axis.
 
-    Arguments as of `simulate_batch`.
+    The arguments are those of `simulate_batch`.
     """
     paths, shared = leaf_paths(inputs), jax.tree.leaves(inputs)
     own: dict[int, Any] = {paths.index("key.seed"): np.asarray(seeds, np.uint32)}
@@ -90,7 +97,7 @@ def own_inputs(
         at = paths.index(path)
         array, shape = np.asarray(values), (len(seeds), *np.shape(shared[at]))
         if array.shape != shape:
-            problem = f"has shape {array.shape}, must have {shape}: a value for each run"
+            problem = f"must have shape {shape}, a value for each run, but has shape {array.shape}"
             raise InputError(f"spread {path!r}", problem, fix=f"give {len(seeds)} values, one for each seed")
         if not np.isfinite(array).all():
             raise InputError(
@@ -103,13 +110,13 @@ def own_inputs(
 
 
 def own_rows(own: dict[int, Any], runs: int) -> Any:
-    """Return the inputs that differ, float64 (runs, k), as a library reads them."""
+    """Return the inputs that differ between runs, float64 (runs, k), in the library's order."""
     columns = [np.asarray(v, np.float64).reshape(runs, -1) for v in own.values()]
     return np.concatenate([np.zeros((runs, 0)), *columns], axis=1)
 
 
 def _run_words(first: Any, count: int, runs: Iterable[Any]) -> Any:
-    """Return the second key words of `count` runs: their numbers, or the words of each. first: those of run 0."""
+    """Return the second key words of `count` runs. runs: number or words of each run.  first: words of run 0."""
     words = np.asarray(runs if isinstance(runs, np.ndarray) else list(runs), np.int64)
     if len(words) != count or words.ndim > 1 + np.ndim(first):
         fix = "give each run a seed and a number"

@@ -1,6 +1,6 @@
-"""Cache of the text of compiled blocks: a second block of the same content is loaded without being traced again.
+"""Cache of the C text of compiled blocks. A second block with the same content is not traced by JAX again.
 
-Tracing takes a second or more, loading a few milliseconds. The loaded blocks do not share memory.
+Tracing takes a second or more, loading takes a few milliseconds. The loaded blocks do not share memory.
 """
 
 import functools
@@ -18,7 +18,7 @@ MOST_KEPT = 64
 
 
 class Content:
-    """One or more records, equal to others of the same structure, types and numbers."""
+    """Records as a key of the cache. Two keys are equal if structure, types and numbers of their records are equal."""
 
     def __init__(self, *records: Any) -> None:
         self.records = records
@@ -33,14 +33,17 @@ class Content:
 
 
 def _describe_leaf(leaf: Any) -> Any:
-    """Return type, shape and bytes of an array; of any other object the object, or its number if it has no hash."""
+    """Return a hashable description of a leaf.
+
+    It is type, shape and bytes for an array, the object itself for another leaf, or its id if it has no hash.
+    """
     array = np.asarray(leaf)
     if array.dtype != np.dtype(object):
         return str(array.dtype), array.shape, array.tobytes()
     try:
         hash(leaf)
     except TypeError:
-        return id(leaf)  # the record is kept, so no other object gets this number
+        return id(leaf)  # the record is kept, so no other object gets this id
     return leaf
 
 
@@ -55,11 +58,11 @@ def compile_kept(make: Callable[..., BlockDefinition], *records: Any, **numbers:
     """Compile a block, or load it if a block of the same content was compiled before.
 
     Args:
-        make: a function of a module that gives the block of the records and numbers.
+        make: a function of a module that makes the block from the records and numbers.
         records: records from which the block is made.
         numbers: seed and run, by name.
 
     Raises:
-        InputError: a primitive without C text, naming the line that made it; or no C compiler.
+        InputError: a JAX primitive has no C text (the error names the line that uses it), or no C compiler is found.
     """
     return CompiledBlock(_keep_text(make, Content(*records), tuple(sorted(numbers.items()))))

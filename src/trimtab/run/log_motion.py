@@ -1,4 +1,4 @@
-"""Motion of a vehicle from its log: the truth, row by row, through the vehicle's own `motion`."""
+"""Motion of a vehicle from its log, computed from the true state in each row by the vehicle's function `motion`."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -20,10 +20,10 @@ FORCE, RATE = ".value.specific_force", ".value.angular_rate"
 
 
 class MotionRows(NamedTuple):
-    """Motion of a vehicle, row by row, and the samples of an ideal IMU.
+    """Motion of a vehicle at n instants of its log, with the samples of an ideal IMU.
 
-    ticks: 100 ns (n,).  position: in W (n, 3).  attitude: quaternion q_WB, scalar first (n, 4).  velocity, rate: in B
-    (n, 3).  specific_force: in B (n, 3), acceleration less gravity; at rest it points up.
+    ticks: time in 100 ns (n,).  position: in W (n, 3).  attitude: quaternion q_WB, scalar first (n, 4).  velocity,
+    rate: in B (n, 3).  specific_force: acceleration minus gravity, in B (n, 3). At rest it points up.
     """
 
     ticks: Any
@@ -35,7 +35,7 @@ class MotionRows(NamedTuple):
 
 
 class ImuRows(NamedTuple):
-    """Samples of a three-axis IMU. ticks: when they were measured, 100 ns (n,).  The rest: in B (n, 3)."""
+    """Samples of a three-axis IMU. ticks: times of measurement, 100 ns (n,).  rate, specific_force: in B (n, 3)."""
 
     ticks: Any
     rate: Any
@@ -46,21 +46,21 @@ def read_motion(log: Log, scenario: Scenario, period: int) -> MotionRows:
     """Return the motion from a log of this scenario, with at most one row per `period` (100 ns).
 
     Raises:
-        InputError: a log without the truth, such as an autopilot's own; a log of a swarm; no C compiler.
+        InputError: the log has no true state, like an autopilot's log; it is of a swarm; or no C compiler is found.
     """
     block = motion_block(scenario)
     like = jax.eval_shape(block.step, block.parameters, (), block.input)[1]
     if not isinstance(like, Motion):
         raise InputError(
             "convert",
-            "this is the log of a swarm, which has the motions of several craft",
+            "the log must be of one craft, but is of a swarm, which has the motions of several craft",
             fix="give a log of one craft",
         )
     motion = compile_block(block)
     paths = {p: _log_path(p) for p in motion.reads if p.startswith("input.")}
     missing = [path for path in paths.values() if path not in log]
     if missing:
-        problem = f"the log has no {missing[0]!r}: it lacks the vehicle's true motion"
+        problem = f"the log has no {missing[0]!r}, so it does not contain the vehicle's true motion"
         fix = "give the vehicle's log, or that of a run: there/vehicle.mcap, flight/run.mcap"
         raise InputError("convert", problem, fix=fix)
     rows = choose_rows(log.ticks, period)
@@ -73,7 +73,7 @@ def read_motion(log: Log, scenario: Scenario, period: int) -> MotionRows:
 
 
 def _log_path(path: str) -> str:
-    """Return the path in a log of an input of the motion."""
+    """Return the log's path of an input of the block "motion"."""
     name = path.removeprefix("input.")
     return f"actuators.{name}" if name.startswith("u.") or name == "u" else name
 
@@ -85,7 +85,7 @@ def _step(motion: Any, t: int, values: Mapping[str, Any]) -> list[Any]:
 
 
 def choose_rows(ticks: Any, period: int) -> Any:
-    """Return the indices of rows that are at least a period apart, from the first row on."""
+    """Return the indices of rows whose times are at least a period apart. The first row is always among them."""
     rows, due = list[int](), -(2**62)
     for k, t in enumerate(ticks.tolist()):
         if t >= due:
@@ -95,7 +95,7 @@ def choose_rows(ticks: Any, period: int) -> Any:
 
 
 def read_imus(log: Log) -> dict[str, ImuRows]:
-    """Return name of each three-axis IMU -> its samples, each once."""
+    """Return the samples of each three-axis IMU, by the sensor's name. Repeated samples are left out."""
     imus = dict[str, ImuRows]()
     for path in log.paths:
         name = path.removeprefix("sensors.").removesuffix(FORCE)

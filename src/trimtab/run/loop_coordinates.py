@@ -1,7 +1,8 @@
-"""A loop's states as deviations from those of one instant: a number for each real, three for each quaternion.
+"""Coordinates of a loop's states: deviations from a reference, one per real number and three per quaternion.
 
-A quaternion in the truth, in a sample in transit or in an estimate is replaced by its rotation from the reference in
-body axes, q = q_r exp(e): its length is not a state, and has no pole. Whole numbers and flags stay as they are.
+A quaternion in the true state, in a sample in transit or in an estimate is replaced by its rotation e from the
+reference, in body axes: q = q_r exp(e). So the quaternion's length is not a state and has no pole. Whole numbers and
+flags have no coordinates.
 
 Source: J. Solà, "Quaternion kinematics for the error-state Kalman filter", arXiv:1711.02508, chapter 5.
 """
@@ -18,11 +19,11 @@ from trimtab.core.quantity import Quantity, leaves
 T = TypeVar("T")
 
 AXES = ("x", "y", "z")
-"""Axes of a rotation, in the body frame."""
+"""Names of the axes of a rotation, in the body frame."""
 
 
 class LoopCoordinates:
-    """Conversion between a tree of states and its vector z (n,); an example gives the tree's structure."""
+    """Conversion between a tree of states and its vector z (n,) of deviations. `like`: example of the tree."""
 
     def __init__(self, like: Any) -> None:
         declared = [(path, d) for path, _, d in leaves(like) if isinstance(d, Quantity)]
@@ -49,12 +50,12 @@ class LoopCoordinates:
         return tuple(names)
 
     def sizes(self, like: Any) -> Any:
-        """Return the sizes (n,) of the numbers of a tree; zero for rotations."""
+        """Return the magnitudes (n,) of the numbers of a tree, and zero for rotations."""
         parts = [np.ravel(v) * (not turn) for v, turn in self._tangent(like)]
         return np.abs(np.concatenate([np.zeros(0), *parts]))
 
     def deviation(self, reference: Any, states: Any) -> Any:
-        """Return z (n,) of the states against a reference."""
+        """Return the deviation z (n,) of the states from a reference."""
         parts = []
         pairs = zip(jax.tree.leaves(reference), jax.tree.leaves(states), self._real, self._turn, strict=True)
         for r, v, real, turn in pairs:
@@ -79,7 +80,7 @@ class LoopCoordinates:
         return jax.tree.unflatten(tree, new)
 
     def place_indices(self, like: T) -> T:
-        """Return the tree with indices of z in place of its numbers, to find out how a function permutes them."""
+        """Return the tree with each number replaced by its index in z, to find how a function permutes the numbers."""
         values, tree = jax.tree.flatten(like)
         places = iter(self._tangent(like))
         new, begin = [], 0
@@ -91,29 +92,29 @@ class LoopCoordinates:
         return jax.tree.unflatten(tree, new)
 
     def flatten(self, marks: Any) -> Any:
-        """Return the indices (n,) of a tree of `place_indices` as one vector again."""
+        """Return the indices in a tree of `place_indices` as one vector (n,)."""
         parts = [np.ravel(v) for v, real in zip(jax.tree.leaves(marks), self._real, strict=True) if real]
         return np.concatenate([np.zeros(0, int), *parts]).astype(int)
 
     def _tangent(self, like: Any) -> list[tuple[Any, bool]]:
-        """Return the numbers of each real leaf (of a quaternion the first three), and True for a quaternion."""
+        """Return, for each real leaf, its numbers and False, or the first three numbers of its quaternions and True."""
         found = zip(jax.tree.leaves(like), self._real, self._turn, strict=True)
         return [(np.asarray(v)[..., :3] if turn else np.asarray(v), turn) for v, real, turn in found if real]
 
 
 def is_real(v: Any) -> bool:
-    """Return True for an array of real numbers; False for whole numbers, keys or flags."""
+    """Return True for an array of real numbers, and False for whole numbers, keys or flags."""
     return jnp.issubdtype(jnp.result_type(v), jnp.floating)
 
 
 def _each_turn(function: Any, r: Any, v: Any) -> Any:
-    """Return function(quaternion, v) for each quaternion of an array (…, 4) and its row of v."""
+    """Return function(quaternion, v) for each quaternion in an array r (…, 4) and the corresponding vector in v."""
     whole = jax.vmap(function)(jnp.reshape(r, (-1, 4)), jnp.reshape(v, (-1, jnp.shape(v)[-1])))
     return jnp.reshape(whole, (*jnp.shape(r)[:-1], whole.shape[-1]))
 
 
 def _unit(q: Any) -> Any:
-    """Return q normalised; the identity if a slot holds no quaternion yet."""
+    """Return q normalised, or the identity if q is zero, as in a slot that contains no quaternion yet."""
     length2 = q @ q
     is_any = length2 > 1e-6
     return jnp.where(is_any, q / jnp.sqrt(jnp.where(is_any, length2, 1.0)), jnp.array([1.0, 0.0, 0.0, 0.0]))

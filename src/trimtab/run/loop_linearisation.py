@@ -1,8 +1,8 @@
-"""Linearisation of a scenario's whole loop about its rest: all parts, sampled as in the flight.
+"""Linearisation of a scenario's whole loop about its equilibrium, with all parts sampled as in the flight.
 
-The loop's own step, without noise, is differentiated at each instant of one common period T of all parts; no part is
-replaced by a model. z of the map (`design.loop_map`) are all real numbers of the loop's state, including samples in
-transit; c is the command as the autopilot issues it; v is the command as it goes to the uplink.
+The step of the loop, without noise, is differentiated at each instant of the common period T of all parts. No part is
+replaced by a model. In the map (`design.loop_map`), z contains all real numbers of the loop's state, including samples
+in transit; c is the command that the autopilot issues; v is the command that enters the uplink.
 
 Source: this module, by the rules of docs page, Time.
 """
@@ -31,13 +31,13 @@ from trimtab.loop.walk import start
 from trimtab.run.loop_coordinates import LoopCoordinates, is_real
 
 MOST_INSTANTS = 4000
-"""Maximum number of instants in one period of the loop."""
+"""Maximum number of instants in the common period of the loop."""
 RANDOM = ("jitter", "loss")
-"""Random imperfections of links."""
+"""Random imperfections of links, which are switched off."""
 STEPWISE = ("speed-steps",)
-"""Imperfections of actuators that are step functions, which have no slope."""
+"""Imperfections of actuators that are step functions. They are switched off, because steps have no slope."""
 REST = 1e-7
-"""Largest change of the state of a loop at rest over one period, as a fraction of max(1, |state|)."""
+"""Largest change of the state over one period at which a loop is at rest, as a fraction of max(1, |state|)."""
 
 
 def linearise_loop(
@@ -49,17 +49,17 @@ def linearise_loop(
     settle: float = 10.0,
     round_time: float | None = None,
 ) -> LoopMap:
-    """Return the loop's map about its rest, or about the closed path that it flies, without random effects.
+    """Return the loop's linear map about its equilibrium, or about a closed path that it flies, without random effects.
 
     Args:
-        scenario: scenario with a law that rests; supervisor, monitor, predictor and schedules are refused or left out.
-        x: state record to start from; by default the law's equilibrium, or the scenario's first state.
-        direct: the law's demand acts directly, without allocation and actuators.
+        scenario: scenario whose loop comes to rest. Supervisor and monitor are left out. A predictor is an error.
+        x: state record to start from. Default: the law's equilibrium, or else the scenario's initial state.
+        direct: True if the law's demand acts directly, without allocation and actuators.
         off: imperfections to switch off besides the random ones, see `Scenario.imperfections`.
         settle: flight time before the linearisation (s).
-        round_time: time of one round of the closed path that the law follows (s); the map is over one round.
+        round_time: time of one lap of the closed path that the law follows (s). The map is then over one lap.
 
-        Raises: InputError if periods have no common multiple, or the loop does not rest.
+        Raises: InputError if the common multiple of the periods is too long, or if the loop does not come to rest.
     """
     loop = _prepare_loop(scenario, direct, tuple(off))
     tick, count, slowest = _find_period(loop)
@@ -78,11 +78,11 @@ def linearise_loop(
     commands = tuple(n.removeprefix("a.command.value.") for n in names if n.startswith("a.command.value"))
     found = LoopMap(A, B, C, to_seconds(tick), names, commands, idle, to_seconds(slowest))
     if np.array_equal(found.transition(), found.transition(gain=0.0)):
-        problem = "at the loop's rest, commands have no effect on it: a dead zone, a stop, or zero thrust"
+        problem = "commands have no effect on the loop at rest, because of a dead zone, a stop, or zero thrust"
         raise InputError(
             "linearise",
             problem,
-            fix=f"{argument_name('direct')} leaves the actuators out; {argument_name('without')} one imperfection",
+            fix=f"{argument_name('direct')} leaves out the actuators; {argument_name('without')} an imperfection",
         )
     return found
 
@@ -113,20 +113,20 @@ def _without_chance(link: Any) -> Any:
     for name in RANDOM:
         if name in imperfections(link):
             link = without(link, name)
-    if hasattr(link, "capacity") and hasattr(link, "latency"):  # the shortest ring possible, as each slot is a state
+    if hasattr(link, "capacity") and hasattr(link, "latency"):  # the shortest possible ring, because a slot is a state
         needed = required_slots(float(np.max(link.latency)), link.send_period, link.period)
         link = replace(link, capacity=needed)
     return link
 
 
 def _fit_state(x: Any, like: Any) -> Any:
-    """Return a state with the fields of `like`; those missing in x are taken from `like`."""
+    """Return a state with the fields of `like`. The values are those of x, or of `like` if x lacks a field."""
     changes = {n: getattr(x, n) for n in like.__dataclass_fields__ if hasattr(x, n)}
     return to_arrays(replace(like, **changes))
 
 
 def _find_period(loop: Scenario) -> tuple[int, int, int]:
-    """Return the tick (100 ns), the ticks in the common period, and the longest period of a part."""
+    """Return the tick (100 ns), the number of ticks in the common period, and the longest period of a part (100 ns)."""
     world = loop.world
     own = [*world.periods(), loop.autopilot.period, optional_member(world.actuators, "frame")]
     own += [optional_member(getattr(world, n), "send_period") for n in ("uplink", "downlink")]
@@ -138,13 +138,13 @@ def _find_period(loop: Scenario) -> tuple[int, int, int]:
     count = math.lcm(*periods) // tick
     if count > MOST_INSTANTS:
         text = ", ".join(sorted({format_time(p) for p in periods}))
-        problem = f"the common multiple of its periods, {text}, is {count} instants, which is too long"
+        problem = f"the common multiple of the loop's periods, {text}, is {count} instants, which is too long"
         raise InputError("linearise", problem, fix="give sensors and links periods that are multiples of one another")
     return tick, count, max(periods)
 
 
 class _Tick:
-    """Functions of a loop's real numbers for one instant."""
+    """Step of a loop by one instant, and its derivatives."""
 
     def __init__(self, loop: Scenario, tick: int) -> None:
         self.loop, self.tick = loop, tick
@@ -152,31 +152,34 @@ class _Tick:
         self._slopes: Any = jax.jit(self._differentiate, static_argnums=3, compiler_options=FAST_COMPILE_OPTIONS)
 
     def coordinates(self, like: tuple[Any, Any]) -> LoopCoordinates:
-        """Return the coordinates of the loop's two states."""
+        """Return the coordinates of the states of world and autopilot."""
         return LoopCoordinates(like)
 
     def start(self, x: Any) -> tuple[Any, Any]:
-        """Return the loop's first states."""
+        """Return the initial states of world and autopilot."""
         return start(self.loop.world, self.loop.autopilot, x, Key(np.uint32(0), np.uint32(0)))
 
     def fly(self, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any, int]:
-        """Return the states after `count` instants."""
+        """Return the states and the time after `count` instants."""
         s, a = self._fly(s, a, np.int64(t), count)
         return s, a, t + count * self.tick
 
     def slopes(self, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any, Any, Any, Any]:
-        """Return the states at the end, and A_j, B_j, C_j on the way."""
+        """Return the states after `count` instants, and the matrices A_j, B_j, C_j of each instant j."""
         (s, a), (A, B, C) = self._slopes(s, a, np.int64(t), count)
         return s, a, np.array(A), np.array(B), np.array(C)
 
     def align(self, s: Any, a: Any, span: int) -> tuple[Any, Any]:
-        """Return the states with the ring slots of links rotated back by `span`, as the slot index follows the time."""
+        """Return the states with the ring slots of links rotated back by a time `span`.
+
+        The index of a slot depends on the time, so only aligned states of different periods can be compared.
+        """
         world = self.loop.world
         down = {n: _roll_ring(world.downlink, own, span) for n, own in s.downlink.items()}
         return replace(s, downlink=down, uplink=_roll_ring(world.uplink, s.uplink, span)), a
 
     def _step(self, s: Any, a: Any, t: Any, v: Any = None) -> tuple[Any, Any, Any]:
-        """Step one instant. v: the command sent in place of the one issued (m,)."""
+        """Return the states after one instant, and the issued command. v: command (m,) that is sent instead."""
         world, autopilot, clock = self.loop.world, self.loop.autopilot, Instant(t)
         seen, frame = world.sense(clock, s)
         due = clock.due(autopilot.period)
@@ -215,7 +218,10 @@ class _Tick:
 
 
 def _find_rest(run: _Tick, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any, int, Any, Any]:
-    """Return the states at which a period changes only idle states, by Newton's method; and the matrices there."""
+    """Return the states at rest, found by Newton's method, and the matrices at these states.
+
+    At rest, only idle states change over a period.
+    """
     span, first, worst, own = count * run.tick, math.inf, "", run.coordinates((s, a))
     names = own.names((s, a))
     for _ in range(8):
@@ -224,7 +230,7 @@ def _find_rest(run: _Tick, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any
         A[-1], B[-1] = A[-1][order], B[-1][order]
         if not all(np.isfinite(M).all() for M in (A, B, C)):
             fix = (
-                f"{argument('direct', True)} leaves out the actuators, {argument('off', ['dead zone'])} an imperfection"
+                f"{argument('direct', True)} leaves out the actuators; {argument('off', ['dead zone'])} an imperfection"
             )
             raise InputError("linearise", "the loop has no derivative at its rest", fix=fix)
         whole = np.eye(len(A[0]))
@@ -244,29 +250,30 @@ def _find_rest(run: _Tick, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any
         new[keep] = np.linalg.lstsq(np.eye(len(M)) - M, change[keep], rcond=1e-12)[0]
         s, a = own.displace((s, a), jnp.asarray(new))
         s, a, t = run.fly(s, a, t, count)
-    problem = f"the loop does not rest: in {to_seconds(span):g} s {_side_name(worst)} changes by {first:.3g}"
+    problem = f"the loop does not come to rest: in {to_seconds(span):g} s, {_side_name(worst)} changes by {first:.3g}"
     name = run.loop.name or "SCENARIO"
-    fix = f"set its reference to stand still (trimtab list {name}), or give the time of one round: "
+    fix = f"set a constant reference (trimtab list {name}), or give the time of one lap of a closed path: "
     fix += argument("round", 5)
     raise InputError("linearise", problem, fix=fix)
 
 
 def _clocks(A: Any, B: Any, change: Any) -> Any:
-    """Return a mask (n,) of clocks: states that advance by themselves, such as a law's time; they are no deviation."""
+    """Return a mask (n,) of clocks: states that advance by themselves, such as a law's time.
+
+    A change of a clock is not a deviation from rest.
+    """
     alone = (np.array([np.eye(len(change))] * len(A)) == A).all(axis=(0, 2)) & (B == 0).all(axis=(0, 2))
     return alone & (np.abs(change) > 0)
 
 
 def _count_round(tick: int, count: int, round_time: float) -> int:
-    """Return the number of instants of a round, which must be a whole number of loop periods."""
+    """Return the number of instants in one lap. Raise InputError if a lap is not a whole number of loop periods."""
     rounds = round(seconds(round_time) / (tick * count))
     if rounds < 1 or rounds * tick * count != seconds(round_time):
-        problem = f"{round_time:g} s must be a multiple of the loop's period of {to_seconds(tick * count):g} s"
-        raise InputError(
-            argument_name("round"), problem, fix="give the time of one round or several rounds that is such a multiple"
-        )
+        problem = f"must be a multiple of the loop's period of {to_seconds(tick * count):g} s, got {round_time:g} s"
+        raise InputError(argument_name("round"), problem, fix="give the time of one or several laps that is a multiple")
     if rounds * count > MOST_INSTANTS:
-        problem = f"{round_time:g} s are {rounds * count} instants; the maximum is {MOST_INSTANTS}"
+        problem = f"{round_time:g} s are {rounds * count} instants, but must be at most {MOST_INSTANTS}"
         raise InputError(
             argument_name("round"), problem, fix="fly a shorter path, or choose a longer period of the loop"
         )
@@ -274,12 +281,12 @@ def _count_round(tick: int, count: int, round_time: float) -> int:
 
 
 def _side_name(name: str) -> str:
-    """Return the readable path of a state, of the world (s) or of the autopilot (a)."""
+    """Return the readable path of a state, which begins with s for the world and with a for the autopilot."""
     return f"{'sa'[int(name[0])]}{name[1:]}"
 
 
 def _idle_states(A: Any, C: Any, whole: Any) -> Any:
-    """Return a mask (n,) of states that no command depends on, such as the position; all False if one of them grows."""
+    """Return a mask (n,) of states on which no command depends, such as the position. If one grows, all are False."""
     matters = np.abs(C).max(axis=(0, 1)) > 0
     feeds = np.abs(A).max(axis=0) > 0
     while (more := matters | feeds[matters].any(axis=0)).sum() > matters.sum():

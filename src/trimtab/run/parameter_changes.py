@@ -1,8 +1,8 @@
-"""Parameters of an autopilot that were changed in flight: each change is an event of the log, which a replay repeats.
+"""Changes of an autopilot's parameters in flight. Each change is an event in the log, and a replay repeats it.
 
     parameter autopilot.law.k1[0] = 2.5 from 1.2340000 s
 
-The number has all its digits, and the time is that of the first step with the new number.
+The number has all its digits. The time is that of the first step with the new number.
 """
 
 import re
@@ -19,7 +19,10 @@ EVENT = re.compile(r"parameter autopilot\.(\S+)\[(\d+)\] = (\S+) from (\d+)\.(\d
 
 
 class AutopilotChange(NamedTuple):
-    """New value, from integer time t on, of a number of the leaf at `path` below the autopilot."""
+    """Change of one number of an autopilot's parameter. t: integer time from which the new value holds.
+
+    path: path of the parameter below the autopilot.  slot: index of the number in the flattened parameter.
+    """
 
     t: int
     path: str
@@ -31,12 +34,12 @@ class AutopilotChange(NamedTuple):
         return f"parameter autopilot.{self.path}[{self.slot}] = {self.value!r} from {whole}.{part:07} s"
 
     def put_into(self, parameters: Mapping[str, Any]) -> None:
-        """Change the number in the arrays of a compiled step."""
+        """Write the new value into the parameter arrays of a compiled step."""
         parameters[self.path].flat[self.slot] = self.value
 
 
 def read_changes(log: Log) -> list[AutopilotChange]:
-    """Return the changes of a flight, in order of time."""
+    """Return the parameter changes of a flight, in order of time."""
     found = (EVENT.fullmatch(event["text"]) for event in log.metadata.get("events") or ())
     changes = [
         AutopilotChange(int(m[4]) * UNITS_PER_SECOND + int(m[5]), m[1], int(m[2]), float(m[3])) for m in found if m
@@ -45,7 +48,7 @@ def read_changes(log: Log) -> list[AutopilotChange]:
 
 
 def with_changes(autopilot: Any, changes: Sequence[AutopilotChange]) -> Any:
-    """Return a copy of an autopilot's parameters with these numbers."""
+    """Return a copy of an autopilot's parameters with these changes."""
     for change in changes:
 
         def set_number(old: Any, _declared: Any, change: AutopilotChange = change) -> Any:

@@ -1,8 +1,9 @@
-"""Planner of a flyable path between obstacles for the hovercraft: a route is searched, and flown on the model.
+"""Planner of a flyable path between obstacles for the hovercraft. It searches a route and flies it in simulation.
 
-The result is not the route but its flight by `laws.receding_horizon`, as a reference: position of P, the centre of
-percussion, and heading. So the plan keeps the limits of fan and rudder, and collisions are checked on the flight.
-If the flight touches an obstacle or doesn't arrive, other tempos are tried; if none succeeds, the task is refused.
+The plan is this flight, with the law `laws.receding_horizon`, as a reference: position of P, the centre of percussion,
+and heading. So the plan respects the limits of fan and rudder, and collisions are checked along the flight. If the
+flight touches an obstacle or doesn't arrive, other speeds and accelerations are tried. If none succeeds, an InputError
+is raised.
 
 Source: the vehicle's own closed loop as the steering method: Y. Kuwata, J. Teo, G. Fiore, S. Karaman, E. Frazzoli,
 J. How, "Real-time motion planning with applications to autonomous urban driving", IEEE Trans. Control Systems
@@ -32,30 +33,32 @@ from trimtab.sensors.planar_pose import PlanarPose
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 LAW = RecedingHorizon(push=1.2, pull=0.5, deflection=0.32, thrust_rate=6.0, angle_rate=2.0, yaw=0.2, lag=0.0)
-"""Law that flies the model. It leaves a tenth of the forces, and more of the rates, to the law that follows the plan,
-and ends without a spin."""
+"""Law that flies the planned flight. It uses less than the available forces and rates, so that the law that follows the
+plan has a reserve: a tenth of the forces, and more of the rates. The flight ends without a spin."""
 PIECES = 96
-"""Number of pieces of the route as a reference; constant, so that the flight is compiled once."""
+"""Number of polynomial pieces of the route as a reference. It is constant, so that the flight is compiled only once."""
 SETTLE = 6.0
-"""Flight time after the end of the route, s."""
+"""Flight time after the end of the route (s)."""
 TICK = ms(20)
 SAMPLE = 0.2
-"""Time between the rows of a plan, s."""
+"""Time between the rows of a plan (s)."""
 TEMPOS = (1.0, 1.0), (0.8, 0.7), (1.0, 1.6), (0.65, 0.7)
-"""Fractions of the tempo's speed and accelerations to try. Slower isn't always better: with little thrust the craft
-turns slowly."""
+"""Factors of speed and of accelerations that are tried in turn. Slower is not always better: with little thrust, the
+craft turns slowly."""
 KEEP = 0.05
-"""Margin to obstacles beyond the craft's radius in the planned flight, m, for errors of the law that follows it."""
+"""Minimum clearance of the planned flight, beyond the craft's radius (m). It covers errors of the law that follows the
+plan."""
 ARRIVED = 0.15, 0.04
-"""Largest distance from the goal (m) and speed (m/s) at the end of the flight."""
+"""Largest accepted distance from the goal (m) and speed (m/s) at the end of the flight."""
 
 
 class FlownPlan(NamedTuple):
-    """A plan as rows (n,) each SAMPLE, and its flight as rows (m,) each 20 ms.
+    """Plan, sampled every SAMPLE (n rows), and its simulated flight, sampled every 20 ms (m rows).
 
-    times (s), places: positions (n, 2) of P (m, W), headings (rad, unwrapped): the reference.
-    flown: time, north and east of the centre of mass, heading, thrust (N), force angle (rad), clearance (m).
-    route: result of the search.  clearance: least distance of the centre of mass to obstacles minus the radius (m).
+    times (s), places (positions of P, (n, 2), m in W), headings (rad, unwrapped): the plan as a reference.
+    flown: time, north and east of the centre of mass, heading, thrust (N), force angle (rad), clearance (m), (m,) each.
+    route: result of the search.  clearance: smallest distance of the centre of mass to obstacles minus the radius (m).
+    tempo: speed and accelerations of the route.  law: law that flew the plan.
     """
 
     times: Any
@@ -69,7 +72,7 @@ class FlownPlan(NamedTuple):
 
     @property
     def length(self) -> float:
-        """Return the length of P's path, m."""
+        """Return the length of the path of P (m)."""
         return float(np.hypot(*np.diff(self.places, axis=0).T).sum())
 
     def path(self) -> PiecewisePath:
@@ -85,15 +88,15 @@ class FlownPlan(NamedTuple):
 
 
 def plan_path(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") -> FlownPlan:
-    """Return a path from rest at the start to rest at the goal.
+    """Return a flyable path that begins at rest at the start and ends at rest at the goal.
 
     Args:
         task: floor, start, goal and the craft's radius.
-        tempo: speed and accelerations of the route.
+        tempo: desired speed and accelerations of the route.
         part: name of the caller, for errors.
 
     Raises:
-        InputError: no route is wide enough; or the craft, within its limits, can't fly one without a collision.
+        InputError: no route is wide enough, or the craft can't fly a route within its limits without a collision.
     """
     tempo = tempo or Tempo()
     problem = ""
@@ -104,12 +107,12 @@ def plan_path(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") ->
         problem = problem or _find_problem(task, flown)
         if not _find_problem(task, flown):
             return _sample(route, flown, tried)
-    problem += f"; {len(TEMPOS) - 1} other tempos are no better"
+    problem += f"; {len(TEMPOS) - 1} other tempos (speed and accelerations) fail too"
     raise InputError(part, problem, fix="move the obstacles apart there, or plan for a craft of smaller radius")
 
 
 def _fly(task: PlanTask, route: Route) -> dict[str, Any]:
-    """Return the flight along a route, each 20 ms."""
+    """Return the simulated flight along a route, sampled every 20 ms."""
     ends = np.linspace(route.times[0], route.times[-1], PIECES - 3)
     way = np.column_stack([np.interp(ends, route.times, route.places[:, k]) for k in range(2)])
     reference = interpolate_path(ends, way, rests=True)
@@ -141,24 +144,24 @@ def _fly(task: PlanTask, route: Route) -> dict[str, Any]:
 
 
 def _find_problem(task: PlanTask, flown: dict[str, Any]) -> str:
-    """Return the problem of a flight, or ""."""
+    """Return a description of the problem of a flight, or "" if it is a valid plan."""
     places = np.column_stack([flown["north"], flown["east"]])
     between = np.hypot(*np.diff(places, axis=0).T).max() / 2
     worst = int(np.argmin(flown["clearance"]))
     left = float(flown["clearance"][worst]) - between
     if left < KEEP:
         north, east = places[worst]
-        comes = "touches something" if left < 0 else f"comes within {100 * left:.0f} cm of something"
-        return f"flown within its limits the craft {comes} at {north:.2f} {east:.2f}, {flown['time'][worst]:.1f} s"
+        comes = "touches an obstacle" if left < 0 else f"comes within {100 * left:.0f} cm of an obstacle"
+        return f"flown within its limits, the craft {comes} at {north:.2f} {east:.2f}, {flown['time'][worst]:.1f} s"
     away = np.hypot(*(_percussion_points(flown)[-1] - np.asarray(task.goal)))
     speed = np.hypot(flown["surge_velocity"][-1], flown["sway_velocity"][-1])
     if away > ARRIVED[0] or speed > ARRIVED[1]:
-        return f"flown within its limits the craft ends {away:.2f} m from the goal, at {speed:.2f} m/s"
+        return f"flown within its limits, the craft ends {away:.2f} m from the goal, at {speed:.2f} m/s"
     return ""
 
 
 def _percussion_points(flown: dict[str, Any]) -> Any:
-    """Return P (n, 2), m in W."""
+    """Return the position of the centre of percussion P (n, 2), in m in W."""
     arm, heading = float(Hovercraft().percussion_arm), flown["heading"]
     return np.column_stack([flown["north"] + arm * np.cos(heading), flown["east"] + arm * np.sin(heading)])
 

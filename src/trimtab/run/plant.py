@@ -1,4 +1,4 @@
-"""Vehicles by name, for the design verbs: a scenario's, a model of the package, or a user's own."""
+"""Vehicles by name, for the design commands: of a scenario, of a model in the package, or of a user's file."""
 
 import importlib
 from collections.abc import Callable, Mapping
@@ -22,15 +22,17 @@ from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
 
 FUNCTIONS = ("system", "scenario")
-"""Functions that are tried in a file if no function is named."""
+"""Names of the functions that are tried, in this order, in a file given without function name."""
 
 
 class Plant(NamedTuple):
-    """name: as typed.  model: in the coordinates of a trim.  error: trimmed x, u -> the model of deviations there.
+    """Vehicle for trim and linearisation.
 
-    units: of states, inputs and outputs, by name.  places: positions, which are free in a trim.
-    flight: gives the names of speed, climb, sideslip, roll and yaw in this model (`flight_names`).  scenario: the
-    scenario of the vehicle, if any.  about: class and units of a vehicle (`loop.linear_laws`).
+    name: name that the user typed.  model: model in the coordinates of a trim.  error: function of trimmed x, u that
+    returns the model of deviations there.  units: units of states, inputs and outputs, by name.  places: states that
+    are positions; their derivatives are free in a trim.  flight: function that returns the names of speed, climb,
+    sideslip, roll and yaw in this model (`flight_names`).  scenario: scenario of the vehicle, or None.  about: class
+    and units of the vehicle (`loop.linear_laws`).
     """
 
     name: str
@@ -46,9 +48,9 @@ class Plant(NamedTuple):
 def load_plant(
     name: str, settings: Mapping[str, str] | None = None, believed: Mapping[str, str] | None = None
 ) -> Plant:
-    """Return the vehicle of a name: a scenario's, a model of the package, or the result of a function in a file.
+    """Return the vehicle with this name: of a scenario, of a model in the package, or from a function in a file.
 
-    believed: settings of the assumed vehicle model, applied after all others.
+    settings: settings of the scenario.  believed: settings of the assumed vehicle model, applied after `settings`.
     """
     settings = settings or {}
     own: Any = None
@@ -60,7 +62,7 @@ def load_plant(
     elif not name.endswith((".toml", ".fmu")) and name not in catalogue.scenario_names():
         known = [*_model_names(), *catalogue.scenario_names()]
         near = closest(name, known, 1) or ["hypersonic"]
-        fix = f"trimtab trim {near[0]}; your own is a function in a file:  trimtab trim my_boat.py:scenario"
+        fix = f"trimtab trim {near[0]}; for a vehicle of your own, name its function:  trimtab trim my_boat.py:scenario"
         raise InputError(f"vehicle {name!r}", "unknown vehicle or scenario", choices=known, fix=fix)
     if own is None or isinstance(own, Scenario):
         scenario = build(name, settings)
@@ -70,7 +72,7 @@ def load_plant(
         return plant_of_vehicle(name, vehicle, scenario.initial, u)._replace(scenario=scenario)
     if settings or (believed and not isinstance(own, tuple)):
         fix = f"leave {argument_name('settings')} out, or name a scenario, whose parts have settings"
-        raise InputError(argument_name("settings"), f"{name} is a model, not a scenario", fix=fix)
+        raise InputError(argument_name("settings"), f"{name} is a model and has no settings", fix=fix)
     return _plant_of_own(name, own, believed or {})
 
 
@@ -81,13 +83,13 @@ def _plant_of_own(name: str, own: Any, believed: Mapping[str, str]) -> Plant:
         parts: tuple[Any, ...] = own  # pyright: ignore[reportUnknownVariableType]
         if len(parts) == 3 and hasattr(parts[0], "dynamics"):
             return plant_of_vehicle(name, with_settings(parts[0], believed), parts[1], parts[2])
-    problem = f"the function returns a {type(own).__name__}"
+    problem = f"the function must return a scenario, a vehicle or a model, but returns a {type(own).__name__}"
     fix = "return a Scenario, (vehicle, x, u), or model_of_functions(f, states, inputs, h=h) (docs, Any vehicle)"
     raise InputError(f"vehicle {name!r}", problem, fix=fix)
 
 
 def plant_of_model(name: str, model: StateSpaceModel) -> Plant:
-    """Return a model as a plant; its units are those of its records, if it has any."""
+    """Return a model as a plant. The units are those that the model's records declare, if it has records."""
     units: dict[str, str] = {}
     for own, names in ((model.state_record, model.states), (model.input_record, model.inputs)):
         units |= {} if own is None else _units_by_name(own, names)
@@ -96,7 +98,7 @@ def plant_of_model(name: str, model: StateSpaceModel) -> Plant:
 
 
 def plant_of_vehicle(name: str, vehicle: Any, x: Any, u: Any) -> Plant:
-    """Return a vehicle about its records x and u as a plant, over the rotating earth in local coordinates."""
+    """Return a vehicle near its state x and input u as a plant. Flight over the earth is in local coordinates."""
     about = describe_vehicle(vehicle, x, u)
     vehicle, x = fly_locally(vehicle, x)
     model = trim_model(vehicle, x, u)
@@ -138,7 +140,7 @@ def _model_names() -> list[str]:
 
 
 def _own_function(name: str) -> str:
-    """Return the function of a file: as named, else the first of FUNCTIONS in the file."""
+    """Return "file.py:function". If the name contains no function, it is the first of FUNCTIONS in the file."""
     if ":" in name:
         return name
     for function in FUNCTIONS[:-1]:

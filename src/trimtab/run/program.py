@@ -1,4 +1,4 @@
-"""A compiled scenario: C library, inputs, and the meaning of its outputs. It needs no JAX, so it can be cached."""
+"""Compiled scenario: C library, inputs, and the meaning of its outputs. It runs without JAX, so it can be cached."""
 
 import ctypes
 import functools
@@ -19,11 +19,11 @@ from trimtab.logs.log import LazyMapping, Log, provenance, to_plain
 from trimtab.loop.beliefs import belief_mismatches
 
 SHORT = 5_000_000
-"""Largest number of instants, over all runs, flown without watching for Ctrl-C: about a second."""
+"""Largest number of instants, over all runs, that are flown without a check for Ctrl-C: about a second of computing."""
 
 
 class FlightJob(ctypes.Structure):
-    """Argument of the library: the struct `job` of the generated text."""
+    """Argument of the library's function: the struct `job` in the generated C text."""
 
     _fields_ = [
         ("shared", ctypes.c_void_p),
@@ -47,8 +47,8 @@ class FlightJob(ctypes.Structure):
 class RunResults(NamedTuple):
     """Results of some runs.
 
-    log: (runs, rows, width), or None.  stats: (runs, width, 4): least, largest, sum and sum of squares of the logged
-    rows, or None.  final: (runs, count), the last values.
+    log: logged rows (runs, rows, width), or None.  stats: smallest, largest, sum and sum of squares of each number over
+    the logged rows (runs, width, 4), or None.  final: values at the end of each run (runs, count).
     """
 
     log: Any
@@ -87,15 +87,15 @@ def fly_runs(
     """Fly runs with the compiled library of a walk.
 
     Args:
-        path: the library.
+        path: path of the library.
         shared: float64, the inputs that all runs share, flat, in order.
         own: float64 (runs, k), the inputs of each run.
         table: the instants.
-        row: int32 (n,), the row of the log that each instant writes; its largest + 1 for none.
-        widths: numbers in a row, and last values.
-        log, stats: results to keep besides the last values.
-        threads: number of threads; the interpreter is free meanwhile.
-        progress: called a few times a second with the number of runs that are done.
+        row: int32 (n,), index of the log row that each instant writes, or n for an instant that is not logged.
+        widths: number of values in a row, and number of final values.
+        log, stats: True to keep the logged rows, and their statistics. Final values are always kept.
+        threads: number of threads. The Python interpreter can run other threads meanwhile.
+        progress: called a few times a second with the number of completed runs.
     """
     width, count = widths
     runs, rows = len(own), int((row < len(row)).sum())
@@ -119,8 +119,8 @@ def fly_runs(
 
 
 def _fly_in_thread(entry: Any, job: FlightJob, threads: int, progress: Callable[[int], None] | None) -> None:
-    """Fly in a thread beside the interpreter, so that Ctrl-C ends the call, after the runs in progress."""
-    landed = threading.Event()  # an event, as a join interrupted by Ctrl-C reports a running thread as ended
+    """Fly in another thread, so that Ctrl-C ends the call once the runs in progress are complete."""
+    landed = threading.Event()  # an event, because a join that Ctrl-C interrupts reports a running thread as ended
 
     def flight() -> None:
         entry(ctypes.byref(job), threads)
@@ -139,12 +139,12 @@ def _fly_in_thread(entry: Any, job: FlightJob, threads: int, progress: Callable[
 
 
 def row_numbers(written: Any) -> Any:
-    """Return the row of each instant, int32 (n,): n for instants that are not written."""
+    """Return the index of the log row of each instant, int32 (n,), or n for an instant that is not logged."""
     return np.where(written, np.cumsum(written) - 1, len(written)).astype(np.int32)
 
 
 class Column(NamedTuple):
-    """One signal of a row, or one of the last values."""
+    """Signal in a log row, or in the final values: path, shape, type and declaration."""
 
     path: str
     shape: tuple[int, ...]
@@ -153,12 +153,12 @@ class Column(NamedTuple):
 
 
 class Program(NamedTuple):
-    """A compiled scenario.
+    """Compiled scenario.
 
-    library: scalar C.  shared: its inputs, float64, with the key words (seed, run) at `words` to be filled in.
-    periods, duration, max_step: determine the timetable.  columns: of a row.  final: the last values.
-    metadata: entries of a log besides seed and backend.  noise: the scenario's own words, to which the run number is
-    added, in order from the second of `words` on.
+    library: path of the library, which flies one run at a time.  shared_inputs: inputs, float64. Seed and run are
+    written at the two indices `words`.  periods, duration, max_step: determine the instants.  columns: signals of a log
+    row.  final: signals of the final values.  metadata: entries of a log besides seed and backend.  noise: key words of
+    the scenario. The run number is added to them, and they are written from the second of `words` on.
     """
 
     library: Path
@@ -173,7 +173,7 @@ class Program(NamedTuple):
     noise: tuple[int, ...] = ()
 
     def fly(self, seed: int, run: int, log_period: int) -> Log:
-        """Fly one run; the log is as that of `simulate`."""
+        """Fly one run and return its log, as `simulate` does."""
         check_log_period(log_period, self.duration)
         table, row, instants = _log_rows(self.periods, self.duration, self.max_step, log_period)
         shared = self.shared_inputs.copy()
@@ -188,14 +188,14 @@ class Program(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def _log_rows(periods: tuple[int, ...], duration: int, max_step: int, log_period: int) -> tuple[Timetable, Any, Any]:
-    """Return the instants of a run, the row of the log that each writes, and the instants of these rows."""
+    """Return the instants of a run, the index of the log row of each instant, and the logged instants."""
     table = timetable(periods, duration, max_step)
     written = table.t % log_period == 0
     return table, row_numbers(written), logged_instants(table, written)
 
 
 def logged_instants(table: Timetable, written: Any) -> tuple[Any, Any]:
-    """Return the logged instants, in 100 ns and in seconds; logs share them, so they are read-only."""
+    """Return the logged instants, in 100 ns and in seconds. They are read-only, because several logs share them."""
     ticks = table.t[written]
     t = to_seconds(ticks)
     ticks.flags.writeable = t.flags.writeable = False
@@ -211,19 +211,19 @@ def check_seed(seed: Any, name: str = "seed") -> None:
 
 
 def check_log_period(log_period: int, duration: int) -> None:
-    """Raise InputError for a log without rows, or with the first row alone. 1 ms suits a flight of any length."""
+    """Raise InputError for a log period of 0, or one longer than the flight. 1 ms is valid for any flight."""
     if not 0 < log_period <= max(duration, ms(1)):
         problem = f"must be above 0 s and at most the flight's {format_time(duration)}, got {format_time(log_period)}"
         raise InputError(argument_name("log_period"), problem, fix=argument("log_period", "1 ms"))
 
 
 def row_width(columns: list[Column]) -> int:
-    """Return the total count of numbers in some columns."""
+    """Return the number of values that some columns contain together."""
     return sum(math.prod(c.shape) for c in columns)
 
 
 def split_columns(rows: Any, columns: list[Column]) -> dict[str, Any]:
-    """Return the columns of rows (..., width), in their own type and shape; views where the type is the same."""
+    """Return the columns of rows (..., width), each in its own type and shape. A column of type float64 is a view."""
     return {
         path: rows[..., part].reshape((*rows.shape[:-1], *shape)).astype(dtype, copy=False)
         for path, (part, shape, dtype) in _column_places(columns).items()
@@ -231,7 +231,7 @@ def split_columns(rows: Any, columns: list[Column]) -> dict[str, Any]:
 
 
 def _column_places(columns: list[Column]) -> dict[str, tuple[slice, tuple[int, ...], str]]:
-    """Return path -> slice of a row, shape and type of a column."""
+    """Return, by path, the slice of a row that contains a column, and the shape and type of the column."""
     places, start = {}, 0
     for c in columns:
         stop = start + math.prod(c.shape)
@@ -248,16 +248,17 @@ def make_log(
     instants: tuple[Any, Any],
     metadata: dict[str, Any],
 ) -> Log:
-    """Return the log of one of the runs; it holds only its own rows, and creates its signals when they are read.
+    """Return the log of one run. It contains only the rows of this run, and creates a signal when the signal is read.
 
-    instants: see `logged_instants`.  metadata: plain values, copied when they are read.
+    run: index of the run in the results.  instants: see `logged_instants`.  metadata: plain values, copied when they
+    are read.
     """
     ticks, t = instants
     rows = results.log[run] if len(results.log) == 1 else results.log[run].copy()
     places = _column_places(columns)
     for path, (_, shape, _) in places.items():
         if len(shape) > 1:
-            problem = f"has shape {shape} at each instant, but a log holds only numbers and vectors"
+            problem = f"must be a number or a vector at each instant, but has shape {shape}"
             raise InputError(f"log signal {path!r}", problem, fix=f"give it shape () or ({math.prod(shape)},)")
 
     def signal(path: str) -> Any:
@@ -278,7 +279,10 @@ def make_log(
 
 
 def describe_scenario(scenario: Any) -> dict[str, Any]:
-    """Return the log's entries about its scenario; with `choices` if built by name, so that a replay rebuilds it."""
+    """Return the log's entries that describe its scenario.
+
+    For a scenario built by name, they include `choices`, from which a replay rebuilds the scenario.
+    """
     mismatch = [m._asdict() for m in belief_mismatches(scenario.autopilot, scenario.world.vehicle)]
     about = {
         "scenario": scenario.name,

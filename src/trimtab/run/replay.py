@@ -1,6 +1,6 @@
-"""replay: repeats a recorded run's autopilot with the recorded frames, and compares its outputs.
+"""Replay: run an autopilot again with the frames of a log, and compare its outputs with the recorded ones.
 
-It also compares any two logs of the same run: the first sample that differs, and whether a switch on data came before.
+This module also compares two logs of the same run. It finds the first difference, and the first switch that differs.
 """
 
 import dataclasses
@@ -30,13 +30,13 @@ from trimtab.run.runner import choose_c
 from trimtab.scenarios.recorded import rebuild_scenario
 
 TOLERANCE = 1e-10
-"""Tolerance, as a fraction of a signal's largest size, for another backend or another class of machine."""
+"""Tolerance between two backends or two classes of machine, as a fraction of a signal's largest magnitude."""
 LOSS_COUNTERS = ("log.dropped", "log.unwritten")
-"""Signals of a flight's log that count its missing rows."""
+"""Signals in the log of a flight that count its missing rows."""
 
 
 class Divergence(NamedTuple):
-    """First difference of two runs: time (s), signal, and the two values of the first component that differs."""
+    """First difference between two runs: time (s), path of the signal, both values of the component that differs."""
 
     t: float
     path: str
@@ -47,10 +47,11 @@ class Divergence(NamedTuple):
 class Replay(NamedTuple):
     """Result of a replay.
 
-    recorded_log, replayed_log: the compared signals at the control instants.  exact: True if all bits are the same.
-    strict: True if they must be.  equal: True if the required accuracy is met.  first: the first difference, or None.
-    worst: path -> largest difference as a fraction of the signal's largest size.  end_reason: reason for the end.
-    changed: True if another autopilot was flown, so that outputs may differ.
+    recorded_log, replayed_log: the compared signals at the control instants.  exact: True if all bits are equal.
+    strict: True if all bits must be equal.  equal: True if the required accuracy is met.  first: the first difference,
+    or None.  worst: path -> largest difference as a fraction of the signal's largest magnitude.  backend: backend of
+    the replay.  end_reason: reason for which the replay ended before the log, or "".  changed: True if another
+    autopilot was flown, so that outputs may differ.
     """
 
     recorded_log: Log
@@ -73,17 +74,18 @@ def replay(log: Log, scenario: Scenario | str | None = None, *, autopilot: Any =
     >>> replay(simulate("hovercraft/spin", duration="100 ms")).exact
     True
 
-    On the backend and class of machine that recorded the log, every bit must be the same; elsewhere results must agree
+    On the backend and class of machine that recorded the log, every bit must be equal. Otherwise, results must agree
     within TOLERANCE.
 
     Args:
-        log: log of `simulate`, with each control instant, or of a flight; its signals ``downlink`` are the frames.
-        scenario: the recorded scenario, or its name; rebuilt from the log's entries when None.
-        autopilot: another autopilot to fly instead; it reads the same sensors. The vehicle's motion is as recorded.
+        log: log of `simulate`, with a row at each control instant, or log of a flight. The frames are its signals
+            ``downlink``.
+        scenario: the recorded scenario, or its name. None: it is rebuilt from the log's entries.
+        autopilot: another autopilot to fly instead. It reads the same sensors. The vehicle moves as recorded.
         backend: "c", "jax" or "auto", as for simulate.
 
     Raises:
-        InputError: a log that does not hold every frame, or an autopilot that doesn't fit them.
+        InputError: the log does not contain every frame, or the autopilot reads something else than the frames contain.
     """
     check_log(log, "replay({})")
     if not isinstance(scenario, Scenario):
@@ -106,7 +108,7 @@ def replay(log: Log, scenario: Scenario | str | None = None, *, autopilot: Any =
 
 
 def _refuse_other_sensors(flown: Scenario) -> None:
-    """Raise InputError for an estimator that reads a sensor without samples in the flight."""
+    """Raise InputError if the estimator reads a sensor that has no samples in the flight."""
     sent = flown.world.sensors
     if lacking := [sensor for sensor in flown.autopilot.estimator.listens if sensor not in sent]:
         estimator = type(flown.autopilot.estimator).__name__
@@ -116,7 +118,7 @@ def _refuse_other_sensors(flown: Scenario) -> None:
 
 
 def describe_replay(result: Replay) -> str:
-    """Return the result in one sentence."""
+    """Return the result of a replay in one sentence."""
     steps = f"{len(result.recorded_log)} steps"
     if result.changed:
         return f"{steps} flown with another autopilot"
@@ -129,10 +131,10 @@ def describe_replay(result: Replay) -> str:
 
 
 class RecordedSteps(NamedTuple):
-    """Consecutive control steps, from the first on.
+    """Consecutive control steps of a log, from the first step on.
 
-    rows: of the log (n,).  ticks: their times (n,).  inputs: float64 (n, width), input of each step.  end_reason:
-    reason for the end, or "".
+    rows: indices of the log rows (n,).  ticks: times of the steps (n,).  inputs: input of each step, float64 (n,
+    width).  end_reason: reason for which the steps end before the log, or "".
     """
 
     rows: Any
@@ -142,27 +144,29 @@ class RecordedSteps(NamedTuple):
 
 
 def find_steps(log: Log, frames: list[str], period: int) -> RecordedSteps:
-    """Return the steps of a log, up to the first missing one.
+    """Return the control steps of a log, up to the first missing step.
 
     Args:
-        log: log of a simulation, or of a flight, whose rows are its steps.
+        log: log of a simulation, or log of a flight, in which each row is a control step.
         frames: paths of the inputs, ``t`` and ``samples.…``, in order.
-        period: time between two control instants.
+        period: time between two control instants (100 ns).
 
     Raises:
-        InputError: a log whose rows don't begin with the first control instant, or that lacks a signal.
+        InputError: the log does not begin with the first control instant, or lacks a signal.
     """
     if not len(log):
-        raise InputError("replay", "the log holds no step", fix="give a log with at least one row")
+        raise InputError("replay", "the log contains no control step", fix="give a log with at least one row")
     rows, reason = _find_flight_steps(log) if LOSS_COUNTERS[0] in log else _find_simulation_steps(log, period)
     if log.metadata.get("truncated") and not reason:
-        reason = f"the log is cut at {log.t[-1]:g} s"
+        reason = f"the log was cut off at {log.t[-1]:g} s"
     for gap in log.metadata.get("gaps", ()):
         whole = rows[log.t[rows] <= (-1.0 if gap["after_s"] is None else gap["after_s"])]
         if len(whole) < len(rows):
             rows, reason = whole, f"the log has a gap: {gap['text']}"
     if not len(rows):
-        raise InputError("replay", f"the log lacks its first steps: {reason}", fix="give a log from the start on")
+        raise InputError(
+            "replay", f"the log lacks its first steps: {reason}", fix="give a log that begins with the first step"
+        )
     columns = [np.asarray(_frame_column(log, path)[rows], np.float64).reshape(len(rows), -1) for path in frames]
     return RecordedSteps(rows, log.ticks[rows], np.concatenate(columns, axis=1), reason)
 
@@ -173,37 +177,39 @@ def _frame_column(log: Log, path: str) -> Any:
     name = "downlink" + path.removeprefix("samples")
     if name not in log:
         problem = f"the log lacks {name!r}, which the autopilot reads"
-        fix = "record with all signals, or fly an autopilot that reads only recorded ones"
+        fix = "record with all signals, or fly an autopilot that reads only recorded signals"
         sensors = sorted({p.split(".")[1] for p in log.paths if p.startswith("downlink.")})
         raise InputError("replay", problem, choices=sensors, fix=fix)
     return log[name]
 
 
 def _find_flight_steps(log: Log) -> tuple[Any, str]:
-    """Return the rows, of which each is a step, up to the first missing row; later steps can't be repeated."""
+    """Return the rows of a flight's log, each a step, up to the first missing row. Later steps can't be repeated."""
     missing = np.sum([log[name] for name in LOSS_COUNTERS if name in log], axis=0)
     if missing[0]:
-        raise InputError("replay", f"the log lacks its first {missing[0]} steps", fix="give a log from the start on")
+        raise InputError(
+            "replay", f"the log lacks its first {missing[0]} steps", fix="give a log that begins with the first step"
+        )
     whole = int(np.argmax(missing > 0)) if missing.any() else len(log)
     return np.arange(whole), f"the log lacks steps after {log.t[whole - 1]:g} s" if whole < len(log) else ""
 
 
 def _find_simulation_steps(log: Log, period: int) -> tuple[Any, str]:
-    """Return the row of each control instant."""
+    """Return the index of the log row of each control instant in a simulation."""
     rows = np.flatnonzero(log.ticks % period == 0)
     ticks = log.ticks[rows]
     if log.ticks[0] != 0:
-        problem = f"the log begins at {to_seconds(int(log.ticks[0])):g} s, where the state is unknown"
-        raise InputError("replay", problem, fix="give the log from the start of the run on")
+        problem = f"the log begins at {to_seconds(int(log.ticks[0])):g} s, where the autopilot's state is unknown"
+        raise InputError("replay", problem, fix="give a log that begins with the start of the run")
     if (np.diff(ticks) != period).any() or (len(rows) == 1 and len(log) > 1):
         usual = int(np.median(np.diff(log.ticks)))
-        problem = f"the log has a row each {format_time(usual)}, but the autopilot steps each {format_time(period)}"
+        problem = f"the log has a row every {format_time(usual)}, but the autopilot steps every {format_time(period)}"
         raise InputError("replay", problem, fix=f"record again with {argument('log_period', format_time(period))}")
     return rows, ""
 
 
 def _changes_by_step(steps: RecordedSteps, changes: Sequence[AutopilotChange]) -> dict[int, list[AutopilotChange]]:
-    """Return step -> changes of parameters from this step on."""
+    """Return index of a step -> the parameter changes that take effect at this step."""
     by_step: dict[int, list[AutopilotChange]] = {}
     for change in changes:
         by_step.setdefault(int(np.searchsorted(steps.ticks, change.t)), []).append(change)
@@ -211,7 +217,7 @@ def _changes_by_step(steps: RecordedSteps, changes: Sequence[AutopilotChange]) -
 
 
 def step_c(step: CompiledBlock, steps: RecordedSteps, changes: Sequence[AutopilotChange] = ()) -> dict[str, Any]:
-    """Return outputs by path, (n, …), of a compiled block for recorded steps. changes: of its parameters."""
+    """Return the outputs of a compiled block for recorded steps, by path, (n, …). changes: parameter changes."""
     rows, by_step = np.empty((len(steps.inputs), len(step.outputs))), _changes_by_step(steps, changes)
     for k, row in enumerate(steps.inputs):
         for change in by_step.get(k, ()):
@@ -223,7 +229,7 @@ def step_c(step: CompiledBlock, steps: RecordedSteps, changes: Sequence[Autopilo
 
 
 def step_jax(block: BlockDefinition, steps: RecordedSteps, changes: Sequence[AutopilotChange] = ()) -> dict[str, Any]:
-    """Return the same outputs from a JAX scan."""
+    """Return the outputs of a block for recorded steps, by path, (n, …), as `step_c` does, but computed with JAX."""
     shapes, tree = jax.tree.flatten(block.input)
     columns, at = [], 0
     for leaf in shapes:
@@ -255,7 +261,7 @@ def _compare_outputs(log: Log, steps: RecordedSteps, outputs: dict[str, Any], ba
     paths = sorted(outputs, key=lambda p: order.index(p.partition(".")[0]))
     shared = [p for p in paths if p in log and log[p].shape[1:] == outputs[p].shape[1:]]
     if not shared:
-        own = "this is the vehicle's log; give the autopilot's log, flight.mcap of trimtab fly"
+        own = "this is the vehicle's log; give the autopilot's log: flight.mcap, written by trimtab fly"
         every = 'log all signals, or signals=("downlink", "estimate", "law", "command")'
         fix = own if log.metadata.get("side") == "vehicle" else every
         raise InputError("replay", "the log has no outputs of an autopilot", fix=fix)
@@ -282,10 +288,10 @@ def _compare_outputs(log: Log, steps: RecordedSteps, outputs: dict[str, Any], ba
 class Difference(NamedTuple):
     """Comparison of two logs.
 
-    instants: number of common instants.  switch: the first whole number or Boolean that differs, or None. From there on
-    two correct backends may differ, as a rounding error crossed a threshold.
-    number: the first real number before that with a difference beyond the tolerance, or None.
-    worst: path -> largest difference before the switch, as a fraction of the signal's largest size.
+    instants: number of instants before the switch.  switch: the first whole number or Boolean that differs, or None.
+    After the switch, two correct backends may differ, because a rounding error has crossed a threshold.
+    number: the first real number before the switch whose difference exceeds the tolerance, or None.
+    worst: path -> largest difference before the switch, as a fraction of the signal's largest magnitude.
     """
 
     instants: int
@@ -300,17 +306,18 @@ class Difference(NamedTuple):
 
 
 def compare_logs(one: Log, other: Log, tolerance: float = TOLERANCE) -> Difference:
-    """Compare two logs of one flight on two backends or machines, up to rounding.
+    """Compare two logs of the same run on two backends or machines. Differences due to rounding are accepted.
 
     For an exact comparison of two flights, also with different instants, use `logs.difference.find_difference`.
 
     Args:
-        one, other: logs of the same instants and signals.
-        tolerance: for real numbers, as a fraction of the largest size of the signal in `one` (or of 1e-3, if larger).
-            A signal may also differ by ROUNDINGS of the largest in the same unit, as it may be a difference of two.
+        one, other: logs with the same instants and signals.
+        tolerance: tolerance for real numbers, as a fraction of the signal's largest magnitude in `one`, or of 1e-3 if
+            that is larger. A signal may also differ by ROUNDINGS rounding errors of the largest signal in the same
+            unit, because a signal may be the difference of two others.
 
     Raises:
-        InputError: logs with different instants or different signals.
+        InputError: the logs have different instants or different signals.
     """
     if not np.array_equal(one.ticks, other.ticks):
         raise InputError("difference", "the logs have different instants", fix="log both with the same log_period")
@@ -332,7 +339,7 @@ def compare_logs(one: Log, other: Log, tolerance: float = TOLERANCE) -> Differen
 
 
 def _largest_by_unit(log: Log, paths: list[str]) -> dict[str, float]:
-    """Return unit -> largest finite size of the signals in this unit."""
+    """Return unit -> largest finite magnitude of the signals in this unit."""
     largest: dict[str, float] = {}
     for path in paths:
         finite = np.abs(log[path][np.isfinite(log[path])])
@@ -341,7 +348,7 @@ def _largest_by_unit(log: Log, paths: list[str]) -> dict[str, float]:
 
 
 def _largest_gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the largest difference at each instant; NaN equals only NaN."""
+    """Return the largest difference of two signals at each instant. NaN equals only NaN."""
     same = (a == b) | (np.isnan(a) & np.isnan(b))
     with np.errstate(invalid="ignore"):
         gap = np.where(same, 0.0, np.abs(a - b))
@@ -353,7 +360,11 @@ def _differing_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _first_difference(one: Log, other: Log, apart: list[tuple[str, np.ndarray]], until: int) -> Divergence | None:
-    """Return the earliest instant at which one of the masks (n,) by path holds, and the first such path by name."""
+    """Return the difference at the earliest instant at which a mask is True, or None.
+
+    apart: path and mask (n,) of each signal.  until: number of instants that are searched. If several masks are True at
+    that instant, the path that is first by name is returned.
+    """
     rows = [(int(bad.argmax()), path) for path, bad in apart if bad[:until].any()]
     if not rows:
         return None
@@ -364,9 +375,9 @@ def _first_difference(one: Log, other: Log, apart: list[tuple[str, np.ndarray]],
 
 
 def first_bit_difference(one: Log, other: Log) -> Divergence | None:
-    """Return the first instant, and its first signal, at which two logs of the same signals differ in bits.
+    """Return the first difference in bits between two logs of the same signals, or None.
 
-    NaN equals NaN, whatever its other bits, as a log does not keep those; -0.0 does not equal 0.0.
+    Every NaN equals every other NaN, because a log does not keep their other bits. -0.0 does not equal 0.0.
     """
     firsts: list[tuple[int, int, int]] = []
     for order, path in enumerate(one.paths):

@@ -1,7 +1,7 @@
-"""Replay of an estimator alone with a log's samples: from a recorded run, or from any vehicle's log.
+"""Replay of an estimator alone, with the samples in the log of a recorded run or of any vehicle.
 
-No scenario, vehicle or law is needed. The log must only hold the samples that the estimator reads, one row for each
-instant at which a sample arrived (`logs.samples.log_samples` writes such a log).
+No scenario, vehicle or law is needed. The log must contain only the samples that the estimator reads, with one row for
+each instant at which a sample arrived. `logs.samples.log_samples` writes such a log.
 """
 
 from typing import Any
@@ -24,7 +24,7 @@ from trimtab.run.replay import find_steps, step_c, step_jax
 from trimtab.run.runner import choose_c
 
 ESTIMATE = "estimate"
-"""Block of a log that holds the estimator's output."""
+"""First component of the paths under which a log contains the estimator's output."""
 
 
 def replay_estimator(log: Log, estimator: Any, *, backend: str = "auto", seed: int = 0) -> Log:
@@ -35,10 +35,10 @@ def replay_estimator(log: Log, estimator: Any, *, backend: str = "auto", seed: i
             flight the rows are the autopilot's steps, as for `replay`.
             estimator: an estimator, as in an autopilot.
         backend: "c", "jax" or "auto", as for simulate.
-        seed: seed of the estimator's draws, if any.
+        seed: seed of the estimator's random numbers, if it uses any.
 
     Raises:
-        InputError: a log that lacks signals which the estimator reads, or steps.
+        InputError: the log lacks steps, or signals that the estimator reads.
     """
     if hasattr(estimator, "check"):
         estimator.check()
@@ -64,7 +64,7 @@ def replay_estimator(log: Log, estimator: Any, *, backend: str = "auto", seed: i
 
 
 def estimator_block(log: Log, estimator: Any, seed: int = 0) -> BlockDefinition:
-    """Return the estimator as a block: `Frame` in, `Estimate` out; the frame has the structure of the log's samples."""
+    """Return the estimator as a block: `Frame`, with the structure of the log's samples, in, `Estimate` out."""
     samples = {name: _sample_structure(log, name) for name in estimator.listens}
     parameters, key = to_arrays(estimator), root_key(seed)
 
@@ -80,7 +80,7 @@ def estimator_block(log: Log, estimator: Any, seed: int = 0) -> BlockDefinition:
 
 
 def _check_fields(log: Log, block: BlockDefinition) -> None:
-    """Raise InputError for a log whose samples lack a field that the estimator reads."""
+    """Raise InputError if the log's samples lack a field that the estimator reads."""
     try:
         jax.eval_shape(lambda: block.step(block.parameters, block.init(block.parameters), block.input))
     except AttributeError as error:
@@ -91,7 +91,7 @@ def _check_fields(log: Log, block: BlockDefinition) -> None:
         base = f"{RECEIVED}.{sensor}.value."
         there = [p.removeprefix(base) for p in log.paths if p.startswith(base)]
         problem = f"the log's samples of {sensor!r} have no field {error.name!r}, which the estimator reads"
-        fix = f"write it with the samples; for a foreign log, in the mapping below [sensor.{sensor}.fields]"
+        fix = f"write the field with the samples; for a foreign log, in the mapping below [sensor.{sensor}.fields]"
         fix += f"  {error.name} = {{from = …}}  or  {{constant = …}}"
         raise InputError("replay", problem, choices=there, fix=fix) from None
 

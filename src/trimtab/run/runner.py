@@ -1,4 +1,4 @@
-"""Runner of one or many runs, in C or on JAX; the base of `simulate` and of batches."""
+"""Execution of one or many runs, in C or on JAX. `simulate` and `simulate_batch` use this module."""
 
 import functools
 import sys
@@ -24,7 +24,7 @@ from trimtab.run.walk_structure import WalkStructure, build_walk_library, final_
 MAX_INSTANTS = 200_000_000
 BACKENDS = ("auto", "c", "jax")
 LEAST_LANE_RUNS = 64
-"""Least number of runs for which compiling the program over lanes is worthwhile."""
+"""Minimum number of runs for which the program is compiled to fly several runs at a time, in vector lanes."""
 _reported_parts: set[str] = set()
 
 T = TypeVar("T")
@@ -33,7 +33,7 @@ T = TypeVar("T")
 def prepare_run(
     scenario: Scenario, seeds: list[int], duration: int | None, log_period: int
 ) -> tuple[Scenario, Timetable, Any]:
-    """Return the checked scenario, its instants, and a mask of the logged ones."""
+    """Return the checked scenario, its instants, and a mask of the logged instants."""
     if duration is not None:
         scenario = replace(scenario, duration=duration)
     scenario.check()
@@ -50,7 +50,7 @@ def prepare_run(
     count = sum(scenario.duration // p for p in set(periods))
     if count > MAX_INSTANTS:
         problem = f"{format_time(scenario.duration)} takes about {count:.1e} instants, more than {MAX_INSTANTS:.0e}"
-        raise InputError("duration", problem, fix="a shorter duration, or longer periods")
+        raise InputError("duration", problem, fix="give a shorter duration, or longer periods")
     table = timetable(periods, scenario.duration, scenario.world.max_step)
     return scenario, table, table.t % log_period == 0
 
@@ -58,7 +58,8 @@ def prepare_run(
 def choose_c(backend: str, prepare: Callable[[], T]) -> T | None:
     """Return the result of `prepare` if C is used, or None if JAX is used.
 
-    C is used if requested, or if available. Otherwise "auto" uses JAX, about ten times slower, and reports that once.
+    With backend "c", C is used. With "auto", C is used if available. Otherwise JAX is used, which is about ten times
+    slower, and a note about this is printed once.
     """
     if backend not in BACKENDS:
         raise InputError("backend", f"{backend!r} is not a backend", choices=BACKENDS, fix='backend="auto"')
@@ -80,7 +81,7 @@ def _report_once(note: str, part: str) -> None:
 
 
 def check_signals(of: WalkStructure) -> None:
-    """Raise InputError for unknown names of signals."""
+    """Raise InputError if a signal name of the structure is unknown."""
     paths = [column.path for column in row_columns(of._replace(signals=()))]
     for name in of.signals:
         if not any(path == name or path.startswith(name + ".") for path in paths):
@@ -91,9 +92,10 @@ def check_signals(of: WalkStructure) -> None:
 class RunJob(NamedTuple):
     """Description of the runs to fly.
 
-    own: position of each input that differs between runs -> its values, the run as first axis; empty for one run.
-    written: mask of the logged instants.  signals: signals to log or reduce; all when empty.
-    log: keep the rows.  stats: reduce them.  progress: called a few times a second with the runs that are done.
+    inputs: inputs of a run.  own: position of each input that differs between runs -> its values, with the run as first
+    axis; empty for one run.  table: instants.  written: mask of the logged instants.  signals: signals to log or
+    reduce; empty: all.  log: True to keep the logged rows.  stats: True to compute their statistics.  threads: number
+    of threads.  progress: called a few times a second with the number of completed runs.
     """
 
     inputs: RunInputs
@@ -113,7 +115,7 @@ class RunJob(NamedTuple):
 
 
 class FlownRuns(NamedTuple):
-    """Results of runs, and the columns of their numbers. backend: "c", "c lanes" (several runs at a time) or "jax"."""
+    """Results of runs, with their columns. backend: "c", "c lanes" (several runs at a time) or "jax"."""
 
     results: RunResults
     columns: list[Column]
@@ -122,7 +124,7 @@ class FlownRuns(NamedTuple):
 
 
 def fly(job: RunJob, backend: str) -> FlownRuns:
-    """Fly runs. backend: "auto", "c" or "jax"; see `choose_c`."""
+    """Fly the runs of a job and return their results. backend: "auto", "c" or "jax", see `choose_c`."""
     of = walk_structure(job.inputs, job.table.always, job.signals)
     check_signals(of)
     columns, final = row_columns(of), final_columns(of)
@@ -146,7 +148,7 @@ def fly(job: RunJob, backend: str) -> FlownRuns:
 
 
 def _build_library(of: WalkStructure, job: RunJob) -> tuple[Path, int]:
-    """Return the library, scalar or over lanes, and the number of lanes: 0 for a scalar one."""
+    """Return the path of the library and the number of runs that it flies at a time (lanes); 0 means one."""
     own = frozenset(job.own)
     compiler = find_compiler("c++") if job.runs >= LEAST_LANE_RUNS else None
     lanes = lane_count(compiler) if compiler is not None else 1
@@ -160,7 +162,7 @@ def _build_library(of: WalkStructure, job: RunJob) -> tuple[Path, int]:
 
 
 def _fly_jax(job: RunJob) -> RunResults:
-    """Fly runs on JAX: several by vmap over the inputs that differ, a single one directly."""
+    """Fly runs on JAX. Several runs are flown by vmap over the inputs that differ."""
     rows = int(job.written.sum())
     row = np.minimum(row_numbers(job.written), rows).astype(np.int32)
     timing = (job.table.t, job.table.h, row)

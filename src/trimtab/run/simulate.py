@@ -1,6 +1,6 @@
-"""simulate: flies a scenario in virtual time, as one compiled walk over its instants.
+"""Simulation of a scenario in virtual time, as one compiled loop over its instants.
 
-It flies one run, or many at once over lanes and threads. Signals are logged, or reduced during the run.
+One run is flown, or many at once in vector lanes and threads. Signals are logged, or reduced during the run.
 """
 
 import functools
@@ -33,7 +33,7 @@ from trimtab.run.walk_structure import build_walk_library, final_columns, row_co
 from trimtab.scenarios.build import find_scenario
 
 BUILT = {name: f'simulate(build("SCENARIO", {name}=…))' for name in ("settings", "without", "faults", "calibration")}
-"""Arguments that `build` takes -> the call with them."""
+"""Arguments of `build` that a user may pass to `simulate` by mistake -> the correct call."""
 
 
 @explain_call(BUILT)
@@ -54,20 +54,21 @@ def simulate(
     100
 
     Args:
-        scenario: the scenario, or its name (`scenarios.build`); checked completely before the run.
+        scenario: the scenario, or its name (`scenarios.build`). It is checked completely before the run.
         seed: seed of the random numbers, 0 … 2**32 - 1.
-        run: number of the run within a study; (seed, run) decides every random number.
-        duration: "30 s", or integer time (100 ns units); the scenario's own when None.
-        log_period: time between rows of the log, likewise; multiples of it at which some block is due are logged.
-        signals: signals to log, e.g. ("truth", "law.mode"): a name includes all signals below it; all when empty.
-        backend: "c" compiles the loop with the machine's C compiler, "jax" flies it on JAX; "auto" uses C if available.
-        Results agree to rounding (docs page, Backends).
+        run: number of the run within a study. Seed and run together determine every random number.
+        duration: "30 s", or integer time (100 ns units). None: the scenario's duration.
+        log_period: time between rows of the log, "10 ms" or integer time. A row is written at each multiple of this
+            time at which a part of the loop runs.
+        signals: signals to log, e.g. ("truth", "law.mode"). A name includes all signals below it. Empty: all signals.
+        backend: "c" compiles the loop with the machine's C compiler, "jax" flies it on JAX, "auto" uses C if available.
+            Results agree up to rounding (docs page, Backends).
 
     Returns:
         The log: every signal by its path, the true state at the end, and all data needed to repeat the run.
 
     Raises:
-        InputError: an invalid value, period, name or pair of parts, with the fix.
+        InputError: a value, period or name is invalid, or parts do not fit each other. The error gives the fix.
     """
     check_seed(seed)
     check_seed(run, "run")
@@ -87,7 +88,7 @@ def simulate(
 def _resolve(
     scenario: Scenario | str, duration: int | str | None, log_period: int | str
 ) -> tuple[Scenario, int | None, int]:
-    """Return the scenario of a name, and the times of texts."""
+    """Return scenario, duration and log period, with a name and texts converted."""
     length = None if duration is None else as_time("duration", duration)
     own, each = find_scenario(scenario), as_time("log_period", log_period)
     check_log_period(each, own.duration if length is None else length)
@@ -95,7 +96,10 @@ def _resolve(
 
 
 def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals: tuple[str, ...] = ()) -> Program:
-    """Return a scenario as a compiled program, which flies without JAX. Raise as `simulate`, or without a compiler."""
+    """Return a scenario as a compiled program, which flies without JAX.
+
+    Raise InputError in the same cases as `simulate`, or if no C compiler is found.
+    """
     scenario, table, _ = prepare_run(scenario, [], duration, ms(1))
     inputs = run_inputs(scenario)
     of = walk_structure(inputs, table.always, signals)
@@ -115,7 +119,7 @@ def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals
 
 
 class _KeptProgram(NamedTuple):
-    """A program with its inputs: structure and leaves of the scenario, and the contents of its arrays."""
+    """Cached program, with structure, leaves and array contents of its scenario, to detect changes."""
 
     program: Program
     tree: Any
@@ -125,12 +129,12 @@ class _KeptProgram(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def _kept_programs(_: Scenario, __: int | None, ___: tuple[str, ...]) -> list[_KeptProgram]:
-    """Return the cache of the program for this very scenario object; empty until compiled."""
+    """Return the cache entry of this scenario object: a list that contains its program once it is compiled."""
     return []
 
 
 def _find_program(scenario: Scenario, duration: int | None, signals: tuple[str, ...]) -> Program:
-    """Return the scenario's program, compiled if not cached, or if a mapping or array in it has changed since."""
+    """Return the scenario's program. Compile it if it is not cached, or if a mapping or array has changed since."""
     kept = _kept_programs(scenario, duration, signals)
     leaves, tree = jax.tree.flatten(scenario)
     contents = [v.tobytes() for v in leaves if isinstance(v, np.ndarray)]
@@ -154,7 +158,7 @@ def simulate_many(
     backend: str = "auto",
     threads: int | None = None,
 ) -> list[Log]:
-    """Run `simulate` for many seeds at once, one log each; log i equals that of the single run of seeds[i]."""
+    """Run `simulate` for many seeds at once and return the logs. Log i equals the log of a single run with seeds[i]."""
     chosen = list(seeds)
     own, length, each = _resolve(scenario, duration, log_period)
     own, table, written = prepare_run(own, chosen, length, each)
@@ -172,11 +176,12 @@ def simulate_many(
 
 
 class Batch(NamedTuple):
-    """Results of many runs; dictionaries by path, arrays with the run as first axis.
+    """Results of n runs. The dictionaries are by signal path. Their arrays have the run as first axis.
 
-    seeds: (n,).  ticks: instants of the rows, 100 ns.  log: signals (n, rows, …), or empty.
-    least, most, mean, rms: of the logged rows of each run, (n, …).  final: last values of the truth, (n, …).
-    backend: "c", "c lanes" or "jax".  spread: the parameters that differ between runs, (n, …).
+    seeds: (n,).  ticks: logged instants, 100 ns.  log: signals (n, rows, …), or empty.  least, most, mean, rms:
+    minimum, maximum, mean and RMS of each signal over the logged rows of a run, (n, …).  final: true state at the end,
+    (n, …).  columns: signals in a row.  backend: "c", "c lanes" or "jax".  spread: parameters that differ between runs,
+    (n, …).
     """
 
     seeds: Any
@@ -214,24 +219,24 @@ def simulate_batch(
     (4,)
 
     Args:
-        scenario: the scenario, or its name; checked completely before the runs.
+        scenario: the scenario, or its name. It is checked completely before the runs.
         seeds: a seed for each run.
-        runs: number of each run within a study, the second word of its key; 0 when None. For a scenario with words
-        also the words of each run, (n, m).
+        runs: number of each run within a study, the second word of its key. None: 0 for all runs. For a scenario with
+            m words, the words of each run, (n, m), may be given instead.
         spread: path of a parameter -> its value in each run, shape (n, …), e.g. {"world.vehicle.mass": masses}.
-        signals: signals to reduce, and to log with `log`; all when empty.
-        log_period: time between rows; multiples of it at which some block is due.
-        log: keep the rows of every run; memory grows with runs x rows.
-        duration: "30 s", or integer time; the scenario's own when None.
+        signals: signals to reduce, and to log if `log` is True. Empty: all signals.
+        log_period: time between rows. A row is taken at each multiple of this time at which a part of the loop runs.
+        log: True to keep the rows of every run. Memory grows with runs x rows.
+        duration: "30 s", or integer time. None: the scenario's duration.
         backend: "auto", "c" or "jax", as in `simulate`.
-        threads: number of threads; the number of cores when None.
-        progress: called a few times a second with the number of runs that are done; in C only.
+        threads: number of threads. None: the number of cores.
+        progress: called a few times a second with the number of completed runs. Only the backend C calls it.
 
     Returns:
-        Least, most, mean and rms of the rows, last values, and the log if wanted.
+        Minimum, maximum, mean and RMS of the rows, the true state at the end, and the rows if `log` is True.
 
     Raises:
-        InputError: as `simulate`; or for a spread of an unknown path or of another shape.
+        InputError: as `simulate`; or `spread` contains an unknown path or values of a wrong shape.
     """
     chosen = list(seeds)
     flying, length, each = _resolve(scenario, duration, log_period)

@@ -1,4 +1,4 @@
-"""Structure of a flown walk: what its compiled text depends on, its columns, and its program."""
+"""Structure of a simulated loop: all data on which its compiled C text depends, its log columns, and its program."""
 
 import functools
 from pathlib import Path
@@ -18,7 +18,11 @@ from trimtab.run.program import Column
 
 
 class WalkStructure(NamedTuple):
-    """Everything that determines the compiled text: tree, shapes and types of inputs, due periods, signals."""
+    """All data that determine the compiled text of a loop.
+
+    tree: tree structure of the inputs.  shapes: shape and type of each input.  always: periods that are due at every
+    instant.  signals: names of the logged signals.
+    """
 
     tree: Any
     shapes: tuple[tuple[tuple[int, ...], str], ...]
@@ -26,25 +30,25 @@ class WalkStructure(NamedTuple):
     signals: tuple[str, ...]
 
     def zero_inputs(self) -> RunInputs:
-        """Return inputs of this structure, every number zero."""
+        """Return inputs of this structure, with every number zero."""
         return jax.tree.unflatten(self.tree, [np.zeros(shape, dtype) for shape, dtype in self.shapes])
 
 
 def walk_structure(inputs: RunInputs, always: frozenset[int], signals: tuple[str, ...]) -> WalkStructure:
-    """Return the structure of a walk from these inputs. always: periods that are due at every instant."""
+    """Return the structure of a loop with these inputs. always: periods that are due at every instant."""
     leaves, tree = jax.tree.flatten(inputs)
     return WalkStructure(tree, tuple((np.shape(v), str(np.asarray(v).dtype)) for v in leaves), always, signals)
 
 
 @jax.jit
 def _initial_states(inputs: RunInputs) -> tuple[WorldState, AutopilotState]:
-    """Return the states before the first instant; JAX traces this function once for each structure."""
+    """Return the states before the first instant. JAX traces this function once for each structure of inputs."""
     return inputs.initial_states()
 
 
 @functools.lru_cache(maxsize=32)
 def _first_instant(of: WalkStructure) -> tuple[WorldState, Signals]:
-    """Return the world's state and the signals before the first instant, for their structure; traced only once."""
+    """Return shapes and types of the world's state and of the signals. They are traced only once per structure."""
 
     def begin(inputs: RunInputs) -> tuple[WorldState, Signals]:
         states = _initial_states(inputs)
@@ -54,20 +58,20 @@ def _first_instant(of: WalkStructure) -> tuple[WorldState, Signals]:
 
 
 def signal_structure(inputs: RunInputs) -> Signals:
-    """Return the signals of a run, for their structure; nothing flies."""
+    """Return shapes and types of the signals of a run. Nothing is flown."""
     return _first_instant(walk_structure(inputs, frozenset(), ()))[1]
 
 
 @functools.lru_cache(maxsize=32)
 def row_columns(of: WalkStructure) -> list[Column]:
-    """Return the columns of a row."""
+    """Return the columns of a log row."""
     _, structure = _first_instant(of._replace(always=frozenset(), signals=()))
     return [Column(p, v.shape, str(v.dtype), declared) for p, v, declared in logged_signals(structure, of.signals)]
 
 
 @functools.lru_cache(maxsize=32)
 def final_columns(of: WalkStructure) -> list[Column]:
-    """Return the columns of the last values: the truth, and the integration's report on its last step."""
+    """Return the columns of the final values: the true state, and the integration's report on the last step."""
     s, _ = _first_instant(of._replace(always=frozenset(), signals=()))
     last = {"truth": s.x, "world": s.integrated}
     return [
@@ -79,21 +83,24 @@ def final_columns(of: WalkStructure) -> list[Column]:
 
 @functools.lru_cache(maxsize=32)
 def lower_structure(of: WalkStructure) -> WalkProgram:
-    """Return the program of a structure; it doesn't depend on the numbers of the inputs."""
+    """Return the program of a structure. It does not depend on the values of the inputs."""
     begin, step, count = _trace_closed_loop(of.zero_inputs(), of.always, of.signals)
     return lower_walk(begin, step, count)
 
 
 @functools.lru_cache(maxsize=64)
 def build_walk_library(of: WalkStructure, lanes: int = 0, own: frozenset[int] = frozenset()) -> Path:
-    """Return the shared library of a walk: scalar, or over lanes with the inputs at `own` different in each."""
+    """Return the path of the shared library of a loop.
+
+    lanes: number of runs that it flies at a time, 0 for one.  own: positions of the inputs that differ between runs.
+    """
     return build_program(lower_structure(of), lanes, own)
 
 
 def _trace_closed_loop(inputs: RunInputs, always: frozenset[int], names: tuple[str, ...]) -> tuple[Any, Any, int]:
-    """Return the programs of start and instant, and the number of leaves of the state, from the first, to return.
+    """Return the traced functions "begin" and "step", and the number of leaves of the state that are final values.
 
-    The state is flattened with the truth and the integration first.
+    The state begins with these leaves: the true state and the integration's report.
     """
 
     def flat(inputs: RunInputs, s: Any, a: Any) -> Any:

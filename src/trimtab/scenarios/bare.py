@@ -1,4 +1,4 @@
-"""Empty scenario with wires only: the base of a scenario file that names no base."""
+"""Empty scenario that contains ideal links only. It is the base of a scenario file that names no base."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from trimtab.loop.world import World
 
 
 def scenario() -> Scenario:
-    """Return a scenario without vehicle, sensor or law; settings add them; `scenarios.build` checks that."""
+    """Return a scenario without vehicle, sensor or law. Settings must add them; `scenarios.build` checks this."""
     nothing: Any = None
     return Scenario(
         world=World(vehicle=nothing, sensors={}, actuators=nothing, downlink=Wire(), uplink=Wire()),

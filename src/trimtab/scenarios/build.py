@@ -1,4 +1,4 @@
-"""Build a scenario from user input: its name, settings, and what is left out of it or made to fail."""
+"""Build a scenario from user input: a name, settings, imperfections to switch off, and faults to inject."""
 
 import functools
 from collections.abc import Iterable, Mapping
@@ -34,12 +34,12 @@ CALIBRATION = "calibration"
 REFERENCE = "reference"
 PREDICTOR = "predictor"
 SPECIAL = (*LINKS, *link_latency.SETTINGS, MISMATCH, CALIBRATION, REFERENCE, PREDICTOR, GAIN)
-"""Names of settings that are not paths."""
+"""Names of settings that are not paths in the scenario."""
 SWITCH = {
     "off": "the law reads the estimate unchanged",
     "on": "a predictor propagates the estimate over the delay of both links, with the commands in transit",
 }
-"""Choices of the predictor, in any scenario."""
+"""Choices of the setting ``predictor``, which every scenario has."""
 NEEDED = {
     "world.vehicle": "Hovercraft",
     "world.actuators": "FanDrive",
@@ -48,7 +48,7 @@ NEEDED = {
     "autopilot.allocation": "ThrustVectorAllocation",
     "initial": "HovercraftState",
 }
-"""Parts that every scenario has, each with an example."""
+"""Parts that every scenario must have, by path, each with an example."""
 
 
 @explain_call({"settings": 'build("SCENARIO", settings={"PATH": VALUE})'})
@@ -61,29 +61,29 @@ def build(
     in_virtual_time: bool = True,
     gain: "Certificate | None" = None,
 ) -> Scenario:
-    """Return the named scenario with its settings, checked; its `choices` record the arguments.
+    """Return the named scenario with these settings, checked. Its field `choices` records the arguments.
 
     >>> from trimtab import build
     >>> build("hovercraft/spin", {"links": "measured", "world.vehicle.mass": "3000 g"}).world.vehicle.mass
     3.0
 
     Args:
-        name: in the catalogue, or ``file.py:function``, or a scenario file, ``file.toml`` (`scenarios.toml_file`),
-            whose own settings go first.
-        settings: text or number by path, as after ``--set``; a file for "uplink" or "downlink" makes the link repeat a
-            recording, "uplink.delay", ".jitter", ".loss" and those of the downlink are its numbers
-            (`loop.link_latency`), "mismatch" names copies of the vehicle that are meant to differ (`loop.beliefs`),
-            "calibration" a file of `trimtab calibrate`, "predictor" is "on" or "off" (`loop.predictor`), "reference" is
-            what the law is to follow (`loop.reference_text`), "gain" a file of a gain instead of the law
-            (`scenarios.gain_file`). A value such as ``steps(0 s: 1, 5 s: 2)`` changes in flight
-            (`loop.setpoint_schedule`). Settings go before a calibration.
+        name: a name in the catalogue, or ``file.py:function``, or a scenario file, ``file.toml``
+            (`scenarios.toml_file`). `settings` override the settings in a file.
+        settings: text or number by path, as after ``--set``. These names are not paths: "uplink" or "downlink" gives
+            the file of a recording that the link repeats; "uplink.delay", "uplink.jitter", "uplink.loss" and the same
+            for the downlink set the latency (`loop.link_latency`); "mismatch" names copies of the vehicle that are
+            meant to differ (`loop.beliefs`); "calibration" gives a file of `trimtab calibrate`; "predictor" is "on" or
+            "off" (`loop.predictor`); "reference" is the path that the law follows (`loop.reference_text`); "gain"
+            gives a file of a gain that replaces the law (`scenarios.gain_file`). A value such as
+            ``steps(0 s: 1, 5 s: 2)`` changes in flight (`loop.setpoint_schedule`). Settings override a calibration.
         without: imperfections to switch off.
-        faults: to inject, as after ``--fault``.
+        faults: faults to inject, as after ``--fault``.
         calibration: a calibration that is not in a file.
-        in_virtual_time: True if the flight ends with the scenario's duration, so that a later fault is an error.
+        in_virtual_time: True if the flight ends after the scenario's duration, so that a later fault is an error.
         gain: a gain that is not in a file.
 
-    Raises: InputError with what to type instead.
+    Raises: InputError with the text to type instead.
     """
     settings = texts_of(settings or {})
     without, faults = ([one] if isinstance(one, str) else list(one) for one in (without, faults))
@@ -119,7 +119,7 @@ def build(
     gain = _find_gain(rest, path) or gain
     if gain is not None:
         scenario, choices[GAIN] = _add_gain(name, scenario, gain)
-    scenario = _add_predictor(scenario, rest)  # of links and actuators as they are by now
+    scenario = _add_predictor(scenario, rest)  # after the links are final, because the predictor uses their latencies
     own, schedules = split_schedules(own)
     _refuse_choices(name, scenario, own)
     scenario = with_schedules(with_settings(scenario, own), schedules)
@@ -134,9 +134,9 @@ def build(
 
 
 def find_scenario(scenario: Scenario | str) -> Scenario:
-    """Return the scenario itself, or the named one, as `build` does.
+    """Return the scenario itself, or the scenario that `build` returns for a name.
 
-    Raises: InputError for what is neither.
+    Raises: InputError if the argument is neither a scenario nor a known name.
     """
     if isinstance(scenario, Scenario):
         return scenario
@@ -148,7 +148,7 @@ def find_scenario(scenario: Scenario | str) -> Scenario:
 
 @functools.lru_cache(maxsize=32)
 def _keep_scenario(name: str) -> Scenario:
-    """Return a scenario of the catalogue, the same object each time, so that it is compiled once."""
+    """Return a scenario of the catalogue. Later calls return the same object, so that it is compiled only once."""
     return build(name)
 
 
@@ -159,9 +159,9 @@ def _build_file(
     faults: list[str],
     others: "tuple[Calibration | None, bool, Certificate | None]",
 ) -> Scenario:
-    """Return the scenario of a file: its base scenario with the file's settings. Logs record both.
+    """Return the scenario of a file: its base scenario with the file's settings. Logs record the base and the settings.
 
-    others: arguments of `build`, as they are.
+    others: further arguments of `build`, passed on unchanged.
     """
     file = read_scenario_file(name)
     build_base = functools.partial(
@@ -176,7 +176,7 @@ def _build_file(
         with spell_with(spell_toml):
             scenario = build_base()
     except InputError as error:
-        if named_path(error) in settings:  # typed beside the file, so errors must use the typed form
+        if named_path(error) in settings:  # not in the file, so the error must use the form that the user typed
             build_base()
         raise file.locate(error) from None
     changes: dict[str, Any] = {"name": file.name} if file.name else {}
@@ -186,11 +186,11 @@ def _build_file(
 
 
 def _refuse_gaps(scenario: Scenario, settings: Iterable[str]) -> None:
-    """Raise InputError if a part is missing, as in a scenario built from nothing, or a setting has no target."""
+    """Raise InputError if a scenario without base lacks a part, or if a setting names no field of a scenario."""
     if scenario.world.vehicle is None:
         known = declarations(scenario)
         for path in [path for path in settings if path.partition(".")[0] not in known]:
-            fix = 'base = "hovercraft/spin"  says what a file begins with'
+            fix = 'base = "hovercraft/spin"  names the scenario that a file starts from'
             raise InputError(
                 argument_name("settings", path), "there is no such setting", choices=["base", *known], fix=fix
             )
@@ -205,15 +205,15 @@ def _refuse_gaps(scenario: Scenario, settings: Iterable[str]) -> None:
 
 
 def _typed_reference(name: str, settings: Mapping[str, str]) -> str:
-    """Return the reference among the settings if it is not one of the scenario's own choices; else ""."""
+    """Return the setting "reference", or "" if it is missing or names one of the scenario's own references."""
     text = settings.get(REFERENCE, "")
     return "" if text in catalogue.scenario_choices(name).get(REFERENCE, ()) else text
 
 
 def _replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
-    """Return the scenario with the recordings that ``uplink=FILE.csv`` and ``downlink=FILE.csv`` name as its links.
+    """Return the scenario with links that repeat the recordings of ``uplink=FILE.csv`` and ``downlink=FILE.csv``.
 
-    Packets leave as often as those of the link whose place it takes, and the far end looks each millisecond.
+    Each new link sends with the period of the link that it replaces. Its receiver polls every millisecond.
 
     Raises: InputError for a file that is not a recording.
     """
@@ -232,9 +232,9 @@ def _replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]
 
 
 def _add_predictor(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
-    """Return the scenario with a predictor of its autopilot's model, if ``predictor=on`` is among the settings.
+    """Return the scenario with a predictor that uses the autopilot's vehicle model, if ``predictor=on`` is set.
 
-    Raises: InputError for another choice, or an uplink of which no latency is known.
+    Raises: InputError for another choice, or an uplink with unknown latency.
     """
     chosen = settings.get(PREDICTOR, "off")
     if chosen not in SWITCH:
@@ -249,13 +249,13 @@ def _add_predictor(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
 
 
 def _find_gain(settings: Mapping[str, str], reference: str) -> "Certificate | None":
-    """Return the gain among the settings, if any; raise InputError if a reference is given as well."""
+    """Return the gain in the file of the setting "gain", or None. Raise InputError if a reference is given as well."""
     if GAIN not in settings:
         return None
     if reference:
-        fix = f"leave one of them out; to move the gain's trim: {argument('settings', '…', 'autopilot.law.x0')}"
+        fix = f"leave gain or reference out; to move the gain's trim: {argument('settings', '…', 'autopilot.law.x0')}"
         raise InputError(
-            argument_name("settings", REFERENCE), "a gain holds one state and cannot follow a reference", fix=fix
+            argument_name("settings", REFERENCE), "a gain keeps one trim state and cannot follow a reference", fix=fix
         )
     from trimtab.scenarios.gain_file import read_gain
 
@@ -263,14 +263,14 @@ def _find_gain(settings: Mapping[str, str], reference: str) -> "Certificate | No
 
 
 def _add_gain(name: str, scenario: Scenario, gain: "Certificate") -> tuple[Scenario, dict[str, str]]:
-    """Return the scenario with a gain as its law, and the gain's entry for logs."""
+    """Return the scenario with a gain as its law, and the entry that describes the gain in logs."""
     from trimtab.scenarios.gain_file import note_gain, with_gain
 
     return with_gain(name, scenario, gain), note_gain(gain)
 
 
 def _check_gain(gain: "Certificate | None", scenario: Scenario) -> None:
-    """Raise InputError for a gain that needs a shorter control period."""
+    """Raise InputError if the gain needs a shorter control period than the scenario has."""
     if gain is not None:
         from trimtab.scenarios.gain_file import refuse_slow_sampling
 
@@ -278,14 +278,14 @@ def _check_gain(gain: "Certificate | None", scenario: Scenario) -> None:
 
 
 def _calibrate(scenario: Scenario, calibration: Calibration) -> tuple[Scenario, dict[str, Any]]:
-    """Return the scenario with the values of a calibration, and the calibration's entry for logs."""
+    """Return the scenario with the values of a calibration, and the entry that describes the calibration in logs."""
     calibrated = with_calibration(scenario, calibration)
     about = {"sha256": calibration.content_hash(), "used": calibrated.used, "unused": list(calibrated.unused)}
     return calibrated.scenario, about | {"content": format_calibration(calibration)}
 
 
 def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> None:
-    """Raise InputError for a name that is neither a choice nor a setting of the scenario, with similar names."""
+    """Raise InputError, with similar names, for a name that is neither a choice nor a setting of the scenario."""
     paths = [path for path, _, _ in leaves(scenario)]
     known = [*catalogue.scenario_choices(name), *SPECIAL, *(p for p in paths if "." not in p)]
     for wrong in [n for n in rest if "." not in n and n not in known]:
@@ -299,6 +299,6 @@ def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> N
 def _refuse_navigation(name: str) -> None:
     chosen = {n: catalogue.scenario_choices(n).get("navigation", ()) for n in catalogue.scenario_names()}
     offer = [n for n, choices in chosen.items() if choices]
-    problem = f"scenario {name!r} has only one navigation; there is a choice in {', '.join(offer)}"
+    problem = f"scenario {name!r} has only one navigation; these scenarios offer a choice: {', '.join(offer)}"
     fix = "leave it out; to see the choices here:  " + command(f"trimtab list {name}", f'settings("{name}")')
     raise InputError(argument_name("navigation"), problem, fix=fix)

@@ -1,8 +1,8 @@
-"""The catalogue: every file below this folder is a scenario, named after its path.
+"""Catalogue of the scenarios. Every file in a subfolder of this folder is a scenario, named after its path.
 
-``hovercraft/zero-velocity`` is ``hovercraft/zero_velocity.py``. A scenario outside the package is named by its module
-or file and the function: ``my_boat:scenario``, ``my_boat.py:scenario``; or it is a scenario file, ``my_boat.toml``, or
-an FMU alone, ``x.fmu``.
+``hovercraft/zero-velocity`` is ``hovercraft/zero_velocity.py``. A file whose name begins with ``_`` is not a scenario.
+A scenario outside the package is named by its module or file and the function, ``my_boat:scenario`` or
+``my_boat.py:scenario``, or by its scenario file, ``my_boat.toml``, or by an FMU, ``x.fmu``.
 """
 
 import ast
@@ -23,14 +23,14 @@ from trimtab.core.suggestions import closest
 
 TOML = ".toml"
 BARE = "bare"
-"""Base of a scenario file that names none."""
+"""Name of the base of a scenario file that names no base."""
 GAIN = "gain"
 """Setting that names the file of a gain."""
 FOLDER = Path(__file__).parent
 
 
 def scenario_names() -> dict[str, str]:
-    """Return each scenario's name with the first line of its docstring; read from the files, nothing is imported.
+    """Return each scenario's name with the first line of its docstring. Read the files without importing them.
 
     >>> from trimtab import scenario_names
     >>> scenario_names()["hovercraft/spin"]
@@ -41,13 +41,13 @@ def scenario_names() -> dict[str, str]:
 
 
 def scenario_files() -> dict[str, Path]:
-    """Return each scenario's name with its file."""
+    """Return the file of each scenario, by the scenario's name."""
     files = [file for file in sorted(FOLDER.glob("*/*.py")) if not file.name.startswith("_")]
     return {f"{file.parent.name}/{file.stem}".replace("_", "-"): file for file in files}
 
 
 def check_name(name: str, verb: str = "run") -> None:
-    """Raise InputError for a name outside the catalogue, with similar or all names. verb: for the fix."""
+    """Raise InputError, with similar names, for a name outside the catalogue. verb: command in the suggested fix."""
     known = scenario_files()
     if name in known:
         return
@@ -67,7 +67,7 @@ def check_name(name: str, verb: str = "run") -> None:
 def _refuse_bare_file(name: str, verb: str) -> None:
     """Raise InputError for a Python file without a function name."""
     if Path(name).is_file():
-        problem, fix = "this is a file; name the function in it, too", f"trimtab {verb} {name}:scenario"
+        problem, fix = "the name of the function in this file is missing", f"trimtab {verb} {name}:scenario"
     else:
         problem, fix = "there is no such file", f"give a file of your own, as in  trimtab {verb} my_boat.py:scenario"
     raise InputError(f"scenario {name!r}", problem, fix=fix)
@@ -77,10 +77,10 @@ def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple
     """Return the named scenario, and the settings that are not arguments of its function.
 
     Args:
-        name: in the catalogue, or ``module:function``, or ``file.py:function``, or ``file.toml``.
-        settings: text by path; those without a dot that name an argument of the function are passed to it.
+        name: a name in the catalogue, or ``module:function``, or ``file.py:function``, or ``file.toml``.
+        settings: text by path. Settings that name an argument of the function are passed to it.
 
-    Raises: InputError for an unknown name or choice, or an argument that nothing gives.
+    Raises: InputError for an unknown name or choice, or for an argument without default that no setting gives.
     """
     build = _find_function(name)
     offered = _argument_choices(build)
@@ -96,7 +96,7 @@ def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple
     for parameter in inspect.signature(build).parameters.values():
         named = parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
         if named and parameter.default is parameter.empty and parameter.name not in arguments:
-            problem = f"its argument {parameter.name!r} has no default and is not set"
+            problem = f"the argument {parameter.name!r} of its function has no default and is not set"
             fix = argument("settings", "…", parameter.name)
             fix += "; to export a function that is not a scenario:  example = (…,)  in its file"
             raise InputError(f"scenario {name!r}", problem, fix=fix)
@@ -105,7 +105,7 @@ def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple
     try:
         with spell_with(_spell_python):
             return build(**arguments), rest
-    except Exception as error:  # of the named file
+    except Exception as error:  # raised by the code in the named file
         raise _own_code_error(name, error) from error
 
 
@@ -115,7 +115,10 @@ def scenario_choices(name: str) -> dict[str, tuple[str, ...]]:
 
 
 def choice_lines(name: str) -> dict[str, dict[str, str]]:
-    """Return one line per choice of those arguments that have them: ``Annotated[Literal[…], {"choice": "line"}]``."""
+    """Return, by argument, a one-line description of each choice.
+
+    The descriptions are in the annotations of the scenario's function: ``Annotated[Literal[…], {"choice": "line"}]``.
+    """
     hints = typing.get_type_hints(_find_function(name), include_extras=True)
     noted = {n: hint.__metadata__[0] for n, hint in hints.items() if typing.get_origin(hint) is typing.Annotated}
     return {argument: dict(lines) for argument, lines in noted.items() if isinstance(lines, Mapping)}
@@ -141,14 +144,14 @@ def _find_function(name: str) -> Callable[..., Any]:
 
 
 def _file_function(name: str) -> Callable[..., Any]:
-    """Return a function of the arguments of a scenario file's base, which gives the file's scenario."""
-    from trimtab.scenarios.toml_file import read_scenario_file  # numpy is not needed for a name
+    """Return a function that builds a file's scenario. It takes the arguments of the file's base."""
+    from trimtab.scenarios.toml_file import read_scenario_file  # imported here because looking up a name needs no numpy
 
     base = _find_function(read_scenario_file(name).base)
 
     @functools.wraps(base)
     def scenario(**arguments: str) -> Any:
-        return importlib.import_module("trimtab.scenarios.build").build(name, arguments)  # it reads the catalogue
+        return importlib.import_module("trimtab.scenarios.build").build(name, arguments)  # `build` imports this module
 
     return scenario
 
@@ -185,7 +188,7 @@ def _load_file(name: str, path: Path) -> Any:
 
 
 def _choose_module_name(path: Path) -> str:
-    """Return the stem of a file, or a longer name if the stem belongs to another module, as that of random.py does."""
+    """Return the stem of a file, or a longer name if another module has this name, as for a user's random.py."""
     stem, file = path.stem, path.resolve()
     loaded = sys.modules.get(stem)
     try:
@@ -197,8 +200,8 @@ def _choose_module_name(path: Path) -> str:
 
 
 def _own_code_error(name: str, error: Exception) -> InputError:
-    """Return a sentence with the line at which a user's own file failed."""
-    from trimtab.loop.own_code import refuse_own_code, refuse_within  # JAX is not needed for a name
+    """Return an InputError that gives the line at which a user's own file failed."""
+    from trimtab.loop.own_code import refuse_own_code, refuse_within  # here because looking up a name needs no JAX
 
     return refuse_within(error) if isinstance(error, InputError) else refuse_own_code(f"scenario {name!r}", error)
 

@@ -1,4 +1,4 @@
-"""Scenario of an FMU that is named instead of a scenario: the FMU alone, its inputs held or scheduled."""
+"""Scenario that contains only an FMU, for an FMU file given instead of a scenario. Its inputs are held or scheduled."""
 
 import math
 from collections.abc import Callable
@@ -21,16 +21,16 @@ Trust = Annotated[
     Literal["no", "yes"],
     {
         "no": "no program in the FMU is run",
-        "yes": "the program in the FMU runs with your rights: choose this only if you trust its maker",
+        "yes": "the program in the FMU runs with your rights; choose this only if you trust the author of the FMU",
     },
 ]
 
 
 def fmu_scenario(file: str) -> Callable[..., Scenario]:
-    """Return the function that gives the scenario of an FMU."""
+    """Return the function that builds the scenario of an FMU."""
 
     def scenario(trust_code: Trust = "no") -> Scenario:
-        """The FMU as its maker proposes to fly it: as long, and as often asked."""
+        """Return a scenario with the duration and the step of the FMU's default experiment."""
         if not Path(file).is_file():
             fix = "give the path of an .fmu file"
             raise InputError(f"scenario {file!r}", "there is no such file", fix=fix)
@@ -58,5 +58,5 @@ def fmu_scenario(file: str) -> Callable[..., Scenario]:
 
 
 def _ticks(value: float | None) -> int:
-    """Return a time in 100 ns, rounded; 0 for None."""
+    """Convert a time from s to units of 100 ns, rounded. Return 0 for None and for infinity."""
     return 0 if value is None or not math.isfinite(value) else round(value * UNITS_PER_SECOND)

@@ -1,7 +1,8 @@
-"""Fly a scenario by a gain from ``trimtab design VEHICLE --lqr --out FILE``: setting ``gain=FILE.json``.
+"""Fly a scenario with a gain from ``trimtab design VEHICLE --lqr --out FILE``: setting ``gain=FILE.json``.
 
-The gain replaces the law, about the trim in its file; it uses the vehicle for which it was designed as its model, while
-the world flies its own. The file is data: nothing that it names is run, except the catalogue's own scenarios.
+The gain replaces the law and acts about the trim in its file. The law's vehicle model is the vehicle for which the gain
+was designed; the world keeps the scenario's vehicle. The file is data: no code that it names is run, except the
+catalogue's own scenarios.
 
 Source: docs page, Gains in flight.
 """
@@ -32,19 +33,19 @@ from trimtab.scenarios.catalogue import GAIN
 
 VEHICLE = "world.vehicle."
 BAND = 0.2
-"""Tolerance of a target, as a fraction of the limit used in the design of the gain."""
+"""Tolerance of a target, as a fraction of the state's limit in the design of the gain."""
 TURNING = "rad/s"
-"""Unit of rates, which have no targets in a flight."""
+"""Unit of angular rates, which have no targets in a flight."""
 
 
 def read_gain(file: str) -> Certificate:
-    """Return the gain of a file.
+    """Return the gain in a file.
 
-    Raises: InputError for a file that is none, or that says something else than what was written.
+    Raises: InputError for a file that does not contain a gain, or that was changed after it was written.
     """
     certificate, digest = read_certificate(Path(file))
     if certificate_digest(certificate) != digest:
-        fix = f"trimtab design {certificate.system} --lqr … --out {file}  makes it again"
+        fix = f"trimtab design {certificate.system} --lqr … --out {file}  writes it again"
         raise InputError(
             f"file '{file}'", "was changed after it was written: its digest does not match its content", fix=fix
         )
@@ -52,24 +53,24 @@ def read_gain(file: str) -> Certificate:
 
 
 def note_gain(certificate: Certificate) -> dict[str, str]:
-    """Return the log entry of a gain: all of it, as its file may be deleted."""
+    """Return the log entry of a gain: the whole content of its file, because the file may be deleted."""
     return {"system": certificate.system, "content": certificate_json(certificate)}
 
 
 def vehicle_settings(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Return settings of a vehicle, typed as ``mass=0.9`` or ``world.vehicle.mass=0.9``, by path below the vehicle."""
+    """Return a vehicle's settings by path below the vehicle: ``mass=0.9`` and ``world.vehicle.mass=0.9`` are equal."""
     return {path.removeprefix(VEHICLE): text for path, text in pairs}
 
 
 def with_gain(name: str, scenario: Scenario, certificate: Certificate) -> Scenario:
-    """Return the scenario with the law of a gain, about the gain's trim; its targets are that trim.
+    """Return the scenario with a gain as its law. The targets of the flight are the gain's trim.
 
     Args:
-        name: as typed.
-        scenario: of that name.
-        certificate: of ``trimtab design VEHICLE --lqr``.
+        name: name of the scenario, as the user typed it.
+        scenario: scenario of that name.
+        certificate: result of ``trimtab design VEHICLE --lqr``.
 
-    Raises: InputError where the gain is of another vehicle, or reads what the autopilot does not estimate.
+    Raises: InputError if the gain is for another vehicle, or feeds back a state that the autopilot does not estimate.
     """
     world, autopilot, x = scenario.world, scenario.autopilot, scenario.initial
     u = world.actuators.neutral().u
@@ -80,8 +81,8 @@ def with_gain(name: str, scenario: Scenario, certificate: Certificate) -> Scenar
     _refuse_unread(law, state.estimate.state, certificate.system)
     if not _are_alike(state.output.demand, u):
         if not _are_alike(state.command.value, u):
-            problem = f"its actuators take a {type(state.command.value).__name__}, not the vehicle's input"
-            fix = f"leave {argument_name('settings', GAIN)} out: this scenario cannot fly by a gain"
+            problem = f"the scenario's actuators take a {type(state.command.value).__name__}, not the vehicle's input"
+            fix = f"leave {argument_name('settings', GAIN)} out: this scenario cannot fly with a gain"
             raise InputError(argument_name("settings", GAIN), f"{problem}, a {type(u).__name__}", fix=fix)
         autopilot = replace(autopilot, allocation=DirectAllocation())
     autopilot = replace(autopilot, law=law, schedules=())
@@ -89,7 +90,7 @@ def with_gain(name: str, scenario: Scenario, certificate: Certificate) -> Scenar
 
 
 def refuse_slow_sampling(certificate: Certificate, period: int) -> None:
-    """Raise InputError if the loop is unstable with its output held for a control period (100 ns)."""
+    """Raise InputError if the sampled loop is unstable. period: control period (100 ns)."""
     n, m = certificate.B.shape
     size = np.zeros((n + m, n + m))
     size[:n, :n], size[:n, n:] = certificate.A, certificate.B
@@ -98,25 +99,27 @@ def refuse_slow_sampling(certificate: Certificate, period: int) -> None:
     if largest >= 1:
         fastest = float(np.abs(certificate.poles).max())
         problem = (
-            f"with a control period of {format_time(period)} its loop is not stable: the fastest pole of the design is "
-            f"{fastest:.3g} 1/s, and the largest of the sampled loop {largest:.4g}, which must be below 1"
+            f"the loop is not stable with a control period of {format_time(period)}: the fastest pole of the design is "
+            f"{fastest:.3g} 1/s, and the largest pole of the sampled loop is {largest:.4g}, but must be below 1"
         )
-        fix = f"design it with larger limits of states, or {argument('settings', '1 ms', 'autopilot.period')}"
+        fix = f"design the gain with larger limits of states, or {argument('settings', '1 ms', 'autopilot.period')}"
         raise InputError(argument_name("settings", GAIN), problem, fix=fix)
 
 
 def _refuse_other_vehicle(certificate: Certificate, own: dict[str, str]) -> None:
     about, anew = certificate.about, "trimtab design SCENARIO --lqr … --out FILE.json"
     if "vehicle" not in about:
-        problem = f"the file is a certificate of {certificate.system!r}, not a gain of a vehicle's own states"
-        raise InputError(argument_name("settings", GAIN), problem, fix=f"{anew}  makes one (docs, Gains in flight)")
+        problem = f"the file is a certificate of {certificate.system!r}, not a gain for the states of a vehicle"
+        raise InputError(argument_name("settings", GAIN), problem, fix=f"{anew}  makes a gain (docs, Gains in flight)")
     if about["vehicle"] != own["vehicle"]:
-        problem = f"the gain is of a {about['vehicle']} ({certificate.system}), and here flies a {own['vehicle']}"
+        problem = (
+            f"the gain is for a {about['vehicle']} ({certificate.system}), but the scenario has a {own['vehicle']}"
+        )
         raise InputError(argument_name("settings", GAIN), problem, fix=f"{anew}, for this scenario")
     if about.get("units") != own["units"]:
         here, there = (str(text).split("; ") for text in (own["units"], about.get("units", "")))
         apart = [f"{a!r}, here {b!r}" for a, b in zip(there, here, strict=False) if a != b]
-        problem = f"its states or inputs differ from this vehicle's: {(apart or ['their number differs'])[0]}"
+        problem = f"the gain's states or inputs differ from this vehicle's: {(apart or ['their number differs'])[0]}"
         raise InputError(argument_name("settings", GAIN), problem, fix=f"{anew}, for this scenario")
 
 
@@ -133,14 +136,14 @@ def _refuse_unread(law: StateFeedback, estimate: Any, system: str) -> None:
 
 
 def _believed_vehicle(name: str, certificate: Certificate) -> Any:
-    """Return the vehicle for which a gain was designed, from its file."""
+    """Return the vehicle for which a gain was designed, as the gain's file describes it."""
     about = {n: str(certificate.about.get(n, "")) for n in ("set", "believed")}
     given, believed = (
         [(path, text) for path, _, text in (word.partition("=") for word in words.split("; ") if word)]
         for words in about.values()
     )
     if "calibration" in dict(given):
-        fix = "design it without, and give the model: trimtab design SCENARIO --lqr … --believed NAME=VALUE"
+        fix = "design it without a calibration and set the model: trimtab design SCENARIO --lqr … --believed NAME=VALUE"
         raise InputError(
             argument_name("settings", GAIN),
             "the gain was designed with a calibration, which its file does not contain",
@@ -155,7 +158,7 @@ def _believed_vehicle(name: str, certificate: Certificate) -> Any:
 
 
 def catalogue_choices(name: str, pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Return the settings that are choices of a scenario's function."""
+    """Return those of the settings `pairs` that are choices of a scenario's function."""
     offered = catalogue.scenario_choices(name)
     return {path: text for path, text in pairs if path in offered}
 
@@ -166,7 +169,10 @@ def _are_alike(a: Any, b: Any) -> bool:
 
 
 def _trim_targets(certificate: Certificate, law: StateFeedback, x: Any) -> tuple[Target, ...]:
-    """Return a target per value fed back, except rates and attitudes: the trim, within a fraction of its limit."""
+    """Return a target, the trim, for each state fed back except attitudes and angular rates.
+
+    The tolerance is BAND times the limit used in the design.
+    """
     sizes = dict(zip(certificate.states, np.asarray(certificate.scale).tolist(), strict=True))
     numbers = state_numbers(law, x)
     return tuple(

@@ -1,4 +1,4 @@
-"""Rebuild the scenario of a log from the recorded choices, with every setting as it was."""
+"""Rebuild the scenario of a log: from the recorded choices, with the recorded value of every setting."""
 
 import contextlib
 import itertools
@@ -23,20 +23,23 @@ from trimtab.scenarios.catalogue import BARE, GAIN
 from trimtab.scenarios.recorded_choices import FILE_ARGUMENTS, check_recorded_choices
 
 COMPARED_PATHS = ("autopilot", "world.sensors")
-"""Parts that a replay needs unchanged: the autopilot and its inputs. The rest of the world is kept only if it fits."""
+"""Paths of the parts that must have the recorded settings and classes, because a replay runs only these.
+
+Differences in the rest of the world are accepted.
+"""
 SETTING = "a setting"
 
 
 def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
-    """Build a log's scenario again as it was built, then set each setting to its recorded value.
+    """Build a log's scenario from the recorded choices, then set each setting to its recorded value.
 
     Args:
-        log: with the metadata that simulate and fly write. A log without choices is of a scenario built in Python. For
-            such a log, every combination of the scenario's arguments is tried.
-        name: of the scenario, where it is not the recorded one: ``file.py:function``, or one that was renamed.
+        log: log with the metadata that simulate and fly write. A log without choices comes from a scenario built in
+            Python. For such a log, every combination of the scenario's arguments is tried.
+        name: name of the scenario, if it differs from the recorded name: ``file.py:function``, or a new name.
 
     Raises:
-        InputError: a log that does not say what flew, or names something that is not in the catalogue.
+        InputError: the log does not name its scenario, or names a scenario that is not in the catalogue.
     """
     check_recorded_choices(log)
     choices = log.metadata.get("choices") or {}
@@ -64,22 +67,22 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
 
 
 def _check_catalogue(name: str) -> str:
-    """Return a recorded name if it is in the catalogue, else raise InputError: a log must not cause an import."""
+    """Return a recorded name if it is in the catalogue, else raise InputError. A log must not import a user's file."""
     known = {**catalogue.scenario_names(), BARE: ""}
     if name not in known:
         is_file = ":" in name
         problem = f"the log names {name!r}, which is not in the catalogue; no file is run because a log names it"
-        fix = f"give the name yourself, if it is yours: {argument('scenario', name if is_file else 'file.py:function')}"
+        fix = f"if you trust the file, give its name: {argument('scenario', name if is_file else 'file.py:function')}"
         raise InputError("replay", problem, choices=() if is_file else known, fix=fix)
     return name
 
 
 def _build_candidates(name: str, choices: Mapping[str, Any]) -> Iterator[Scenario]:
-    """Return the scenario of the recorded choices; for a log without any, of every combination of arguments in turn."""
+    """Yield the scenario of the recorded choices. For a log without choices, try every combination of arguments."""
     if choices:
         settings = {
             p: text for p, text in choices["settings"].items() if p not in FILE_ARGUMENTS
-        }  # it may have changed
+        }  # the file may have changed, so the log's own copy is used
         content = choices.get(CALIBRATION)
         calibration = None if content is None else parse_calibration("the log's calibration", content["content"])
         noted = choices.get(GAIN)
@@ -97,8 +100,11 @@ def _build_candidates(name: str, choices: Mapping[str, Any]) -> Iterator[Scenari
 
 
 def _add_live_variants(candidates: Iterator[Scenario], side: Any) -> Iterator[Scenario]:
-    """Yield each candidate, then its variants as flown by `fly` (can hold or end, and the pilot has the stick) and by
-    `vehicle` (with a pending fault in every part). side: end of a link, "vehicle" if the log is the vehicle's own.
+    """Yield each candidate, then its variant as flown in a live flight.
+
+    `fly` adds sensors for the pilot's requests and the stick. `vehicle` adds an inactive fault to every part.
+
+    side: end of the link that wrote the log; "vehicle" for a log written by the vehicle.
     """
     for scenario in candidates:
         yield scenario
@@ -111,12 +117,12 @@ def _add_live_variants(candidates: Iterator[Scenario], side: Any) -> Iterator[Sc
 
 
 def _recorded_classes(settings: Mapping[str, Any], parts: Any) -> dict[str, str]:
-    """Return the paths of settings, and the class name of each part that the log names."""
+    """Return the kind of each recorded path: SETTING for a setting, the class name for a part."""
     return dict.fromkeys(settings, SETTING) | dict(parts or {})
 
 
 def _setting_classes(scenario: Scenario, parts: Any) -> dict[str, str]:
-    """Return the paths of settings and the class names of a scenario."""
+    """Return the kind of each path of a scenario: SETTING for a setting, the class name for a part."""
     return dict.fromkeys((p for p, _, _ in leaves(scenario)), SETTING) | (part_classes(scenario) if parts else {})
 
 
@@ -125,7 +131,7 @@ def _keep_compared(classes: dict[str, str]) -> dict[str, str]:
 
 
 def _set_values(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
-    """Set every setting as recorded: floats to the bit."""
+    """Return the scenario with the recorded value of every setting. Floats are restored exactly, bit for bit."""
     for path, old, declared in list(leaves(scenario)):
         if path not in settings or plain_setting(old) == settings[path]:
             continue
@@ -145,7 +151,7 @@ def _lists_to_tuples(value: Any) -> Any:
 def _difference_error(name: str, classes: dict[str, str], recorded: dict[str, str]) -> InputError:
     path = min(p for p in {*classes, *recorded} if classes.get(p) != recorded.get(p))
     was, now = recorded.get(path, "missing"), classes.get(path, "missing")
-    problem = f"the catalogue's {name!r} differs from the recorded one: {path} was {was}, is {now}"
-    fix = "replay with the version that recorded it, or name a scenario with the same parts: "
+    problem = f"the catalogue's {name!r} differs from the recorded scenario: {path} was {was}, is {now}"
+    fix = "replay with the version that recorded the log, or name a scenario with the same parts: "
     fix += argument("scenario", "file.py:function")
     return InputError("replay", problem, fix=fix)

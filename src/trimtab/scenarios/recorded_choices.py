@@ -1,4 +1,4 @@
-"""Choices in the metadata of a log, checked before anything is built: a log is data, whoever wrote it."""
+"""Check of the choices in a log's metadata, before a scenario is built from them. A log from anyone is only data."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -9,11 +9,11 @@ from trimtab.scenarios.build import CALIBRATION, LINKS
 from trimtab.scenarios.catalogue import GAIN
 
 FILE_ARGUMENTS = (*LINKS, CALIBRATION, GAIN)
-"""Arguments that name a file. A log never causes one to be opened."""
+"""Arguments that name a file. No file is opened because a log names it."""
 
 
 class _FieldRule(NamedTuple):
-    """Rule of a field. kind: in words.  holds: whether a value is of this kind."""
+    """Rule for the type of a field. kind: type in words.  holds: function, True for a value of this type."""
 
     kind: str
     holds: Callable[[Any], bool]
@@ -60,7 +60,7 @@ REQUIRED_CHOICES = ("arguments", "settings", "without", "faults")
 
 
 def check_recorded_choices(log: Log) -> None:
-    """Raise InputError, which names the field, for metadata of the wrong kind or for an argument that names a file."""
+    """Raise InputError, which names the field, for metadata of the wrong type or for an argument that names a file."""
     _check_fields(log.metadata, RULES, "")
     choices = log.metadata.get("choices")
     if not choices:
@@ -85,4 +85,4 @@ def _check_fields(fields: Mapping[str, Any], rules: Mapping[str, _FieldRule], pr
 
 
 def _field_error(field: str, problem: str) -> InputError:
-    return InputError("replay", f"the log's field {field} {problem}", fix="give the log as trimtab wrote it")
+    return InputError("replay", f"the log's field {field} {problem}", fix="give an unchanged log written by trimtab")

@@ -15,11 +15,11 @@ from trimtab.scenarios.build import find_scenario
 
 TICK = "100 ns"
 SHOWN = 40
-"""Maximum number of rows that are printed; the table holds all."""
+"""Maximum number of printed rows. The table itself contains all settings."""
 
 
 class Setting(NamedTuple):
-    """One setting. unit: "1" of a plain number, "" of a choice, "100 ns" of a period, which is a whole number."""
+    """One setting. unit: "1" for a dimensionless number, "" for a choice, "100 ns" for a period (a whole number)."""
 
     value: Any
     unit: str
@@ -41,7 +41,7 @@ class Setting(NamedTuple):
 
 
 class SettingsTable(Mapping[str, Setting]):
-    """Settings by path, in the order of the loop; a part's path, ``table["world.vehicle"]``, gives those below it."""
+    """Settings by path, in the order of the loop. The path of a part gives its settings: ``table["world.vehicle"]``."""
 
     def __init__(self, name: str, settings: Mapping[str, Setting]) -> None:
         self.name, self._settings = name, dict(settings)
@@ -67,7 +67,7 @@ class SettingsTable(Mapping[str, Setting]):
         wide = [max((len(row[k]) for row in rows), default=0) for k in (0, 1)]
         lines = [f"{self.name}: {len(self)} settings", *(f"  {p:<{wide[0]}}  {v:<{wide[1]}}  {d}" for p, v, d in rows)]
         if len(self) > SHOWN:
-            lines.append(f'  … {len(self) - SHOWN} more; of one part: settings["world.vehicle"]')
+            lines.append(f'  … {len(self) - SHOWN} more; to show the settings of one part: settings["world.vehicle"]')
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:

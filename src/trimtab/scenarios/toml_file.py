@@ -1,19 +1,19 @@
-"""Scenario files: a scenario as a readable text, TOML, that names parts and sets their fields; nothing in it is run.
+"""Scenario files: TOML text that names the parts of a scenario and sets their fields. No code in a file is run.
 
-    base = "hovercraft/spin"      # of the catalogue, or another file; none: it is put together from parts
+    base = "hovercraft/spin"      # scenario of the catalogue, or another file; without base, the file names all parts
     duration = "20 s"
 
-    [choices]                     # arguments and names that --set takes
+    [choices]                     # arguments of the base, and settings of --set that are not paths
     links = "measured"
 
     [world.vehicle]
     mass = "3 kg"
 
     [autopilot.law]
-    part = "ConstantSpin"         # the class of a part; the one that is there stays as it is
+    part = "ConstantSpin"         # class of the new part; a part of this class that the base already has is kept
 
-Tables and keys are the paths of `trimtab list SCENARIO`. A file's entries are settings of its base, as after ``--set``,
-and logs record them as such: a replay needs no file.
+Tables and keys are the paths of `trimtab list SCENARIO`. A file's entries are settings of its base, as after ``--set``.
+Logs record them as settings, so a replay does not need the file.
 
 Source: docs page, Scenario files.
 """
@@ -33,22 +33,23 @@ from trimtab.logs.metrics import Target, full_path
 from trimtab.scenarios.catalogue import BARE, TOML
 
 PART = "part"
-"""Key of a part's class in its table."""
+"""Key that gives the class of a part, in the part's table."""
 OWN = ("base", "name", "without", "faults", "targets", "choices")
-"""Keys that are not paths."""
+"""Top-level keys of a scenario file that are not paths of settings."""
 FILES = ("uplink", "downlink", "calibration", "reference")
-"""Choices that may be a file name, relative to the scenario file's folder."""
+"""Choices whose value may be a file name, relative to the folder of the scenario file."""
 TARGET_KEYS = ("signal", "value", "band")
-FIX = "see a whole one by  trimtab list hovercraft/spin --toml, or its schema by  trimtab list --schema"
+FIX = "trimtab list hovercraft/spin --toml  shows a complete file, and  trimtab list --schema  the schema"
 _HEADER = re.compile(r"\s*\[\[?([^\[\]]+)\]\]?\s*(#.*)?")
 _KEY = re.compile(r"\s*((?:[\w-]+|\"[^\"]*\"|'[^']*')(?:\s*\.\s*(?:[\w-]+|\"[^\"]*\"|'[^']*'))*)\s*=")
 _NO_BRACKETS = re.compile(r"\"(?:\\.|[^\"\\])*\"|'[^']*'|#.*")
 
 
 class ScenarioFile(NamedTuple):
-    """Contents of a file and the files that it is based on. base: a name of the catalogue, or BARE.
+    """Contents of a scenario file, combined with the files that it is based on.
 
-    settings: text by path.  targets: as they stand there.  places: key -> file, line and column, from 1.
+    base: a name of the catalogue, or BARE.  settings: text by path.  targets: tables of the file, not parsed yet.
+    places: file, line and column of each key; lines and columns count from 1.
     """
 
     file: str
@@ -61,14 +62,14 @@ class ScenarioFile(NamedTuple):
     places: Mapping[str, tuple[str, int, int]]
 
     def find_place(self, path: str) -> str:
-        """Return file, line and column that set a path, or the nearest above it; only the file if there is none."""
+        """Return "file:line:column" of the entry that sets a path or its nearest parent, or the file's name alone."""
         for key in (f"choices.{path}", f"{path}.{PART}", *_and_above(path)):
             if key in self.places:
                 return ":".join(map(str, self.places[key]))
         return self.file
 
     def locate(self, error: InputError) -> InputError:
-        """Return the same error with the line of the file that causes it."""
+        """Return the same error with the line of the file that caused the error."""
         path = named_path(error)
         if path == "scenario":
             path = "without" if "imperfection" in error.problem else "base"
@@ -78,7 +79,7 @@ class ScenarioFile(NamedTuple):
         return InputError(part, error.problem, choices=error.choices, fix=error.fix)
 
     def parse_target(self, target: Mapping[str, Any], units: Mapping[str, str]) -> Target:
-        """Return a target in the form of the metrics. units: of the signals whose unit is known."""
+        """Convert a table of the file to a Target. units: unit of each signal whose unit is known."""
         where = f"{self.find_place('targets')}: targets"
         for key in (*TARGET_KEYS, *target):
             if key not in target or key not in TARGET_KEYS:
@@ -91,27 +92,27 @@ class ScenarioFile(NamedTuple):
 
 
 def named_path(error: InputError) -> str:
-    """Return the setting or argument named by an error raised while `spell_toml` was active; "" for none."""
+    """Return the setting or argument that an error names, or "". The error was raised while `spell_toml` was active."""
     match = re.match(r"[A-Za-z_][\w.-]*", error.part)
     return match[0] if match else ""
 
 
 def spell_toml(outer: Spelling, name: str, value: Any, path: str | None) -> str:
-    """Return a setting in the notation of a scenario file; other arguments as in Python."""
+    """Return a setting in the notation of a scenario file, and another argument in the notation of Python."""
     if name == "settings" and path is not None:
         return path if value is None else _setting_line(path, str(value))
     return spell_python(name, value, path)
 
 
 def signal_units(scenario: Any) -> dict[str, str]:
-    """Return the unit of each signal of the truth."""
+    """Return the unit of each signal of the true state, by the signal's path."""
     return {f"truth.{path}": d.unit for path, _, d in leaves(scenario.initial) if isinstance(d, Quantity)}
 
 
 def read_scenario_file(name: str, chain: tuple[str, ...] = ()) -> ScenarioFile:
     """Read a file and the files that it is based on, and combine them.
 
-    chain: files on the way here.
+    chain: files that are based on this file, directly or not. Used to detect a cycle.
 
     Raises: InputError with file, line and column for invalid TOML, an unknown key, or an invalid value.
     """
@@ -140,7 +141,7 @@ def read_scenario_file(name: str, chain: tuple[str, ...] = ()) -> ScenarioFile:
 
 
 def _on_base(file: ScenarioFile, where: str, chain: tuple[str, ...]) -> ScenarioFile:
-    """Return the file combined with its base, if that is a file, too."""
+    """Return the file combined with its base if the base is a scenario file, else return the file unchanged."""
     if ":" in file.base or file.base.endswith(".py"):
         problem = f"{file.base!r} is a Python file, and a scenario file runs no code"
         raise InputError(where, problem, fix='base = "hovercraft/spin", or another file, "NAME.toml"')
@@ -149,7 +150,7 @@ def _on_base(file: ScenarioFile, where: str, chain: tuple[str, ...]) -> Scenario
     below_name = str(Path(file.file).parent / file.base)
     if str(Path(below_name).resolve()) in chain:
         raise InputError(
-            where, f"{file.base!r} is based on this file again", fix="base it on a scenario of the catalogue"
+            where, f"{file.base!r} is itself based on this file", fix="base this file on a scenario of the catalogue"
         )
     below = read_scenario_file(below_name, chain)
     return file._replace(
@@ -164,13 +165,13 @@ def _on_base(file: ScenarioFile, where: str, chain: tuple[str, ...]) -> Scenario
 
 
 def merge_settings(below: Mapping[str, str], own: Mapping[str, str]) -> dict[str, str]:
-    """Merge settings over others: where a part is replaced, the settings inside the old part are dropped."""
+    """Return the settings `below` overridden by `own`. If `own` replaces a part, drop the settings of the old part."""
     replaced = tuple(f"{path}." for path, text in own.items() if path in below and below[path] != text)
     return {path: text for path, text in below.items() if not path.startswith(replaced)} | dict(own)
 
 
 def find_places(text: str) -> dict[str, tuple[int, int]]:
-    """Return the line and column, from 1, of each key and table that begins a line of TOML."""
+    """Return line and column, counted from 1, of each key and each table header at the start of a line of TOML."""
     places: dict[str, tuple[int, int]] = {}
     table, depth, in_text = "", 0, False
     for number, line in enumerate(text.splitlines(), 1):
@@ -191,7 +192,7 @@ def find_places(text: str) -> dict[str, tuple[int, int]]:
 
 
 class _Places(NamedTuple):
-    """Return the position of a key, for an error."""
+    """Function that returns the position of a key in the text of an error: "file:line:column: key"."""
 
     file: str
     places: Mapping[str, tuple[str, int, int]]
@@ -225,11 +226,11 @@ def _read(name: str) -> dict[str, Any]:
         lines = Path(name).read_text(encoding="utf-8").splitlines() or [""]
         line, column = (match[1], match[2]) if match else (len(lines), len(lines[-1]) + 1)
         place, problem = f"{name}:{line}:{column}", re.sub(r"\s*\(at .*\)$", "", problem)
-        raise InputError(place, problem, fix=f"key = value, texts in quotes; {FIX}") from None
+        raise InputError(place, problem, fix=f"write  key = value, with texts in quotes; {FIX}") from None
 
 
 def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Return path and value of all keys; a table's `part` is the value of the table's own path."""
+    """Yield path and value of each key. The value of a table's key `part` belongs to the path of the table itself."""
     for key, value in tree.items():
         path = f"{above}.{key}" if above else key
         if key == PART and above:
@@ -245,7 +246,7 @@ def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, An
 
 
 def _as_text(where: str, value: Any) -> str:
-    """Return a value in the notation of ``--set``."""
+    """Return the text of a value in the notation of ``--set``."""
     if isinstance(value, str):
         return value
     if isinstance(value, bool | int | float):
@@ -290,7 +291,7 @@ def _parse_size(where: str, text: str, unit: str | None) -> float:
 
 
 def _setting_line(path: str, value: str) -> str:
-    """Return the text to write in a file for a setting."""
+    """Return the text of a setting as it is written in a scenario file."""
     table, _, key = path.rpartition(".")
     if re.fullmatch(r"[A-Z]\w*(\.\w+)?", value) and not value.isupper():
         table, key = path, PART

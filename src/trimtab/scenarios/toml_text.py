@@ -1,4 +1,4 @@
-"""Write a scenario as a scenario file (`scenarios.toml_file`), every setting with its unit and meaning."""
+"""Write a scenario as a scenario file (`scenarios.toml_file`) that gives every setting with its unit and meaning."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -13,20 +13,20 @@ from trimtab.loop.parts import find_class, part_modules
 from trimtab.scenarios.toml_file import PART, signal_units
 
 FEW = 16
-"""Maximum length of a list that is written; of a longer one only the length, so the base's values stay."""
+"""Maximum length of a list whose values are written. For a longer list only the length is written, as a comment."""
 NOT_WRITTEN = ("name",)
 WHOLE = ("world", "autopilot")
-"""Records that cannot be chosen as parts."""
+"""Paths of records that have no choice of class."""
 
 
 def format_scenario(name: str, scenario: Any, choices: Mapping[str, tuple[str, ...]]) -> str:
-    """Return a file based on a scenario of the catalogue that equals that scenario, to the bit.
+    """Return the text of a file that is based on a scenario of the catalogue and equals that scenario exactly.
 
-    choices: of each argument, the first of which it is by itself.
+    choices: choices of each argument, the default first.
     """
     top = [(p, v, d) for p, v, d in leaves(scenario) if "." not in p and p not in NOT_WRITTEN]
     lines = [
-        f"# {name}. What is deleted here is as in the base, or follows a choice; fly it:  trimtab run FILE.toml",
+        f"# {name}. A deleted line takes its value from the base or from a choice. Fly it:  trimtab run FILE.toml",
         "",
     ]
     lines += [f"base = {json.dumps(name)}", *(_format_line(*leaf) for leaf in top)]
@@ -56,7 +56,7 @@ def _format_line(key: str, value: Any, declared: Quantity | Option) -> str:
 
 
 def _format_value(value: Any, declared: Quantity | Option) -> tuple[str, str]:
-    """Return a value in TOML, "" where it is not written, and the text before its meaning."""
+    """Return a value in TOML, or "" if the value is not written, and the text that precedes its meaning."""
     if isinstance(declared, Option):
         if declared.kind == "period":
             return json.dumps(format_time(value)), ""
@@ -91,7 +91,7 @@ def _format_targets(targets: Iterable[Target], units: Mapping[str, str]) -> list
 
 
 def scenario_schema() -> dict[str, Any]:
-    """Return the JSON schema of a scenario file, from the records' declarations: fields, units and meanings."""
+    """Return the JSON schema of a scenario file, made from the fields, units and meanings that the records declare."""
     classes = {name: find_class("schema", name) for name in sorted(part_modules())}
     text = {"type": "string"}
     kinds = [
@@ -101,11 +101,14 @@ def scenario_schema() -> dict[str, Any]:
     tree = {name: _field_schema(d) for name, d in declarations(classes["Scenario"]).items()}
     target = {"signal": text, "value": {"type": ["number", "string"]}, "band": {"type": ["number", "string"]}}
     own = {
-        "base": {**text, "description": "A scenario of the catalogue, or another scenario file."},
+        "base": {**text, "description": "Scenario of the catalogue, or another scenario file."},
         "name": {**text, "description": "Name of the scenario in logs and plots."},
-        "without": {"type": "array", "items": text, "description": "Imperfections to be switched off."},
+        "without": {"type": "array", "items": text, "description": "Imperfections to switch off."},
         "faults": {"type": "array", "items": text, "description": "Faults, written as after --fault."},
-        "choices": {"type": "object", "description": "Arguments of the base, and predictor, uplink, reference …"},
+        "choices": {
+            "type": "object",
+            "description": "Arguments of the base, and settings that are not paths: predictor, uplink, reference …",
+        },
         "targets": {
             "type": "array",
             "items": {"type": "object", "properties": target, "required": [*target], "additionalProperties": False},

@@ -1,1 +1,1 @@
-"""Templates of `trimtab new`: for each kind a part that flies, its test and its page, tested here unchanged."""
+"""Templates of `trimtab new`: for each kind of part, a part that flies, its test and its page. All are tested as is."""

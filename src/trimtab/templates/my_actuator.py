@@ -12,9 +12,9 @@ from trimtab.vehicles.cart_pole import CartForce
 
 @record
 class MyActuator:  # its fields are settings: --set world.actuators.stages.force.0.friction=2
-    """A motor with static friction, a lag and two stops. Source: this file.
+    """Motor with static friction, a lag and two stops. Source: this file.
 
-    One stage of an ActuatorBank, which gives it one field of the vehicle's input: units and shape are that field's.
+    It is one stage of an ActuatorBank, for one field of the vehicle's input, with the units and shape of this field.
     """
 
     # `off=` is the value with --without my-friction
@@ -30,11 +30,11 @@ class MyActuator:  # its fields are settings: --set world.actuators.stages.force
     high: Any = quantity("1", "Upper stop.", default=10.0)
 
     def init(self, rest: Any) -> Any:
-        """Return the first state: the position at the neutral value."""
+        """Return the initial state: the position at the neutral value."""
         return jnp.asarray(rest, float)
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
-        """Return the position dt (s) later, with a held command: exact, and so stable for every dt."""
+        """Return the position dt (s) later, with a constant command. Exact, and so stable for every dt."""
         wanted = value - jnp.clip(value, -self.friction, self.friction)
         stop = jnp.clip(wanted, self.low, self.high)
         now = stop + (state - stop) * jnp.exp(-dt / self.time_constant)
@@ -42,7 +42,7 @@ class MyActuator:  # its fields are settings: --set world.actuators.stages.force
 
 
 def scenario() -> Scenario:
-    """A pole is swung up by its cart and balanced; this motor moves the cart. The number is a force (N)."""
+    """Return the scenario: a cart swings up and balances a pole. This motor moves the cart by a force (N)."""
     base = build("cart-pole/swing-up")
     motor = ActuatorBank(CartForce(0.0), {"force": MyActuator()}, period=base.world.actuators.period)
     return replace(base, world=replace(base.world, actuators=motor), name="my_actuator")

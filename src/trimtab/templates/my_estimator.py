@@ -13,31 +13,31 @@ from trimtab.sensors.planar_pose import PlanarPoseState
 
 @record
 class MyEstimatorState:  # kept from one step to the next
-    """The last estimate. Source: this file."""
+    """State of the estimator: the last estimate. Source: this file."""
 
     pose: PlanarPoseState = part("Velocity in B, rate of turn, heading and position.")
-    begun: Any = quantity("1", "True after the first measurement.", kind="flag")
+    begun: Any = quantity("1", "True after the first measurement has arrived.", kind="flag")
 
 
 @record
 class MyEstimator:  # its fields are settings: --set autopilot.estimator.share=1
-    """Low-pass filter of measured velocities; all other measurements pass unchanged. Source: this file."""
+    """Low-pass filter of the measured velocities. Other measurements pass unchanged. Source: this file."""
 
     sensor: str = option("Name of the sensor.", default="navigation")
     share: Any = quantity("1", "Weight of a new measurement; 1 means no filter.", default=0.3, above=0, high=1)
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Return the sensors whose samples it needs."""
+        """Return the names of the sensors whose samples the estimator needs."""
         return (self.sensor,)
 
     def init(self, key: Any) -> MyEstimatorState:
-        """Return the first state: nothing measured yet."""
+        """Return the initial state, before any measurement."""
         return MyEstimatorState(PlanarPoseState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), jnp.zeros((), bool))
 
     def step(self, t: Any, state: Any, frame: Frame) -> tuple[MyEstimatorState, Estimate]:
-        """Return the estimate at integer time t (100 ns). No Python `if` on a sample: jnp.where, or tree_where."""
-        sample = frame.samples[self.sensor]  # with .fresh: seen for the first time; .valid: there was one at all
+        """Return the estimate at integer time t (100 ns). Use jnp.where or tree_where instead of `if` on a sample."""
+        sample = frame.samples[self.sensor]  # .fresh: read for the first time; .valid: False before the first sample
         z, x, share = sample.value, state.pose, jnp.where(state.begun, self.share, 1.0)
         filtered = replace(
             z,
@@ -51,7 +51,7 @@ class MyEstimator:  # its fields are settings: --set autopilot.estimator.share=1
 
 
 def scenario() -> Scenario:
-    """A model ship along way-points, in a current; this filter replaces the estimator that trusts every sample."""
+    """Return the scenario: a model ship follows way-points in a current. The base's estimator does not filter."""
     base = build("vessel/path")
     autopilot = replace(base.autopilot, estimator=MyEstimator())
     return replace(base, autopilot=autopilot, duration=seconds(20), name="my_estimator")

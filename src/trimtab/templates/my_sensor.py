@@ -10,7 +10,7 @@ from trimtab.core.signals import Motion, PlanarState, Sample, new_sample
 
 @record
 class MySensor:  # its fields are settings: --set world.sensors.navigation.rate_noise=0
-    """Velocity, rate of turn and heading, with noise, and a gyro bias for each flight. Source: this file."""
+    """Sensor of velocity, rate of turn and heading, with noise and a gyro bias for each flight. Source: this file."""
 
     # an `imperfection` is zero when it is switched off: --without sensor-noise
     velocity_noise: Any = imperfection("m/s", "Standard deviation of the velocity noise.", "sensor-noise", default=0.02)
@@ -20,16 +20,16 @@ class MySensor:  # its fields are settings: --set world.sensors.navigation.rate_
     period: int = period("Time between samples.", default=ms(10))
 
     def init(self, key: Key) -> Key:
-        """Return the first state: the key of its random numbers, which differs from flight to flight."""
+        """Return the initial state: the key of the random numbers, which differs from flight to flight."""
         return key
 
     def measure(self, motion: Motion) -> PlanarState:
-        """Return the measurement without error. The motion's vectors have shape (3,); v_WB_B, w_WB_B are in B."""
+        """Return the measurement without error. Vectors of the motion have shape (3,); v_WB_B and w_WB_B are in B."""
         u, v, r = motion.v_WB_B[0], motion.v_WB_B[1], motion.w_WB_B[2]  # forward, starboard: m/s; clockwise: rad/s
         return PlanarState(surge_velocity=u, sway_velocity=v, yaw_rate=r, heading=motion.attitude[2])
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """Return the sample at integer time t (100 ns); k is its number, and each stream gives two standard normals."""
+        """Return the sample at integer time t (100 ns). k is its number. normal2 gives two standard normal numbers."""
         x, k = self.measure(motion), t // self.period
         (n0, n1), (n2, n3), (bias, _) = normal2(state, k, 0), normal2(state, k, 1), normal2(state, 0, 2)
         measured = PlanarState(
@@ -42,7 +42,7 @@ class MySensor:  # its fields are settings: --set world.sensors.navigation.rate_
 
 
 def scenario() -> Scenario:
-    """The hovercraft drives forward; this sensor replaces its navigation."""
+    """Return the scenario: a hovercraft drives forward. This sensor replaces its navigation."""
     base = build("hovercraft/forward")
     world = replace(base.world, sensors={"navigation": MySensor()})
     return replace(base, world=world, name="my_sensor")

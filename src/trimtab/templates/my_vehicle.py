@@ -15,7 +15,7 @@ from trimtab.sensors.flight_state import TrueState
 
 
 @record
-class MyVehicleState:  # what is integrated; a field may be a vector: shape=(3,), default=(0, 0, 0)
+class MyVehicleState:  # the integrated state; a field may be a vector: shape=(3,), default=(0, 0, 0)
     """State of the bicycle. Source: this file."""
 
     lean: Scalar = quantity("rad", "Lean angle from upright, to starboard.", frame="WB", kind="angle", default=0.0)
@@ -25,27 +25,27 @@ class MyVehicleState:  # what is integrated; a field may be a vector: shape=(3,)
 
 @record
 class MyVehicleInput:  # demanded by the law, applied by the actuators
-    """Position of the handlebar. Source: this file."""
+    """Input of the bicycle: position of the handlebar. Source: this file."""
 
     steer: Scalar = quantity("rad", "Steering angle, to starboard.", frame="B", kind="angle", default=0.0)
 
 
 @record
 class MyVehicle:  # its fields are settings: --set world.vehicle.speed=5
-    """A bicycle that one servo balances and steers. Source: Åström, Klein, Lennartsson, IEEE CSM 25(4), 2005."""
+    """Bicycle that one servo balances and steers. Source: Åström, Klein, Lennartsson, IEEE CSM 25(4), 2005."""
 
     speed: Scalar = quantity("m/s", "Speed of the wheels.", default=4.0, above=0)
     height: Scalar = quantity("m", "Height of the centre of mass above the rear wheel's contact.", default=0.9, above=0)
     base: Scalar = quantity("m", "Wheel base.", default=1.0, above=0)
 
     def dynamics(self, t: Scalar, x: MyVehicleState, u: MyVehicleInput):
-        """Return the derivative of x, a record too. t: s. No Python `if` on a number of x or u: jnp.where instead."""
+        """Return the derivative of x, a record, at time t (s). Use jnp.where instead of `if` on a number of x or u."""
         turn = self.speed * jnp.tan(u.steer) / self.base  # rad/s
         fall = (9.80665 * jnp.sin(x.lean) - self.speed * turn * jnp.cos(x.lean)) / self.height  # rad/s^2
         return MyVehicleState(x.lean_rate, fall, turn)
 
     def motion(self, t: Scalar, x: MyVehicleState, u: MyVehicleInput) -> Motion:
-        """Return the motion that sensors feel: only the attitude (3,); fill in the rest before you add an IMU."""
+        """Return the motion that sensors measure, here only the attitude (3,). An IMU needs the other fields too."""
         return replace(no_motion(), t=t, attitude=jnp.stack([x.lean, 0.0 * x.lean, x.heading]))
 
 

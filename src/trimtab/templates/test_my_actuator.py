@@ -1,4 +1,4 @@
-"""Properties of the actuator, and a flight: pytest test_my_actuator.py"""
+"""Tests of the actuator, and of a flight: pytest test_my_actuator.py"""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Properties of the estimator, and a flight: pytest test_my_estimator.py"""
+"""Tests of the estimator, and of a flight: pytest test_my_estimator.py"""
 
 from pathlib import Path
 from typing import Any

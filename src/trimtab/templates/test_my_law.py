@@ -1,4 +1,4 @@
-"""Properties of the law, and a flight: pytest test_my_law.py"""
+"""Tests of the law, and of a flight: pytest test_my_law.py"""
 
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ def step(heading: float, yaw_rate: float = 0.0) -> Any:
 
 
 def test_rudder_is_zero_on_course():
-    """The wanted heading is an equilibrium."""
+    """The desired heading is an equilibrium."""
     assert float(step(LAW.heading).demand.rudder) == 0.0
 
 
@@ -31,12 +31,12 @@ def test_turns_the_shorter_way():
 
 
 def test_limits_the_rudder_angle():
-    """The demand stays within ± most."""
+    """The rudder angle stays within the limit `most` in both directions."""
     assert float(step(LAW.heading + 3.0, yaw_rate=5.0).demand.rudder) == LAW.most
 
 
 def test_reaches_the_heading():
-    """A flight, compiled to C, ends within 0.1 rad of the wanted heading; with zero gains it does not."""
+    """A flight, compiled to C, ends within 0.1 rad of the desired heading. With zero gains it does not."""
     log = simulate(FLOWN)
     assert abs(log.final["truth.heading"] - LAW.heading) < 0.1
     idle = replace(FLOWN, autopilot=replace(FLOWN.autopilot, law=replace(LAW, k_heading=0.0, k_rate=0.0)))

@@ -1,4 +1,4 @@
-"""Properties of the link, and a flight: pytest test_my_link.py"""
+"""Tests of the link, and of a flight: pytest test_my_link.py"""
 
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ LINK = FLOWN.world.uplink
 
 
 def carry(link: Any, n: int) -> Any:
-    """Return the samples at the far end, fields (n,); the value of each packet is its number."""
+    """Return the samples at the receiver, with fields (n,). The value of each packet is its number."""
 
     def step(state: Any, k: Any) -> Any:
         return link.step(k * link.period, state, new_sample(k * link.period, 1.0 * k))
@@ -24,7 +24,7 @@ def carry(link: Any, n: int) -> Any:
 
 
 def test_packets_arrive_after_the_delay():
-    """Without loss the output was sent `steps` periods ago. Before the first packet it is not valid."""
+    """Without loss, the output is the sample of `steps` periods ago. Before the first packet it is not valid."""
     out = carry(replace(LINK, loss=0.0), 20)
     assert not out.valid[: LINK.steps].any()
     np.testing.assert_array_equal(out.value[LINK.steps :], np.arange(20 - LINK.steps))
@@ -32,7 +32,7 @@ def test_packets_arrive_after_the_delay():
 
 
 def test_loss_rate_is_as_declared():
-    """The share of 4000 packets that is lost is within four standard errors."""
+    """The share of lost packets among 4000 is within four standard errors of the declared probability."""
     share = 1 - np.mean(carry(LINK, 4000).fresh)
     assert abs(share - LINK.loss) < 4 * np.sqrt(LINK.loss * (1 - LINK.loss) / 4000) + LINK.steps / 4000
 
@@ -43,7 +43,7 @@ def test_total_loss_gives_no_output():
 
 
 def test_hovercraft_reaches_its_speed():
-    """A flight, compiled to C, ends within 0.1 m/s of the target; commands are at least as old as the delay."""
+    """A flight, compiled to C, ends within 0.1 m/s of the target. Commands are at least as old as the delay."""
     log = simulate(FLOWN)
     assert abs(log.final["truth.surge_velocity"] - 2.8 / 2.6) < 0.1
     old = log["uplink.age"][log["uplink.valid"]]

@@ -1,4 +1,4 @@
-"""Settings of the scenario, and a flight: pytest test_my_scenario.py"""
+"""Tests of the scenario's settings, and of a flight: pytest test_my_scenario.py"""
 
 import tomllib
 from pathlib import Path

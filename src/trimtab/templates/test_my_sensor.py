@@ -1,4 +1,4 @@
-"""Properties of the sensor, and a flight: pytest test_my_sensor.py"""
+"""Tests of the sensor, and of a flight: pytest test_my_sensor.py"""
 
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,13 @@ MOTION = replace(no_motion(), v_WB_B=np.array([1.0, 0.2, 0.0]), w_WB_B=np.array(
 
 
 def samples(run: Any, n: int = 4000) -> Any:
-    """Return n samples of one flight at a constant motion, each field (n,)."""
+    """Return n samples of one flight with a constant motion, with fields (n,)."""
     times = np.arange(n) * SENSOR.period
     return jax.vmap(lambda t: SENSOR.step(t, SENSOR.init(replace(key(0), run=run)), MOTION)[1].value)(times)
 
 
 def test_noise_has_the_declared_size():
-    """Standard deviations agree within 6 %; four standard errors of 4000 samples are 4.5 %."""
+    """The standard deviations agree within 6 %. Four standard errors of 4000 samples are 4.5 %."""
     z = samples(np.uint32(0))
     np.testing.assert_allclose(np.std(z.surge_velocity), SENSOR.velocity_noise, rtol=0.06)
     np.testing.assert_allclose(np.std(z.yaw_rate), SENSOR.rate_noise, rtol=0.06)
@@ -38,7 +38,7 @@ def test_bias_differs_between_flights():
 
 
 def test_measures_exactly_without_imperfections():
-    """Each field declares which --without switches it off."""
+    """Without noise and bias, the samples are exact."""
     ideal = FLOWN.without("sensor-noise").without("gyro-bias").world.sensors["navigation"]
     exact, (_, sample) = ideal.measure(MOTION), ideal.step(0, ideal.init(key(0)), MOTION)
     assert float(sample.value.yaw_rate) == float(exact.yaw_rate) == 0.3

@@ -1,4 +1,4 @@
-"""Properties of the vehicle for any parameters, and a flight: pytest test_my_vehicle.py"""
+"""Tests of the vehicle with any parameters, and of a flight: pytest test_my_vehicle.py"""
 
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ UPRIGHT = replace(FLOWN.initial, heading=0.0)
 
 
 def rates(x: Any, u: Any) -> Any:
-    """Return the derivative as an array, in the order of the state's fields."""
+    """Return the derivative of the state as an array, in the order of the state's fields."""
     return np.array([float(value) for _, value, _ in leaves(BIKE.dynamics(0.0, x, u))])
 
 

@@ -1,1 +1,1 @@
-"""Scenarios of a cart and a pole."""
+"""Scenarios of a pole on a cart."""

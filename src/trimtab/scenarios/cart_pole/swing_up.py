@@ -1,4 +1,4 @@
-"""Swing up a pole on a cart by its energy, catch and balance it; to learn from."""
+"""Swing up a pole on a cart by control of its energy, then catch and balance it. A textbook example."""
 
 from typing import Annotated, Literal
 
@@ -26,7 +26,7 @@ Start = Annotated[
 
 
 def scenario(start: Start = "hanging") -> Scenario:
-    """Values chosen for trimtab: masses of Barto's, ±10 N through a motor with a lag of 20 ms."""
+    """Return the scenario. Masses: Barto's. Chosen for trimtab: a force of ±10 N from a motor with a lag of 20 ms."""
     motor = FirstOrderLag(time_constant=0.02, low=-10.0, high=10.0)
     world = World(
         vehicle=CartPole(),

@@ -1,1 +1,1 @@
-"""Scenarios of a car that can't turn more tightly than on a circle."""
+"""Scenarios of a car with a minimum turning radius."""

@@ -1,4 +1,4 @@
-"""Drive a car with a limited turning circle to a pose by the shortest path, steered over a link; to learn from."""
+"""Drive a car with a minimum turning radius to a pose by the shortest path, steered over a link. A textbook example."""
 
 from typing import Annotated, Literal
 
@@ -29,9 +29,9 @@ GOALS = {
     "RLR": (-1.0, -1.0, 180.0),
     "LRL": (0.0, 2.0, 135.0),
 }
-"""North, east (m) and heading (degrees): for each path word, a pose to which it is the shortest way."""
+"""Goal pose for each path word: north, east (m) and heading (degrees). The path of this word is the shortest there."""
 RADIUS = 1.0
-"""Turning radius of the path (m): larger than the car's 0.8 m, so that it can still steer to both sides in a turn."""
+"""Turning radius of the path (m). The car's minimum is 0.8 m, so in a turn the car can still correct to both sides."""
 Word = Annotated[
     Literal["LSR", "RSL", "LSL", "RSR", "RLR", "LRL"],
     {word: f"to {n:g} m north, {e:g} m east, heading {h:g} degrees" for word, (n, e, h) in GOALS.items()},
@@ -39,7 +39,10 @@ Word = Annotated[
 
 
 def scenario(word: Word = "LSR") -> Scenario:
-    """Values chosen for trimtab. The car begins 30 cm to the right of the path. It drives on beyond the goal."""
+    """Return the scenario, with values chosen for trimtab. The car starts 30 cm to the right of the path.
+
+    The car does not stop at the goal.
+    """
     car = DubinsCar()
     north, east, heading = GOALS[word]
     path = shortest_path((0.0, 0.0, 0.0), (north, east, np.deg2rad(heading)), RADIUS, float(car.speed))

@@ -1,8 +1,8 @@
-"""Trim and gains of the F-16's load-factor control, from the vehicle itself.
+"""Trim and gains of the F-16's load-factor control, computed from the vehicle model.
 
 Source: [1] P. Heidlauf, A. Collins, M. Bolender, S. Bak, "Verification challenges in F-16 ground collision avoidance
-and other automated maneuvers", ARCH 2018, for the form, the place of the accelerometers and the weights of the
-longitudinal regulator; its authors' programs AeroBenchVV print the gains.
+and other automated maneuvers", ARCH 2018, for the form, the position of the accelerometers and the weights of the
+longitudinal regulator. The gains are printed in AeroBenchVV, the program of its authors.
 """
 
 from functools import lru_cache
@@ -21,23 +21,29 @@ from trimtab.vehicles.f16_flat_earth import F16FlatEarth, F16State
 from trimtab.vehicles.imperial import FOOT
 
 SPEED, ALTITUDE = 502 * FOOT, 1000 * FOOT
-"""Speed and altitude at which [1] trims and linearises."""
+"""Speed (m/s) and altitude (m) at which [1] trims and linearises."""
 STATION = 15 * FOOT
 """Distance of the accelerometers ahead of the centre of mass (m)."""
 WEIGHTS = {
     "published": ((1000.0, 0.0, 1500.0), (0.0, 0.0, 0.0, 115_000.0, 8_100.0)),
     "actuators": ((500.0, 100.0, 200.0), (1000.0, 0.0, 1000.0, 2000.0, 8_100.0)),
 }
-"""Weights of angle of attack (1/rad²), pitch rate, integral of load factor (1/s²); of sideslip, roll and yaw rate, the
-integrals of roll rate and of side load with yaw rate. Surfaces have weight 1 in degrees.
+"""Weights of the LQR design, by name: longitudinal, then lateral. The surfaces have weight 1 in degrees.
 
-published: AeroBenchVV, BuildLongitudinalLqrCtrl; lateral ones, rounded, from its gains, as integrals alone give
-Q = K'R K: the 1200 and 3000 beside them are not theirs. actuators: chosen, for surfaces that lag, and for delay.
+Longitudinal states: angle of attack (1/rad²), pitch rate, integral of load factor (1/s²). Lateral states: sideslip,
+roll rate, yaw rate, integral of roll rate, integral of side load with yaw rate.
+
+published: longitudinal weights of AeroBenchVV, BuildLongitudinalLqrCtrl. The lateral weights are rounded and follow
+from its gains: with weights on the integrals only, Q = K'R K. The values 1200 and 3000 in that program do not belong to
+its gains. actuators: chosen for surfaces with lag and for a loop with delay.
 """
 
 
 class LoadFactorDesign(NamedTuple):
-    """level: the trim.  linear: the model there.  along: elevator gain.  aside: aileron, rudder gain; u = K x (rad)."""
+    """Result of the design. level: trim.  linear: model linearised at the trim.  along: gain of the elevator.
+
+    aside: gain of aileron and rudder. Both gains are of u = K x (rad).
+    """
 
     level: Trim
     linear: LinearModel
@@ -46,7 +52,7 @@ class LoadFactorDesign(NamedTuple):
 
 
 def model_at(craft: F16FlatEarth, x: F16State, u: F16Controls) -> StateSpaceModel:
-    """Return the vehicle with load factors at STATION, and rates, as outputs."""
+    """Return the vehicle with the normal and lateral load factors at STATION as outputs."""
 
     def load(axis: int, sign: float) -> Any:
         def at(x: F16State, u: F16Controls) -> Any:
@@ -61,7 +67,7 @@ def model_at(craft: F16FlatEarth, x: F16State, u: F16Controls) -> StateSpaceMode
 
 
 def level_flight(craft: F16FlatEarth, speed: float, altitude: float) -> Trim:
-    """Return straight and level flight, heading north: angle of attack, throttle and elevator are found."""
+    """Return the trim of straight, level flight to the north. Solve for angle of attack, throttle and elevator."""
     zero, alpha = 0.0, 0.04
     x = F16State(speed, alpha, zero, zero, alpha, zero, zero, zero, zero, zero, zero, altitude, 0.1)
     model = model_of_vehicle(
@@ -78,7 +84,7 @@ def level_flight(craft: F16FlatEarth, speed: float, altitude: float) -> Trim:
 
 @lru_cache(maxsize=4)
 def design_load_factor_control(weights: str = "published") -> LoadFactorDesign:
-    """Return trim, model and gains at SPEED and ALTITUDE, for the vehicle as shipped, with one of WEIGHTS."""
+    """Return trim, model and gains of the default vehicle at SPEED and ALTITUDE. weights: name in WEIGHTS."""
     along_weights, aside_weights = WEIGHTS[weights]
     craft = F16FlatEarth()
     level = level_flight(craft, SPEED, ALTITUDE)
@@ -105,7 +111,10 @@ def design_load_factor_control(weights: str = "published") -> LoadFactorDesign:
 
 
 def _regulator(A: Any, B: Any, C: Any, D: Any, weights: Any) -> Lqr:
-    """Return the weights of the states and of the integrals of the outputs; surfaces weigh 1 per degree."""
+    """Return the regulator of the states extended by the integrals of the outputs.
+
+    weights: diagonal weights of the states and the integrals. The surfaces have weight 1 in degrees.
+    """
     n, k = len(A), len(C)
     longer = np.block([[A, np.zeros((n, k))], [C, np.zeros((k, k))]])
     return lqr(longer, np.vstack([B, D]), np.diag(weights), np.eye(B.shape[1]) / DEG**2)

@@ -1,4 +1,4 @@
-"""Navigation of the F-16: instruments that measure everything, or inertial unit, receiver and probes with a filter.
+"""Navigation of the F-16: instruments that measure all values, or a filter with IMU, GNSS receiver and air-data probes.
 
 Positions of the sensors and sizes of their errors are chosen here.
 """
@@ -24,17 +24,17 @@ from trimtab.vehicles.imperial import FOOT
 Navigation = Annotated[
     Literal["instruments", "gnss-inertial"],
     {
-        "instruments": "all values that the law reads, each with its own error",
-        "gnss-inertial": "inertial unit, delayed satellite fixes, pitot tube and vanes; an error-state filter",
+        "instruments": "instruments that measure all values that the law reads, each with its own error",
+        "gnss-inertial": "error-state filter with inertial unit, delayed satellite fixes, pitot tube and vanes",
     },
 ]
 TICK = ms(10)
 STATION = (15 * FOOT, 0.0, 0.0)
 """Distance of the accelerometers ahead of the centre of mass (m)."""
 ANTENNA = (10 * FOOT, 0.0, -4 * FOOT)
-"""Distance of the receiver behind the cockpit (m)."""
+"""Position of the receiver's antenna, behind the cockpit, relative to the centre of mass, in body axes (m)."""
 OUTAGE = Outages(start=seconds(2), length=ms(2500))
-"""Outage while the vehicle rolls and pulls up, when the antenna does not face the sky."""
+"""Outage of the receiver while the vehicle rolls and pulls up, because its antenna then does not face the sky."""
 INSTRUMENTS = FlightInstruments(
     lever_arm=STATION,
     speed_noise=0.5,
@@ -51,11 +51,11 @@ INSTRUMENTS = FlightInstruments(
     load_bias=0.01,
     period=TICK,
 )
-"""Errors of fair instruments: chosen here."""
+"""Instruments of medium quality. The sizes of the errors are chosen here."""
 
 
 def equipment(navigation: str, first: F16State) -> tuple[dict[str, Any], Any]:
-    """Return the sensors, and the estimator that reads them."""
+    """Return the sensors by name, and the estimator that reads these sensors."""
     if navigation == "instruments":
         return {"instruments": INSTRUMENTS}, Passthrough("instruments")
     down = (0.0, 0.0, GRAVITY)
@@ -78,7 +78,7 @@ def equipment(navigation: str, first: F16State) -> tuple[dict[str, Any], Any]:
 
 
 def aligned_start(first: F16State) -> SpatialStart:
-    """Return the filter's initial estimate: after a long flight, about one sigma off in most values."""
+    """Return the filter's initial estimate, as after a long flight. Most values have an error of about one sigma."""
     start = SpatialStart(sigma_tilt=0.3 * DEG, sigma_heading=1.0 * DEG, sigma_position=1.0, sigma_gyro_bias=0.05 * DEG)
     tilt, heading = start.sigma_tilt, start.sigma_heading
     angles = np.array([first.roll, first.pitch, first.yaw], float)
@@ -92,7 +92,7 @@ def aligned_start(first: F16State) -> SpatialStart:
 
 
 def _rotation(angles: Any) -> Any:
-    """Return R_WB (3, 3) of roll, pitch, yaw (rad), in numpy: the same bits on each machine."""
+    """Return R_WB (3, 3) of roll, pitch, yaw (rad). Computed in numpy, so that every machine gives the same bits."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
     return np.array(
         [
@@ -104,11 +104,14 @@ def _rotation(angles: Any) -> Any:
 
 
 def _ahead(angles: Any) -> Any:
-    """Return the vector from the centre of mass to the unit, in W (3,) (m)."""
+    """Return the vector from the centre of mass to the inertial unit, in W (3,) (m)."""
     return _rotation(angles) @ np.asarray(STATION)
 
 
 def _velocity(x: F16State) -> Any:
-    """Return the velocity of the centre of mass in W (3,) (m/s), without sideslip or rotation: also the unit's."""
+    """Return the velocity of the centre of mass in W (3,) (m/s), for flight without sideslip.
+
+    Without rotation, the inertial unit has the same velocity.
+    """
     along = x.speed * np.array([np.cos(x.alpha), 0.0, np.sin(x.alpha)])
     return _rotation(np.array([x.roll, x.pitch, x.yaw], float)) @ along

@@ -1,4 +1,4 @@
-"""F-16 banked and diving at 1000 ft: an autopilot rolls the wings level and pulls up before the ground."""
+"""Avoid the ground in an F-16 that is banked and diving at 1000 ft: roll the wings level, then pull up."""
 
 import math
 from typing import Annotated, Literal
@@ -38,7 +38,7 @@ Gains = Annotated[
     },
 ]
 SURFACES = {"elevator": (25.0, 60.0), "aileron": (21.5, 80.0), "rudder": (30.0, 120.0)}
-"""Stop in either direction (deg), and maximum rate (deg/s) of each surface."""
+"""Maximum deflection in either direction (deg), and maximum rate (deg/s), of each surface."""
 BANDWIDTH = 20.2
 """Bandwidth of the surfaces' lag (rad/s)."""
 
@@ -56,11 +56,14 @@ FOR_ACTUATORS = GroundAvoidance(
     roll_damping=0.0,
     most_roll=2.5,
 )
-"""Return the controller with gains of `_gains`, weights "actuators"; AeroBenchVV has roll gains 4 and 2, no limit."""
+"""Controller with the gains that `_gains` computes from the weights "actuators".
+
+AeroBenchVV has a roll gain of 4, a roll damping of 2, and no limit of the demanded roll rate.
+"""
 
 
 def scenario(start: Start = "dive", gains: Gains = "actuators", navigation: Navigation = "instruments") -> Scenario:
-    """The two starts of AeroBenchVV, here with instrument errors and surfaces with lag and limits."""
+    """Return the scenario. The two starts are those of AeroBenchVV; the sensor errors and actuator limits are added."""
     law = FOR_ACTUATORS if gains == "actuators" else GroundAvoidance()
     control = law.control
     trim = F16Controls(elevator=control.trim_elevator, aileron=0.0, rudder=0.0, throttle=control.throttle)
@@ -90,7 +93,7 @@ def scenario(start: Start = "dive", gains: Gains = "actuators", navigation: Navi
 
 
 def surfaces(trim: F16Controls) -> ActuatorBank:
-    """Return elevator, aileron, rudder with command limits, a lag and a maximum rate; the throttle within its limits.
+    """Return elevator, aileron and rudder with command limits, lag and maximum rate, and a throttle with limits only.
 
     Source: B. L. Stevens, F. L. Lewis, E. N. Johnson, "Aircraft control and simulation", 3rd ed., 2015, table 3.5-1.
     """
@@ -106,6 +109,9 @@ def surfaces(trim: F16Controls) -> ActuatorBank:
 
 
 def first_state(bank: float, pitch: float, altitude: float = 1000 * FOOT, speed: float = 540 * FOOT) -> F16State:
-    """Return the start of AeroBenchVV: heading north at its angle of attack and power, not turning; rad, m, m/s."""
+    """Return the initial state of AeroBenchVV: heading north, its angle of attack and power, no rotation.
+
+    Units: rad, m, m/s.
+    """
     rest = F16State(*[0.0] * 13)
     return replace(rest, speed=speed, alpha=2.1215 * DEG, roll=bank, pitch=pitch, altitude=altitude, power=0.09)

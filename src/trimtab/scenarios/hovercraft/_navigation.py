@@ -1,7 +1,8 @@
 """Navigation of the hovercraft: the thesis's model of navigation errors, or the navigation system itself.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, sections
-5.4, 5.5 and 6.1. Reconstructed: the hall, where beacons and units sit, and errors of survey and temperature.
+5.4, 5.5 and 6.1. Reconstructed: the hall, the positions of beacons and ultrasonic units, and the errors of survey and
+temperature.
 """
 
 from collections.abc import Mapping
@@ -35,19 +36,19 @@ from trimtab.sensors.time_of_flight import Beacons, Medium
 from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 
 Positioning = Literal["ins", "ins-magnetometer", "ins-coupled", "ins-feedforward", "ins-direct", "tight", "particle"]
-"""Navigations that estimate the position."""
+"""Navigation systems that estimate the position."""
 Kind = Literal["errors", Positioning]
 Navigation = Annotated[
     Kind,
     {
-        "errors": "the thesis's model of its navigation errors",
-        "ins": "IMU, fixes of the ultrasonic network, dual filters with feedback of the estimated errors",
-        "ins-magnetometer": "ins with the heading from the magnetometer instead of two ultrasonic units",
-        "ins-coupled": "one filter for heading and motion, so that positions also correct the heading",
-        "ins-feedforward": "the dual filters as in the thesis: errors are subtracted outside the navigation",
-        "ins-direct": "dual filters of the state itself, not of its errors",
-        "tight": "tightly coupled: each raw range goes into one filter with the IMU",
-        "particle": "a particle filter that uses raw ranges and the IMU",
+        "errors": "true state with errors, drawn from the thesis's model of navigation errors",
+        "ins": "INS with IMU and ultrasonic fixes; dual filters, with feedback of the estimated errors",
+        "ins-magnetometer": "INS as in ins, but with the heading from a magnetometer instead of two ultrasonic units",
+        "ins-coupled": "INS with one filter for heading and motion, so that positions also correct the heading",
+        "ins-feedforward": "INS with the dual filters of the thesis: the errors are subtracted from the INS output",
+        "ins-direct": "INS with dual filters that estimate the state instead of its errors",
+        "tight": "tightly coupled filter that uses the IMU and each raw range",
+        "particle": "particle filter that uses the IMU and each raw range",
     },
 ]
 FORMS: dict[str, Any] = {
@@ -57,14 +58,18 @@ FORMS: dict[str, Any] = {
     "ins-feedforward": AidedInertialFeedforward,
     "ins-direct": AidedInertialDirect,
 }
-"""INS form that receives the fixes."""
+"""Form of the INS that processes the fixes, by name of the navigation system."""
 
 Bus = Literal["none", "slave"]
-"""slave: the ultrasonic units are connected to a second microcontroller, and their samples pass a slow bus to the one
-with the radio. none: their samples arrive at once."""
+"""Bus between the ultrasonic units and the radio.
+
+slave: the units are connected to a second microcontroller, and a slow bus carries their samples to the microcontroller
+with the radio. none: the samples arrive without delay.
+"""
 
 CEILING, SPACING = 4.0, 3.4
-"""Height of the beacons and distance between them (m): three or more are received all over the floor, mostly four."""
+"""Height of the beacons and distance between beacons (m). Everywhere on the floor, a unit receives three or more
+beacons, mostly four."""
 NOISE = InertialNoise(
     gyro=1.6e-4,
     gyro_walk=1e-6,
@@ -74,22 +79,27 @@ NOISE = InertialNoise(
     position_constant=0.008,
     heading_constant=0.012,
 )
-"""IMU: the maker's white noise; walks that cover scale factor, misalignment and bandwidth in manoeuvres."""
+"""Noise of the IMU as the filter assumes it.
+
+The white noise is the maker's. The random walks also cover scale factor, misalignment and bandwidth in manoeuvres.
+"""
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
 IMU = Imu.microstrain_3dm_gx1()
 INTAKE = Intake(gap=ms(150), lag=seconds(round(np.sqrt(2) / (2 * np.pi * float(IMU.gyro.bandwidth)), 4)))
-"""A link with jitter has gaps longer than the usual 40 ms; the IMU's readings are 7.5 ms old: its low pass."""
+"""Selection of the samples for the filter. A link with jitter has longer gaps than the usual 40 ms, so 150 ms are
+allowed. The lag is that of the IMU's low-pass filter, 7.5 ms."""
 MESSAGE = 5 + 1 + 6 * 3
-"""Bytes of a ping on the bus: header, unit, and number and range of each beacon that replied, six at most below these
-beacons."""
+"""Size (bytes) of one measurement on the bus: header, unit, and number and range of each beacon that replied. At most
+six of these beacons reply."""
 SLAVE = SlaveBus(size=MESSAGE, queue=ms(40), capacity=42)
-"""A ping is at most 31 ms in transit, and the next one comes 100 ms later: nothing waits, nothing is dropped."""
+"""Bus of the second microcontroller. A message takes at most 31 ms, and the next one is sent 100 ms later. So no
+message waits in the queue and none is dropped."""
 Floor = tuple[float, float, float, float]
-"""Default floor: north from, to, east from, to (m)."""
+"""Limits of a floor (m): south, north, west, east."""
 
 
 def hall_beacons(floor: Floor) -> Beacons:
-    """Return beacons on a square grid below the ceiling."""
+    """Return beacons on a square grid under the ceiling, above the whole floor."""
     south, north, west, east = floor
 
     def across(low: float, high: float) -> Any:
@@ -103,17 +113,17 @@ def hall_beacons(floor: Floor) -> Beacons:
 def choose_navigation(
     navigation: Navigation, errors: NavigationErrors | None, floor: Floor, bus: Bus = "none"
 ) -> tuple[Mapping[str, Any], Any]:
-    """Return the sensors by name, and the estimator that reads them.
+    """Return the sensors by name, and the estimator that reads these sensors.
 
     Args:
-        navigation: name of the navigation.
-        errors: the error model, the thesis's when None.
-        floor: over which the vehicle may move (m).
-        bus: what lies between the ultrasonic units and the radio.
+        navigation: name of the navigation system.
+        errors: the error model, used for "errors" only. None: that of the thesis.
+        floor: floor on which the vehicle may move (m).
+        bus: bus between the ultrasonic units and the radio.
     """
     if navigation == "errors":
         if bus != "none":
-            problem = "the bus needs ultrasonic units: this navigation is the error model"
+            problem = 'the bus carries ultrasonic samples, and navigation "errors" has no ultrasonic units'
             raise InputError(
                 argument_name("settings", "bus"),
                 problem,
@@ -132,10 +142,11 @@ def choose_navigation(
 
 
 def _make_estimator(navigation: Kind, beacons: Any) -> Any:
-    """Return the estimator on IMU and ranges; the raw-range filters consider constant errors themselves.
+    """Return the estimator that uses IMU and ranges. The filters of raw ranges model constant errors themselves.
 
-    The tightly coupled one begins as the INS does, not from its own closed form: that waits for a gyro which
-    `hovercraft/zero-velocity` saturates until a law brakes it, and the law for an estimate.
+    The tightly coupled filter starts from the given state, as the INS does. Its own initial estimate needs a gyro that
+    is not saturated. In `hovercraft/zero-velocity` the gyro is saturated until the law has braked the craft, but the
+    law waits for an estimate.
     """
     if navigation in ("tight", "particle"):
         noise = replace(NOISE, position_constant=0.0, heading_constant=0.0)

@@ -1,10 +1,10 @@
-"""Theorems about the hovercraft's laws, with everything in them taken from the shipped code.
+"""Theorems about the hovercraft's laws. Vehicle, laws and Lyapunov functions are those of the package's code.
 
-A theorem is a function of its settings. Those without settings hold for all positive gains, masses and references: the
-law's numbers are symbols there.
+Each function here returns a theorem for its settings. A theorem without settings holds for all positive gains, masses
+and references, because these are symbols in it.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, sections
-2.2 and 2.3; where it is corrected here, docs Errata.
+2.2 and 2.3; docs Errata lists the corrections to it.
 """
 
 import math
@@ -31,13 +31,16 @@ from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 STATES = {"surge_velocity": "u", "sway_velocity": "v", "yaw_rate": "r"}
 CRAFT = ("m", "J", "d")
 NEARLY = 0.15
-"""Largest deviation of W of `zero_velocity_time` from V, as a fraction of V."""
+"""Largest deviation of the function W from V in `zero_velocity_time`, as a fraction of V."""
 NEAR = 1e-9
-"""Margin by which a sharp threshold is reduced to be proved and enlarged to be refuted: rounding of floats."""
+"""Relative margin of a sharp threshold, because of the rounding of floats.
+
+The proof uses a threshold that is lower by this margin, the counterexample one that is higher by it.
+"""
 
 
 def zero_velocity() -> LawTheorem:
-    """ZeroVelocity comes to rest from everywhere."""
+    """Return the theorem that the loop with ZeroVelocity comes to rest from every initial state."""
     law = ZeroVelocity(k1=symbol("k1"), k2=symbol("k2"), model=_symbolic_craft())
     return _global_theorem("zero-velocity", law, ("k1", "k2"))
 
@@ -54,10 +57,12 @@ def zero_velocity_time(
     inertia: float = 0.096,
     arm: float = 0.32,
 ) -> LawTheorem:
-    """Bound the time that ZeroVelocity takes: a heading law waits that long in damp before a turn may begin.
+    """Return the theorem that bounds the time in which ZeroVelocity brakes the craft.
 
-    W = V - slip_cross u (v - d r) r - turn_cross u r^2 falls where V does not, as W' <= -rate V^2. So 1/W grows by
-    rate/(1 + NEARLY)^2 a second at least, which gives `settling_bound`.
+    A heading law waits this long in its mode damp before a turn may begin.
+
+    V alone does not fall everywhere. W = V - slip_cross u (v - d r) r - turn_cross u r^2 does, as W' <= -rate V^2. So
+    1/W grows by at least rate/(1 + NEARLY)^2 per second, which gives `settling_bound`.
     """
     model, craft = _numeric_craft(mass, inertia, arm)
     law = ZeroVelocity(k1=constant(k1), k2=constant(k2), model=model)
@@ -71,7 +76,7 @@ def zero_velocity_time(
         Claim("W >= (1 - nearly) V", W - constant(1 - NEARLY) * V, inside, NONNEGATIVE),
         Claim("W <= (1 + nearly) V", constant(1 + NEARLY) * V - W, inside, NONNEGATIVE),
     )
-    U, S, R = symbol("U"), symbol("S"), symbol("R")  # surge, slip and turn, each by its size at about 1 J
+    U, S, R = symbol("U"), symbol("S"), symbol("R")  # surge, slip and turn, each divided by its value at about 1 J
     states = {"u": 0.9 * U, "v": 1.2 * S + model.arm * 2.4 * R, "r": 2.4 * R}
     coordinates = {"U": u / 0.9, "S": (v - model.arm * r) / 1.2, "R": r / 2.4}
     squares = (U * U, U * S, U * R, S * S, S * R, R * R)
@@ -89,7 +94,7 @@ def zero_velocity_time(
 
 
 def settling_bound(theorem: LawTheorem, start: float, end: float) -> float:
-    """Return the longest time (s) in which V falls from start to end (J), by `zero_velocity_time`."""
+    """Return the upper bound (s) of the time in which V falls from start to end (J), by `zero_velocity_time`."""
     level, rate = float(theorem.about["level"]), float(theorem.about["rate"])
     if not 0 < end <= start <= level:
         problem = f"from {start} J to {end} J is outside the level of {level} J"
@@ -98,13 +103,13 @@ def settling_bound(theorem: LawTheorem, start: float, end: float) -> float:
 
 
 def forward() -> LawTheorem:
-    """ForwardMomentum reaches its momentum from everywhere, also with k2 < PXr/d."""
+    """Return the theorem that ForwardMomentum reaches its momentum from every initial state, also with k2 < PXr/d."""
     law = ForwardMomentum(k1=symbol("k1"), k2=symbol("k2"), reference=symbol("PXr"), model=_symbolic_craft())
     return _global_theorem("forward", law, ("k1", "k2", "PXr"))
 
 
 def forward_matched() -> LawTheorem:
-    """ForwardMomentumMatched reaches its momentum from everywhere."""
+    """Return the theorem that ForwardMomentumMatched reaches its momentum from every initial state."""
     law = ForwardMomentumMatched(k1=symbol("k1"), reference=symbol("PXr"), model=_symbolic_craft())
     return _global_theorem("forward-matched", law, ("k1", "PXr"))
 
@@ -119,13 +124,16 @@ def reverse(
     inertia: float = 0.096,
     arm: float = 0.32,
 ) -> LawTheorem:
-    """ReverseMomentum reaches its momentum from a region, and is locally stable for all gains above their bounds."""
+    """Return the theorem that ReverseMomentum reaches its momentum from a region of initial states.
+
+    It also states that the linearised loop is stable for all gains above their bounds.
+    """
     about = {"k1": k1, "k2": k2, "theta": theta, "reference": reference}
     model, craft = _numeric_craft(mass, inertia, arm)
     law = ReverseMomentum(**{n: constant(v) for n, v in about.items()}, model=model)
     field, _ = closed_loop(model, law, HovercraftState(), STATES)
     ideal = _symbolic_craft()
-    theta_above = ideal.inertia / (ideal.arm**2 * ideal.mass) * (1 + symbol("excess"))  # the bound, and more
+    theta_above = ideal.inertia / (ideal.arm**2 * ideal.mass) * (1 + symbol("excess"))  # any value above the bound
     gains = {"k1": symbol("k1"), "k2": symbol("k2"), "theta": theta_above, "reference": -symbol("PXr")}
     open_law = ReverseMomentum(**gains, model=ideal)
     open_field, _ = closed_loop(ideal, open_law, HovercraftState(), STATES)
@@ -142,7 +150,7 @@ def reverse(
 
 
 def spin() -> LawTheorem:
-    """ConstantSpin never lets W grow, and ends in one of two points."""
+    """Return the theorem that W never grows with ConstantSpin, and that every motion ends in one of two points."""
     law = ConstantSpin(k1=symbol("k1"), k2=symbol("k2"), reference=symbol("ref"), model=_symbolic_craft())
     theorem = _global_theorem("spin", law, ("k1", "k2", "ref"), rest={"r": symbol("ref")})
     bad = {"u": constant(0), "v": -symbol("d") * symbol("ref"), "r": constant(0)}
@@ -157,13 +165,16 @@ def spin() -> LawTheorem:
 
 
 def spin_gate(*, mass: float = 2.6, inertia: float = 0.096, arm: float = 0.32) -> LawTheorem:
-    """Below the switching energy, ConstantSpin starts where it reaches the good point; the sharp one is tight."""
+    """Return the theorem that ConstantSpin, started with V below the switching energy, reaches r = ref.
+
+    It holds for both switching energies. No larger threshold than the sharp one has this property.
+    """
     model, craft = _numeric_craft(mass, inertia, arm)
     ref, x = symbol("ref"), _state()
     V, margin = ZeroVelocity(model=model).lyapunov(x), _margin_of_spin(model, ref)
     sharp = float(switching_energy_sharp(Hovercraft(mass=mass, inertia=inertia, arm=arm), 1.0))
     J, D = inertia, arm**2 * mass
-    thresholds = {  # each with the weight that its hypothesis has in the proof
+    thresholds = {  # name -> threshold, and the weight of its hypothesis in the proof
         "V < eps": (as_polynomial(switching_energy(model, ref)), 2 * (J + D) / D),
         "V < eps_sharp": (constant(sharp) * constant(1 - NEAR) * ref**2, 1 + (J + math.sqrt(J**2 + D * J)) / D),
     }
@@ -188,10 +199,12 @@ def spin_gate(*, mass: float = 2.6, inertia: float = 0.096, arm: float = 0.32) -
 
 
 def spin_reference(*, mass: float = 2.6, inertia: float = 0.096, arm: float = 0.32) -> LawTheorem:
-    """A new reference above safe_reference_bound keeps ConstantSpin where it reaches the good point; not a new sign.
+    """Return the theorem that ConstantSpin still reaches r = ref after a change to a reference above a bound.
 
-    With a the old reference, b the new one, D = J (g^2 - 1), and h = b (1 + g) - a, which is above sqrt(2 W/J) where
-    b is above the bound.
+    The bound is safe_reference_bound. The theorem does not cover a reference of the other sign.
+
+    Symbols: a is the old reference, b the new one, D = J (g^2 - 1), and h = b (1 + g) - a. If b is above the bound, h
+    is above sqrt(2 W/J).
     """
     states, model = ("u", "v", "r"), _symbolic_craft()
     e, g, h, t = (symbol(n) for n in ("e", "g", "h", "t"))
@@ -245,11 +258,11 @@ THEOREMS = {
     "hovercraft/spin-gate": spin_gate,
     "hovercraft/spin-reference": spin_reference,
 }
-"""Functions of the settings, by name."""
+"""Function that returns each theorem for its settings, by the theorem's name."""
 
 
 def _global_theorem(name: str, law: Any, gains: tuple[str, ...], rest: Any = None) -> LawTheorem:
-    """Prove for a law with symbolic parameters: at rest from everywhere, for all positive values."""
+    """Return the theorem that a loop reaches its equilibrium from every state, for all positive parameter values."""
     field, value = closed_loop(law.model, law, HovercraftState(), STATES)
     zeros = dict.fromkeys(STATES.values(), constant(0))
     region = Region(tuple(STATES.values()), (*CRAFT, *gains), zeros | rest if rest else _rest(law))
@@ -276,7 +289,7 @@ def _numeric_craft(mass: float, inertia: float, arm: float) -> tuple[Hovercraft,
 
 
 def _margin_of_spin(model: Hovercraft, reference: Any) -> Polynomial:
-    """Return limit_point_value - W about a reference: positive where ConstantSpin reaches the good point."""
+    """Return limit_point_value - W for a reference. Where it is positive, ConstantSpin reaches r = reference."""
     return as_polynomial(limit_point_value(model, reference)) - _about(model, reference)
 
 
@@ -295,21 +308,24 @@ def _times(hypothesis: str, weight: Polynomial) -> WeightedSquares:
 
 
 def _bound_line(model: Hovercraft) -> Line:
-    """Check in floats that the shipped bound b solves b (1 + g) - a = sqrt(2 W/J)."""
+    """Return the check, in floats, that b = safe_reference_bound solves b (1 + g) - a = sqrt(2 W/J)."""
 
     def compare() -> ProofCondition:
         g, off = math.sqrt(1 + model.arm**2 * model.mass / model.inertia), 0.0
         for W, a in ((0.0, 3.0), (0.3, 1.5), (1.6, -3.0), (1e-4, 0.02)):
             b = float(safe_reference_bound(model, W, a))
             off = max(off, abs(b * (1 + g) - abs(a) - math.sqrt(2 * W / model.inertia)) / abs(a))
-        why = "" if off < NEAR else "safe_reference_bound is another one"
+        why = "" if off < NEAR else "safe_reference_bound differs from the bound of the proof"
         return ProofCondition("", off < NEAR, off, "relative deviation", "floats", why)
 
     return "safe_reference_bound is the bound of the proof", compare
 
 
 def _sign_flip(model: Hovercraft) -> Counterexample:
-    """Refute a new sign: at rest relative to 3 rad/s, a new reference of the other sign, 1 % above the bound."""
+    """Return a counterexample: a reference of the other sign is not safe, even 1 % above the bound.
+
+    The craft spins steadily at the old reference of 3 rad/s.
+    """
     exact_model, _ = _numeric_craft(model.mass, model.inertia, model.arm)
     a, r = constant(3), constant(3)
     turned = -constant(1.01 * float(safe_reference_bound(model, 0.0, 3.0)))

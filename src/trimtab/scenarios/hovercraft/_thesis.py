@@ -1,4 +1,4 @@
-"""Common parts of the hovercraft's scenarios: the thesis's simulated autopilot, section 6.1.
+"""Common parts of the hovercraft's scenarios: the simulated autopilot of section 6.1 of the thesis.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -29,49 +29,53 @@ from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 Links = Annotated[
     Literal["chain", "measured", "none"],
     {
-        "chain": "the constant delays of the thesis's simulation, 36 ms down and 40 ms up",
-        "measured": "random latencies with the statistics of the thesis's Bluetooth table",
+        "chain": "constant delays, as in the thesis's simulation: 36 ms downlink, 40 ms uplink",
+        "measured": "random latencies with the statistics of the thesis's Bluetooth measurements",
         "none": "no radio link: the autopilot is on board",
     },
 ]
 Craft = Annotated[
     Literal["thesis", "lighter"],
     {
-        "thesis": "the thesis's craft, 2.6 kg",
-        "lighter": "craft without half a pound of electronics: 2.37 kg, with an equal radius of gyration",
+        "thesis": "the craft of the thesis, 2.6 kg",
+        "lighter": "craft with half a pound less electronics: 2.37 kg, same radius of gyration",
     },
 ]
 Fan = Annotated[
     Literal["reversible", "variable-pitch"],
     {
-        "reversible": "the thesis's fan: braked for 150 ms out of reverse, less than half the thrust in reverse",
-        "variable-pitch": "variable-pitch fan: no brake, equal thrust in reverse and forward",
+        "reversible": "fan of the thesis: less than half the thrust in reverse, 150 ms of braking after reverse",
+        "variable-pitch": "variable-pitch fan: equal thrust forward and in reverse, no braking",
     },
 ]
 Supervision = Literal["none", "automatic"]
 Initial = Literal["rest", "moving"]
-"""Targets of the heading scenarios: [1] fig. 6.12, by the shortest way; fig. 6.11, with a plain difference."""
+"""Initial state of the heading scenarios. rest: [1] fig. 6.12, where the heading error is wrapped to the shortest turn.
+
+moving: [1] fig. 6.11, where the heading error is not wrapped.
+"""
 MARGIN = 5.0
-"""Distance (m) beyond its floor that a supervised hovercraft may reach."""
+"""Distance (m) that a supervised hovercraft may move beyond its floor."""
 PAIRING = "free2move/linksys 2.9/22.0"
-"""Radios that the thesis flew with."""
+"""Pair of Bluetooth radios used in the thesis's flights."""
 POUND = 0.45359237
 LIGHTER = 1 - 0.5 * POUND / float(Hovercraft().mass)
-"""Ratio of mass and inertia of the lighter craft: [1] chapter 7 expects to save half a pound of electronics.
+"""Mass of the lighter craft relative to the thesis's craft, and equally its inertia.
 
-Its position is not given; the mass is removed evenly, so that the radius of gyration stays (reconstructed).
+[1] chapter 7 expects to save half a pound of electronics. The position of this mass is not given. It is assumed
+(reconstructed) that the radius of gyration does not change.
 """
 
 
 class Equipment(NamedTuple):
-    """Choices of the thesis's scenarios; the defaults are the thesis's.
+    """Equipment that the user chooses for a scenario of the thesis.
 
-    links: "chain", the constant delays of [1, fig. 6.1], 36 ms down and 40 ms up; "measured", random latencies with the
-    statistics of [1, table 5.1]; "none", no link in the loop, as with processing on board [1, chapter 7].
-    navigation: the navigation system, see `_navigation`.  supervisor: "automatic" flies as soon as all
-    checks pass, inside a speed envelope, and, where the position is known, over the floor and 5 m around it.
-    bus: "slave" has the ultrasonic units' samples pass a slow bus on the vehicle, before the radio.
-    craft, fan: vehicle and thrust fan, the thesis's or its chapter 7's.
+    links: "chain", the constant delays of [1, fig. 6.1], 36 ms downlink and 40 ms uplink; "measured", random latencies
+    with the statistics of [1, table 5.1]; "none", no link in the loop, as with processing on board [1, chapter 7].
+    navigation: the navigation system, see `_navigation`.  supervisor: "automatic" flies as soon as all checks pass, and
+    limits the speeds and, if the navigation estimates the position, the area to the floor and 5 m around the floor.
+    bus: with "slave", a slow bus on the vehicle carries the ultrasonic samples to the radio.
+    craft, fan: vehicle and thrust fan of the thesis, or those that its chapter 7 proposes.
     """
 
     links: Links
@@ -93,17 +97,17 @@ def hovercraft_scenario(
     errors: NavigationErrors | None = None,
     floor: Floor,
 ) -> Scenario[Hovercraft]:
-    """Return a scenario around a law, with the thesis's vehicle, actuators, radio and navigation errors.
+    """Return a scenario with a law and the thesis's vehicle, actuators, radio and navigation errors.
 
     Args:
-        name: in the catalogue.
-        law: the law; its model becomes that of the craft that flies.
-        x: first state.
-        duration_s: length (s).
-        targets: where signals should go, for the metrics.
-        equipment: what was chosen.
-        errors: of navigation "errors"; the thesis's when None.
-        floor: north from, to, east from, to (m), over which the ultrasonic beacons of the others hang.
+        name: name in the catalogue.
+        law: the law. Its vehicle model is set to the chosen craft.
+        x: initial state.
+        duration_s: duration of the flight (s).
+        targets: desired values of signals, for the metrics.
+        equipment: the chosen equipment.
+        errors: error model of navigation "errors". None: that of the thesis.
+        floor: south, north, west and east limit of the floor (m). The other navigation systems have beacons above it.
     """
     downlink, uplink = _choose_links(equipment.links)
     sensors, estimator = choose_navigation(equipment.navigation, errors, floor, equipment.bus)
@@ -127,7 +131,7 @@ def hovercraft_scenario(
 
 
 def choose_craft(craft: Craft) -> Hovercraft:
-    """Return the vehicle."""
+    """Return the chosen vehicle."""
     own = Hovercraft()
     return own if craft == "thesis" else replace(own, mass=own.mass * LIGHTER, inertia=own.inertia * LIGHTER)
 
@@ -146,7 +150,7 @@ def _choose_links(links: Links) -> tuple[Any, Any]:
 
 
 def _choose_fan(fan: Fan) -> tuple[FanDrive, ThrustVectorAllocation]:
-    """Return drive and allocation; for a propeller with variable pitch a negative speed is a negative pitch."""
+    """Return drive and allocation. With a variable-pitch propeller, a negative speed stands for a negative pitch."""
     if fan == "reversible":
         return FanDrive(), ThrustVectorAllocation()
     even = replace(Thruster(), reverse_ratio=np.array([0.0, 0.0, 0.0, 1.0]))
@@ -155,7 +159,7 @@ def _choose_fan(fan: Fan) -> tuple[FanDrive, ThrustVectorAllocation]:
 
 
 def _flight_limits(navigation: Navigation, floor: Floor) -> tuple[Limit, ...]:
-    """Return the limits of the supervisor: reconstructed, far beyond what these flights need, and safe for a hall."""
+    """Return the limits of the supervisor (reconstructed). They are far wider than these flights and safe in a hall."""
     speeds = (
         Limit(fields=("surge_velocity", "sway_velocity"), high=4.0, kind="envelope"),
         Limit(fields=("yaw_rate",), low=-12.0, high=12.0, kind="envelope"),
@@ -168,7 +172,8 @@ def _flight_limits(navigation: Navigation, floor: Floor) -> tuple[Limit, ...]:
 
 
 def velocity_targets(surge: float = 0.0, yaw_rate: float = 0.0, yaw_band: float = 0.32) -> tuple[Target, ...]:
-    """Return targets of the three velocities (m/s, rad/s), sway at rest; the bands of the first two are 0.1 m/s."""
+    """Return targets of surge, sway and yaw rate (m/s, rad/s). The target of sway is 0; surge and sway have bands of
+    0.1 m/s."""
     return (
         Target("truth.surge_velocity", surge, 0.1),
         Target("truth.sway_velocity", 0.0, 0.1),
@@ -177,11 +182,12 @@ def velocity_targets(surge: float = 0.0, yaw_rate: float = 0.0, yaw_band: float 
 
 
 def heading_scenario(name: str, law: Any, initial: Initial, equipment: Equipment) -> Scenario[Hovercraft]:
-    """Turn to 1 rad from rest by the shortest way, or, as in the thesis's fig. 6.11, to 5 rad out of a spinning slide.
+    """Return a scenario that turns to a heading: from rest to 1 rad, or from a spinning slide to 5 rad.
 
-    The source does not give the first state of its fig. 6.11: it is reconstructed (docs page, Errata). As in the
-    source, the error of that flight is the plain difference to a heading that the navigation gives in [0, 2 pi), so
-    that the vehicle goes up to 5 rad and not the short way down. With all faults it turns whole circles that way.
+    The turn from rest takes the shortest way. The turn from a slide is that of the thesis's fig. 6.11. The thesis does
+    not give its initial state, which is reconstructed (docs page, Errata). As in the thesis, the heading error of this
+    flight is not wrapped, and the navigation gives a heading in [0, 2 pi). So the vehicle turns up to 5 rad and not the
+    short way down. With all imperfections, it makes whole turns in this flight.
     """
     if initial == "rest":
         x, target, errors = HovercraftState(), 1.0, None

@@ -1,4 +1,4 @@
-"""Turn to a heading at a constant rate, then damp: bang-bang."""
+"""Turn to a heading at a constant rate, then damp the motion (bang-bang control)."""
 
 from trimtab.laws.heading import HeadingBangBang
 from trimtab.loop.scenario import Scenario
@@ -16,6 +16,6 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario[Hovercraft]:
-    """[1] figs. 6.11 and 6.12: |Om| = 1.5 rad/s, tolerance 1 deg."""
+    """Return the scenario of the thesis's figs. 6.11 and 6.12: |Om| = 1.5 rad/s, tolerance 1 deg."""
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     return heading_scenario("hovercraft/heading-bang-bang", HeadingBangBang(turn_rate=1.5), initial, equipment)

@@ -1,4 +1,4 @@
-"""Turn to a heading at a rate proportional to the error, then damp."""
+"""Turn to a heading at a rate proportional to the heading error, then damp the motion."""
 
 from trimtab.laws.heading import HeadingProportional
 from trimtab.loop.scenario import Scenario
@@ -16,6 +16,9 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario[Hovercraft]:
-    """[1] figs. 6.11 and 6.12: k = 1.0 1/s, tolerance 1 deg; `--set autopilot.law.form=literal` is as published."""
+    """Return the scenario of the thesis's figs. 6.11 and 6.12: k = 1.0 1/s, tolerance 1 deg.
+
+    `--set autopilot.law.form=literal` selects the law as published.
+    """
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     return heading_scenario("hovercraft/heading-proportional", HeadingProportional(k=1.0), initial, equipment)

@@ -1,4 +1,4 @@
-"""Fly by a pilot's stick: drive, turn while moving, stop, spin; by a script, or by hand on the console."""
+"""Fly with a pilot's stick, moved by a script or by hand on the console: drive, turn while moving, stop, spin."""
 
 from typing import Annotated, Literal
 
@@ -23,8 +23,8 @@ from trimtab.vehicles.hovercraft import HovercraftState
 StickSource = Annotated[
     Literal["script", "console"],
     {
-        "script": "a scripted demonstration: ahead, a turn while moving, a stop, a spin",
-        "console": "the stick of the pilot console; in a simulation it is not moved, so that the vehicle holds still",
+        "script": "scripted demonstration: drive ahead, turn while moving, stop, spin",
+        "console": "stick of the pilot console; in a simulation nobody moves the stick, so the vehicle stays at rest",
     },
 ]
 DEMONSTRATION = stick_script(
@@ -46,7 +46,7 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario:
-    """Values chosen for trimtab; vehicle, radio and navigation are the thesis's."""
+    """Return the scenario, with values chosen for trimtab. Vehicle, radio and navigation are those of the thesis."""
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     name, law, initial, floor = "hovercraft/pilot", Piloted(), HovercraftState(), (-10, 20, -10, 20)
     if stick == "console":

@@ -1,4 +1,4 @@
-"""Come to rest at a position and heading two metres away: by swings about the centre of percussion, or in six steps."""
+"""Come to rest at a position and heading two metres away, by swings about the centre of percussion or in six steps."""
 
 from typing import Annotated, Literal
 
@@ -30,12 +30,12 @@ SLOW = Pose(
     h=0.1,
     s0=0.01,
 )
-"""Gains for a loop delay of 80 ms and a fan without side force unless it pushes ahead."""
+"""Law with gains for a loop delay of 80 ms and a fan that gives a side force only with forward thrust."""
 PoseLaw = Annotated[
     Literal["swing", "steps"],
     {
-        "swing": "trimtab's law: brake, aim, go, then hold the pose by swinging the nose",
-        "steps": "the thesis's six steps, repeated",
+        "swing": "law of trimtab: brake, aim, drive, then hold the pose by swinging the nose",
+        "steps": "the six steps of the thesis, repeated",
     },
 ]
 
@@ -49,7 +49,7 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario:
-    """[1] section 2.3.1; start and length are this project's."""
+    """Return the scenario of the thesis's section 2.3.1. Initial state and duration are chosen for trimtab."""
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     chosen = SLOW if law == "swing" else PoseBySteps()
     initial = HovercraftState(north=-1.5, east=1.5, heading=60 * DEG)

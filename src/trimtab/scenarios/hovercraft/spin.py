@@ -23,7 +23,10 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario[Hovercraft]:
-    """[1] fig. 6.10, table 6.4; the start is slow enough for the supervisor to spin at once."""
+    """Return the scenario of the thesis's fig. 6.10 and table 6.4.
+
+    The initial state is so slow that the supervising law spins without braking first.
+    """
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     law = SupervisedSpin()
     initial = HovercraftState(yaw_rate=0.1)

@@ -1,4 +1,4 @@
-"""Follow a path in time from rest: a circle, a figure eight, or way-points."""
+"""Track a timed path from rest: a circle, a figure eight, or way-points."""
 
 from typing import Annotated, Literal
 
@@ -18,23 +18,23 @@ from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 Path = Annotated[
     Literal["circle", "eight", "waypoints"],
     {
-        "circle": "radius 1.5 m, a round in 20 s",
-        "eight": "5 m by 1.5 m, in 30 s; the thrust reverses at its crossing",
+        "circle": "circle of radius 1.5 m, one lap in 20 s",
+        "eight": "figure eight of 5 m by 1.5 m, one lap in 30 s; the thrust reverses at the crossing",
         "waypoints": "three straight legs of 3 m at 0.4 m/s, with rest at both ends",
     },
 ]
 Progress = Annotated[
     Literal["time", "path"],
     {
-        "time": "the path advances with the clock",
-        "path": "the path waits for the craft, and advances faster when the craft is ahead",
+        "time": "the reference point on the path moves with the clock",
+        "path": "the reference point waits for a craft that is behind, and moves faster if the craft is ahead",
     },
 ]
 TrackingLaw = Annotated[
     Literal["lyapunov", "horizon"],
     {
-        "lyapunov": "turns the nose to the needed thrust direction; proven stable without limits of fan and rudder",
-        "horizon": "predictive control: optimal plan for 2.6 s within the limits of fan and rudder, each 20 ms",
+        "lyapunov": "turn the nose to the required thrust direction; proven stable without limits of fan and rudder",
+        "horizon": "predictive control: every 20 ms, an optimal plan for 2.6 s within the limits of fan and rudder",
     },
 ]
 NEAR = 0.2
@@ -54,7 +54,10 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario:
-    """Values chosen for trimtab; the craft begins at rest at the start of the path, its nose along the path."""
+    """Return the scenario, with values chosen for trimtab.
+
+    The craft starts at rest at the beginning of the path, with its nose along the path.
+    """
     path = (
         pass_waypoints(PLACES, 0.4)
         if reference == "waypoints"

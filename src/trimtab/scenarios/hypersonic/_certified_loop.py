@@ -1,10 +1,11 @@
-"""Proof for the whole loop of the hypersonic vehicle: sampled, for every plant of two boxes, and inside its limits.
+"""Stability proof of the hypersonic vehicle's whole loop: as sampled, for uncertain plants, and within input limits.
 
-The plant that flies differs from the model of law and filter by coefficients, UNCERTAINTY, or by its modes. Each box is
-convex in the parameters in which its loop is affine, see `_loop.continuous_loop`.
+The plant that flies may differ from the model in law and filter: by its coefficients (UNCERTAINTY) or by its bending
+modes. Each of these two sets of plants is a box in parameters in which the loop's matrix is affine, see
+`_loop.continuous_loop`.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, assumptions 1 and 2; it proves none of this. Sizes of the boxes: chosen.
+vehicle", Aerospace 2022, 9(4), 206, assumptions 1 and 2. The paper contains no such proof. Sizes of the boxes: chosen.
 """
 
 import itertools
@@ -42,20 +43,27 @@ UNCERTAINTY = {
     "forces.aerodynamics.CD_0": 0.10,
     "forces.propulsion.b7": 0.05,
 }
-"""Uncertainty of the plant, either way: coefficient with its relative error; one corner is scenario mismatch."""
+"""Relative error, in either direction, of each uncertain coefficient of the plant.
+
+The plant of the scenario hypersonic/mismatch is one corner of this box.
+"""
 DAMPING_ERROR, MODAL_STEP, LEAST_DECAY = 0.1, 0.01, 0.01
-"""Relative error of the plant's 2 zeta w, either way; relative half width of a box; decay of every plant (1/s)."""
+"""Limits of the proof.
+
+DAMPING_ERROR: relative error of the plant's 2 zeta w, in either direction. MODAL_STEP: relative half width of one box
+of modal frequencies. LEAST_DECAY: decay rate that is proved for every plant (1/s).
+"""
 FLOWN_FILTERS = {
     "tuned": FlexibleModeFilter(),
     "equal": FlexibleModeFilter.with_equal_noise(),
     "accurate": FlexibleModeFilter.for_exact_model(),
     "printed": FlexibleModeFilter.from_publication(),
 }
-"""Filters as they fly, by name."""
+"""Filters of the modes used in flight, by name."""
 
 
 def prove_loop(craft: Hypersonic, at: LevelTrim, filter: str, uncertainty: float, mode_error: float) -> LoopLines:
-    """Return the certificate's lines for the whole loop: sampled, as it flies, and of the plants of two boxes."""
+    """Return the certificate's lines for the whole loop: for the sampled loop, and for the plants of both boxes."""
 
     @lru_cache(maxsize=4)
     def prove_one(K: bytes) -> ProofCondition:
@@ -94,13 +102,17 @@ def _level_condition(craft: Hypersonic, at: LevelTrim, c: Certificate, o: Observ
 
 
 def _coefficient_box(craft: Hypersonic, uncertainty: float) -> list[Hypersonic]:
-    """Return the plants at the corners of UNCERTAINTY."""
+    """Return the plants at the corners of the box UNCERTAINTY, scaled by `uncertainty`."""
     corners = itertools.product((-1.0, 1.0), repeat=len(UNCERTAINTY))
     return [uncertain_plant(craft, tuple(uncertainty * part for part in corner)) for corner in corners]
 
 
 def _modal_boxes(craft: Hypersonic, error: float) -> Iterator[list[Hypersonic]]:
-    """Return boxes of (w1^2, w2^2, 2 zeta1 w1, 2 zeta2 w2), each the plants at its corners: frequencies in steps."""
+    """Yield the boxes of (w1^2, w2^2, 2 zeta1 w1, 2 zeta2 w2) that cover the modes' error. A box is a list of plants.
+
+    The plants are at the corners of the box. The range of the frequencies is divided into several boxes; the range of
+    the damping is not divided.
+    """
     modes, count = craft.modes, max(1, math.ceil(error / MODAL_STEP))
     edges = np.linspace((1 - error) ** 2, (1 + error) ** 2, count + 1)
     damping = ((1 - error) * (1 - DAMPING_ERROR), (1 + error) * (1 + DAMPING_ERROR))
@@ -114,12 +126,12 @@ def _modal_boxes(craft: Hypersonic, error: float) -> Iterator[list[Hypersonic]]:
 
 
 def describe_uncertainty(uncertainty: float) -> str:
-    """Return the box of coefficients in words: each with its relative error."""
+    """Return a text that lists each uncertain coefficient with its relative error."""
     return ", ".join(f"{p.rpartition('.')[2]} {100 * part * uncertainty:g} %" for p, part in UNCERTAINTY.items())
 
 
 def uncertain_plant(craft: Hypersonic, parts: Any) -> Hypersonic:
-    """Return the vehicle with each coefficient of UNCERTAINTY off by `parts` (5,) of the declared error."""
+    """Return the vehicle with changed coefficients. parts: change of each, (5,), as a fraction of its UNCERTAINTY."""
     for (path, share), part in zip(UNCERTAINTY.items(), parts, strict=True):
         craft = with_leaf(craft, path, lambda old, _, factor=1 + share * part: old * factor)
     return craft

@@ -1,10 +1,11 @@
-"""Gain, filter and certificate of the hypersonic vehicle, from its own trim; and, over a grid of the envelope, whether
-the inversion is well-posed and how wrong its gains can be.
+"""Design of gain and filter of the hypersonic vehicle at its trim, and their certificate.
 
-Errors e = (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') less the desired ones; v = (h'', V').
+For a grid of the flight envelope, the module also checks that the inversion is well-posed, and computes bounds of its
+error for an uncertain plant. The tracking error e is (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') minus the desired
+values. The input of the error model is v = (h'', V').
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, assumption 1 for the envelope. Its weights are not printed; those here are chosen.
+vehicle", Aerospace 2022, 9(4), 206, assumption 1 for the envelope. It does not print its weights; they are chosen here.
 """
 
 import itertools
@@ -40,22 +41,25 @@ H, V = 85000.0, 7702.0808
 INTERNAL = ("alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
 MODES = INTERNAL[2:]
 SCALE = np.array(SIZES)
-"""Sizes of the errors, for scaling the equations."""
+"""Typical sizes of the tracking errors, used to scale the equations."""
 ALLOWED = np.array([100.0, 20.0, 10.0, 0.05, 0.1, 1e3, 1e3, 1e3, 1e3])
-"""Errors of weight 1: Q_e = diag(1/ALLOWED^2)."""
+"""Tracking errors that cost 1 each: Q_e = diag(1/ALLOWED^2)."""
 ALLOWED_INPUT = np.array([10.0, 5.0])
-"""Accelerations (ft/s^2) of weight 1: R_e = diag(1/ALLOWED_INPUT^2)."""
+"""Accelerations (ft/s^2) that cost 1 each: R_e = diag(1/ALLOWED_INPUT^2)."""
 ALLOWED_INTEGRALS = np.array(INTEGRAL_SIZES)
-"""Integrals of the errors of h (ft s) and V (ft) of weight 1."""
+"""Integrals of the errors of h (ft s) and V (ft) that cost 1 each."""
 STRICT_FACTOR = 1.01
-"""The regulator's weight Q as a multiple of the certified Q_e, which makes (14) strict."""
+"""Ratio of the regulator's weight Q to the certified Q_e. A ratio above 1 makes inequality (14) of [1] strict."""
 FILTERS = {
     "tuned": (TUNED_Q, 5e-7),
     "equal": (EQUAL_Q, 5e-7),
     "accurate": ((1e-5, 1e-5, 1e-5, 1e-5), 5e-7),
     "printed": ((1e-5, 1e-5, 1e-5, 1e-5), 10.0),
 }
-"""Diagonals of Q_eta, R_eta (rad^2/s^3) by name: as flown; equal on both modes; for an exact model; printed in [1]."""
+"""Noise densities of the filter, by name: diagonal of Q_eta, and R_eta (rad^2/s^3).
+
+tuned: as flown. equal: equal for both modes. accurate: for an exact model. printed: as in [1].
+"""
 NOMINAL = Hypersonic()
 GRID = tuple(
     itertools.product(
@@ -66,14 +70,14 @@ GRID = tuple(
         tuple(d * DEG for d in (-20.0, -10.0, 0.0, 10.0, 20.0, 25.8)),
     )
 )
-"""Envelope: h (ft), V (ft/s), alpha, gamma, delta_e (rad)."""
+"""Grid points of the flight envelope: h (ft), V (ft/s), alpha, gamma, delta_e (rad)."""
 GRID_DESCRIPTION = (
     f"{len(GRID)} points of the envelope: 80-95 kft, 7-9 kft/s, alpha 0-4, gamma +-1, elevator -20 to 25.8 deg"
 )
 H_RANGE, V_RANGE = (80e3, 95e3), (7e3, 9e3)
-"""Altitudes (ft) and speeds (ft/s) of GRID."""
+"""Ranges of altitude (ft) and speed (ft/s) in GRID."""
 WANTED_ACCELERATIONS = (2.0, -2.0)
-"""Accelerations h'', V' (ft/s^2) demanded of the inversion."""
+"""Accelerations h'', V' (ft/s^2) for which the residual of the inversion is computed."""
 
 
 @lru_cache(maxsize=32)
@@ -87,17 +91,17 @@ def certified_system(
     uncertainty: float = 1.0,
     mode_error: float = 0.03,
 ) -> CertifiedSystem:
-    """Return the system to be certified: errors of the shipped vehicle in level flight, weights, filter, parameters.
+    """Return the system to certify: error model of the default vehicle in level flight, weights, filter, parameters.
 
     Args:
-        method: "lqr" or "lmi".
-        integral: "true": with integral action.
-        filter: of FILTERS, or "none": the modes are measured.
-        kmode: reading of k_i, as `FlexibleModes.kmode`.
+        method: design method of the gain, "lqr" or "lmi".
+        integral: "true" adds integral action.
+        filter: name of a filter in FILTERS, or "none" if the modes are measured.
+        kmode: interpretation of k_i, as `FlexibleModes.kmode`.
         h_ft: altitude (ft), inside the envelope.
         V_ft_per_s: speed (ft/s), inside the envelope.
-        uncertainty: of the plant that flies, in parts of UNCERTAINTY.
-        mode_error: of both modes' frequencies in the plant that flies, either way, as a part of them.
+        uncertainty: uncertainty of the plant that flies, as a multiple of UNCERTAINTY.
+        mode_error: relative error of both modal frequencies in the plant that flies, in either direction.
     """
     _check_settings(integral, filter, kmode)
     for name, value, (low, high) in (("h_ft", h_ft, H_RANGE), ("V_ft_per_s", V_ft_per_s, V_RANGE)):
@@ -105,12 +109,16 @@ def certified_system(
             raise InputError(
                 name,
                 f"must be within {low:g} to {high:g}, got {value:g}",
-                fix="stay where the vehicle's curves were fitted",
+                fix="give a value in the range for which the vehicle's curves were fitted",
             )
-    if not 0 <= uncertainty < 10:  # at 10 there is no drag
-        raise InputError("uncertainty", f"{uncertainty:g}", fix="give 0 (the plant is the model) to less than 10")
+    if not 0 <= uncertainty < 10:  # with 10, the drag of the plant could be zero
+        raise InputError(
+            "uncertainty", f"must be at least 0 and below 10, got {uncertainty:g}", fix="give 0 for an exact model"
+        )
     if not 0 <= mode_error <= 0.2:
-        raise InputError("mode_error", f"{mode_error:g}", fix="give 0 (the modes are the model's) to 0.2")
+        raise InputError(
+            "mode_error", f"must be within 0 to 0.2, got {mode_error:g}", fix="give 0 for exact modal frequencies"
+        )
     craft = _believed_craft(kmode)
     linear, level = error_model(craft, h_ft, V_ft_per_s)
     trimmed = dict(zip(("alpha_rad", "Phi", "delta_e_rad"), map(float, (level.x[2], *level.u)), strict=True))
@@ -159,20 +167,20 @@ def _check_settings(integral: str, filter: str, kmode: str) -> None:
 
 
 def certificate(**settings: str | float) -> Certificate:
-    """Return gain, filter and proofs of a `certified_system` with these settings."""
+    """Return the certificate, with gain, filter and proofs, of a `certified_system` with these settings."""
     return design_certificate(certified_system(**system_settings(certified_system, settings, "hypersonic")))
 
 
 @lru_cache(maxsize=8)
 def error_model(craft: Hypersonic = NOMINAL, h: float = H, V: float = V) -> tuple[LinearModel, Trim]:
-    """Return e' = A e + B v of the law's vehicle model, exactly linearised at level flight, and that flight's trim."""
+    """Return the error model e' = A e + B v and the trim at which it is linearised exactly: level flight at h and V."""
     plant = design_model(craft, h, V)
     level = find_trim(plant, InputLimits(), "hypersonic trim")
     return linear_normal_form(plant, {"h": 2, "V": 1}, INTERNAL, level.x, level.u), level
 
 
 def weights(*, integral: bool = False) -> tuple[Any, Any, Any]:
-    """Return Q_e, R_e and the sizes of the errors; followed by the integrals of the errors of h and V, if wanted."""
+    """Return Q_e, R_e and the sizes of the errors. With `integral`, include the integrals of the errors of h and V."""
     allowed = np.append(ALLOWED, ALLOWED_INTEGRALS) if integral else ALLOWED
     scale = np.append(SCALE, ALLOWED_INTEGRALS) if integral else SCALE
     return np.diag(allowed**-2.0), np.diag(ALLOWED_INPUT**-2.0), scale
@@ -181,13 +189,13 @@ def weights(*, integral: bool = False) -> tuple[Any, Any, Any]:
 def feedback_gain(
     linear: LinearModel, *, method: str = "lqr", integral: bool = False, strict: float = 1.0
 ) -> Lqr | LmiGain:
-    """Return K (2, 9), or (2, 11) with integrals, of v = +K e; as it flies.
+    """Return the gain K of v = +K e that is used in flight: (2, 9), or (2, 11) with integrals.
 
     Args:
-        linear: of `error_model`.
-        method: "lqr" or "lmi".
-        integral: append the integrals of the errors of h and V.
-        strict: the regulator's Q in parts of Q_e.
+        linear: model from `error_model`.
+        method: design method, "lqr" or "lmi".
+        integral: True to append the integrals of the errors of h and V.
+        strict: ratio of the regulator's weight Q to Q_e. Used only by "lqr".
     """
     if method not in METHODS:
         raise InputError("method", f"unknown method {method!r}", choices=METHODS, fix=argument("method", "lqr"))
@@ -197,21 +205,22 @@ def feedback_gain(
 
 
 def error_matrices(linear: LinearModel, *, integral: bool = False) -> tuple[Any, Any]:
-    """Return A and B, with the integrals of the errors of h and V after the errors, if wanted."""
+    """Return A and B of the error model. With `integral`, append the integrals of the errors of h and V as states."""
     return augment_integrals(linear.A, linear.B, [0, 2]) if integral else (linear.A, linear.B)
 
 
 def envelope_numbers(craft: Hypersonic, K: Any, uncertainty: float) -> dict[str, LimitedNumber]:
-    """Return the bounds of assumptions 1 and 2 of [1] for the plant and the inversion, over the envelope.
+    """Return the bounds in assumptions 1 and 2 of [1] for plant and inversion, over the envelope.
 
-    kappa_G bounds |(G_plant - G) G^-1|; rho0 and rho1 bound what the inversion leaves, |M_F| <= rho0 + rho1 |e/scale|,
-    with M_F = v_plant - v at v = y_d + K e; [1] prints none of the three. All are largest at a corner of the plant's
-    uncertainty, for they are convex in v_plant, and that is affine in each of the uncertain coefficients (1/m too).
+    kappa_G bounds |(G_plant - G) G^-1|. rho0 and rho1 bound the error M_F = v_plant - v of the inversion at
+    v = y_d + K e: |M_F| <= rho0 + rho1 |e/scale|. [1] prints none of the three numbers. Each bound is largest at a
+    corner of the plant's uncertainty, because it is convex in v_plant, and v_plant is affine in each uncertain
+    coefficient and in 1/m.
 
     Args:
         craft: the law's vehicle model.
-        K: gain (2, 9), or more columns: of the integrals.
-        uncertainty: in parts of UNCERTAINTY.
+        K: gain (2, 9). Further columns, those of the integrals, are ignored.
+        uncertainty: uncertainty of the plant, as a multiple of UNCERTAINTY.
     """
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=len(UNCERTAINTY)))) * uncertainty
     values = jax.tree.map(np.asarray, _sweep_envelope(craft, K[:, :9] * SCALE, corners, np.array(GRID)))
@@ -235,8 +244,13 @@ def envelope_numbers(craft: Hypersonic, K: Any, uncertainty: float) -> dict[str,
 
 @partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
 def _sweep_envelope(craft: Hypersonic, sized: Any, corners: Any, grid: Any) -> Any:
-    """At each point of a grid (p, 5): for the corners of the uncertainty (c, 5), |(G_plant - G) G^-1|, |M_F| and
-    |dM_F/dv K scale| (p, c); and det dv/du and the inversion's residual (p,).  sized: K scale (2, 9)."""
+    """Return, at each point of a grid (p, 5), the numbers from which `envelope_numbers` computes its bounds.
+
+    |(G_plant - G) G^-1|, |M_F| and |dM_F/dv K scale| are (p, c), for each corner of the uncertainty (c, 5). det dv/du
+    and the residual of the inversion are (p,).
+
+    sized: K scale (2, 9).
+    """
     wanted = jnp.array(list(itertools.product((-2.0, 2.0), repeat=2)))
 
     def at(point: Any) -> Any:
@@ -264,7 +278,7 @@ def _sweep_envelope(craft: Hypersonic, sized: Any, corners: Any, grid: Any) -> A
 
 
 def _norm(M: Any) -> Any:
-    """Return the largest singular value of a matrix of two rows (2, n)."""
+    """Return the largest singular value of a matrix with two rows (2, n)."""
     S = M @ M.T
     half, apart = (S[0, 0] + S[1, 1]) / 2, (S[0, 0] - S[1, 1]) / 2
     return jnp.sqrt(half + jnp.sqrt(apart**2 + S[0, 1] ** 2))
@@ -275,7 +289,7 @@ def _determinant(G: Any) -> Any:
 
 
 def accelerations(craft: Hypersonic, x: HypersonicState, u: Any) -> Any:
-    """Return v = (h'', V') (ft/s^2) of the input u = (Phi, delta_e)."""
+    """Return the accelerations v = (h'', V') (ft/s^2) that the input u = (Phi, delta_e) causes in state x."""
     along, normal = craft.path_accelerations(0.0, x, HypersonicInput(u[0], u[1]))
     gamma = x.theta - x.alpha
     return jnp.stack([along * jnp.sin(gamma) + normal * jnp.cos(gamma), along])

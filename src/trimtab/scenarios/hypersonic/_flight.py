@@ -1,7 +1,7 @@
 """Common parts of the hypersonic vehicle's scenarios: plant, measurements, filter of the modes, law.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206. Commands, filters, noise and limits are not printed there: chosen, docs page.
+vehicle", Aerospace 2022, 9(4), 206. It does not print commands, filters, noise and limits. They are chosen, docs page.
 """
 
 from typing import Any, Literal
@@ -34,20 +34,30 @@ from trimtab.sensors.flight_state import ActingInput, FlexibleTruth, FlightState
 from trimtab.vehicles.hypersonic import Hypersonic
 
 Filter = Literal["tuned", "equal", "accurate", "printed", "none", "adaptive"]
-"""Settings of the filter of the modes; equal: the same noise on both; none: the observer without measurements;
-adaptive: it learns frequencies."""
+"""Settings of the filter that estimates the bending modes.
+
+equal: the same process noise for both modes. accurate: for an exact model. printed: as in [1]. none: observer without
+measurements. adaptive: filter that also estimates the modal frequencies.
+"""
 Internal = Literal["noncausal", "preview", "quasi-static", "sylvester", "linear"]
-"""Source of the internal motion that the command needs: a table of the exact bounded solution, preview in flight,
-quasi-static, causal and linear, or a table of the linear bounded solution as in [1]."""
+"""Source of the desired internal states along the command.
+
+noncausal: table of the exact bounded solution. preview: computed in flight from the future command. quasi-static:
+equilibrium at each instant. sylvester: causal linear solution. linear: table of the linear bounded solution, as in [1].
+"""
 Noise = Literal["off", "on"]
 Integral = Literal["on", "off"]
-"""Feedback of the integrals of the errors of h and V; [1] has none."""
+"""Feedback of the integrals of the errors of h and V. [1] has no integral feedback."""
 Robust = Literal["off", "published", "minus", "smooth", "sign"]
-"""Adaptive robust terms: none; u_h with the published or the other sign; u_s smoothed or with sgn."""
+"""Adaptive robust terms of the law.
+
+off: none. published: damping u_h with the sign printed in [1]. minus: u_h with the opposite sign. smooth: switching
+term u_s with a smoothed sign function. sign: u_s with the exact sign function.
+"""
 Truth = Literal["paper", "plane"]
-"""World: the paper's, or one with lags of engine and elevator, turbulence, and an accelerometer of finite grade."""
+"""World model: that of the paper, or "plane" with lags of engine and elevator, turbulence and accelerometer errors."""
 TICK = ms(5)
-"""Control period; [1] prints none."""
+"""Control period. [1] does not print one."""
 
 
 def hypersonic_scenario(
@@ -65,21 +75,21 @@ def hypersonic_scenario(
     truth: Truth = "paper",
     K: Any = None,
 ) -> Scenario:
-    """Return a scenario that begins in the level trim of the model, all modes at rest in the plant.
+    """Return a scenario that starts in the level trim of the model, with the plant's modes at rest.
 
     Args:
-        name: in the catalogue.
+        name: name in the catalogue.
         climb: command of altitude and speed.
-        duration_s: length (s).
-        plant: the vehicle that flies; default: the model.
+        duration_s: duration of the flight (s).
+        plant: the vehicle that flies. Default: the model.
         believed: the model used by law, gain, filter and the table of internal states.
-        filter: settings of the filter of the modes.
-        internal: source of the internal motion that the command needs.
-        noise: of the angular accelerometer, 0.01 rad/s^2 a sample.
-        integral: feed back the integrals of the errors of h and V.
-        robust: adaptive robust terms.
-        truth: the world.
-        K: gain (2, 9) in the place of the regulator's; then no integrals.
+        filter: settings of the filter that estimates the modes.
+        internal: source of the desired internal states.
+        noise: "on" adds noise to the angular accelerometer, with a standard deviation of 0.01 rad/s^2 per sample.
+        integral: "on" feeds back the integrals of the errors of h and V.
+        robust: adaptive robust terms of the law.
+        truth: world model.
+        K: gain (2, 9) that replaces the regulator's. Then integrals are not fed back.
     """
     flown = plant or believed
     start = level_trim(believed, climb.h0, climb.V0)
@@ -144,7 +154,10 @@ def _make_internal(form: Internal, believed: Hypersonic, climb: FilteredClimb, d
 
 
 def _gain_settings(integral: Integral, K: Any, believed: Hypersonic) -> dict[str, Any]:
-    """Return the given gain, else the regulator's for the vehicle model; the law itself has that of the nominal one."""
+    """Return the given gain, or else the regulator's gain for the vehicle model.
+
+    For the nominal vehicle without integrals, return nothing, because the law has this gain by default.
+    """
     if K is not None:
         return {"K": K}
     if integral == "off" and believed is NOMINAL:

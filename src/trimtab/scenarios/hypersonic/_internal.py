@@ -1,11 +1,11 @@
 """Level flight of the hypersonic vehicle, its linearised internal dynamics, and tables of a climb's internal states.
 
-The tables are computed before a run: bounded, exact or linear.
+The tables are computed before a run. They contain the bounded solution of the exact or of the linearised dynamics.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, eq. 7: the internal dynamics; their linearisation is not that printed there. The
-method for tables is not printed there; it is that of S. Devasia, D. Chen, B. Paden, IEEE Transactions on Automatic
-Control 41(7), 1996.
+vehicle", Aerospace 2022, 9(4), 206, eq. 7: the internal dynamics. Their linearisation here differs from the printed
+linearisation. The paper does not print the method for the tables, which is that of S. Devasia, D. Chen, B. Paden, IEEE
+Transactions on Automatic Control 41(7), 1996.
 """
 
 import math
@@ -42,19 +42,22 @@ from trimtab.laws.stable_inversion import INTERNAL_SIZES
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
 SEARCH_ITERATIONS = 8
-"""Newton steps for the angle of attack offline."""
+"""Number of Newton steps that search the angle of attack before a run."""
 FREE_VARIABLES = ("alpha", "theta", "eta1", "eta2", "Phi", "delta_e")
 ANGLES = {"alpha": (-0.1, 0.1), "theta": (-0.1, 0.1)}
 SCALES = np.array(INTERNAL_SIZES)
-"""Natural sizes of (alpha, Q, eta1, eta1', eta2, eta2')."""
+"""Typical sizes of the internal states (alpha, Q, eta1, eta1', eta2, eta2')."""
 BEYOND = 8.0
-"""Time (s) beyond its end over which a table is computed: a boundary error there decays by e^-26 on the way back."""
+"""Time (s) by which the computed solution extends beyond the end of a table.
+
+In this time, the effect of an error in the final boundary value decays by e^-26, backwards to the end of the table.
+"""
 LEAST_BEYOND = 3.0
-"""Minimum of that time (s): the unstable mode decays by e^-10."""
+"""Minimum time (s) by which the solution must extend beyond the end of a table. A boundary error decays by e^-10."""
 
 
 class LevelTrim(NamedTuple):
-    """Level flight at h (ft) and V (ft/s): zeta (6,) and the input that holds it."""
+    """Level flight at h (ft) and V (ft/s): its internal states zeta (6,), and the input u that maintains it."""
 
     h: float
     V: float
@@ -63,7 +66,10 @@ class LevelTrim(NamedTuple):
 
 
 class InternalLinear(NamedTuple):
-    """zeta' = A21 (xi - xi0) + A22 (zeta - zeta0) + B2 v about a trim; xi = (h, h', V), v = (h'', V')."""
+    """Internal dynamics linearised about a trim: zeta' = A21 (xi - xi0) + A22 (zeta - zeta0) + B2 v.
+
+    xi = (h, h', V), v = (h'', V').
+    """
 
     trim: LevelTrim
     A21: Any
@@ -72,29 +78,29 @@ class InternalLinear(NamedTuple):
 
 
 def level_trim(craft: Hypersonic, h: float, V: float, limits: InputLimits | None = None) -> LevelTrim:
-    """Return the craft's own trim at h (ft), V (ft/s), level; InputError with the reason if there is none."""
+    """Return the craft's level trim at h (ft) and V (ft/s). Raise InputError, with the reason, if no trim is found."""
     zeta, u, settled = quasi_static_states(craft, level_points(np.array([h]), np.array([V])))
     return _accept_trim(craft, h, V, zeta[:, 0], u[:, 0], settled[0], InputLimits() if limits is None else limits)
 
 
 def design_model(craft: Hypersonic, h: float, V: float) -> StateSpaceModel:
-    """Return the vehicle with outputs h (ft) and V (ft/s), made near its trim."""
+    """Return the vehicle as a model with outputs h (ft) and V (ft/s), at a point near its trim."""
     x = HypersonicState(h, V, FIRST_ALPHA, FIRST_ALPHA, 0.0, 0.0, 0.0, 0.0, 0.0)
     return model_of_vehicle(craft, x, HypersonicInput(0.2, 0.1), outputs=("h", "V"))
 
 
 def find_trim(model: StateSpaceModel, limits: InputLimits, part: str) -> Trim:
-    """Return level flight of a `design_model`, searched thoroughly; `part` names it in the InputError."""
+    """Return the level-flight trim of a `design_model` by a thorough search. part: name used in an InputError."""
     return trim(model, free=FREE_VARIABLES, bounds=_trim_bounds(limits)).require_trim(part)
 
 
 def _trim_bounds(limits: InputLimits) -> dict[str, tuple[float, float]]:
-    """Return the range of a trim: limits of the inputs, and angles of attack at which the fit is still valid."""
+    """Return the bounds for a trim: limits of the inputs, and the angles for which the vehicle's curves are valid."""
     return {**ANGLES, "Phi": (limits.Phi_low, limits.Phi_high), "delta_e": (limits.delta_low, limits.delta_high)}
 
 
 def level_points(h: Any, V: Any) -> PathPoint:
-    """Return level flight at altitudes h (ft) and speeds V (ft/s)."""
+    """Return points of level flight at altitudes h (ft) and speeds V (ft/s)."""
     still = np.zeros(np.shape(h))
     return PathPoint(h, still, still, still, V, still, still)
 
@@ -106,14 +112,17 @@ def internal_linear(craft: Hypersonic, at: LevelTrim) -> InternalLinear:
 
 
 def quasi_static_states(craft: Hypersonic, points: PathPoint) -> Any:
-    """Return quasi-static zeta (6, n), Phi and delta_e (2, n), and whether the search for them converged (n,)."""
+    """Return the quasi-static zeta (6, n), Phi and delta_e (2, n), and a flag (n,), True where the search converged."""
     return jax.tree.map(np.asarray, _search_states(craft, points))
 
 
 def _accept_trim(
     craft: Hypersonic, h: float, V: float, zeta: Any, u: Any, settled: Any, limits: InputLimits
 ) -> LevelTrim:
-    """Return the quick search's result if it is within all limits, else the thorough one's, or its reasons."""
+    """Return the result of the quick search if it converged within all limits, else that of a thorough search.
+
+    Raise InputError, with the reason, if the thorough search fails too.
+    """
     bounds = _trim_bounds(limits)
     values = {"alpha": zeta[0], "Phi": u[0], "delta_e": u[1]}
     if settled and all(bounds[n][0] <= v <= bounds[n][1] for n, v in values.items()):
@@ -140,11 +149,11 @@ def _search_states(craft: Any, p: Any) -> Any:
 
 
 class TableReport(NamedTuple):
-    """Accuracy of a table, relative to SCALES where not stated otherwise.
+    """Accuracy of a table. The errors are relative to SCALES.
 
-    solution: all of it, on the fine grid.  residual: largest difference between central differences and Psi (1/s).
-    left, right: how far the solution's ends are from level trims there; the right one is not small where the climb
-    isn't over.  interpolation: largest error between the nodes (6,).
+    solution: whole solution, on the fine grid.  residual: largest difference between central differences and Psi (1/s).
+    left, right: difference between the solution and the level trim at the start and at the end. The difference at the
+    end is large if the climb is not over there.  interpolation: largest error between the nodes (6,).
     """
 
     solution: BoundedSolution
@@ -157,18 +166,18 @@ class TableReport(NamedTuple):
 def noncausal_table(
     craft: Hypersonic, climb: Any, seconds: float, dt: float = 0.005, keep: float = 0.1, beyond: float = BEYOND
 ) -> tuple[InternalTable, TableReport]:
-    """Return the bounded solution of the exact internal dynamics along a climb, from time 0 to `seconds`, as a table.
+    """Return a table of the bounded solution of the exact internal dynamics along a climb, from time 0 to `seconds`.
 
-    Its boundary values are the trim at time 0 and, at the end, the quasi-static solution: the trim there once the climb
-    is over, and nearer than it before.
+    The boundary values are the trim at time 0 and the quasi-static solution at the end. The latter equals the trim
+    if the climb is over, and is more accurate than the trim otherwise.
 
     Args:
         craft: the vehicle model.
-        climb: has `at(t)` -> PathPoint, level at time 0.
-        seconds: the last time for which the table is needed.
-        dt: of the solution's grid (s).
-        keep: between the table's nodes (s), a multiple of dt.
-        beyond: how much further the solution is computed (s).
+        climb: object with `at(t)` -> PathPoint, level at time 0.
+        seconds: last time in the table (s).
+        dt: step of the solution's grid (s).
+        keep: time between the nodes of the table (s), a multiple of dt.
+        beyond: time by which the solution extends beyond `seconds` (s).
     """
     t, path = _time_grid(climb, seconds, dt, keep, beyond)
     ends, guess = _boundaries_and_guess(craft, t, path)
@@ -187,7 +196,7 @@ def noncausal_table(
 def linear_table(
     craft: Hypersonic, climb: Any, seconds: float, dt: float = 0.005, keep: float = 0.1, beyond: float = BEYOND
 ) -> tuple[InternalTable, TableReport]:
-    """Return the table for internal dynamics linearised about the trim at the start: only for small climbs. As [1]."""
+    """Return the table for internal dynamics linearised about the initial trim, as in [1]. For small climbs only."""
     t, path = _time_grid(climb, seconds, dt, keep, beyond)
     linear = internal_linear(craft, level_trim(craft, float(path.h[0]), float(path.V[0])))
     xi = np.stack([path.h - linear.trim.h, path.h_rate, path.V - linear.trim.V], axis=1)
@@ -208,7 +217,7 @@ def linear_table(
 
 
 def sylvester_internal(craft: Hypersonic, climb: FilteredClimb) -> SylvesterInternal:
-    """Return the causal linear form about the trim at the start of a filtered step."""
+    """Return the causal linear solution for the internal states, about the initial trim of a filtered step."""
     linear = internal_linear(craft, level_trim(craft, float(climb.h0), float(climb.V0)))
     S: Any = block_diag(exosystem_matrix(float(climb.wh), 4), exosystem_matrix(float(climb.wV), 3))
     G = np.zeros((len(linear.trim.zeta), len(S)))
@@ -219,7 +228,7 @@ def sylvester_internal(craft: Hypersonic, climb: FilteredClimb) -> SylvesterInte
 
 
 def preview_internal(craft: Hypersonic, at: LevelTrim, horizon: float = 4.0, intervals: int = 40) -> PreviewInternal:
-    """Return the form with preview in flight, with the modes of a level trim."""
+    """Return the solution for the internal states that previews the command in flight, with the modes of a trim."""
     A22 = internal_linear(craft, at).A22
     scaled = A22 * SCALES / SCALES[:, None]
     eigen: Any = np.linalg.eig(scaled)
@@ -262,28 +271,26 @@ def _interpolate(table: InternalTable, t: Any) -> Any:
 
 
 def _time_grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float) -> tuple[Any, PathPoint]:
-    """Return the grid and the path on it."""
+    """Return the time grid of the solution, and the points of the path at these times."""
     every = round(keep / dt) if dt > 0 else 0
     if every < 1 or abs(every * dt - keep) > 1e-9 * keep or not seconds >= keep:
-        problem = f"{seconds:g} s in nodes of {keep:g} s from steps of {dt:g} s"
-        raise InputError("internal table", problem, fix="keep a multiple of dt, and at least one interval of it")
+        problem = f"got a duration of {seconds:g} s, {keep:g} s between nodes, and a step of {dt:g} s"
+        raise InputError("internal table", problem, fix="give keep as a multiple of dt, and seconds of at least keep")
     if not beyond >= LEAST_BEYOND:
-        problem = (
-            f"computed only {beyond:g} s beyond the last instant; the unstable mode there needs more of the future"
-        )
+        problem = f"the table is computed only {beyond:g} s beyond its end; the unstable mode needs more of the future"
         raise InputError("internal table.beyond", problem, fix=f"give at least {LEAST_BEYOND:g} s")
     nodes = math.ceil(seconds / keep - 1e-9) * every
     t = dt * np.arange(nodes + math.ceil(beyond / dt) + 1)
     path = jax.tree.map(np.asarray, _path_points(climb, t))
     start = [float(leaf[0]) for leaf in (path.h_rate, path.h_acceleration, path.V_rate)]
     if not np.abs(start).max() < 1e-9:
-        problem = f"at time 0 h' = {start[0]:g}, h'' = {start[1]:g}, V' = {start[2]:g}: not level"
-        raise InputError("internal table.climb", problem, fix="let the climb start later")
+        problem = f"the climb is not level at time 0: h' = {start[0]:g}, h'' = {start[1]:g}, V' = {start[2]:g}"
+        raise InputError("internal table.climb", problem, fix="start the climb after time 0")
     return t, path
 
 
 def _boundaries_and_guess(craft: Hypersonic, t: Any, path: PathPoint) -> tuple[list[LevelTrim], Any]:
-    """Return the level trims at both ends, and the quasi-static solution between (n, 6)."""
+    """Return the level trims at the start and at the end, and the quasi-static solution at all times (n, 6)."""
     ends = level_points(path.h[[0, -1]], path.V[[0, -1]])
     zeta, u, settled = quasi_static_states(craft, jax.tree.map(lambda *several: np.concatenate(several), path, ends))
     n, limits = len(t), InputLimits()

@@ -1,9 +1,10 @@
-"""Whole loop of the hypersonic vehicle, plant, filter, law and inversion, as a matrix: in continuous time, and sampled.
+"""Matrix of the hypersonic vehicle's whole loop (plant, filter, law, inversion), in continuous time and sampled.
 
-By automatic differentiation through the flown code, at level flight of the law's vehicle model; the plant may differ.
+The matrix is computed by automatic differentiation of the code that flies, at level flight of the law's vehicle model.
+The plant may differ from this model.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, eqs. 6-13, whose loop it is; the sampled one is in the order in which it flies.
+vehicle", Aerospace 2022, 9(4), 206, eqs. 6-13: the loop. The sampled loop has the order of computation in flight.
 """
 
 from functools import partial
@@ -26,9 +27,9 @@ from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicS
 PLANT = ("h", "V", "alpha", "theta", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
 ESTIMATE = ("eta1 estimated", "eta1_rate estimated", "eta2 estimated", "eta2_rate estimated")
 SAMPLED = (*PLANT, *ESTIMATE, "h before", "h' before", "V before", "alpha before", "q before", "Phi", "delta_e")
-"""States of the sampled loop: the plant's, the estimate, and the measured flight and the input of one period ago."""
+"""States of the sampled loop: plant, estimated modes, and the measured values and the input of the previous period."""
 INTEGRALS = ("integral of h", "integral of V")
-"""Further states of either loop, at its end, where the gain has eleven columns."""
+"""States that are appended to the loop, continuous or sampled, if the gain has eleven columns."""
 INTEGRAL_SIZES = (1000.0, 100.0)
 X, ETA, CHI, U = slice(0, 9), slice(9, 13), slice(13, 18), slice(18, 20)
 PLANT_SIZES = (100.0, 20.0, 0.01, 0.01, 0.02, 0.2, 2.0, 0.2, 2.0)
@@ -36,15 +37,15 @@ SAMPLED_SIZES = np.array([*PLANT_SIZES, 0.2, 2.0, 0.2, 2.0, 100.0, 20.0, 20.0, 0
 
 
 def sampled_loop(plant: Hypersonic, kept: FlexibleModeFilter, K: Any, at: LevelTrim) -> tuple[Any, Any]:
-    """Return F (n, n) and N (n,): z = F z + N w over one period of the filter, its gain steady, w the sensor's noise.
+    """Return F (n, n) and N (n,) of the sampled loop z' = F z + N w over one period of the filter.
 
-    n is 20, or 22 with integrals.
+    The filter has its steady gain, and w is the noise of the accelerometer. n is 20, or 22 with integrals.
 
     Args:
         plant: the vehicle that flies.
-        kept: the filter, with the model of filter and law.
+        kept: the filter; its vehicle model is also that of the law.
         K: gain (2, 9), or (2, 11) with the integrals of the errors of h and V.
-        at: level flight of that vehicle.
+        at: level flight of the vehicle model.
     """
     model = _model_of_filter(kept)
     P = solve_discrete_are(np.asarray(model.Ad).T, np.asarray(model.C)[:, None], np.asarray(model.Qd), [[kept.R]])
@@ -55,12 +56,12 @@ def sampled_loop(plant: Hypersonic, kept: FlexibleModeFilter, K: Any, at: LevelT
 
 @jax.jit
 def _model_of_filter(kept: FlexibleModeFilter) -> Any:
-    """Return the loop's model, compiled once for all settings: a search evaluates hundreds."""
+    """Return the filter's model. It is compiled once for all settings, because a search evaluates hundreds of them."""
     return kept.model()
 
 
 def rest_state(plant: Hypersonic, believed: Hypersonic, at: LevelTrim) -> Any:
-    """Return the loop's state (20,) in level flight: modes bent by the plant's own, the filter at its model's."""
+    """Return the loop's state (20,) in level flight: the plant at its static bending, the filter at its model's."""
     x = plant.level_state(at.h, at.V, at.zeta[0], at.u.delta_e)
     e1, e2 = believed.modes.static_displacements(at.zeta[0], at.u.delta_e)
     chi = [at.h, 0.0, at.V, at.zeta[0], 0.0]
@@ -69,22 +70,22 @@ def rest_state(plant: Hypersonic, believed: Hypersonic, at: LevelTrim) -> Any:
 
 
 def step_period(plant: Any, kept: Any, K: Any, P: Any, at: Any, z: Any, w: Any) -> Any:
-    """Return the loop's state (20,), or (22,) with integrals, after one period, in the order in which it flies.
+    """Return the loop's state (20,), or (22,) with integrals, after one period. Compute in the same order as in flight.
 
     Args:
         plant: the vehicle that flies.
         kept: the filter.
-        K: gain (2, 9), or (2, 11).
-        P: the filter's steady covariance before an update (4, 4).
-        at: wanted flight.
-        z: the loop's state.
+        K: gain (2, 9), or (2, 11) with the integrals of the errors of h and V.
+        P: steady covariance of the filter before an update (4, 4).
+        at: desired level flight.
+        z: state of the loop at the start of the period.
         w: noise of the accelerometer (rad/s^2).
     """
     x, believed = HypersonicState(*z[X]), kept.craft
     before, held = RigidFlight(*z[CHI]), HypersonicInput(*z[U])
     chi = _measured_flight(x)
     model = kept.model()
-    still = jnp.append(z[ETA], 0.0)  # the accelerometer's offset is known here, without uncertainty
+    still = jnp.append(z[ETA], 0.0)  # here the filter knows that the accelerometer's offset is zero
     P = jnp.zeros((5, 5)).at[:4, :4].set(P)
     ahead, _ = kept.predict(model, still, P, before, held)
     felt = plant.coupled_accelerations(0.0, x, held)[0] + w
@@ -96,29 +97,33 @@ def step_period(plant: Any, kept: Any, K: Any, P: Any, at: Any, z: Any, w: Any) 
 
 
 def continuous_loop(plant: Hypersonic, believed: Hypersonic, K: Any, L: Any, at: LevelTrim) -> Any:
-    """Return A (13, 13), or (15, 15): z' = A z of plant, estimate and integrals, in the model's level flight.
+    """Return A (13, 13), or (15, 15) with integrals: z' = A z of plant, estimate and integrals, in level flight.
 
-    At this point, which no plant changes, each entry is affine in 1/m, in each coefficient of lift, drag, moment and
-    thrust, and in w^2 and 2 zeta w of each mode, taken one at a time.
+    The loop is linearised at the level flight of the model, whichever plant flies. There, each entry of A is affine in
+    1/m, in each coefficient of lift, drag, moment and thrust, and in w^2 and 2 zeta w of each mode, if all other
+    parameters are constant.
 
     Args:
         plant: the vehicle that flies.
-        believed: the model of filter and law.
-        K: gain (2, 9), or (2, 11).
+        believed: the vehicle model of filter and law.
+        K: gain (2, 9), or (2, 11) with the integrals of the errors of h and V.
         L: gain of the filter (4, 1).
-        at: level flight of that vehicle.
+        at: level flight of the model.
     """
     start = np.append(rest_state(believed, believed, at)[: ETA.stop], np.zeros(np.shape(K)[1] - 9))
     return np.asarray(_differentiate_rates(plant, believed, np.asarray(K), np.asarray(L), at, start))
 
 
 def input_slope(believed: Hypersonic, K: Any, at: LevelTrim) -> Any:
-    """Return the slope of (Phi, delta_e) by the errors e, one per column of K, and by the estimate's (2, 13 or 15)."""
+    """Return the derivative of (Phi, delta_e) by the tracking errors and the estimation errors (2, 13 or 15).
+
+    There is one tracking error per column of K, followed by the four estimation errors of the modes.
+    """
     return np.asarray(_differentiate_input(believed, np.asarray(K), at, np.zeros(np.shape(K)[1] + 4)))
 
 
 def input_at_errors(believed: Any, K: Any, at: Any, z: Any) -> Any:
-    """Return (Phi, delta_e) demanded by the law, at errors e, with e_eta = eta - eta estimated (4,) after them."""
+    """Return (Phi, delta_e) that the law demands. z: tracking errors, then eta - eta estimated (4,)."""
     chi = RigidFlight(at.h + z[0], z[1], at.V + z[2], at.zeta[0] + z[3], at.zeta[1] + z[4])
     u = _demand_input(believed, K, chi, at.zeta[2:] + z[5:9] - z[-4:], at, z[9:-4])
     return jnp.stack([u.Phi, u.delta_e])
@@ -140,12 +145,12 @@ def _measured_flight(x: HypersonicState) -> RigidFlight:
 
 
 def _integral_rates(K: Any, chi: RigidFlight, at: Any) -> Any:
-    """Return the part of the integrals of the errors of h and V, where the gain has columns for them."""
+    """Return the rates of the integrals of the errors of h and V. They are empty if the gain has no such columns."""
     return jnp.stack([chi.h - at.h, chi.V - at.V])[: K.shape[1] - 9]
 
 
 def _demand_input(believed: Any, K: Any, chi: RigidFlight, eta: Any, at: Any, integrals: Any) -> HypersonicInput:
-    """Return the command to stay in level flight."""
+    """Return the input that the law demands to stay in level flight."""
     have = jnp.stack([chi.h, chi.h_rate, chi.V, chi.alpha, chi.q, *eta])
     want = jnp.stack([jnp.asarray(a) for a in (at.h, 0.0, at.V, *at.zeta)])
     v = K @ jnp.concatenate([have - want, integrals])

@@ -1,4 +1,4 @@
-"""The hypersonic vehicle as a model for `trimtab design hypersonic --stabilisability`: nine states, at its trim."""
+"""Model of the hypersonic vehicle for `trimtab design hypersonic --stabilisability`: nine states, at its trim."""
 
 from trimtab.design.model import StateSpaceModel
 from trimtab.laws.path_inversion import InputLimits
@@ -7,7 +7,7 @@ from trimtab.scenarios.hypersonic._internal import design_model, find_trim
 
 
 def model() -> StateSpaceModel:
-    """Return flight in the vertical plane with its bending modes, under fuel ratio and elevator, at its trim."""
+    """Return the model, at its trim. States: vertical flight and bending modes. Inputs: fuel ratio and elevator."""
     plant = design_model(NOMINAL, H, V)
     level = find_trim(plant, InputLimits(), "hypersonic trim")
     return plant._replace(x0=level.x, u0=level.u)

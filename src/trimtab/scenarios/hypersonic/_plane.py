@@ -1,6 +1,6 @@
-"""Harder world for the hypersonic vehicle than the paper's: servos, turbulence, an accelerometer of finite grade.
+"""World for the hypersonic vehicle that is harder than the paper's: servos, turbulence, accelerometer with errors.
 
-Source: servos' form from Bolender, Doman, "Nonlinear longitudinal dynamical model of an air-breathing hypersonic
+Source: form of the servos from Bolender, Doman, "Nonlinear longitudinal dynamical model of an air-breathing hypersonic
 vehicle", Journal of Spacecraft and Rockets 44(2), 2007; turbulence MIL-F-8785C; sizes chosen (docs, What it needs).
 """
 
@@ -16,16 +16,22 @@ from trimtab.loop.world import World
 from trimtab.sensors.angular_accelerometer import AngularAccelerometerUnit
 
 ENGINE, ELEVATOR = 20.0, 100.0
-"""Natural frequencies of engine and elevator servo (rad/s)."""
+"""Natural frequencies of the engine and of the elevator servo (rad/s)."""
 ELEVATOR_RATE = 100 * DEG
 """Maximum rate of the elevator (rad/s)."""
 SEVERE = 1e-5
-"""Probability that the intensity is exceeded: 5.1 ft/s from 80 000 ft up, where the specification's figure ends."""
+"""Probability of exceedance of the turbulence intensity. It gives 5.1 ft/s at 80 000 ft and above.
+
+The figure in the specification ends at 80 000 ft.
+"""
 SERVO_PERIOD = ms(1)
 
 
 def plane_truth(world: World, noise: float) -> World:
-    """Return the world with servos, severe turbulence, and an angular accelerometer with noise (rad/s^2)."""
+    """Return the world with servos, severe turbulence, and an angular accelerometer with errors.
+
+    noise: standard deviation of the accelerometer's noise (rad/s^2).
+    """
     actuators: Any = world.actuators
     stages = {
         "Phi": SecondOrderLag(frequency=ENGINE),

@@ -6,7 +6,7 @@ from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, hyp
 
 
 def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "on") -> Scenario:
-    """Nominal: the plant is the model. `hypersonic/noise` is the same with noise."""
+    """Return the scenario. The plant equals the model. `hypersonic/noise` is the same climb with sensor noise."""
     climb = FilteredClimb(dh=5000.0, dV=1000.0)
     name = "hypersonic/climb-large"
     return hypersonic_scenario(name, climb, 200.0, filter=filter, internal=internal, integral=integral)

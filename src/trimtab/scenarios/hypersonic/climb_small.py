@@ -6,7 +6,7 @@ from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, hyp
 
 
 def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "on") -> Scenario:
-    """Nominal: the plant is the model."""
+    """Return the scenario. The plant equals the model."""
     climb = FilteredClimb(dh=1000.0, dV=200.0)
     name = "hypersonic/climb-small"
     return hypersonic_scenario(name, climb, 150.0, filter=filter, internal=internal, integral=integral)

@@ -1,4 +1,4 @@
-"""Reject an impulse in cruise: of the pitching moment, or of the force normal to the path."""
+"""Reject an impulse in cruise, of the pitching moment or of the force normal to the path."""
 
 from typing import Literal
 
@@ -15,7 +15,10 @@ LENGTH, START = 0.05, 20.0
 def scenario(
     kind: Kind = "moment", integral: Integral = "on", filter: Filter = "tuned", noise: Noise = "on"
 ) -> Scenario:
-    """0.4 rad/s^2 for 50 ms, or a gust that gives 20 ft/s in 50 ms; further work of the paper, sizes chosen."""
+    """Return the scenario: a pitch acceleration of 0.4 rad/s^2 for 50 ms, or a gust that adds 20 ft/s in 50 ms.
+
+    The paper lists such disturbances as future work. The sizes are chosen here.
+    """
     craft = Hypersonic()
     if kind == "moment":
         felt = Disturbance(moment=0.4 * craft.Iyy, start=START, duration=LENGTH)

@@ -10,7 +10,8 @@ from trimtab.vehicles.hypersonic import Hypersonic
 def scenario(
     robust: Robust = "off", integral: Integral = "on", filter: Filter = "tuned", noise: Noise = "off"
 ) -> Scenario:
-    """Integrals remove the offset that state feedback leaves (`integral=off`); robust terms reduce it."""
+    """Return the scenario. State feedback alone (`integral=off`) leaves an offset. Integrals remove it, and robust
+    terms reduce it."""
     climb = FilteredClimb(dh=3000.0, dV=500.0)
     name, plant = "hypersonic/mismatch", off_nominal_plant()
     return hypersonic_scenario(
@@ -19,7 +20,7 @@ def scenario(
 
 
 def off_nominal_plant(times: float = 1.0) -> Hypersonic:
-    """Return the plant, its differences from the model scaled by `times`."""
+    """Return the plant. times: factor of its differences from the model."""
     craft = Hypersonic()
     air, engine = craft.forces.aerodynamics, craft.forces.propulsion
     lift, stiffness, drag = air.CL_a * (1 + 0.05 * times), air.CM_a * (1 - 0.05 * times), air.CD_0 * (1 + 0.10 * times)

@@ -1,4 +1,4 @@
-"""Fly a plant whose bending modes are 10 % off the model of filter and law, with noise."""
+"""Fly a plant whose modal frequencies are 10 % off the model used by filter and law, with sensor noise."""
 
 from typing import Literal
 
@@ -18,7 +18,10 @@ def scenario(
     integral: Integral = "on",
     truth: Truth = "paper",
 ) -> Scenario:
-    """Both frequencies of the plant times `frequency`. With the printed settings of the filter the vehicle is lost."""
+    """Return the scenario. Both modal frequencies of the plant are those of the model times `frequency`.
+
+    With the filter settings printed in the paper, the vehicle is lost.
+    """
     craft = Hypersonic()
     plant = replace(craft, modes=craft.modes.detune(float(frequency)))
     climb = FilteredClimb(dh=3000.0, dV=500.0)

@@ -1,4 +1,4 @@
-"""Fly the large climb with noise of the angular accelerometer, 0.01 rad/s^2 a sample."""
+"""Fly the large climb with noise of the angular accelerometer, 0.01 rad/s^2 per sample."""
 
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.loop.scenario import Scenario
@@ -8,7 +8,7 @@ from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, Tru
 def scenario(
     filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "on", truth: Truth = "paper"
 ) -> Scenario:
-    """The plant is the model; the noise is chosen, as the paper prints none."""
+    """Return the scenario. The plant equals the model. The noise is chosen here; the paper does not print it."""
     climb = FilteredClimb(dh=5000.0, dV=1000.0)
     name = "hypersonic/noise"
     return hypersonic_scenario(

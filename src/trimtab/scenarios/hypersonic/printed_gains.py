@@ -1,4 +1,4 @@
-"""Fly the printed feedback gain with either sign: the vehicle is lost within seconds."""
+"""Fly with the feedback gain printed in the paper. With either sign, the vehicle is lost within seconds."""
 
 from typing import Literal
 
@@ -11,7 +11,10 @@ Sign = Literal["minus", "plus"]
 
 
 def scenario(sign: Sign = "minus", filter: Filter = "printed") -> Scenario:
-    """The paper's K, v = -K e or, as its eq. 13 has it, v = +K e: `trimtab reproduce` shows why neither is stable."""
+    """Return the scenario with the paper's K: v = -K e, or v = +K e as in its eq. 13.
+
+    `trimtab reproduce` shows why neither loop is stable.
+    """
     gain = {"minus": -1.0, "plus": 1.0}[sign] * K_PRINTED
     climb = FilteredClimb(dh=1000.0, dV=200.0)
     return hypersonic_scenario("hypersonic/printed-gains", climb, 20.0, filter=filter, K=gain)

@@ -13,7 +13,11 @@ START = 20.0
 
 
 def scenario(kind: Kind = "lift", integral: Integral = "on", filter: Filter = "tuned", noise: Noise = "on") -> Scenario:
-    """2 % of the weight, 88 lbf/ft of drag, 500 or 5000 lbf of moment; further work of the paper, sizes chosen."""
+    """Return the scenario: a loss of lift of 2 % of the weight, 88 lbf/ft of drag, or 500 or 5000 lbf of moment.
+
+    The forces and moments are per foot of width. The paper lists such disturbances as future work. The sizes are chosen
+    here.
+    """
     craft = Hypersonic()
     felt = {
         "lift": Disturbance(normal=-0.02 * craft.m * craft.g, start=START),

@@ -1,1 +1,1 @@
-"""Navigation alone: the thesis's rotating platform, and a vehicle at rest."""
+"""Scenarios of navigation alone: the thesis's rotating platform, flight on a figure eight, vehicle at rest."""

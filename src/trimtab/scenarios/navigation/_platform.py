@@ -1,7 +1,7 @@
-"""Common parts of the rig's scenarios: platform, inertial unit, aided inertial navigation.
+"""Common parts of the scenarios on the rotating platform: platform, inertial unit, aided inertial navigation.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section
-6.2.1. Fitted to its figures, as docs Errata says: latencies, tilt.
+6.2.1. The latencies and the tilt are fitted to its figures (docs, Errata).
 """
 
 import math
@@ -28,7 +28,7 @@ from trimtab.loop.world import World
 from trimtab.vehicles.rotating_platform import PlatformDrive, RotatingPlatform
 
 Covariance = Literal["consistent", "literal"]
-"""Use of the process noise: with consistent units, or as printed."""
+"""Use of the process noise in the filter: with consistent units, or literally as printed in [1]."""
 Form = Literal["feedforward", "feedback", "direct", "coupled"]
 FORMS: dict[str, Any] = {
     "feedforward": AidedInertialFeedforward,
@@ -38,13 +38,16 @@ FORMS: dict[str, Any] = {
 }
 ARM = 0.3048
 TILT = 0.49 * DEG
-"""Tilt of the spin axis: fitted, one number for two figures. It leans to magnetic north, so that a compass without tilt
-compensation has no error; another direction would add a constant to its heading."""
+"""Tilt of the spin axis (rad), fitted to two figures.
+
+The axis leans to magnetic north, so that a compass without tilt compensation has no error. Another direction would add
+a constant to its heading.
+"""
 LEAN = math.atan2(COLLEGE_PARK[1], COLLEGE_PARK[0])
 FIX_INTERVAL = seconds(1)
-"""Time between positions: reconstructed; the thesis's own simulation renews its navigation errors once a second."""
+"""Time between position fixes (reconstructed). The thesis's simulation renews its navigation errors once a second."""
 LEAK = (STANDARD * math.sin(TILT)) ** 2 * to_seconds(FIX_INTERVAL) / to_seconds(InertialNoise().tick)
-"""Effect of the lean on a level navigation between two positions, as white noise of each force sample (m^2/s^4)."""
+"""Variance of the force noise that covers the tilt, which the navigation does not know, between two fixes (m^2/s^4)."""
 
 
 def rig_scenario(
@@ -60,13 +63,18 @@ def rig_scenario(
     noise: Mapping[str, float] | None = None,
     estimator: Any = None,
 ) -> Scenario:
-    """Return a scenario on the rig: sensors of the world by name, and the platform's rotation.
+    """Return a scenario on the rotating platform.
 
     Args:
-        arm: from the axis to the body (m).
-        time_constant: of the motor (s); between 0.05 and 0.1, reconstructed.
+        name: name in the catalogue.
+        sensors: sensors of the world, by name.
+        law: rotation of the platform.
+        arm: distance from the axis to the body (m).
+        time_constant: time constant of the motor (s). Reconstructed: between 0.05 and 0.1.
         intake: samples that the navigation reads.
-        noise: noise of a consistent filter besides the printed values; the literal one has only those.
+        covariance: use of the process noise in the filter.
+        form: form of the aided inertial navigation.
+        noise: noise values that replace printed values in a consistent filter. A literal filter ignores them.
         estimator: function that makes the estimator from the navigation, or None.
     """
     platform = RotatingPlatform(arm=arm, time_constant=time_constant, tilt=TILT, lean=LEAN)

@@ -1,4 +1,4 @@
-"""Navigate a figure of eight in the air: inertial unit and satellites, delayed fixes, an outage."""
+"""Navigate a figure eight in the air with inertial unit and satellite receiver, with delayed fixes and an outage."""
 
 import math
 from typing import Annotated, Any, Literal
@@ -28,20 +28,20 @@ from trimtab.vehicles.rotating_platform import PlatformDrive
 Aiding = Annotated[
     Literal["fixes", "ranges"],
     {
-        "fixes": "the receiver gives position and velocity; in the outage nothing",
-        "ranges": "the receiver gives pseudoranges and their rates to eight satellites; in the outage to two",
+        "fixes": "the receiver gives position and velocity, and nothing during the outage",
+        "ranges": "the receiver gives pseudoranges and their rates to eight satellites, and to two during the outage",
     },
 ]
 TICK = ms(1)
 LAP = 2 * math.pi / 20
-"""Rate round the path (rad/s): one lap in 20 s."""
+"""Angular rate on the path (rad/s): one lap in 20 s."""
 OUTAGE = Outages(start=seconds(9), length=seconds(4))
 CORRELATED = 0.3
-"""Error of the receiver that is correlated in time (m)."""
+"""Standard deviation of the receiver's time-correlated error (m)."""
 
 
 def industrial_imu() -> Imu:
-    """A good micromachined unit: orders of magnitude of data sheets, chosen here; 1 kHz."""
+    """Return a good micromachined inertial unit with 1 kHz. The errors are chosen here, as large as in data sheets."""
     return Imu(
         accelerometer=AccelerometerErrors(noise=2e-3, turn_on_bias=0.05, bias_walk=2e-4, range=160.0),
         gyro=GyroErrors(noise=2e-4, turn_on_bias=0.3 * DEG, bias_walk=1e-5, range=35.0),
@@ -50,7 +50,11 @@ def industrial_imu() -> Imu:
 
 
 def scenario(gnss: Aiding = "fixes") -> Scenario:
-    """This project's: a lap in 20 s, 1 kHz inertial samples, five fixes a second that are 120 ms old, 4 s without."""
+    """Return the scenario, with values chosen for trimtab.
+
+    A lap takes 20 s. The inertial unit has 1 kHz, and the receiver gives five fixes per second that are 120 ms old. It
+    has an outage of 4 s.
+    """
     path = ClosedPath(coordinated=LAP)
     first = jax.tree.map(lambda number: np.round(number, 12), path.at(0.0, LAP))  # the same bits on each machine
     receiver = Gnss(outages=OUTAGE, correlated=CORRELATED)
@@ -76,7 +80,7 @@ def scenario(gnss: Aiding = "fixes") -> Scenario:
 
 
 def rough_start(path: ClosedPath, first: Any) -> SpatialStart:
-    """Return the initial estimate: near the truth, one sigma off in most values."""
+    """Return the initial estimate. Most of its values are about one sigma from the true values."""
     start = SpatialStart()
     angles = np.asarray(to_euler(path.rotation(first.angle)))
     off = np.array([0.6, -0.8, 1.0]) * [start.sigma_tilt, start.sigma_tilt, start.sigma_heading]

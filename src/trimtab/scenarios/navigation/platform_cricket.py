@@ -1,4 +1,4 @@
-"""Locate the arm's end by ultrasound: fixes are late and have no time stamp, so errors grow with the speed."""
+"""Locate the end of a rotating arm by ultrasound. Fixes are late and without time stamp: errors grow with the speed."""
 
 import math
 from typing import Literal
@@ -18,13 +18,13 @@ from trimtab.sensors.position import PositionSensor
 Rate = Literal["-115", "-57", "-230"]
 StampTime = Literal["arrival", "measurement"]
 HEADING_LATENCY, POSITION_LATENCY = 0.087, 0.120
-"""Latency (s), fitted: one number for three headings, one for two figures of position and velocity."""
+"""Latency of heading and of position (s), fitted to three figures of heading and two of position and velocity."""
 FIX = 0.0044
-"""Standard deviation of each coordinate (m): half of the fixes within 0.52 cm, [1] fig. 5.8."""
+"""Standard deviation of each coordinate of a fix (m). Half of the fixes are within 0.52 cm, [1] fig. 5.8."""
 BASE = 0.2032
-"""Distance from unit A at the arm's end inwards to unit B (m): reconstructed, 4 in from the axis."""
+"""Distance from unit A, at the end of the arm, to unit B (m). Reconstructed: unit B is 4 in from the axis."""
 TURN = math.sqrt(2) * FIX / BASE
-"""Standard deviation of the heading from the two units (rad)."""
+"""Standard deviation of the heading that is computed from the positions of the two units (rad)."""
 
 
 def scenario(
@@ -33,7 +33,10 @@ def scenario(
     covariance: Covariance = "consistent",
     form: Form = "feedforward",
 ) -> Scenario:
-    """[1] section 6.2.1; `covariance=literal` is as published, `stamped=measurement` adds the missing time stamps."""
+    """Return the scenario of the thesis's section 6.2.1.
+
+    `covariance=literal` selects the filter as published. `stamped=measurement` adds the missing time stamps.
+    """
     fix = LateFix(latency=POSITION_LATENCY, interval=FIX_INTERVAL, stamped=stamped)
     turned = LateFix(latency=HEADING_LATENCY, interval=ms(100), stamped=stamped)
     first, second = (replace(turned, interval=ms(200), offset=o) for o in (0, ms(100)))

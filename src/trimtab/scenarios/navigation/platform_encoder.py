@@ -1,4 +1,4 @@
-"""Estimate velocity and position at the end of an arm at -166 deg/s: inertial unit, encoder and magnetometer."""
+"""Estimate velocity and position at the end of an arm that rotates at -166 deg/s, with IMU, encoder, magnetometer."""
 
 import math
 
@@ -14,7 +14,10 @@ from trimtab.sensors.position import EncoderPosition
 
 
 def scenario(covariance: Covariance = "consistent", form: Form = "feedforward") -> Scenario:
-    """[1] section 6.2.1, velocity and position filter; `covariance=literal` is as published."""
+    """Return the scenario of the thesis's section 6.2.1, velocity and position filter.
+
+    `covariance=literal` selects the filter as published.
+    """
     encoder = Encoder(zero=math.pi / 2, period=FIX_INTERVAL)
     sensors = {
         "imu": Imu.microstrain_3dm_gx1(),

@@ -1,4 +1,4 @@
-"""Estimate the heading on the axis of a platform at -166 deg/s: gyro and magnetometer."""
+"""Estimate the heading on the axis of a platform that rotates at -166 deg/s, with gyro and magnetometer."""
 
 from trimtab.core.rotation import DEG
 from trimtab.estimators.inertial.aided import Intake
@@ -11,7 +11,10 @@ from trimtab.sensors.imu import Imu
 
 
 def scenario(covariance: Covariance = "consistent", form: Form = "feedforward") -> Scenario:
-    """[1] section 6.2.1, heading filter; `covariance=literal` is as published."""
+    """Return the scenario of the thesis's section 6.2.1, heading filter.
+
+    `covariance=literal` selects the filter as published.
+    """
     sensors = {"imu": Imu.microstrain_3dm_gx1(), "heading": Compass(), "tachometer": Tachometer()}
     law = Turntable(rate=-166 * DEG)
     intake = Intake(position="")

@@ -1,4 +1,4 @@
-"""Locate the arm's end from raw ultrasonic ranges: one filter for all, or fixes first and then navigation."""
+"""Locate the end of a rotating arm from ultrasonic ranges: in one filter with the IMU, or by fixes and then an INS."""
 
 from typing import Any, Literal
 
@@ -25,16 +25,21 @@ from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 Coupling = Literal["tight", "loose"]
 BeaconCount = Literal["4", "3", "2"]
 NOISE = InertialNoise(gyro=1.6e-4, gyro_walk=1e-6, forward=6.8e-3, starboard=6.8e-3, force_walk=3e-4)
-"""White noise of the unit; walks for scale factor, misalignment and bandwidth."""
+"""Noise of the inertial unit as the filter assumes it: white noise, and random walks that cover scale factor,
+misalignment and bandwidth."""
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
 BELIEVED_NOISE = replace(NOISE, position_constant=0.008, heading_constant=0.012)
-"""Noise for fixes: constant errors of survey and air are added; the tight filter considers them itself."""
+"""Noise that the loose coupling assumes. It includes constant errors of the fixes due to survey and air temperature.
+
+The tightly coupled filter models these errors itself.
+"""
 
 
 def scenario(coupling: Coupling = "tight", beacons: BeaconCount = "4") -> Scenario:
-    """The rig of [1] section 6.2.1 upright, with what its chapter 7 names as future work.
+    """Return the scenario: the platform of the thesis's section 6.2.1 without tilt, with the ranging that its chapter 7
+    names as future work.
 
-    There are four beacons; from 5 s on only `beacons` of them still reply.
+    There are four beacons. From 5 s on, only `beacons` of them reply.
     """
     silent = np.arange(4) >= int(beacons)
     air = Medium(actual=replace(Air(), temperature=293.65))  # half a degree warmer than assumed

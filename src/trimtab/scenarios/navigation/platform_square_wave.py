@@ -1,4 +1,4 @@
-"""Turn a platform to and fro faster than its gyro follows: with and without the gyro's inverse."""
+"""Turn a platform to and fro faster than its gyro can follow, with or without compensation of the gyro's dynamics."""
 
 from typing import Literal
 
@@ -20,7 +20,10 @@ Compensation = Literal["yes", "no"]
 def scenario(
     compensated: Compensation = "yes", covariance: Covariance = "consistent", form: Form = "feedforward"
 ) -> Scenario:
-    """[1] table 6.6. The square wave's height and cycle are not printed: reconstructed (docs page, Errata)."""
+    """Return the scenario of the thesis's table 6.6.
+
+    The thesis does not print amplitude and period of the square wave. They are reconstructed (docs page, Errata).
+    """
     imu = Imu.microstrain_3dm_gx1()
     imu = replace(imu, gyro=replace(imu.gyro, bandwidth=0.0, response=DelayedGyro()))
     sensors = {"imu": imu, "heading": Compass(), "tachometer": Tachometer()}

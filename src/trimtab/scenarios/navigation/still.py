@@ -1,7 +1,7 @@
-"""Keep a vehicle with the hovercraft's inertial unit at rest: the log from which to calibrate its noise.
+"""Keep a hovercraft at rest, to record a log from which the noise of its inertial unit is calibrated.
 
-Everything but the inertial unit has a period of 5 ms, shorter than the unit's tick. The log, written each millisecond
-at which something is due, thus contains every sample of the unit, and no more rows than needed.
+All parts except the inertial unit have a period of 5 ms, shorter than the unit's sampling period. The log has a row for
+each millisecond in which a part runs. So it contains every sample of the unit, and few other rows.
 """
 
 from trimtab.actuators.allocation import DirectActuation, DirectAllocation
@@ -20,7 +20,7 @@ TICK = ms(5)
 
 
 def scenario() -> Scenario:
-    """Five minutes: enough for the white noise to a percent and for a first look at the walk of the biases."""
+    """Return the scenario. Five minutes give the white noise to a percent, and a rough value of the biases' walk."""
     world = World(
         vehicle=Hovercraft(),
         sensors={"imu": Imu.microstrain_3dm_gx1(), "navigation": PlanarNavigation(period=TICK)},

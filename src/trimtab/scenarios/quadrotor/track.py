@@ -1,4 +1,4 @@
-"""Follow a path in space: helix, circle or eight, or hover; recover from upside down; fly without a rotor."""
+"""Fly a quadrotor: follow a circle, eight or helix, hover, recover from upside down, fly with a stopped rotor."""
 
 from typing import Annotated, Any, Literal
 
@@ -27,9 +27,9 @@ from trimtab.vehicles.quadrotor import Multirotor, MultirotorState, Rotors
 Trajectory = Annotated[
     Literal["circle", "eight", "helix", "place", "recovery"],
     {
-        "circle": "radius 1.5 m, a round in 5 s",
-        "eight": "5 m by 1.5 m, in 8 s",
-        "helix": "helix of the publication, at half its pace, the nose to the north",
+        "circle": "circle of radius 1.5 m, one lap in 5 s",
+        "eight": "figure eight of 5 m by 1.5 m, one lap in 8 s",
+        "helix": "helix of the publication at half the speed, with the nose to the north",
         "place": "hover at a position, from a start half a metre away",
         "recovery": "hover at a position, from a start upside down",
     },
@@ -41,13 +41,13 @@ MotorFault = Annotated[
 ]
 LawChoice = Annotated[
     Literal["geometric", "neural"],
-    {"geometric": "the publication's", "neural": "a small network trained on the geometric law"},
+    {"geometric": "geometric law of the publication", "neural": "small neural network trained on the geometric law"},
 ]
 PERIOD = ms(5)
 RATIO = 0.3
-"""Thrust of the rotor opposite a lost one, as a fraction of each of the two others."""
+"""Thrust of the rotor opposite a lost rotor, as a fraction of the thrust of each of the other two rotors."""
 LONGEST = 25.0
-"""Limit of the law's correction to weight and reference acceleration (N), as rotors have a minimum thrust."""
+"""Limit (N) of the force that the law adds to weight and reference acceleration: rotors have a minimum thrust."""
 HEIGHT = 3.0
 """Height of the paths (m)."""
 CRAFT = replace(
@@ -57,12 +57,15 @@ CRAFT = replace(
     drag=np.array([0.3, 0.3, 0.2]),
     turning_drag=np.array([0.01, 0.01, 0.04]),
 )
-"""The quadrotor of the publication, with propellers that turn it: a ratio of torque and thrust of 0.026 m, as 15 inch
-propellers have; lag, drags and the rotors' inertia are chosen."""
+"""Quadrotor of the publication. Its propellers have a ratio of torque to thrust of 0.026 m, which is typical of 15 inch
+propellers. Lag, drag and the rotors' inertia are chosen here."""
 
 
 def scenario(trajectory: Trajectory = "circle", motor: MotorFault = "works", law: LawChoice = "geometric") -> Scenario:
-    """Mass, inertia, arms and gains are the publication's; sensors, radio, lag, drag and limits this project's."""
+    """Return the scenario. Mass, inertia, arms and gains are those of the publication.
+
+    Sensors, radio, lag, drag and limits are chosen here.
+    """
     if law == "neural" and motor != "works":
         raise InputError(
             "law",

@@ -1,4 +1,4 @@
-"""Fly hovercraft in formation: each knows its own state and receives the others' messages over a lossy radio."""
+"""Fly hovercraft in formation. Each craft knows its own state and receives messages of the others by a lossy radio."""
 
 import math
 from typing import Annotated, Any, Literal
@@ -23,7 +23,7 @@ from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 Craft = Literal["5", "3", "10", "100"]
 Route = Annotated[
-    Literal["circle", "fixed"], {"circle": "the leader goes round a circle", "fixed": "the leader stays where it is"}
+    Literal["circle", "fixed"], {"circle": "the leader moves on a circle", "fixed": "the leader keeps its position"}
 ]
 Start = Annotated[
     Literal["rows", "swapped"],
@@ -33,14 +33,17 @@ Start = Annotated[
     },
 ]
 SPACING = 3.0
-"""Spacing of the formation's places (m)."""
+"""Distance between neighbouring positions of the formation (m)."""
 RADIUS = 4.0
 """Radius of the leader's circle (m)."""
 TICK, PERIOD = ms(5), ms(20)
 
 
 def scenario(craft: Craft = "5", route: Route = "circle", start: Start = "rows") -> Scenario:
-    """Values chosen for trimtab: 5 ms slots, 20 ms from sending to receiving, a tenth of all messages lost."""
+    """Return the scenario, with values chosen for trimtab.
+
+    The radio has slots of 5 ms, a latency of 20 ms, and loses a tenth of all messages.
+    """
     n = int(craft)
     places = hexagonal_places(n)
     own = {"number": np.arange(n, dtype=np.int32), "north": places[:, 0], "east": places[:, 1]}
@@ -78,10 +81,10 @@ def scenario(craft: Craft = "5", route: Route = "circle", start: Start = "rows")
 
 
 def craft_step(t: Any, state: Any, own: Any, heard: Any, number: Any, north: Any, east: Any) -> tuple[Any, Any, Any]:
-    """Run one craft's law and allocation at integer time t, as flashed to each craft. Export it by name.
+    """Run the law and the allocation of one craft at integer time t. To flash it to each craft, export it by name.
 
-    Args:     state: of the law.    own: estimated PlanarPoseState.    heard: newest messages, (n,) each.
-              number, north, east: of the craft, and its place beside craft 0 (m).
+    Args:     state: state of the law.    own: estimated PlanarPoseState.    heard: newest messages, (n,) each.
+              number: number of the craft.    north, east: its position in the formation, relative to craft 0 (m).
     Returns:  the state, a DriveCommand, and the PeerMessage to broadcast.
     """
     law = Formation(number=number, north=north, east=east, radius=RADIUS)
@@ -101,11 +104,11 @@ example = {
         0.0,
     )
 }
-"""Return example arguments for `trimtab export trimtab.scenarios.swarm.formation:craft_step`: of five craft."""
+"""Example arguments for `trimtab export trimtab.scenarios.swarm.formation:craft_step`, for five craft."""
 
 
 def hexagonal_places(n: int) -> Any:
-    """Return the places (n, 2) of a hexagonal lattice, m, nearest to the first, which is at the origin."""
+    """Return the n points of a hexagonal lattice nearest to the origin, (n, 2) (m). The first one is the origin."""
     reach = math.isqrt(n) + 2
     i, j = (v.ravel() for v in np.meshgrid(range(-reach, reach + 1), range(-reach, reach + 1)))
     north, east = SPACING * math.sqrt(3) / 2 * i, SPACING * (j + i / 2)

@@ -1,1 +1,1 @@
-"""An underwater vehicle with fins and a propeller: depth and heading."""
+"""Scenarios of an underwater vehicle with fins and a propeller: control of depth and heading."""

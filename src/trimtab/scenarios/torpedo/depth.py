@@ -1,4 +1,4 @@
-"""Dive two metres and turn to starboard, in a current: an underwater vehicle that is unstable in pitch and yaw."""
+"""Dive two metres and turn to starboard in a current, with an underwater vehicle that is unstable in pitch and yaw."""
 
 from typing import Annotated, Any, Literal
 
@@ -24,8 +24,8 @@ from trimtab.vehicles.torpedo import CRUISE, Torpedo, TorpedoControls, TorpedoSt
 Links = Annotated[
     Literal["aboard", "acoustic"],
     {
-        "aboard": "the autopilot is aboard, 50 ms of bus each way",
-        "acoustic": "the autopilot is on a buoy some 60 m away: about 90 ms each way, 5 % lost",
+        "aboard": "the autopilot is aboard; the bus delays samples and commands by 50 ms each",
+        "acoustic": "the autopilot is on a buoy about 60 m away; latency about 90 ms each way, 5 % of packets lost",
     },
 ]
 TICK = ms(50)
@@ -37,11 +37,12 @@ LEVEL = TorpedoState(
     stern=-0.119350,
     shaft_speed=CRUISE * 1750 / 1500,
 )
-"""Level at 1750 rpm: the propeller's torque rolls it by 7 degrees, buoyancy and fins pitch it 1.9 degrees nose down."""
+"""Trim at constant depth and 1750 rpm. The vehicle rolls 7 degrees by the propeller's torque and pitches 1.9 degrees
+nose down by buoyancy and fins."""
 
 
 def scenario(links: Links = "aboard") -> Scenario:
-    """The vehicle is that of Prestero, 2001; gains, links, noise and current are this project's."""
+    """Return the scenario. The vehicle is that of Prestero, 2001. Gains, links, noise and current are chosen here."""
     torpedo = Torpedo(current=Current(north=-0.2, east=0.2))
     drift = np.asarray(torpedo.current.in_body(quaternion.to_matrix(LEVEL.attitude).T))
     world = World(

@@ -1,1 +1,1 @@
-"""A surface vessel with rudders and screws: along a path."""
+"""Scenarios of a surface vessel with rudders and propellers: path following."""

@@ -1,4 +1,4 @@
-"""Follow way-points in a current, by line of sight: a model ship whose rudders are steered from ashore over a radio."""
+"""Follow way-points in a current by line of sight, with a model ship that is steered from the shore over a radio."""
 
 from typing import Annotated, Any, Literal
 
@@ -32,14 +32,17 @@ Path = Annotated[
 ]
 Links = Annotated[
     Literal["radio", "none"],
-    {"radio": "about 80 ms each way, 20 ms of it jitter, 2 % lost", "none": "the autopilot is aboard"},
+    {
+        "radio": "latency of about 80 ms each way with 20 ms of jitter, 2 % of packets lost",
+        "none": "no link: the autopilot is aboard",
+    },
 ]
 Weather = Annotated[
     Literal["current", "breeze", "calm"],
     {
         "current": "a current of 0.14 m/s from the north-east",
-        "breeze": "the current, and a wind of 4 m/s",
-        "calm": "neither",
+        "breeze": "a current of 0.14 m/s from the north-east, and a wind of 4 m/s",
+        "calm": "no current and no wind",
     },
 ]
 TICK = ms(50)
@@ -49,9 +52,9 @@ SPEED = 0.58
 
 
 def scenario(reference: Path = "waypoints", links: Links = "radio", weather: Weather = "current") -> Scenario:
-    """The vessel is that of Skjetne, Smogeli and Fossen, 2004; path, radio, weather and gains are this project's.
+    """Return the scenario. The vessel is that of Skjetne, Smogeli and Fossen, 2004.
 
-    It begins 1.5 m to starboard of the path, on its way.
+    Path, radio, weather and gains are chosen here. The vessel starts 1.5 m to starboard of the path, at 0.5 m/s.
     """
     paths: dict[str, Any] = {
         "waypoints": straight_legs(PLACES, SPEED),
@@ -94,7 +97,7 @@ def scenario(reference: Path = "waypoints", links: Links = "radio", weather: Wea
 
 
 def straight_legs(places: tuple[tuple[float, float], ...], speed: float) -> PiecewisePath:
-    """Return way-points (m) connected by straight lines at one speed (m/s), with corners."""
+    """Return a path of straight legs between way-points (m), at constant speed (m/s). The corners are not rounded."""
     x = np.asarray(places)
     legs = np.diff(x, axis=0)
     times = np.append(0.0, np.cumsum(np.sqrt((legs**2).sum(axis=1)))) / speed

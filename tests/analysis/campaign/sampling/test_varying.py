@@ -39,7 +39,7 @@ def test_a_range_is_read_with_its_unit_once_or_twice(braking):
         ("downlink off @ 2..2 s", "lower and the upper end of each range are equal"),
         ("downlink gone @ 1..2 s", "unknown word"),
         ("sensor:sonar off @ 1..2 s", "unknown part"),
-        ("uplink intermittent by 0.2..1.5", "not possible"),
+        ("uplink intermittent by 0.2..1.5", "not valid"),
         ("uplink off @ 1..2 m", "not a time"),
     ],
 )
