@@ -1,7 +1,4 @@
-"""Writer of a program as scalar C or as C++ for lanes: statements, branches and loops.
-
-In C++, a mask restricts statements to the lanes that execute them.
-"""
+"""Writer of a program as scalar C, or as C++ for lanes, where a mask selects the lanes that execute a statement."""
 
 from collections.abc import Callable
 from typing import Any
