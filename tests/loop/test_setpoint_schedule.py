@@ -76,7 +76,7 @@ def test_what_can_not_be_scheduled_is_refused(path, text, problem):
 
 
 def test_a_schedule_of_ones_own_is_checked():
-    with pytest.raises(InputError, match="2 times and 1 values"):
+    with pytest.raises(InputError, match="got 2 times, 1 values"):
         SetpointSchedule("k1", "steps", np.array([0.0, 1.0]), np.array([1.0])).check()
     law = ForwardMomentum()
     assert schedule_law(law, (), 0) is law

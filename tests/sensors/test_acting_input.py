@@ -62,7 +62,7 @@ def test_a_sensor_that_feels_what_no_world_has_is_refused():
     class Sixth(ActingInput):
         FEELS = "mood"
 
-    with pytest.raises(InputError, match=r"feels 'mood'"):
+    with pytest.raises(InputError, match=r"measures 'mood', which"):
         world({"odd": Sixth()}).init(key(0), X)
 
 

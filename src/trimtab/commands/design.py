@@ -167,7 +167,7 @@ def _find_function(system: str | None) -> SystemFunction:
         except InputError as error:
             if "scenario" not in error.choices:
                 raise
-            fix = f"for a scenario's vehicle:  trimtab design {file} --lqr …, and  --lqr --check FILE"
+            fix = f"for a scenario's vehicle:  trimtab design {file} --lqr --limit NAME=NUMBER …"
             raise InputError(error.part, error.problem, choices=error.choices, fix=fix) from None
     if system not in design_systems():
         if system in scenario_names():

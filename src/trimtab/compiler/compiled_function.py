@@ -262,7 +262,7 @@ class CompiledFunction:
         return f"{self._names[path[0].idx]}{jax.tree_util.keystr(path[1:])}"
 
     def _refusal(self, problem: str, **more: Any) -> InputError:
-        more.setdefault("fix", "pass arguments like the example's, or compile it for these as well")
+        more.setdefault("fix", "pass arguments of the example's shapes and types, or compile it for these too")
         return InputError(f"compiled {self.name!r}", problem, **more)
 
 

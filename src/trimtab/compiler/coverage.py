@@ -13,7 +13,10 @@ COVERED_PRIMITIVES: dict[str, tuple[str, str]] = {
     "add": (NUMBERS, "integers wrap"),
     "sub": (NUMBERS, "integers wrap"),
     "mul": (NUMBERS, "integers wrap"),
-    "div": (NUMBERS, "integers: rounded towards zero; n / 0 is -1, unsigned the largest; INT_MIN / -1 is INT_MIN"),
+    "div": (
+        NUMBERS,
+        "integers round towards zero; n / 0 is -1, unsigned the largest; INT_MIN / -1 is INT_MIN",
+    ),
     "rem": (NUMBERS, "has the sign of the dividend; for integers, n rem 0 is n"),
     "max": (ANY, "NaN if an operand is NaN; -0 is less than +0"),
     "min": (ANY, "NaN if an operand is NaN; -0 is less than +0"),

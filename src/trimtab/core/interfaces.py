@@ -229,7 +229,7 @@ class Law(Protocol):
         ...
 
     def step(self, t: Any, state: Any, estimate: Estimate) -> tuple[Any, Any]:
-        """Return the state and the demand at time t. `estimate.dt`: time between steps (s)."""
+        """Return the law's new state and its demand at time t. `estimate.dt` is the time since the last step (s)."""
         ...
 
 

@@ -19,12 +19,11 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 DEADBEAT = 1e-6
-"""Size of a pole of the map over one period, below which the pole counts as zero. Such a pole is memory that is cleared
-within the period."""
+"""Magnitude below which a pole of the discrete-time map over one period counts as zero: memory that the period clears."""
 ROUNDING = 1e-12
-"""Size of a pole below which it is a rounding error, for maps whose period is long enough to clear all memory."""
+"""Magnitude below which a pole is a rounding error, for maps whose period is long enough to clear all memory."""
 STABLE = 1e-6
-"""Largest excess of a pole's size over 1 at which a loop counts as stable."""
+"""Largest excess of a pole's magnitude over 1 at which a loop counts as stable."""
 
 
 class LoopMap(NamedTuple):
@@ -75,7 +74,7 @@ class LoopMap(NamedTuple):
 
     @property
     def deadbeat(self) -> float:
-        """Size of a pole of the map over one period, below which the pole counts as zero."""
+        """Magnitude below which a pole of the discrete-time map over one period counts as zero."""
         return ROUNDING if len(self.A) > 4 * int((~self.idle).sum()) else DEADBEAT
 
     def growth(self, gain: Any = 1.0, delay: int = 0) -> float:

@@ -72,7 +72,7 @@ class LinearModelFilter:
     channels: tuple[str, ...] = option(
         "Measured values, as SENSOR.FIELD, e.g. imu.force[2].", default=("navigation.heading",)
     )
-    acting: tuple[str, ...] = option("Acting inputs, as SENSOR.FIELD.", default=())
+    acting: tuple[str, ...] = option("Inputs of the model that a sensor reports, each as SENSOR.FIELD.", default=())
     Ad: Any = quantity("1", "Transition matrix over one period (n, n).", default=np.eye(4) + TURNS)
     Bd: Any = quantity("1", "Input matrix over one period (n, m).", default=np.zeros((4, 0)))
     Qd: Any = quantity("1", "Covariance of the process noise over one period (n, n).", default=1e-4 * np.eye(4))

@@ -113,7 +113,7 @@ def _export_autopilot(scenario: Scenario, steps: int, seed: int) -> tuple[BlockD
 
 
 def _export_loop(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefinition, Log, Any, int]:
-    """Return the block of the closed loop, a log of its outputs, the columns of its inputs by path, and its period."""
+    """Return the closed loop as a block, a log of its outputs, the columns of each input (by path), and the period."""
     table = timetable(
         [*scenario.world.periods(), scenario.autopilot.period], scenario.duration, scenario.world.max_step
     )

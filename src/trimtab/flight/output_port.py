@@ -102,7 +102,7 @@ class OutputPort:
 
 
 class OutputReader:
-    """Reading side of the port, for a driver, with the rule that a driver must follow."""
+    """Reading side of the port, for a driver."""
 
     def __init__(self, path: Path) -> None:
         """path: the file `outputs.bin` of a vehicle."""

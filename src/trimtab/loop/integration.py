@@ -33,7 +33,7 @@ HALVINGS = 52
 
 @record
 class IntegrationReport:
-    """Report of the integration since the last instant. Source: docs page, Integration."""
+    """Diagnostics of the integrator since the last instant of the simulation. Source: docs page, Integration."""
 
     integration_error: Scalar = quantity(
         "1", "Largest estimated error of a step since the last instant, as a fraction of the tolerance."

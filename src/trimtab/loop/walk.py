@@ -36,7 +36,7 @@ class Signals:
     actuators: Any = part("Output of the actuators.")
     supervisor: Any = part("Output of the supervisor; empty without a supervisor.", default=())
     world: Any = part(
-        "Report of the integration since the last instant; empty for the default integration.", default=()
+        "Diagnostics of the integrator since the last instant; empty for the default integrator.", default=()
     )
     predictor: Any = part("Output of the predictor; empty without a predictor.", default=())
     monitor: Any = part("Output of the monitor for each formula; empty without a monitor.", default=())

@@ -91,7 +91,7 @@ def _check_fields(log: Log, block: BlockDefinition) -> None:
         base = f"{RECEIVED}.{sensor}.value."
         there = [p.removeprefix(base) for p in log.paths if p.startswith(base)]
         problem = f"the log's samples of {sensor!r} have no field {error.name!r}, which the estimator reads"
-        fix = f"write the field with the samples; for a foreign log, in the mapping below [sensor.{sensor}.fields]"
+        fix = f"add this field to the samples; for a foreign log, in the mapping, below [sensor.{sensor}.fields]:"
         fix += f"  {error.name} = {{from = …}}  or  {{constant = …}}"
         raise InputError("replay", problem, choices=there, fix=fix) from None
 

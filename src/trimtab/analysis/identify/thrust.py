@@ -33,7 +33,7 @@ AT_END = 0.9
 DIVISIONS = 1.5
 """Difference of two forces, in divisions of the gauge, below which the readings may be equal."""
 UNLIKELY = 0.001
-"""Probability of a misfit below which the thrust lost with the rudder counts as not following the formula."""
+"""Significance level: below this p-value, the loss of thrust with the rudder angle does not follow the formula."""
 CUBIC = 4
 
 

@@ -166,7 +166,7 @@ def listened_sensors(form: Any) -> tuple[str, ...]:
 
 
 def step_mode_filter(form: Any, t: Any, state: Any, frame: Frame) -> tuple[Any, Estimate]:
-    """Return a mode filter's state and its estimate at integer time t (`step` of every mode filter).
+    """Return the state and the estimate of a filter of bending modes at integer time t.
 
     The filter and the prediction by the model alone advance once per period. In between, the last estimate is held.
     """

@@ -23,7 +23,7 @@ from trimtab.flight.mavlink.definitions import Message
 SESSION = "session"
 """Name of the extension field of COMMAND that carries the sender's session."""
 MOST_SESSIONS = 2**24
-"""Upper limit of sessions: the parameter of a command, a 32-bit float, can hold smaller whole numbers exactly."""
+"""Upper limit of session numbers. A command parameter is a 32-bit float, which holds smaller whole numbers exactly."""
 
 
 def draw_session() -> int:

@@ -61,7 +61,7 @@ def test_chunk_that_a_crash_of_the_machine_tore(store, whole, column, torn):
     chunk, spoil = store / column / "c" / "2", TORN[torn]
     if spoil:
         chunk.write_bytes(spoil(chunk.read_bytes()))
-        with pytest.raises(InputError, match=r"damaged(.|\n)*start the command that made it again"):
+        with pytest.raises(InputError, match=r"damaged(.|\n)*start the command that made the store again"):
             read_store(store)
     else:
         chunk.unlink()

@@ -206,7 +206,7 @@ def prepare_campaign(
     Args:
         plan: the campaign.
         scenario: the scenario. None: built from the plan's name and settings.
-        own: metrics that are functions.
+        own: the user's metrics, given as functions.
 
     Raises: InputError with the text to type instead.
     """
