@@ -19,7 +19,7 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 DEADBEAT = 1e-6
-"""Magnitude below which a pole of the discrete-time map over one period counts as zero: the period clears this memory."""
+"""Magnitude below which a pole of the discrete-time map over a period counts as zero: the period clears its memory."""
 ROUNDING = 1e-12
 """Magnitude below which a pole is a rounding error, for maps whose period is long enough to clear all memory."""
 STABLE = 1e-6
