@@ -32,10 +32,10 @@ class Site:
         self.console, self.flight = console, Flight(console.line)
         self.host = urlsplit(console.url).netloc
 
-    def get(self, path, **headers):
-        """Status, headers and body."""
+    def get(self, path, data=None, **headers):
+        """Return status, headers and body. data: body of a POST request."""
         opener = urllib.request.build_opener(_NoRedirect)
-        request = urllib.request.Request(f"http://{self.host}{path}", headers=headers)
+        request = urllib.request.Request(f"http://{self.host}{path}", data, headers)
         try:
             with opener.open(request, timeout=10) as answer:
                 return answer.status, answer.headers, answer.read()
@@ -112,6 +112,13 @@ def test_the_page_loads_with_it_and_nothing_outside_its_folder(site):
 @pytest.mark.real_time
 def test_another_host_is_refused_and_noted(site):
     assert site.get("/", Cookie=site.cookie(), Host="evil.example")[0] == 403
+    assert any("evil.example" in note for note in _notes(site))
+
+
+@pytest.mark.real_time
+def test_a_request_from_another_origin_is_refused_and_noted(site):
+    status, _, _ = site.get("/none", data=b"{}", Cookie=site.cookie(), Origin="http://evil.example")
+    assert status == 403
     assert any("evil.example" in note for note in _notes(site))
 
 

@@ -102,7 +102,8 @@ def print_truth(result: dict[str, Any], out: Path | None, never: str) -> None:
     if result["real"] is None and result.get("released_s", 0) is None:
         click.echo(never)
     elif result["real"] is None:
-        click.echo("no metrics: no log was written" if out is None else "no metrics: the log is too large")
+        why = "its log has several files, is too large, or has no row of the flight"
+        click.echo(f"no metrics: {'no log was written' if out is None else why}")
     else:
         print_result(result, result["units"])
 

@@ -36,6 +36,8 @@ TYPES = {
     ".png": "image/png",
 }
 MOST_CLIENTS = 32
+NO_COOKIE = "no cookie: open the address with the token that was printed at the start"
+"""Reason to refuse a client without a cookie. Of plain requests it is not logged, because browsers ask for icons."""
 LAST_WORDS = 0.5
 """Time (s) before the end for sending the last messages to the pages."""
 
@@ -55,7 +57,7 @@ class Guard:
         headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
         refusal = self._find_refusal(scope, headers)
         if refusal:
-            if scope["type"] == "websocket" or "host" in refusal:
+            if scope["type"] == "websocket" or refusal != NO_COOKIE:
                 self._note(f"console: refused: {refusal}")
             await self._refuse(scope, receive, send, refusal)
             return
@@ -70,7 +72,7 @@ class Guard:
             return f"a request from the origin {headers.get('origin', '')[:80]!r}"
         is_entrance = scope["type"] == "http" and scope["path"] == "/" and scope["query_string"].startswith(b"token=")
         if not is_entrance and self._access.role(headers) is None:
-            return "no cookie: open the address with the token that was printed at the start"
+            return NO_COOKIE
         return ""
 
     async def _refuse(self, scope: Scope, receive: Receive, send: Send, why: str) -> None:
