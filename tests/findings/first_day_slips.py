@@ -76,7 +76,7 @@ SLIPS = {
         "demand=",
     ),
     "whole number as first state": Slip(
-        LAW, FIRST, "        return 0\n", "the state that step() returns has a fraction", "write 0.0 instead of 0"
+        LAW, FIRST, "        return 0\n", "the state that step() returns has a float", "write 0.0 instead of 0"
     ),
     "state changes its shape": Slip(
         LAW,
@@ -115,7 +115,7 @@ SLIPS = {
     ),
     "class instead of a law": Slip(LAW, "law=MyLaw())", "law=MyLaw)", "MyLaw is a class", "MyLaw(), with brackets"),
     "misspelt part": Slip(
-        LAW, "law=MyLaw())", "lw=MyLaw())", ":49: Autopilot.lw: there is no", "replace(autopilot, law"
+        LAW, "law=MyLaw())", "lw=MyLaw())", ":49: Autopilot.lw: the record has no", "replace(autopilot, law"
     ),
     "misspelt base": Slip(LAW, '"vessel/path"', '"vessel/pth"', ":48: scenario 'vessel/pth'", '"vessel/path"'),
     "dynamics returns nothing": Slip(
