@@ -16,7 +16,7 @@ LONGEST = {"my_boat": 130}
 
 
 @pytest.fixture
-def modules():
+def _no_traces():
     """Forget the modules that an example imports from its folder, and close its figures."""
     before = set(sys.modules)
     yield
@@ -26,7 +26,7 @@ def modules():
     plt.close("all")
 
 
-@pytest.mark.usefixtures("modules")
+@pytest.mark.usefixtures("_no_traces")
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda f: f.stem)
 def test_example_is_short_and_runs(file, tmp_path, monkeypatch):
     assert len(file.read_text(encoding="utf-8").splitlines()) < LONGEST.get(file.stem, 60)

@@ -78,6 +78,11 @@ def stop_commanding(peer, offset):
 def test_arms_drives_and_becomes_safe_when_the_commands_stop(peer):
     offset = peer.offset()
     assert peer.arm().get("result") == 0
+    peer.command(1.5e-3, 0.0, offset)
+    peer.listen(2.0)  # failsafe, at rest
+    assert peer.arm().get("result") != 0
+    peer.arm(False)  # a person confirms, and the board drives again
+    assert peer.arm().get("result") == 0
     came, after = stop_commanding(peer, offset)
     times, thrust = seen(after, "servo2_raw")
     assert thrust[0] > NEUTRAL
@@ -93,7 +98,7 @@ def test_arms_drives_and_becomes_safe_when_the_commands_stop(peer):
     assert set(seen(only(peer.listen(0.2)), "servo2_raw")[1]) == {NEUTRAL}
     refused = len(peer.heard)
     peer.arm()
-    peer.arm(False)  # a person confirms
+    peer.arm(False)
     peer.arm()
     peer.listen(0.3)
     texts = [m.get("text") for m in only(peer.heard[refused:]) if m.name == "STATUSTEXT"]

@@ -102,7 +102,7 @@ def print_truth(result: dict[str, Any], out: Path | None, never: str) -> None:
     if result["real"] is None and result.get("released_s", 0) is None:
         click.echo(never)
     elif result["real"] is None:
-        why = "its log has several files, is too large, or has no row of the flight"
+        why = "the log has several files, is too large, or has no row of the flight"
         click.echo(f"no metrics: {'no log was written' if out is None else why}")
     else:
         print_result(result, result["units"])

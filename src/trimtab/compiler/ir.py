@@ -142,7 +142,7 @@ class Builder:
         return self.known[1][key]
 
     def memoise(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return the value with this key from this block or an enclosing one. If there is no such value, make it."""
+        """Return the value with this key from this block or an enclosing one. Create the value if it is missing."""
         for table in reversed(self.known):
             if key in table:
                 return table[key]

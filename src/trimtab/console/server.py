@@ -37,7 +37,7 @@ TYPES = {
 }
 MOST_CLIENTS = 32
 NO_COOKIE = "no cookie: open the address with the token that was printed at the start"
-"""Reason to refuse a client without a cookie. Of plain requests it is not logged, because browsers ask for icons."""
+"""Reason to refuse a client without a cookie. For HTTP it is not logged: browsers request an icon by themselves."""
 LAST_WORDS = 0.5
 """Time (s) before the end for sending the last messages to the pages."""
 

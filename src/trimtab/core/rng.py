@@ -53,7 +53,7 @@ def split(key: Key, n: int) -> Key:
     return Key(a, b, key.stream)
 
 
-@functools.partial(jax.jit, inline=True)  # traced once for each shape: its operations take long to trace
+@functools.partial(jax.jit, inline=True)  # traced once for each shape: tracing takes long
 def threefry2x32(k0: Any, k1: Any, c0: Any, c1: Any) -> tuple[Any, Any]:
     """Return two random 32-bit words for a key (k0, k1) and a counter (c0, c1); all uint32, of any shape."""
     k0, k1, c0, c1 = (jnp.asarray(word, np.uint32) for word in (k0, k1, c0, c1))
