@@ -53,14 +53,17 @@ def test_a_flight_is_assessed_by_its_estimates_from_arming(tmp_path):
     assert missed["says"] == "not at rest: surge_velocity ends at 1.02, wanted 0 within 0.1"
 
 
-@pytest.mark.parametrize("released", [None, 0])
-def test_a_flight_without_the_targets_estimate_is_not_assessed(tmp_path, released):
+def test_a_flight_that_cannot_be_assessed_says_why(tmp_path):
     ticks = np.arange(0, 3) * seconds(1)
     file = write_mcap(Log(to_seconds(ticks), ticks, {"law.mode": np.zeros(3)}), tmp_path / "flight.mcap")
-    assert flight_summary.assess_estimate(file, released, [Target("truth.heading", 1.0, 0.1)]) is None
-    file.write_bytes(b"")
-    assert flight_summary.assess_estimate(file, released, [Target("truth.heading", 1.0, 0.1)]) is None
-    assert flight_summary.assess_estimate(None, released, [Target("truth.heading", 1.0, 0.1)]) is None
+    empty = tmp_path / "empty.mcap"
+    empty.touch()
+    target = Target("truth.heading", 1.0, 0.1)
+    assert flight_summary.assess_estimate(file, 0, [target]) == "the autopilot does not estimate heading"
+    assert flight_summary.assess_estimate(empty, 0, [target]) == "the log has no rows"
+    assert flight_summary.assess_estimate(None, 0, [target]) == "no log was written; to write one: --out DIR"
+    assert flight_summary.assess_estimate(file, None, [target]) == "the autopilot did not arm"
+    assert flight_summary.assess_estimate(file, 0, []) == "the scenario has no targets"
 
 
 def test_a_console_passes_on_what_its_vehicle_refused_with_that_fix_alone(tmp_path):

@@ -86,15 +86,25 @@ def browser():
 
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("console")
+    """A flight that no test steers."""
+    yield from start_flight(tmp_path_factory.mktemp("console"))
+
+
+@pytest.fixture
+def own_flight(tmp_path):
+    """A flight of one test alone. A repeated test gets a new flight."""
+    yield from start_flight(tmp_path)
+
+
+def start_flight(folder):
     started = Started(folder, "hovercraft/pilot", "--out", str(folder / "flown"))
     started.folder = folder
     yield started
     started.end()
 
 
-@pytest.fixture(scope="module")
-def page(browser, flight):
+@pytest.fixture
+def page(browser, own_flight):
     """A page with a gamepad that the test moves."""
     context = browser.new_context(viewport={"width": 1280, "height": 720}, color_scheme="dark")
     context.add_init_script(GAMEPAD)
@@ -105,7 +115,7 @@ def page(browser, flight):
     opened.on("console", lambda m: opened.problems.append(m.text) if m.type == "error" else None)
     opened.outside = []
     opened.on("request", lambda request: opened.outside.append(request.url))
-    opened.goto(flight.url)
+    opened.goto(own_flight.url)
     wait(opened, "trimtab.state.status && trimtab.source")
     yield opened
     context.close()
@@ -137,20 +147,29 @@ def test_without_the_token_there_is_no_page(flight):
             urllib.request.urlopen(address, timeout=10)
 
 
-def test_the_page_is_at_an_address_without_the_token_and_asks_nobody_outside(page, flight):
-    assert "token" not in page.url
-    host = flight.url.partition("/?")[0]
-    assert all(url.startswith((host, host.replace("http", "ws"))) for url in page.outside), page.outside
-
-
-def test_a_flight_from_arming_to_the_space_bar(page, flight):
-    """Arm, forward by the gamepad, another gain and its effect, a lost link and its alarm, stop."""
-    assert not page.evaluate("trimtab.state.status.armed")
+def arm(page):
     wait(page, "trimtab.state.status.requests.arm.allowed")
+    wait(page, "trimtab.state.status.checks.every((check) => check.ok)")
     page.click("[data-request=arm]")
     wait(page, "trimtab.state.status.armed")
-    page.keyboard.press("t")
+
+
+def take_stick(page):
+    """Press T. A page that was late for long lost the stick before."""
+    if page.evaluate("trimtab.state.status.pilot") != "you":
+        page.keyboard.press("t")
     wait(page, "trimtab.state.status.pilot === 'you'")
+
+
+def test_a_person_flies_stops_and_flies_again(page, own_flight):
+    """Arm, forward by the gamepad, another gain and its effect, a lost link and its alarm, stop, arm again.
+
+    The test ends the flight and reads in its log what was done.
+    """
+    assert "token" not in page.url
+    assert not page.evaluate("trimtab.state.status.armed")
+    arm(page)
+    take_stick(page)
     page.select_option("#stick-mode", "damped")
     page.evaluate("window.pad.axes[1] = -1")
     wait(page, f"{read(page, 'estimate.state.surge_velocity')} > 0.4")
@@ -165,10 +184,11 @@ def test_a_flight_from_arming_to_the_space_bar(page, flight):
     wait(page, f"{read(page, 'estimate.state.surge_velocity')} < 0.36")
     keep_picture(page, "tuned")
 
-    link = flight.find(r"--link (\S+)")
+    link = own_flight.find(r"--link (\S+)")
     words = ["inject", "hovercraft/pilot", "downlink off for 1500 ms", "--link", link, "--set", "navigation=ins"]
+    command = [sys.executable, "-m", "trimtab", *words]
     page.evaluate(KEEP_BANNERS)
-    subprocess.run([sys.executable, "-m", "trimtab", *words], env=flight.environment, check=True, capture_output=True)
+    subprocess.run(command, env=own_flight.environment, check=True, capture_output=True)
     wait(page, "window.banners.some(([level, text]) => level === 'alarm' && text.includes(' old, limit '))")
     keep_picture(page, "link-lost")
 
@@ -176,25 +196,27 @@ def test_a_flight_from_arming_to_the_space_bar(page, flight):
     wait(page, "!trimtab.state.status.armed")
     wait(page, f"{read(page, 'supervisor.mode')} === 5")
     page.evaluate("window.pad.axes[1] = 0")
-    assert page.problems == []
-
-
-def test_it_flies_again_after_a_stop(page):
     wait(page, "trimtab.state.status.requests.clear.allowed")
     page.click("[data-request=clear]")
-    wait(page, "trimtab.state.status.requests.arm.allowed")
-    wait(page, "trimtab.state.status.checks.length && trimtab.state.status.checks.every((check) => check.ok)")
-    page.click("[data-request=arm]")
-    wait(page, "trimtab.state.status.armed")
+    arm(page)
+    assert page.problems == []
+    host = own_flight.url.partition("/?")[0]
+    assert all(url.startswith((host, host.replace("http", "ws"))) for url in page.outside), page.outside
+
+    texts = end_and_read_events(own_flight)
+    for text in ("has the stick", "parameter autopilot.law.surge_range[0] = 0.3", "console: alarm", "stopped from the"):
+        assert text in texts, text
 
 
-def test_a_page_that_hangs_holds_and_stops(page):
-    """Its thread stands still for five seconds, as in a debugger: the dead man's rule is in the other process."""
-    assert page.evaluate("trimtab.state.status.pilot") == "you"  # since before the stop
+def test_a_page_that_hangs_holds_and_stops(page, own_flight):
+    """The page's thread stands still for five seconds, as in a debugger. The console's own process ends the flight."""
+    arm(page)
+    take_stick(page)
     page.evaluate("() => { const end = performance.now() + 5000; while (performance.now() < end); }")
     wait(page, "!trimtab.state.status.armed")
-    texts = page.locator("#events").all_inner_texts()
-    assert any("the flight is ended" in text for text in texts) or "ended" in page.content()
+    texts = end_and_read_events(own_flight)
+    end = texts.index("no data from the stick for 3 s: flight ended")
+    assert "supervisor: hold" in texts[:end], texts
 
 
 @pytest.mark.parametrize("theme", THEMES)
@@ -217,33 +239,29 @@ def test_nothing_is_cut_off_or_jumps(browser, flight, size, theme):
     context.close()
 
 
-def test_the_logs_say_what_was_done(flight):
+def end_and_read_events(flight):
+    """End a flight and return the texts of the events in its log."""
     from trimtab.logs.mcap import read_mcap
 
     flight.end()
     log = read_mcap(flight.folder / "flown" / "flight.mcap")
-    told = "\n".join(event["text"] for event in log.metadata["events"])
-    for text in ("has the stick", "parameter autopilot.law.surge_range[0] = 0.3", "console: alarm", "stopped from the"):
-        assert text in told, text
+    return "\n".join(event["text"] for event in log.metadata["events"])
 
 
-@pytest.fixture(scope="module")
-def recorded(flight):
-    logs = [flight.folder / "flown" / name for name in ("flight.mcap", "vehicle.mcap")]
-    started = Started(flight.folder, *map(str, logs))
-    yield started
-    started.end()
-
-
-def test_a_recorded_flight_plays(browser, recorded):
-    page = browser.new_page(viewport={"width": 1280, "height": 720})
-    page.goto(recorded.url)
-    wait(page, "trimtab.source && trimtab.source.rows.count > 100")
-    first = page.evaluate("trimtab.source.time")
-    page.keyboard.press("Space")
-    wait(page, f"trimtab.source.time > {first} + 1")
-    keep_picture(page, "recording")
-    page.close()
+def test_a_recorded_flight_plays(browser, page, own_flight):
+    arm(page)
+    wait(page, "trimtab.source.rows.count > 100")
+    own_flight.end()
+    logs = [own_flight.folder / "flown" / name for name in ("flight.mcap", "vehicle.mcap")]
+    recorded = Started(own_flight.folder, *map(str, logs))
+    with contextlib.closing(browser.new_page(viewport={"width": 1280, "height": 720})) as player:
+        player.goto(recorded.url)
+        wait(player, "trimtab.source && trimtab.source.rows.count > 100")
+        first = player.evaluate("trimtab.source.time")
+        player.keyboard.press("Space")
+        wait(player, f"trimtab.source.time > {first} + 1")
+        keep_picture(player, "recording")
+    recorded.end()
 
 
 def test_a_hypersonic_flight_is_drawn_from_the_side(browser, tmp_path):

@@ -67,11 +67,10 @@ def _read_flight_log(file: Path | None) -> Log | None:
     return read_own_log(file)
 
 
-def assess_estimate(file: Path | None, release: int | None, targets: Iterable[Target]) -> dict[str, Any] | None:
+def assess_estimate(file: Path | None, release: int | None, targets: Iterable[Target]) -> dict[str, Any] | str:
     """Assess a live flight by the autopilot's estimates, as `assess_targets` does by the truth.
 
-    None if the autopilot did not arm, if its log is missing or too large, or if it does not estimate the signal of a
-    target.
+    Return the verdict. If there is no verdict, return the reason in words.
 
     Args:
         file: log of the autopilot.
@@ -79,22 +78,29 @@ def assess_estimate(file: Path | None, release: int | None, targets: Iterable[Ta
         targets: the scenario's targets.
     """
     targets = tuple(targets)
+    if release is None:
+        return "the autopilot did not arm"
+    if not targets:
+        return "the scenario has no targets"
+    if file is None:
+        return "no log was written; to write one: --out DIR"
     try:
-        whole = None if release is None else _read_flight_log(file)
-    except InputError:  # a full disk may leave a log without rows, which the flight reports as a problem
-        return None
-    if whole is None or release is None:
-        return None
+        whole = _read_flight_log(file)
+    except InputError:  # a full disk may leave a log without rows
+        return "the log has no rows"
+    if whole is None:
+        return "the log is too large or consists of several files"
     flown = whole.ticks >= release
     signals, declared = {}, {}
     for path in (full_path(t.path) for t in targets):
         own = path if path in whole else f"estimate.state.{path.removeprefix('truth.')}"
         if own not in whole:
-            return None
+            return f"the autopilot does not estimate {path.removeprefix('truth.')}"
         signals[path], declared[path] = whole[own][flown], whole.declaration(own)
     ticks = whole.ticks[flown] - release
     declarations = {path: found for path, found in declared.items() if found is not None}
-    return assess_targets(Log(to_seconds(ticks), ticks, signals, declarations, whole.metadata), targets)
+    verdict = assess_targets(Log(to_seconds(ticks), ticks, signals, declarations, whole.metadata), targets)
+    return verdict or "the log ends before the autopilot armed"
 
 
 def print_truth(result: dict[str, Any], out: Path | None, never: str) -> None:

@@ -154,6 +154,7 @@ def command(
             result = _fly_lockstep(built, line, endpoint, seed, log, other=f"trimtab vehicle {scenario}")
             if not as_json:
                 click.echo(f"flew {to_seconds(built.duration):g} s of {built.name} in lockstep")
+                _print_verdict(result)
         else:
             typed = f"trimtab {shlex.join(current_machine().typed_words())}"
             with show_spinner(f"compiling {built.name}"):
@@ -190,7 +191,8 @@ def _fly_lockstep(
     is_whole = log is None or (written is not None and not written.dropped and not written.unwritten)
     problems = [] if is_whole else ["the log lacks rows"]
     log_facts = None if written is None else written._asdict()
-    return {"scenario": scenario.name, "armed": True, "log": log_facts, "problems": problems}
+    facts = {"scenario": scenario.name, "armed": True, "log": log_facts, "problems": problems}
+    return facts | _assess(log, 0, scenario)
 
 
 def _fly_real_time(
@@ -245,7 +247,7 @@ def _fly_real_time(
         "checks": autopilot.preflight.describe_checks(),
         "armed": flight.arming_time is not None,
         "armed_s": None if flight.arming_time is None else to_seconds(flight.arming_time),
-        "verdict": assess_estimate(log, flight.arming_time, autopilot.scenario.targets),
+        **_assess(log, flight.arming_time, autopilot.scenario),
         "real_time": flight.grant._asdict(),
         "deadlines": flight.deadlines.summary() | {"skipped": flight.skipped},
         "samples": autopilot.autopilot_end.counts.received,
@@ -259,11 +261,21 @@ def _fly_real_time(
     return result, str(flight.grant)
 
 
-def _print_flight(result: Mapping[str, Any], granted: str) -> None:
+def _assess(log: Path | None, release: int | None, scenario: Scenario) -> dict[str, Any]:
+    """Return the verdict on a flight by the autopilot's estimates, or None and the reason."""
+    found = assess_estimate(log, release, scenario.targets)
+    return {"verdict": None, "no_verdict": found} if isinstance(found, str) else {"verdict": found, "no_verdict": None}
+
+
+def _print_verdict(result: Mapping[str, Any]) -> None:
     if result["verdict"] is not None:
         click.echo(f"by the autopilot's estimate: {result['verdict']['says']}")
-    elif result["armed"] and result["log"] is None:
-        click.echo("no verdict on the targets: no log was written; to write one: --out DIR")
+    elif result["armed"]:
+        click.echo(f"no verdict on the targets: {result['no_verdict']}")
+
+
+def _print_flight(result: Mapping[str, Any], granted: str) -> None:
+    _print_verdict(result)
     _print_deadlines(result["deadlines"], granted)
     counts, log = result["wire"], result["log"]
     click.echo(f"frames: {counts['sent']} sent, {counts['accepted']} accepted, {counts['lost']} lost in transit")

@@ -33,6 +33,8 @@ from trimtab.sensors.navigation_errors import PlanarNavigation
 from trimtab.vehicles.vehicle_type import mav_type
 
 LINKS = ("uplink", "downlink")
+LINE_WIDTH = 130
+"""Maximum number of characters in a line of a scenario's summary."""
 if TYPE_CHECKING:  # a default of a type's parameter: Python 3.13
     from typing_extensions import TypeVar
 
@@ -75,8 +77,10 @@ class Scenario(Generic[V]):
     choices: Any = part("Arguments with which `scenarios.build` built the scenario, recorded in logs.", default=())
 
     def __repr__(self) -> str:
-        rows = [(what, textwrap.shorten(text, 100, placeholder=" …")) for what, text in summarise_scenario(self)]
+        rows = summarise_scenario(self)
         wide = max(len(what) for what, _ in rows)
+        width = min(100, LINE_WIDTH - wide - 4)
+        rows = [(what, textwrap.shorten(text, width, placeholder=" …")) for what, text in rows]
         lines = [f"Scenario {self.name}, {format_time(self.duration)}"]
         return "\n".join([*lines, *(f"  {what:<{wide}}  {text}" for what, text in rows), NOTE])
 

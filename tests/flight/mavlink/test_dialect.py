@@ -56,6 +56,14 @@ def test_fingerprint_tells_dialects_apart_and_does_not_change_between_runs(diale
     assert len(a.fingerprint) == 8
 
 
+def test_fingerprint_ignores_descriptions_and_covers_units(dialect):
+    described = dialect.text.replace("A speed;", "A fast speed;", 1)
+    measured = dialect.text.replace('"m/s"', '"cm/s"', 1)
+    assert described != dialect.text != measured
+    assert dialect._replace(text=described).fingerprint == dialect.fingerprint
+    assert dialect._replace(text=measured).fingerprint != dialect.fingerprint
+
+
 def test_sensors_whose_names_meet_get_messages_of_their_own():
     frame = Frame(t=np.int64(0), samples={n: sample(every()) for n in ("a-b", "a_b", "A b", "9")})
     made = derive_dialect(frame, Command(t=np.int64(0), valid=False, value=every()))

@@ -209,6 +209,8 @@ def test_listening_is_for_this_machine_unless_a_host_is_written(scheme):
     [
         ("/dev/ttyUSB0", "the address has no scheme"),
         ("", "the address has no scheme"),
+        ("udp:/127.0.0.1:14550", "'//' is missing after 'udp:'"),
+        ("serial:/dev/ttyUSB0", "'//' is missing after 'serial:'"),
         ("ftp://host", "unknown scheme 'ftp'"),
         ("udp://host", "is not HOST:PORT"),
         ("udp://host:0", "is not HOST:PORT"),

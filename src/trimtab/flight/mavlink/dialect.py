@@ -26,6 +26,8 @@ from trimtab.core.signals import Command, Frame
 from trimtab.flight.mavlink.authority import SESSION
 from trimtab.flight.mavlink.definitions import MAX_PAYLOAD, SIZES, MessageDefinition, read_definitions
 
+DESCRIPTION = re.compile(">[^<]*<")
+"""Text between two tags of the definitions."""
 FIRST_ID = 0x747400
 """First id of derived messages ("tt", then a byte), far from those of published dialects."""
 MOST_MESSAGES = 256
@@ -76,8 +78,11 @@ class Dialect(NamedTuple):
 
     @property
     def fingerprint(self) -> bytes:
-        """Hash of the dialect, eight bytes. Two ends compare their hashes before they trust each other's numbers."""
-        return hashlib.sha256(self.text.encode()).digest()[:8]
+        """Hash of the dialect, eight bytes. Two ends compare their hashes before they trust each other's numbers.
+
+        The hash covers names, types, units and order. It does not cover the descriptions.
+        """
+        return hashlib.sha256(DESCRIPTION.sub("><", self.text).encode()).digest()[:8]
 
 
 class _FieldPiece(NamedTuple):

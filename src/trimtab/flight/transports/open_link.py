@@ -20,6 +20,7 @@ EXAMPLES: Mapping[str, str] = MappingProxyType(
 )
 """Scheme of a transport -> example of an address."""
 
+COPY_EXAMPLE = "write an address like one of the choices"
 LOOPBACK_HOST = "127.0.0.1"
 
 
@@ -62,8 +63,7 @@ def parse_uri(uri: str) -> Address:
     """Parse an address. Raise InputError if the scheme is not one of EXAMPLES."""
     scheme, separator, _ = uri.partition("://")
     if not separator or scheme not in EXAMPLES:
-        problem = f"unknown scheme {scheme!r}" if separator else "the address has no scheme"
-        raise InputError(f"link {uri!r}", problem, choices=EXAMPLES.values(), fix="write an address like the choices")
+        raise InputError(f"link {uri!r}", _describe_scheme(uri), choices=EXAMPLES.values(), fix=COPY_EXAMPLE)
     try:
         parts = urlsplit(uri)
     except ValueError as error:
@@ -76,6 +76,15 @@ def parse_uri(uri: str) -> Address:
     if len(options) < len(pairs):
         raise bare.input_error("an option is given twice")
     return bare._replace(options=MappingProxyType(options))
+
+
+def _describe_scheme(uri: str) -> str:
+    """Describe the fault of an address that does not begin with one of the schemes and "://"."""
+    scheme, separator, _ = uri.partition("://")
+    if separator:
+        return f"unknown scheme {scheme!r}"
+    scheme = uri.partition(":")[0]
+    return f"'//' is missing after '{scheme}:'" if scheme in EXAMPLES else "the address has no scheme"
 
 
 def open_link(uri: str, *, listen: bool = False) -> Link:
