@@ -113,7 +113,7 @@ def test_wrong_input_is_refused():
     found = linearise(hovercraft())
     with pytest.raises(InputError, match="unknown name 'pitch'"):
         found.part(states=("pitch",))
-    with pytest.raises(InputError, match=r"scaled\.inputs"):
+    with pytest.raises(InputError, match=r"rescale\.inputs"):
         found.rescale(np.ones(6), inputs=[1.0, 0.0])
     with pytest.raises(InputError, match="not finite for b"):
         linearise(model_of_functions(lambda x, u: jnp.stack([x[1], jnp.sqrt(x[0])]), ("a", "b"), ("u",)))

@@ -142,7 +142,7 @@ class LinearModel(NamedTuple):
             s = np.ones(len(known)) if value is None else np.asarray(value, float)
             if s.shape != (len(known),) or not (np.isfinite(s) & (s > 0)).all():
                 problem = f"must be {len(known)} finite sizes above 0, got {s}"
-                raise InputError(f"linear.scaled.{what}", problem, fix="give one size for each name")
+                raise InputError(f"rescale.{what}", problem, fix="give one size for each name")
             sizes.append(s)
         a, b, c = sizes
         A, B = self.A * a / a[:, None], self.B * b / a[:, None]

@@ -205,6 +205,9 @@ def test_one_unit_on_a_lever_is_as_honest_as_at_the_centre(scenario):
 
 
 def test_parts_that_do_not_fit_are_refused():
+    three = RangingPosition(units=np.vstack([PAIR, PAIR[:1] + 0.1]))
+    with pytest.raises(InputError, match="number of ultrasonic units must be 1 or 2, got 3"):
+        UltrasonicInertial(positioning=three).check()
     with pytest.raises(InputError, match="one ultrasonic unit and no magnetometer"):
         UltrasonicInertial(positioning=RangingPosition()).check()
     one = UltrasonicInertial(positioning=RangingPosition(), inertial=AidedInertialCoupled())

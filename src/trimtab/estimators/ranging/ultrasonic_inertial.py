@@ -120,11 +120,16 @@ class UltrasonicInertial:
         return (self.inertial.intake.imu, self.positioning.sensor, *extra)
 
     def check(self) -> None:
-        """Raise InputError if the INS reads headings but none are measured, if it reads no positions, or if its lever
-        arm is wrong."""
+        """Raise InputError if the number of units is not 1 or 2, if the INS reads headings but none are measured, if it
+        reads no positions, or if its lever arm is wrong."""
         self.positioning.check()
         self.inertial.check()
         units = np.shape(self.positioning.units)[0]
+        if units not in (1, 2):
+            fix = "set positioning.units to the rows of one or two units, or use another estimator for ranges"
+            raise InputError(
+                "UltrasonicInertial", f"the number of ultrasonic units must be 1 or 2, got {units}", fix=fix
+            )
         if self.inertial.intake.heading and not self.magnetometer and units < 2:
             problem = "the INS reads headings, but there is only one ultrasonic unit and no magnetometer"
             fix = "add a unit, name a magnetometer, or use AidedInertialCoupled with intake.heading empty"
