@@ -84,9 +84,9 @@ def browser():
         started.close()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="class")
 def flight(tmp_path_factory):
-    """A flight that no test steers."""
+    """A flight that no test steers. It ends with the class, because two flights at once would starve each other."""
     yield from start_flight(tmp_path_factory.mktemp("console"))
 
 
@@ -141,10 +141,30 @@ def keep_picture(page, name):
         page.screenshot(path=str(Path(folder) / f"{name}.png"))
 
 
-def test_without_the_token_there_is_no_page(flight):
-    for address in (flight.url.partition("?")[0], re.sub("token=.*", "token=guess", flight.url)):
-        with pytest.raises(urllib.error.HTTPError, match="403"):
-            urllib.request.urlopen(address, timeout=10)
+class TestFlightWithoutAPilot:
+    def test_without_the_token_there_is_no_page(self, flight):
+        for address in (flight.url.partition("?")[0], re.sub("token=.*", "token=guess", flight.url)):
+            with pytest.raises(urllib.error.HTTPError, match="403"):
+                urllib.request.urlopen(address, timeout=10)
+
+    @pytest.mark.parametrize("theme", THEMES)
+    @pytest.mark.parametrize("size", SIZES)
+    def test_nothing_is_cut_off_or_jumps(self, browser, flight, size, theme):
+        width, height = SIZES[size]
+        context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=theme)
+        page = context.new_page()
+        page.goto(flight.url)
+        wait(page, "trimtab.state.status && trimtab.source && trimtab.source.rows.count > 20")
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        stop = page.locator("#stop").bounding_box()
+        assert stop["y"] >= 0
+        assert stop["y"] + stop["height"] <= height
+        assert stop["x"] + stop["width"] <= width
+        assert min(stop["width"], stop["height"]) >= 60
+        time.sleep(1.0)
+        assert page.locator("#stop").bounding_box() == stop
+        keep_picture(page, f"{size}-{theme}")
+        context.close()
 
 
 def arm(page):
@@ -217,26 +237,6 @@ def test_a_page_that_hangs_holds_and_stops(page, own_flight):
     texts = end_and_read_events(own_flight)
     end = texts.index("no data from the stick for 3 s: flight ended")
     assert "supervisor: hold" in texts[:end], texts
-
-
-@pytest.mark.parametrize("theme", THEMES)
-@pytest.mark.parametrize("size", SIZES)
-def test_nothing_is_cut_off_or_jumps(browser, flight, size, theme):
-    width, height = SIZES[size]
-    context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=theme)
-    page = context.new_page()
-    page.goto(flight.url)
-    wait(page, "trimtab.state.status && trimtab.source && trimtab.source.rows.count > 20")
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-    stop = page.locator("#stop").bounding_box()
-    assert stop["y"] >= 0
-    assert stop["y"] + stop["height"] <= height
-    assert stop["x"] + stop["width"] <= width
-    assert min(stop["width"], stop["height"]) >= 60
-    time.sleep(1.0)
-    assert page.locator("#stop").bounding_box() == stop
-    keep_picture(page, f"{size}-{theme}")
-    context.close()
 
 
 def end_and_read_events(flight):
