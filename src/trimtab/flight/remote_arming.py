@@ -16,11 +16,11 @@ from trimtab.flight.station.standard_services import OWNED_COMMANDS
 ARM_PERIOD, DISARM_PERIOD = ms(500), ms(100)
 """Times after which an unanswered request to arm, and to disarm, is repeated."""
 COMMON_END = seconds(1)
-"""Longest time between the vehicle's own end and the end of the flight for which the vehicle's end counts as normal."""
+"""Grace period. If the vehicle ends its own run at most this long before the flight ends, this is no problem."""
 
 
 class RemoteArming:
-    """Arming state of the vehicle. Times `now` are this end's, in 100 ns."""
+    """Arming state of the vehicle. Times `now` are by the autopilot's clock, in 100 ns."""
 
     def __init__(
         self, endpoint: Endpoint, comparison: ScenarioComparison, confirms: bool, tell: Callable[[str], None]
@@ -31,7 +31,7 @@ class RemoteArming:
             endpoint: this end of the link.
             comparison: comparison of the scenarios, which must match while the vehicle is asked to arm.
             confirms: True if the user confirms that the vehicle may be armed again after a failsafe.
-            tell: receives the messages for the user and for the log.
+            tell: function that receives the messages for the user and for the log.
         """
         self._endpoint, self._comparison, self.confirms, self._tell = endpoint, comparison, confirms, tell
         self.armed = self.has_failed_safe = self.is_in_failsafe = False
@@ -69,7 +69,7 @@ class RemoteArming:
         self._request, self._next = 0.0, 0
 
     def due(self, now: int, system: int) -> list[bytes]:
-        """Return the request that is due now. system: number of the vehicle's system."""
+        """Return the packets of the request that is due now. system: MAVLink system id of the vehicle."""
         if self._request and not self.armed and self._comparison.count_differences():
             self._request = None  # settings changed after the request: the checks come first
         if self._request is None or now < self._next:
@@ -101,7 +101,7 @@ class RemoteArming:
         """Handle the vehicle's answer to a command. owner: session of the vehicle's owner; 0: none, or not reported."""
         if command in OWNED_COMMANDS:
             self._follow_owner(owner)
-        is_ours = owner in (0, self._endpoint.session)  # else the answer is for another end with the same number
+        is_ours = owner in (0, self._endpoint.session)  # else the answer is for another autopilot with the same id
         if command == CommandCode.ARM and is_accepted and is_ours and self._request is not None:
             self.armed = self.has_authority = bool(self._request)
             self._request = None
@@ -141,7 +141,7 @@ def pack_command(
 ) -> bytes:
     """Return the packet of a MAVLink command.
 
-    system: system that receives the command. first, others: parameters of the command.
+    system: id of the system that receives the command.  first, others: parameters of the command.
     """
     fields = {"command": command, "param1": first, "target_system": system, "target_component": 0}
     return endpoint.pack("COMMAND_LONG", fields | dict(others or {}))

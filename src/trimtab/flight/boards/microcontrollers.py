@@ -109,7 +109,7 @@ class HarnessOutput(NamedTuple):
 
 
 def missing_tools() -> list[str]:
-    """Return the missing ones of the Debian packages that ``emulate`` needs."""
+    """Return the names of the Debian packages that ``emulate`` needs and that are not installed."""
     missing = []
     if not shutil.which(PREFIX + "gcc"):
         missing += ["gcc-arm-none-eabi", "libnewlib-arm-none-eabi"]

@@ -1,4 +1,4 @@
-"""One end of a MAVLink 2 link: packs sent messages, parses and checks received ones.
+"""Endpoint of a MAVLink 2 link: it packs messages to send, and parses and checks received bytes.
 
     0xFD  length  incompat  compat  sequence  system  component  id (3)  payload  checksum (2)  [link stamp (6) tag (6)]
 
@@ -30,12 +30,12 @@ from trimtab.flight.mavlink.stamps import MOST_STREAMS, Refusal, Stamps
 
 @dataclasses.dataclass
 class FrameCounts:
-    """Counters since the end of the link was opened. They count frames unless another unit is stated."""
+    """Counters since this endpoint was opened. They count frames unless another unit is stated."""
 
     sent: int = 0
     accepted: int = 0
     lost: int = 0
-    """Lost frames, by the gaps in their senders' sequence numbers."""
+    """Lost frames, counted from the gaps in their senders' sequence numbers."""
     disordered: int = 0
     """Frames of senders whose sequence numbers jump, so that their losses are unknown."""
     checksum: int = 0
@@ -144,7 +144,8 @@ class Endpoint:
 
         Args:
             name: name of a message of the dialect.
-            values: fields by name, without missing ones; or all values in the order of the payload; or the payload.
+            values: fields by name, where missing fields get their default; or all values in the order of the payload;
+                or the payload.
 
         Numbers outside the range of their type are limited to it, and counted. An unknown message or field raises
         InputError.
@@ -169,13 +170,13 @@ class Endpoint:
         return self._make_frame(definition, payload.rstrip(b"\0") or b"\0", numbering)
 
     def repack(self, frame: bytes) -> bytes:
-        """Return a frame packed by this end with a number and a signature for another group of receivers."""
+        """Return a frame of this endpoint with a new sequence number and signature, for another group of receivers."""
         _, length, _, _, _, _, component, low, high = HEADER.unpack_from(frame)
         definition = self.dialect.by_id[low | high << 16]
         return self._make_frame(definition, frame[HEADER.size : HEADER.size + length], Numbering(component, True))
 
     def forward(self, message: Message) -> bytes:
-        """Return a frame with a message of another component of this system, for receivers without its frames."""
+        """Return a frame with a message of another component of this system, for receivers that did not get it."""
         definition = message.definition
         payload = definition.packing.pack(*message.values).rstrip(b"\0") or b"\0"
         return self._make_frame(definition, payload, Numbering(message.component, True))
@@ -199,12 +200,12 @@ class Endpoint:
         return digest.digest()[:6]
 
     def feed(self, data: bytes | None) -> list[Message]:
-        """Add received bytes. Return the messages that they complete and that are accepted, in order. Never raises."""
+        """Add received bytes. Return, in order, the accepted messages that are now complete. Raise no exceptions."""
         self.untimely, self.is_asked_by_stranger = [], False
         if not data:
             return []
         buffer, waiting, messages = self._rest + data, b"", []
-        if self._datagrams and self._rest and self._starts_frame(data):  # the sender is not that of the rest
+        if self._datagrams and self._rest and self._starts_frame(data):  # `data` does not continue the rest
             buffer, waiting = data, self._rest
         rest = self._read_frames(buffer, messages)
         if self._datagrams and rest and waiting:

@@ -1,4 +1,4 @@
-"""Keys with which two ends sign their packets: one file per vehicle, readable by its owner alone.
+"""Keys with which two ends sign their packets: one file per vehicle, which only its owner can read.
 
 A key file contains one line, a passphrase. The key is the SHA-256 of the passphrase. So a ground station computes the
 same key from that line, e.g. MAVProxy by `signing key LINE`.

@@ -1,4 +1,4 @@
-"""Number of lost frames of a sender, by gaps in its sequence numbers; no losses if the numbers are not in sequence.
+"""Number of lost frames of a sender, counted from the gaps in its sequence numbers.
 
 A large gap counts as a loss once CONFIRMING consecutive frames have arrived in order after the gap, each at most
 SMALL_GAP numbers after the previous one. If the numbers of a sender jump (at random, or because two programs have one
@@ -31,7 +31,7 @@ class SequenceGaps:
         self._late_run = self._late_start = self._late_last = self._late_gap = self._taken_back = 0
 
     def follow(self, sequence: int) -> tuple[int, int]:
-        """Take the sequence number of the next frame.
+        """Process the sequence number of the next frame.
 
         Return the change of the number of lost frames (-1 for a late frame), and the number of disordered frames.
         """

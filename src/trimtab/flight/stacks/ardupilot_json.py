@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 CHANNELS_OF: Mapping[int, int] = {18458: 16, 29569: 32}
-"""Magic number of a packet -> number of its channels."""
+"""Number of channels of a packet, by the packet's magic number."""
 MOST_CHANNELS = 32
 HEAD = struct.Struct("<HHI")
 COUNTS = 2**32

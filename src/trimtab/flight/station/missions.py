@@ -41,7 +41,7 @@ class MissionService:
     names: Collection[str] = (LIST_REQUEST, *RESULTS)
 
     def __init__(self, endpoint: Endpoint) -> None:
-        """endpoint: packs the answers."""
+        """endpoint: endpoint that packs the answers."""
         self._endpoint = endpoint
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:

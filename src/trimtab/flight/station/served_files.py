@@ -79,7 +79,7 @@ class ServedFiles:
         """Prepare to serve documents and logs.
 
         Args:
-            documents: name -> content.
+            documents: content of each document, by name.
             folder: folder of the logs; None: no logs.
             patience: longest wait for a listing (s).
         """
