@@ -24,7 +24,7 @@ LONGEST_UPLINK = 0xFFFF
 """Largest uplink delay that fits into two bytes, in units of 0.1 ms. It means a delay of 6.5535 s or more."""
 UP: Mapping[int, int] = {CLOCK_TIME: 4, CLOCK_PAIR: 8, STATUS: 17, SERVO: 4}
 DOWN: Mapping[int, int] = {CLOCK_TIME: 6, CLOCK_PAIR: 16, STATUS: 17, IMU: 23}
-"""Number of bytes that follow the id, for each direction."""
+"""Number of bytes that follow a message's id, by id, for each direction."""
 HELLO = struct.Struct("<B8sII")
 LOAD_UP, LOAD_DOWN = bytes((HEADER, SERVO, *bytes(4))), bytes((HEADER, IMU, *bytes(23)))
 

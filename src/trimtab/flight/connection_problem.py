@@ -11,7 +11,8 @@ from trimtab.flight.mavlink.stamps import MOST_LEAD, PER_SECOND
 from trimtab.flight.station.identity import SettingDifference
 
 VEHICLE_CLOCK, COMPUTER_CLOCK, STORED_CLOCK = "vehicle", "computer", "stored"
-"""Choices of the clock for signing: the vehicle's clock, this computer's clock, or one that starts at the stored time.
+"""Choices of the clock for signing: the vehicle's clock, this computer's clock, or a clock that continues from the
+stored time stamp.
 """
 
 
@@ -20,7 +21,7 @@ MOST_SHOWN = 8
 
 
 class ConnectionProblem(NamedTuple):
-    """Problem of a connection, and what to type."""
+    """Description of a connection problem, and the command that solves it."""
 
     problem: str
     fix: str

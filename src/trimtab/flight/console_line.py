@@ -31,7 +31,7 @@ class ShownSignal(NamedTuple):
 
 
 def list_shown(rows: FlightRows) -> list[ShownSignal]:
-    """Return the numbers that the page shows of a log row: scalars and short vectors, but no integer times."""
+    """Return the numbers of a log row that the console's page shows: scalars and short vectors, but no times."""
     shown, at = [], 0
     for path, shape, _, declared in rows.signals:
         size = int(np.prod(shape))

@@ -23,7 +23,7 @@ from trimtab.flight.station.streams import pack_text
 MOST_PACKETS = 64
 """Maximum number of packets handled in one period, so that a flood of packets cannot stop the loop."""
 SERVO_FRAME = ms(20)
-"""Shortest time between two sent commands: servos do not accept commands faster."""
+"""Shortest time between two sent commands. Servos do not accept commands more often."""
 
 
 class ControlLoop:
@@ -78,7 +78,7 @@ class ControlLoop:
             began = clock.monotonic_ns()
             parts.autopilot_end.step.step()
             stepped = clock.monotonic_ns()
-            if k % every == 0 and deadlines.remaining(k + every) > 0:  # else a newer command follows soon
+            if k % every == 0 and deadlines.remaining(k + every) > 0:  # otherwise a newer command follows soon
                 self._sender.send(t, ahead)
                 self._pilot.note_command()
             self._update_line(t, now)
@@ -124,7 +124,7 @@ class ControlLoop:
         self._parts.supervised.set_inputs(t)
 
     def _update_line(self, t: int, now: int) -> None:
-        """Prepare arming, report news of the flight, and send the packets that are due."""
+        """Prepare arming, report events of the flight, and send the packets that are due."""
         remote, link = self._parts.remote, self._parts.link
         if remote.arming.has_authority:
             self.arming_time = t if self.arming_time is None else self.arming_time

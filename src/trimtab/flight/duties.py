@@ -158,7 +158,7 @@ class Duties:
 
 
 def _input_slots(step: CompiledBlock) -> dict[str, Any]:
-    """Return path -> slot for the inputs of a block, without the prefix "input."."""
+    """Return the slot of each input of a block, by path without the prefix "input."."""
     return {path.removeprefix("input."): at for path, at in step.reads.items()}
 
 
@@ -173,7 +173,7 @@ class FlightRequests:
     """Forwarder of requests from ground stations to the autopilot. Times are by the vehicle's clock, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, tell: Callable[[str], None]) -> None:
-        """tell: receives the messages for the user."""
+        """tell: function that receives the messages for the user."""
         self._endpoint, self._tell = endpoint, tell
         self._heartbeat_time: int | None = None
         self._autopilot, self._mode = 0, 0

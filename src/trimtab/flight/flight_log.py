@@ -24,7 +24,7 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.program import describe_scenario
 
 FRAMES = {"vehicle": "vehicle", "autopilot": "estimate"}
-"""Side of the link -> name of the coordinate frame that moves with the vehicle, in the log of that side."""
+"""Name of the coordinate frame that moves with the vehicle, in the log of each side of the link."""
 ROWS = 16384
 """Number of rows in the ring buffer, which bridges the time for which a disk delays the writer."""
 WRITER_DIED = f"the log's writer died, or wrote nothing for {END_S:g} s; the rows written before are kept"
@@ -66,7 +66,7 @@ class FlightRows:
 
         Args:
             sources: vectors whose numbers go into each row.
-            own: path -> (type, declaration) of the numbers that the caller passes with each row.
+            own: type and declaration of each number that the caller passes with a row, by path.
         """
         self.signals: list[Signal] = []
         self._picks: list[tuple[Any, Any, slice]] = []
@@ -288,7 +288,7 @@ def open_flight_log(
     Args:
         path: file of the log.
         sources: vectors whose numbers go into each row.
-        own: path -> (type, declaration) of the numbers that the caller passes with each row.
+        own: type and declaration of each number that the caller passes with a row, by path.
         scenario: the scenario that is flown.
         side: "autopilot" or "vehicle".
         seed: seed of the random numbers.

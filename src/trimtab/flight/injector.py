@@ -37,7 +37,7 @@ def add_idle_faults(scenario: Scenario) -> Scenario:
 
 
 class FaultPlan(NamedTuple):
-    """Parameters to set for a fault. values: parameter name -> value, in the order of sending."""
+    """Parameters to set for a fault. values: value of each parameter, by name, in the order of sending."""
 
     fault: Fault
     values: dict[str, float]

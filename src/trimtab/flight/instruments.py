@@ -145,7 +145,7 @@ class Instruments:
 
 
 class SensorSlots(NamedTuple):
-    """Slots of a sensor's newest sample in a world's outputs. at: quantity -> slot of the quantity."""
+    """Slots of a sensor's newest sample in a world's outputs. at: slot of each measured quantity, by name."""
 
     name: str
     at: Mapping[str, Any]

@@ -20,7 +20,7 @@ SWITCH = 4
 """Index of the mode switch, the pilot's fifth channel: above 1.5 ms the sticks are obeyed."""
 RADIO_TIMEOUT = ms(500)
 WIDEST_RANGE = 1e30
-"""Range (high - low) from which on a number of a command counts as unlimited. Sticks cannot set such a command."""
+"""Smallest range (high - low) at which a command's number counts as unlimited. Sticks cannot set such a command."""
 LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
 
 

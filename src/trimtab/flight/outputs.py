@@ -175,7 +175,7 @@ class Outputs:
         if content == self._content and now - self._stamp < HEARTBEAT:
             return 0
         self._content, self._stamp = content, now
-        if now - self._looked >= LIFE_TIMEOUT / 2:  # this process stood still, or the whole machine did
+        if now - self._looked >= LIFE_TIMEOUT / 2:  # this process or the whole machine stood still
             self._echo = now
         self._looked = now
         silence = 0

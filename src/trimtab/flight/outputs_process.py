@@ -87,7 +87,7 @@ class OutputsLoop:
             line: connection to the vehicle.
             orders: settings from the vehicle.
             clock: clock of this process.
-            find_cause: returns the reason why no row arrives although the connection is open.
+            find_cause: function that returns the reason why no row arrives although the connection is open.
             port: port for the driver; None: no driver.
             tells: functions that pass each message to the log and the user. They must not block.
         """

@@ -1,4 +1,4 @@
-"""Parameters that are kept for the next start of a program, in a file. It is written only if a ground station asks so.
+"""File of parameters for the next start of a program, written only if a ground station requests it.
 
     {"scenario": "hovercraft/forward", "parameters": {"world.vehicle.mass": 2.8}}
 

@@ -40,7 +40,7 @@ class NoPilot:
         """Do nothing: there is no pilot."""
 
     def decide_arming(self, may_arm: bool) -> bool:
-        """Return whether to arm: as soon as all checks pass."""
+        """Return True if all checks pass. Without a pilot, the vehicle is then armed."""
         return may_arm
 
     def note_command(self) -> None:
@@ -67,7 +67,7 @@ class Piloting:
         report: Callable[[str], None],
         clock: Clock = SYSTEM_CLOCK,
     ) -> None:
-        """report: receives the messages for the user and for the log.  clock: clock of this process."""
+        """report: function that receives the messages for the user and for the log.  clock: clock of this process."""
         self._clock = clock
         self._line, self._stick, self._supervised, self._parameters = line, stick, supervised, parameters
         self._remote, self._preflight, self._report = remote, preflight, report

@@ -160,7 +160,7 @@ class ArmingGuard:
         is_new, self._is_failsafe = mode == MODES[FAILSAFE] and not self._is_failsafe, mode == MODES[FAILSAFE]
         if is_new:
             self._has_failed_safe, self._is_confirmed = True, False
-            self._next = t  # a request to arm in the next moment must not see old checks
+            self._next = t  # a request to arm that comes now must not be judged by old checks
         elif mode == MODES[COMPUTER] and self._has_failed_safe:
             self._has_failed_safe = False
         for watch in self._sensors.values():
@@ -174,7 +174,7 @@ class ArmingGuard:
             self.checks = self._make_checks(t)
 
     def confirm(self) -> None:
-        """Record that the user has disarmed the vehicle since the failsafe."""
+        """Record that the user has disarmed the vehicle after the failsafe."""
         self._is_confirmed = True
 
     @property
@@ -246,7 +246,7 @@ class ArmingGuard:
 
 
 def _list_sensors(body: VirtualVehicle) -> dict[str, _SensorWatch]:
-    """Return a watch for each sensor, except scripts of a pilot and sensors with FEELS = "state"."""
+    """Return a watch for each sensor, by name, except for a pilot's scripts and for sensors with FEELS = "state"."""
     sensors = {}
     for name, sensor in body.scenario.world.sensors.items():
         while isinstance(sensor, FaultyPart):

@@ -1,4 +1,4 @@
-"""Checks of `fly` before it asks a vehicle to arm. If a check can still pass, `fly` waits, otherwise it gives up.
+"""Checks of `fly` before it asks a vehicle to arm. `fly` waits for checks that can still pass, else it gives up.
 
 This module checks the estimate. The vehicle checks its own state, and checks it again when it is asked to arm. All
 results are shown, and logged, in one table.
@@ -66,7 +66,7 @@ class Preflight:
         if self._began is None:
             self._began = now
         self._loss.follow(now)
-        self._remote.wants_checks = not self._remote.arming.is_asking  # two requests could overtake one another
+        self._remote.wants_checks = not self._remote.arming.is_asking  # two requests at once could overtake one another
         if self._remote.arming.is_asking and now - self._began >= PATIENCE:
             self.refusal = "arming refused by the vehicle, or no answer; see the vehicle's messages"
         if self._remote.arming.is_asking or now < self._next:
@@ -110,7 +110,7 @@ class Preflight:
 
     @property
     def table(self) -> str:
-        """Table of all checks, aligned, one line each."""
+        """Text table of all checks, one line per check."""
         rows = [("", "check", "value", "limit", "")]
         for k, c in enumerate(self.checks):
             verdict = "ok" if c.passes else "confirmed" if self._is_confirmed(c) else "REFUSED"

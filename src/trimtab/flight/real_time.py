@@ -119,13 +119,13 @@ class Histogram:
         return [0.0, *(2**k * 1e-9 for k in range(first, last + 1))], counts
 
     def summary(self) -> TimeSummary:
-        """Return count, median and tails."""
+        """Return the number of times, their median and high quantiles, and the longest time."""
         tails = [self.quantile(share) for share in (0.5, 0.99, 0.999)]
         return TimeSummary(sum(self.counts), tails[0], tails[1], tails[2], self.longest * 1e-9)
 
 
 def bucket_end(bucket: int) -> int:
-    """Return the longest time (ns) of a bucket."""
+    """Return the longest time (ns) that is counted in a bucket."""
     shift = max((bucket >> SUB_BUCKET_BITS) - 1, 0)
     return ((bucket - (shift << SUB_BUCKET_BITS) + 1) << shift) - 1
 

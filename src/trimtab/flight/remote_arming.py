@@ -14,9 +14,9 @@ from trimtab.flight.station.arming import CONFIRMATION
 from trimtab.flight.station.standard_services import OWNED_COMMANDS
 
 ARM_PERIOD, DISARM_PERIOD = ms(500), ms(100)
-"""Times after which an unanswered request to arm, and to disarm, is repeated."""
+"""Time after which an unanswered request is repeated: a request to arm, a request to disarm."""
 COMMON_END = seconds(1)
-"""Grace period. If the vehicle ends its own run at most this long before the flight ends, this is no problem."""
+"""Grace period. If the vehicle ends its own run at most this long before the flight ends, the end counts as normal."""
 
 
 class RemoteArming:
@@ -71,7 +71,7 @@ class RemoteArming:
     def due(self, now: int, system: int) -> list[bytes]:
         """Return the packets of the request that is due now. system: MAVLink system id of the vehicle."""
         if self._request and not self.armed and self._comparison.count_differences():
-            self._request = None  # settings changed after the request: the checks come first
+            self._request = None  # settings have changed since the request, so they must be checked first
         if self._request is None or now < self._next:
             return []
         self._next = now + (ARM_PERIOD if self._request else DISARM_PERIOD)
@@ -106,7 +106,7 @@ class RemoteArming:
             self.armed = self.has_authority = bool(self._request)
             self._request = None
         elif command == CommandCode.ARM and not is_ours and self._request == 0.0:
-            self._request = None  # the owner, another autopilot, ends its own flight
+            self._request = None  # another autopilot owns the vehicle, and ends its own flight
 
     def _follow_owner(self, owner: int) -> None:
         """Store the owner of the vehicle. Give up authority if the owner is another autopilot."""
@@ -116,7 +116,7 @@ class RemoteArming:
             self._tell(f"the vehicle belongs to another autopilot now, session {owner:06x}")
         elif owner == self._endpoint.session:
             self._takes_over = False
-            if self._request:  # the broadcast owner replaces a lost acknowledgement
+            if self._request:  # the announced owner replaces a lost acknowledgement
                 self.armed = self.has_authority = True
                 self._request = None
 

@@ -1,4 +1,4 @@
-"""Network in virtual time: datagrams are delayed, lost, doubled and reordered at random, all from one seed.
+"""Network in virtual time: datagrams are delayed, lost, duplicated and reordered at random, all from one seed.
 
 Source: docs page, Testing.
 """

@@ -1,7 +1,7 @@
 """firmware: write the vehicle's end of the distributed autopilot as C for a microcontroller, with an emulated world.
 
 The portable C is in the folder `firmware` of this package. It has two drives: a drive with a regulated fan, and a drive
-for outputs that follow the command by tables. The files written here depend on the scenario: the exported world and
+that converts the command to pulses by tables. The files written here depend on the scenario: the exported world and
 failsafe, the tables or the fan's regulator and motor, the messages of the dialect, and the key.
 """
 
@@ -139,7 +139,7 @@ def write_firmware(
         raise InputError(
             argument_name("out"),
             problem,
-            fix=f"{argument_name('out')} with a folder of yours, e.g. {argument('out', 'firmware')}",
+            fix=f"{argument_name('out')} with a folder that you can write, e.g. {argument('out', 'firmware')}",
         ) from None
     return FirmwareFolder(folder, files, dialect, outputs)
 
@@ -179,8 +179,9 @@ def identity_source(identity: Mapping[str, str], mav_type: int) -> str:
 
 
 def replace_hardware(scenario: Scenario) -> Scenario:
-    """Return the scenario with a world for emulated hardware. Wires replace its links, and the firmware makes the servo
-    frames.
+    """Return the scenario with a world for emulated hardware.
+
+    Ideal links (`Wire`) replace the scenario's links, and the firmware makes the servo frames.
     """
     scenario.check()
     scenario, actuators = replace_links(scenario), scenario.world.actuators

@@ -205,7 +205,7 @@ class Endpoint:
         if not data:
             return []
         buffer, waiting, messages = self._rest + data, b"", []
-        if self._datagrams and self._rest and self._starts_frame(data):  # `data` does not continue the rest
+        if self._datagrams and self._rest and self._starts_frame(data):  # `data` does not continue the incomplete frame
             buffer, waiting = data, self._rest
         rest = self._read_frames(buffer, messages)
         if self._datagrams and rest and waiting:
@@ -305,7 +305,7 @@ class Endpoint:
         self.is_asked_by_stranger |= name == "TIMESYNC" and system == self.system
 
     def _skip_unknown(self, buffer: bytes, at: int, size: int, flags: int) -> int:
-        """Skip an unknown message if it is signed or another frame follows: its checksum cannot be computed."""
+        """Skip an unknown message, whose checksum cannot be computed, if it is signed or another frame follows."""
         if self._keyed and flags:
             frame = buffer[at : at + size]
             whole = hmac.compare_digest(self._signature_tag(frame[:-6]), frame[-6:])
@@ -360,15 +360,16 @@ class Endpoint:
 def checksum(data: bytes, extra: int) -> bytes:
     """Return the two bytes that end a frame: CRC-16/MCRF4XX of all bytes after the first, and of CRC_EXTRA.
 
-    extra: CRC_EXTRA of the message, 0 to 255. Because of it, a message with a different definition is refused.
+    extra: CRC_EXTRA of the message, 0 to 255. A receiver with a different definition has another value, so it refuses
+    the frame.
     """
     return mcrf4xx(data + bytes((extra,))).to_bytes(2, "little")
 
 
 def _open_stamps(key: SigningKey, name: str, clock: Callable[[], float] | None, is_reset: bool) -> Stamps:
-    """Return the time stamps of an end.
+    """Return the time stamps of an endpoint.
 
-    name: part of the name of the stored file, which lies beside the key; it differs from those of other ends.
+    name: part of the name of the file in which the stamp is stored, next to the key. Each endpoint has its own name.
     """
     store = None if key.path is None else key.path.with_name(f"{key.path.name}.{name}.time")
     return Stamps(store, clock, is_reset=is_reset)

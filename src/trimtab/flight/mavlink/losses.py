@@ -12,13 +12,13 @@ CONFIRMING = 6
 SMALL_GAP = 32
 """Largest gap that counts as small.
 
-A random number is this close to the previous number once in 8 cases, and 6 times in a row once in 200 000.
+A random number follows the previous one with such a gap in 1 of 8 cases, and 6 times in a row in 1 of 200 000 cases.
 """
 MOST_JUMPS = 3
 """Number of unconfirmed jumps after which the pending gaps no longer count as possible losses."""
 NUMBERS = 256
 FIRST_NUMBERS = 4
-"""Frame numbers below this are the first of a restarted program. A real large gap ends there once in 64 cases."""
+"""Limit below which a number after a large jump shows a restart. A real large gap ends below it in 1 of 64 cases."""
 
 
 class SequenceGaps:

@@ -99,7 +99,7 @@ class Stamps:
         """Start above the stored stamp and above the current time. store: file of the stamp; None: nothing is stored.
         The file stays locked until close().
 
-        is_reset: start with the current time and ignore the stored stamp, e.g. after a wrong clock stored a late one.
+        is_reset: start with the current time and ignore the stored stamp, e.g. if a wrong clock stored a future stamp.
         """
         self._clock, self._shift = clock or running_clock(), 0
         self._file = None if store is None else _open_store(store)
@@ -204,7 +204,7 @@ class Stamps:
             os.fsync(self._file)
         except OSError:
             self.unsaved += 1
-            ceiling = self.last + PER_SECOND  # try again in a second
+            ceiling = self.last + PER_SECOND  # try to store again in a second
         self._ceiling = ceiling
 
 
@@ -215,7 +215,7 @@ def _open_store(store: Path) -> int:
         file = os.open(store, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
     except OSError as error:
         problem = f"cannot be written: {error.strerror or error}"
-        raise InputError(where, problem, fix="keep the key file in a folder of yours") from None
+        raise InputError(where, problem, fix="keep the key file in a folder that you can write") from None
     try:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

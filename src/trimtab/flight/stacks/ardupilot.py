@@ -34,10 +34,10 @@ OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
         "?",
         Quantity("1", "The vehicle is held in place until its servo pulses leave their rest position.", kind="flag"),
     ),
-    "ardupilot.frame": ("i8", Quantity("1", "Number of the ArduPilot frame in force.", kind="count")),
+    "ardupilot.frame": ("i8", Quantity("1", "Number of ArduPilot's newest frame.", kind="count")),
     "ardupilot.missed": ("i8", Quantity("1", "Frames missed so far, by gaps in the numbers.", kind="count")),
     "ardupilot.repeated": ("i8", Quantity("1", "Repeated frames so far.", kind="count")),
-    "ardupilot.refused": ("i8", Quantity("1", "Packets refused so far: invalid, or of another sender.", kind="count")),
+    "ardupilot.refused": ("i8", Quantity("1", "Packets refused so far: invalid or from another sender.", kind="count")),
 }
 """Signals of the log in addition to the signals of the world."""
 

@@ -35,7 +35,7 @@ class PulsePacket(NamedTuple):
 
 
 class PhysicsState(NamedTuple):
-    """Motion of the vehicle as sent to ArduPilot.
+    """Motion of the vehicle, for ArduPilot or PX4.
 
     Position and velocity are in W, attitude is roll, pitch, yaw (rad), other vectors are in B; SI units.
     """

@@ -16,7 +16,7 @@ MOST_TOLD = 100
 
 
 class PhysicsSummary(NamedTuple):
-    """Result of all flights. t, release_time (None: never released), log and file are those of the last flight.
+    """Result of all flights. t, release_time (None: never released), log and file belong to the last flight.
 
     tally: a dataclass that counts the received packets.
     """

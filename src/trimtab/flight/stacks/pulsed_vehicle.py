@@ -184,5 +184,5 @@ def _read_table(o: PulseOutput) -> tuple[Any, Any]:
 
 
 def _slot(o: PulseOutput, reads: Mapping[str, Any], size: int) -> int:
-    """Return the index of an output's number in the inputs of a world."""
+    """Return the index, in the inputs of a world, of the number that an output sets."""
     return int(np.atleast_1d(np.arange(size)[reads[f"command.value.{o.path}"]])[o.slot or 0])

@@ -229,7 +229,10 @@ class ParameterService:
         return [] if index is None else [self.value(index)]
 
     def change_value(self, message: Message) -> tuple[list[bytes], list[ParameterChange], str]:
-        """Handle a PARAM_SET. Return packet of the value in force, change if any, and reason for a refusal or ""."""
+        """Handle a PARAM_SET message.
+
+        Return the packet of the value in force, the changes (at most one), and the reason for a refusal, or "".
+        """
         name = message.get("param_id")
         if name == HASH:  # the station has all values
             self._listing.clear()

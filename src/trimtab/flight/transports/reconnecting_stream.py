@@ -44,7 +44,7 @@ class Dialer(Protocol):
     def exchange(self, fd: int) -> int:
         """Return the connection of another peer that has sent data; -1 without such a peer.
 
-        The given connection then waits.
+        If there is such a peer, the given connection waits from then on.
         """
         ...
 
