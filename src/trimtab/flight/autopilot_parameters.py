@@ -87,7 +87,7 @@ class AutopilotParameters:
         self._texts, self._storage = TextQueue(endpoint), 0
 
     def handle_message(self, message: Message) -> bool:
-        """Handle a request about parameters. Return True if the message is a request addressed to this end."""
+        """Handle a request about parameters. Return True if the message is such a request to the autopilot."""
         own = self._endpoint.system, self._endpoint.component
         if message.name not in REQUESTS or (message.get("target_system"), message.get("target_component")) != own:
             return False

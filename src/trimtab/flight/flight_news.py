@@ -12,7 +12,7 @@ class FlightNews:
     """Reporter of changes during a flight. Each change is reported once."""
 
     def __init__(self, parts: AutopilotParts, silence: SilenceWatch) -> None:
-        """Start before the first report. silence: detector of missing data from the vehicle."""
+        """Start without reports. silence: detector of missing data from the vehicle."""
         self._parts, self._silence = parts, silence
         self._backward_sensors: list[str] = []
 

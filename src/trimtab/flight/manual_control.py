@@ -31,7 +31,7 @@ class ManualControl:
     """
 
     def __init__(self, failsafe: Failsafe, inputs: Any, slots: Mapping[str, Any]) -> None:
-        """Start before the first data of a pilot.
+        """Start without data from a pilot.
 
         Args:
             failsafe: failsafe of the vehicle. Its limits of a command are the values at full deflection of the sticks.

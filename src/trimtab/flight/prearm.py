@@ -130,7 +130,7 @@ class ArmingGuard:
         radio_silence: Callable[[int], int | None],
         disk: Disk = SYSTEM_DISK,
     ) -> None:
-        """Start before the first run of the checks.
+        """Start without results of checks.
 
         body: vehicle with the sensors.  limits: fence, envelope, and the limits that define rest.
         failsafe: failsafe whose time-out is checked.  counts: frame counters of the vehicle's end.

@@ -43,7 +43,7 @@ class Preflight:
         counts: FrameCounts,
         disk: Disk = SYSTEM_DISK,
     ) -> None:
-        """Start before the first check. counts: frame counters of this end.  disk: disk of the log."""
+        """Start without results of checks. counts: frame counters of the autopilot's end.  disk: disk of the log."""
         self._end, self._remote, self._loss, self._disk = end, remote, FrameLoss(counts), disk
         supervisor = scenario.autopilot.supervisor
         self._stale_age = STALE_AGE if supervisor is None else float(supervisor.stale_age)

@@ -38,7 +38,7 @@ class RemoteVehicle:
         confirms: bool = False,
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Start before the first message of a vehicle.
+        """Start without a known vehicle.
 
         typed: command that the user typed; messages suggest it again with the missing options. identity, accepts: see
         `ScenarioComparison`. confirms: see `RemoteArming`.
@@ -63,7 +63,7 @@ class RemoteVehicle:
 
     @property
     def is_ready(self) -> bool:
-        """True if a vehicle answers, its clock is known, and its scenario matches this end's."""
+        """True if a vehicle answers, its clock is known, and its scenario matches the autopilot's."""
         return self.heartbeat_time is not None and self.clock.is_known and self.comparison.is_complete
 
     def find_problem(self, scenario: str) -> ConnectionProblem:

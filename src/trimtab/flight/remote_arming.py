@@ -1,4 +1,4 @@
-"""Arming state and owner of a vehicle, as seen from the autopilot's end, and this end's requests to arm and disarm.
+"""Arming state and owner of a vehicle, as known to the autopilot, and the autopilot's requests to arm and disarm.
 
 Source: docs pages, Fly and Vehicle (Authority); MAVLink's services heartbeat and command.
 """
@@ -28,26 +28,28 @@ class RemoteArming:
         """Start with a disarmed vehicle.
 
         Args:
-            endpoint: this end of the link.
+            endpoint: autopilot's end of the link.
             comparison: comparison of the scenarios, which must match while the vehicle is asked to arm.
             confirms: True if the user confirms that the vehicle may be armed again after a failsafe.
             tell: function that receives the messages for the user and for the log.
         """
         self._endpoint, self._comparison, self.confirms, self._tell = endpoint, comparison, confirms, tell
         self.armed = self.has_failed_safe = self.is_in_failsafe = False
-        """armed: the vehicle reports that it is armed.  has_failed_safe: it was in failsafe while this end owned it."""
+        """armed: the vehicle reports that it is armed.  has_failed_safe: the vehicle was in failsafe while it
+        belonged to this autopilot.
+        """
         self._end_time: int | None = None
         """Time at which the vehicle reported that it had disarmed because its own run ended."""
         self.owner = 0
         """Session of the autopilot that flies the vehicle, as last reported; 0: none, or not reported."""
         self.has_authority = self._takes_over = False
-        """has_authority: the vehicle accepts this end as its owner."""
+        """has_authority: the vehicle accepts this autopilot as its owner."""
         self._request: float | None = None
         self._next = 0
 
     @property
     def is_taken(self) -> bool:
-        """True if the vehicle belongs to another autopilot and this end has not asked to take it over."""
+        """True if the vehicle belongs to another autopilot and this autopilot has not asked to take it over."""
         return self.owner not in (0, self._endpoint.session) and not self._takes_over
 
     @property

@@ -27,7 +27,7 @@ class SampleClock:
 
         Args:
             sync: estimate of the vehicle's clock.
-            clock: clock of this end.
+            clock: clock of the autopilot's computer.
             reporter: receiver of the messages on rejected samples. They are reported only while a log is written.
         """
         self._sync, self._clock, self._reporter = sync, clock, reporter

@@ -1,4 +1,4 @@
-"""Comparison of the vehicle's scenario with this end's: messages and settings. Only one vehicle may answer.
+"""Comparison of the vehicle's scenario with the autopilot's: messages and settings. Only one vehicle may answer.
 
 Source: docs pages, Fly and Trust.
 """
@@ -17,9 +17,9 @@ ASK_PERIOD = ms(500)
 
 
 class ScenarioComparison:
-    """Comparison of the vehicle's scenario, as far as known, with this end's scenario.
+    """Comparison of the vehicle's scenario, as far as known, with the autopilot's scenario.
 
-    Times `now` are by this end's clock, in 100 ns.
+    Times `now` are by the autopilot's clock, in 100 ns.
     """
 
     def __init__(
@@ -30,10 +30,10 @@ class ScenarioComparison:
         tell: Callable[[str], None],
         remarks: list[str],
     ) -> None:
-        """Start before the first answer of the vehicle.
+        """Start without an answer of the vehicle.
 
         Args:
-            endpoint: this end of the link.
+            endpoint: autopilot's end of the link.
             identity: comparison of the settings; None: only messages are compared.
             accepts: paths of settings in which the two ends may differ; a path includes all settings below it.
             tell: function that receives the messages for the user and for the log.

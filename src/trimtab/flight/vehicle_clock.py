@@ -21,12 +21,12 @@ class VehicleClock:
     """Estimate of the vehicle's clock. Times `now` are by the autopilot's clock, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, tell: Callable[[str], None], remarks: list[str]) -> None:
-        """Start before the first answer of the vehicle.
+        """Start without an answer of the vehicle.
 
         Args:
-            endpoint: this end of the link.
+            endpoint: autopilot's end of the link.
             tell: function that receives the messages for the user and for the log.
-            remarks: list to which a remark is appended if this end follows the vehicle's clock.
+            remarks: list to which a remark is appended if the autopilot follows the vehicle's clock.
         """
         self._endpoint, self._tell, self._remarks = endpoint, tell, remarks
         self.sync = TimeSync()
@@ -40,7 +40,7 @@ class VehicleClock:
         return self._answers >= QUICK_ANSWERS and self.sync.shortest <= QUICK_ROUND_TRIP
 
     def offset(self, now: int) -> int:
-        """Return the vehicle's clock minus this end's clock (100 ns). The applied offset changes without jumps."""
+        """Return the vehicle's clock minus the autopilot's clock (100 ns). The applied offset changes without jumps."""
         return self.sync.to_remote(now) - now
 
     def due(self, now: int) -> list[bytes]:
@@ -64,7 +64,7 @@ class VehicleClock:
         return False
 
     def handle_untimely(self, untimely: Sequence[UntimelyMessage]) -> None:
-        """Record that the clocks differ if a frame rejected for its time stamp answers a time request of this end."""
+        """Record that the clocks differ if a frame rejected for its time stamp answers a pending time request."""
         for refused in untimely:
             message = refused.message
             if message.name == "TIMESYNC" and message.get("tc1") > 0 and self.sync.is_open(message.get("ts1")):

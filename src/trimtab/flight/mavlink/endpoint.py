@@ -41,21 +41,21 @@ class FrameCounts:
     checksum: int = 0
     """Frames with a wrong checksum: damaged, or from a sender with other definitions."""
     unknown: int = 0
-    """Frames with a message that is not in this end's dialect."""
+    """Frames with a message that is not in this endpoint's dialect."""
     unsigned: int = 0
     downgraded: int = 0
     """Frames of MAVLink 1, which cannot be signed."""
     unchecked: int = 0
-    """Signed frames that were accepted unchecked, since this end has no key."""
+    """Signed frames that were accepted unchecked, since this endpoint has no key."""
     wrong_signature: int = 0
     replayed: int = 0
     """Replayed frames with a valid signature."""
     stale: int = 0
-    """Frames with a valid signature whose time stamp is before this end's start, or over a minute old."""
+    """Frames with a valid signature whose time stamp is from before this endpoint's start, or over a minute old."""
     leading: int = 0
     """Frames with a valid signature whose time stamp is too far ahead."""
     reflected: int = 0
-    """This end's own frames, sent back to it."""
+    """Frames that this endpoint has sent itself and then received."""
     garbage: int = 0
     """Bytes outside frames."""
     clamped: int = 0
@@ -69,7 +69,10 @@ class FrameCounts:
 
 
 class UntimelyMessage(NamedTuple):
-    """Message with a valid signature, refused for its time stamp. lead: lead of the stamp over this end's clock (s)."""
+    """Message with a valid signature, refused for its time stamp.
+
+    stamp: its time stamp.  lead: lead of the time stamp over this endpoint's clock (s).
+    """
 
     message: Message
     stamp: int
@@ -99,14 +102,14 @@ MOST_FALSE_STARTS = 32
 
 
 class Endpoint:
-    """End of a link for one system and component. Not thread-safe.
+    """Endpoint of a link for one system and component. Not thread-safe.
 
     key: signs all sent packets; packets that are not signed with it are refused. Without a key, set `unsigned`: anyone
         with access to the link can then command the vehicle.
     datagrams: True if each `feed` is a whole packet, so that a new packet does not continue an incomplete frame.
     is_reset: start the time stamps with this computer's clock, and ignore the stored time stamp.
-    session: number that distinguishes this end from others of its system and component, and from this end before a
-        restart; None: a random number.
+    session: number that distinguishes this endpoint from others with the same system and component ids, and from itself
+        before a restart; None: a random number.
     """
 
     def __init__(
@@ -123,7 +126,7 @@ class Endpoint:
         is_reset: bool = False,
         session: int | None = None,
     ) -> None:
-        """Open one end. If the key is from a file, time stamps are stored beside that file until close()."""
+        """Open the endpoint. If the key is from a file, time stamps are stored next to that file until close()."""
         _check_arguments(system, component, link, key, unsigned)
         self.dialect, self.system, self.component, self.link = dialect, system, component, link
         self.session = draw_session() if session is None else session

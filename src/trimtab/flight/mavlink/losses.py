@@ -25,7 +25,7 @@ class SequenceGaps:
     """Counter of lost frames of one sender, from the sequence numbers."""
 
     def __init__(self) -> None:
-        """Start before the first frame."""
+        """Start without a received frame."""
         self._last: int | None = None
         self._gathered = self._in_order = self._jumps = self._lost = 0
         self._late_run = self._late_start = self._late_last = self._late_gap = self._taken_back = 0

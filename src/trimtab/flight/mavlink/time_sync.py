@@ -55,7 +55,7 @@ class TimeSync:
     """Estimate of the other end's clock. All times are integers of 100 ns."""
 
     def __init__(self) -> None:
-        """Start before the first exchange."""
+        """Start without any exchange."""
         self._asked: deque[int] = deque(maxlen=16)
         self._exchanges: deque[TimeSyncExchange] = deque(maxlen=EXCHANGES_MAX)
         self._line = OffsetLine(0, 0.0, 0.0)

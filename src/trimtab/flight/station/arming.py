@@ -110,7 +110,7 @@ class RemoteChecks:
     """
 
     def __init__(self) -> None:
-        """Start before the first answer of the vehicle."""
+        """Start without an answer of the vehicle."""
         self._checks: dict[int, tuple[ArmingCheck, int]] = {}
         self._count = self._asks = self._next = 0
         self.has_none = False

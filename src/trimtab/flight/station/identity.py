@@ -105,14 +105,14 @@ class IdentityComparison:
     """
 
     def __init__(self, endpoint: Endpoint, entries: Mapping[str, str]) -> None:
-        """entries: text of each setting of this end's identity, by path."""
+        """entries: text of each setting of the autopilot's identity, by path."""
         self._endpoint, self._entries = endpoint, dict(entries)
         self._digest = identity_digest(self._entries)
         self._lines: dict[int, bytes] = {}
         self._count, self._asks, self._next = 0, 0, 0
         self._theirs = self._known = b""
         self.is_known = False
-        """True while the vehicle's identity is known completely, or known to equal this end's identity."""
+        """True while the vehicle's identity is known completely, or known to equal the autopilot's identity."""
 
     @property
     def is_unanswered(self) -> bool:
