@@ -21,9 +21,9 @@ class Announcer:
         self._reporter.report(text)
 
     def notice(self, text: str) -> None:
-        """Announce an event as a line of severity NOTICE."""
+        """Announce an event with severity NOTICE."""
         self.announce(Severity.NOTICE, text)
 
     def warn(self, text: str) -> None:
-        """Announce a warning as a line of severity WARNING."""
+        """Announce a warning with severity WARNING."""
         self.announce(Severity.WARNING, text)

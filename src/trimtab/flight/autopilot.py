@@ -29,9 +29,9 @@ COUNT, HALT = "count", "halt"
 OVERRUN_POLICIES = (COUNT, HALT)
 """Policies for an overrun, that is, for a period whose work ends after the next deadline."""
 PATIENCE_FACTOR = 3
-"""Factor that lengthens the wait for a vehicle once a frame has been accepted."""
+"""Factor on the time to wait for a vehicle, applied once a frame from the vehicle has been accepted."""
 DISARM_TIMEOUT = seconds("0.5")
-"""Time to wait for the answer to a disarm request."""
+"""Longest time to wait for the answer to a disarm request (100 ns)."""
 
 
 class LiveAutopilot:
@@ -71,11 +71,11 @@ class LiveAutopilot:
         follows_clock: bool = False,
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Wait for the vehicle and for its clock. Raise InputError if no vehicle answers within `patience` seconds.
+        """Wait until the vehicle answers and its clock is known. Raise InputError after `patience` seconds.
 
-        Once a frame has been accepted, the patience is three times as long: the link may lose most heartbeats.
-        follows_clock: True to sign packets by the vehicle's clock if the two clocks differ by too much.
-        tell: receives the messages for the user. It must not wait.
+        Once a frame has been accepted, the limit is three times as long, because the link may lose most heartbeats.
+        follows_clock: True to sign packets with the vehicle's time if this computer's clock differs too much from it.
+        tell: function that receives the messages for the user. It must not block.
         """
         clock, remote = self._machine.clock, self.remote
         self.parts.reporter.begin(None, tell)
@@ -117,9 +117,10 @@ class LiveAutopilot:
             log: path of the flight's log.  log_limit: its maximum size on the disk (bytes); None: no limit.
             wanted_real_time: True asks the system for real-time scheduling and locked memory.
             overrun: "count" continues after an overrun; "halt" ends an armed flight at the first overrun.
-            console: connection to a console, with its rows set; its pilot decides when to arm. None: no console.
-            stop: called every period; True ends the flight.
-            tell: receives the messages for the user. It must not wait.
+            console: connection to a console, after its `set_rows`. The console's pilot decides when to arm.
+                None: no console.
+            stop: function called every period; the result True ends the flight.
+            tell: function that receives the messages for the user. It must not block.
             lost_lines: function that returns how many of these messages were lost.
         """
         if overrun not in OVERRUN_POLICIES:
@@ -180,7 +181,10 @@ class LiveAutopilot:
         return Piloting(console, stick, *given)
 
     def _disarm(self) -> None:
-        """Ask the vehicle to disarm, for at most 0.5 s. Without an answer, its failsafe disarms it soon after."""
+        """Ask the vehicle to disarm, and wait at most 0.5 s for the answer.
+
+        If the request is lost, the vehicle's failsafe disarms the vehicle soon after.
+        """
         clock = self._machine.clock
         self.remote.arming.disarm()
         deadline = clock.monotonic_ns() + DISARM_TIMEOUT * NS

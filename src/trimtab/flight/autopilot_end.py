@@ -1,4 +1,4 @@
-"""Autopilot's end of a link: it takes samples, runs one compiled step per period, and packs commands.
+"""Autopilot's end of a link: it receives sensor samples, runs one compiled step per period, and packs commands.
 
 Source: docs page, Fly.
 """
@@ -23,7 +23,7 @@ from trimtab.run.blocks import carried_structures
 
 ESTIMATE = "estimate.state."
 ESTIMATED_POSE = {"north": 0, "east": 1, "heading": 5}
-"""Name of a number of the estimated state -> its index in a pose."""
+"""Index in a pose of each element of the estimated state, by the element's name."""
 
 
 class EstimatedPose:
@@ -36,7 +36,7 @@ class EstimatedPose:
         self._slots: list[Any] = [step.writes[path] for path in paths if path in step.writes]
 
     def fill(self, pose: Any) -> None:
-        """Write the estimated position and attitude, if any, into `pose`, an array as in `logs.frames`."""
+        """Write the estimated position and attitude, if any, into `pose`, with the layout of `logs.frames`."""
         if self._spatial_slots is not None:
             place, attitude = self._spatial_slots
             pose[:3] = self._step.outputs[place]
@@ -47,7 +47,7 @@ class EstimatedPose:
 
     @functools.cached_property
     def _spatial_slots(self) -> tuple[Any, Any] | None:
-        """Slots of position and attitude in the outputs, if the estimate is spatial and in the world frame W."""
+        """Slots of position and attitude in the step's outputs; None if the estimate is not 3-D or not in frame W."""
         signals = [s for s in FlightRows(step_sources(self._step), {}).signals if s[0].startswith(ESTIMATE)]
         declared = {path: d for path, _, _, d in signals if d is not None}
         found = find_spatial({path: shape for path, shape, _, _ in signals}, declared)
@@ -57,9 +57,9 @@ class EstimatedPose:
 
 
 class AutopilotEnd:
-    """Autopilot between an endpoint and its compiled step, independent of transports.
+    """Autopilot's end of a link: it connects an endpoint to the compiled autopilot, over any transport.
 
-    A sample waits for the next step. Each step takes at most one sample of a sensor, in the order of arrival. A sample
+    A sample waits for the next step. Each step takes at most one sample of each sensor, in order of arrival. A sample
     that arrives after a newer sample of its sensor is dropped, because most estimators assume that samples arrive in
     order. An estimator that fuses each sample at its own time declares ANY_ORDER = True, and gets late samples too.
     """
@@ -71,7 +71,7 @@ class AutopilotEnd:
 
         Args:
             scenario: scenario of the autopilot.
-            dialect: result of `scenario_dialect`.
+            dialect: MAVLink dialect of the scenario, from `scenario_dialect`.
             step: the compiled autopilot of this scenario.
             clock: clock of the samples; None: samples use the clock of the steps, and any time stamp is accepted.
         """
@@ -127,7 +127,7 @@ class AutopilotEnd:
             queue.set_inputs(self.step.inputs, t, to_local)
 
     def log_sources(self) -> list[LogSource]:
-        """Return the vectors of the autopilot's step whose numbers are logged."""
+        """Return the input and output vectors of the autopilot's step, for the log."""
         return step_sources(self.step)
 
     @property
@@ -141,17 +141,17 @@ class AutopilotEnd:
 
 
 def scenario_dialect(scenario: Scenario) -> Dialect:
-    """Return the dialect in which the two ends of a scenario's link communicate."""
+    """Return the MAVLink dialect of a scenario's link."""
     frame, command = carried_structures(scenario)
     return derive_dialect(frame, command)
 
 
 def step_sources(step: CompiledBlock) -> list[LogSource]:
-    """Return the vectors of an autopilot's step whose numbers are logged."""
+    """Return the input and output vectors of an autopilot's step, for the log."""
     inputs = LogSource(step.inputs, step.text.inputs, frame_log_path)
     return [inputs, LogSource(step.outputs, step.text.outputs, lambda p: p)]
 
 
 def frame_log_path(path: str) -> str | None:
-    """Return the log path of an input of the autopilot's step; None for the time, because every row has its time."""
+    """Return the log path of an input of the autopilot's step; None for the time, which each log row already has."""
     return None if path == "t" else f"downlink{path.removeprefix('samples')}"

@@ -1,4 +1,4 @@
-"""Parameters of the autopilot for ground stations, on both ends of the link.
+"""Autopilot parameters for ground stations: the relay on the vehicle, and the parameter service on the autopilot.
 
 A ground station reaches the vehicle only. So the vehicle forwards messages to the autopilot's component, and forwards
 the autopilot's answers to the stations. The autopilot answers requests for its parameters, and changes parameters
@@ -34,7 +34,7 @@ class AutopilotRelay:
     """Relay on the vehicle: it forwards parameter requests to the autopilot, and the answers to stations."""
 
     def __init__(self, endpoint: Endpoint, broadcast: Broadcast) -> None:
-        """Start before a heartbeat of an autopilot was received."""
+        """Start without a known autopilot. The first heartbeat of an autopilot makes it known."""
         self._endpoint, self._broadcast = endpoint, broadcast
         self._component = 0
 
@@ -70,7 +70,10 @@ def _describe_bounds(declared: Quantity) -> dict[str, Any]:
 
 
 class AutopilotParameters:
-    """Parameters at the autopilot's end: answers to requests, and changes. Times `now` are this end's, in 100 ns."""
+    """Parameter service of the autopilot: it answers requests and applies changes.
+
+    Times `now` are by the autopilot's clock, in 100 ns.
+    """
 
     def __init__(self, scenario: Scenario, step: CompiledBlock, endpoint: Endpoint, store: ParameterStore) -> None:
         """step: the compiled autopilot of this scenario.  store: file in which changed parameters are stored."""
@@ -84,7 +87,7 @@ class AutopilotParameters:
         self._texts, self._storage = TextQueue(endpoint), 0
 
     def handle_message(self, message: Message) -> bool:
-        """Handle a request about parameters. Return True if the message is a request addressed to this end."""
+        """Handle a request about parameters. Return True if the message is such a request to the autopilot."""
         own = self._endpoint.system, self._endpoint.component
         if message.name not in REQUESTS or (message.get("target_system"), message.get("target_component")) != own:
             return False
@@ -113,7 +116,7 @@ class AutopilotParameters:
         ]
 
     def value(self, path: str, slot: int) -> float | None:
-        """Return a parameter's value from the next step on; None if the parameter does not exist."""
+        """Return the value that a parameter has from the next step on; None if the parameter does not exist."""
         index = self._parameters.index_of(path, slot)
         return None if index is None else self._parameters.values[index]
 

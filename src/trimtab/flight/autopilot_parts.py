@@ -50,7 +50,7 @@ class AutopilotParts(NamedTuple):
     """Parts of the autopilot's end. Each part holds references to the parts that it uses."""
 
     scenario: Scenario
-    """The flown scenario, with added sensors that carry the pilot's requests and stick."""
+    """Scenario of the flight, with added sensors that carry the pilot's requests and stick positions."""
     link: Link
     endpoint: Endpoint
     reporter: Reporter

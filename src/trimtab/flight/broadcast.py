@@ -1,7 +1,7 @@
-"""Receivers of a vehicle's packets: samples for its autopilot alone, everything else for all peers.
+"""Distribution of a vehicle's packets: samples go to its autopilot only, all other packets to all peers of the link.
 
-A ground station treats unknown messages as noise, and a gap in the sequence numbers as loss. So on a link that
-distinguishes its peers, a ground station gets no samples, and its packets are numbered separately from the autopilot's.
+A ground station treats unknown messages as noise, and a gap in the sequence numbers as loss. So on a link that can send
+to each peer separately, a ground station gets no samples, and its packets have sequence numbers of their own.
 Source: docs page, Vehicle; https://mavlink.io/en/guide/packet_loss.html.
 """
 
@@ -15,11 +15,11 @@ from trimtab.flight.mavlink.endpoint import Endpoint
 AUTOPILOT_TIMEOUT = seconds(10)
 """Time without a message from an autopilot after which samples are no longer sent."""
 AUTOPILOT_MESSAGES = ("HEARTBEAT", "TIMESYNC")
-"""Messages that, like commands, identify a sender of the vehicle's own system as an autopilot."""
+"""Messages that identify a sender with the vehicle's own system id as an autopilot. Commands do so too."""
 
 
 class Broadcast:
-    """Distributor of a vehicle's packets to the peers of its link. Times `now` are the vehicle's, in 100 ns."""
+    """Distributor of a vehicle's packets to the peers of its link. Times `now` are by its clock, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, link: Link, commands: Sequence[str]) -> None:
         """commands: names of the messages that carry a command."""
@@ -38,11 +38,11 @@ class Broadcast:
         self._link.accept_sender(is_private=is_autopilot)
 
     def has_autopilot(self, now: int) -> bool:
-        """Return True if an autopilot was received recently, so that samples are sent to it."""
+        """Return True if an autopilot has sent a message within AUTOPILOT_TIMEOUT. Only then are samples sent to it."""
         return now - self._autopilot_time <= AUTOPILOT_TIMEOUT
 
     def send_private(self, packets: Iterable[bytes]) -> None:
-        """Send packets to the autopilot alone."""
+        """Send packets to the autopilot only."""
         for packet in packets:
             self._link.send(packet, Audience.PRIVATE)
 

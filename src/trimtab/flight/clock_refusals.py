@@ -1,9 +1,9 @@
 """Answers of a vehicle to a peer with a wrong clock or key, and the message for the user.
 
-A frame refused for its time stamp is answered by one TIMESYNC, to its sender alone and at most five times a second. So
-a peer whose clock is behind catches up. A peer of the vehicle's own system may ask for the time with another key or
-without a key, as `fly` does. It gets the same answer, so that it can report the problem. Peers that are not trusted get
-no other message, and ground stations without the key get no message at all.
+The vehicle answers a frame refused for its time stamp by one TIMESYNC, only to its sender and at most five times a
+second. From this answer, a peer whose clock is behind can correct its time stamps. A peer with the vehicle's own system
+id may ask for the time with another key or without a key, as `fly` does. It gets the same answer, so that it can report
+the problem. Peers that are not trusted get no other message. Ground stations without the key get no message at all.
 Source: docs page, Signing.
 """
 
@@ -19,7 +19,7 @@ REPORT_PERIOD = seconds(10)
 
 
 class RefusalAnswers:
-    """Answers to frames that an endpoint refused. Times `now` are the vehicle's, in 100 ns."""
+    """Sender of answers to frames that an endpoint refused. Times `now` are by the vehicle's clock, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, link: Link, tell: Callable[[str], None]) -> None:
         """tell: function that receives the messages for the user."""

@@ -1,4 +1,4 @@
-"""Bytes of the CLOCK_TIME experiment, in the minimal framing of the thesis [1]: one header byte, an id, data.
+"""Messages of the CLOCK_TIME experiment, in the minimal framing of the thesis [1]: one header byte, an id, data.
 
     up    A5 04 t0(4)                  down  A5 04 t0(4) uplink(2)       both in 0.1 ms
     up    A5 07 t0(8)                  down  A5 07 t0(8) far(8)          in 100 ns, for two clocks
@@ -21,10 +21,10 @@ HEADER, IMU, SERVO, CLOCK_TIME, STATUS, CLOCK_PAIR = 0xA5, 0x01, 0x03, 0x04, 0x0
 TICKS = 1000
 """Unit of the times in CLOCK_TIME messages, in 100 ns: 0.1 ms. The thesis used 1 ms."""
 LONGEST_UPLINK = 0xFFFF
-"""Largest number of two bytes, in units of 0.1 ms. It stands for every uplink delay of 6.5535 s or more."""
+"""Largest uplink delay that fits into two bytes, in units of 0.1 ms. It means a delay of 6.5535 s or more."""
 UP: Mapping[int, int] = {CLOCK_TIME: 4, CLOCK_PAIR: 8, STATUS: 17, SERVO: 4}
 DOWN: Mapping[int, int] = {CLOCK_TIME: 6, CLOCK_PAIR: 16, STATUS: 17, IMU: 23}
-"""Number of bytes that follow the id, for each direction."""
+"""Number of bytes that follow a message's id, by id, for each direction."""
 HELLO = struct.Struct("<B8sII")
 LOAD_UP, LOAD_DOWN = bytes((HEADER, SERVO, *bytes(4))), bytes((HEADER, IMU, *bytes(23)))
 
@@ -63,9 +63,10 @@ class ClockMessageParser:
 
 
 class Hello(NamedTuple):
-    """Hello message: digest of the machine's boot, session, and a number.
+    """Hello message: digest of the sender's boot id, session number, and a number that depends on the sender.
 
-    number: requested load (byte/s) from the measuring end; number of received requests from the far end.
+    number: in a message of the measuring end, the load (byte/s) that it requests; in a message of the far end, the
+    number of requests that it has received.
     """
 
     boot: bytes
@@ -84,7 +85,7 @@ def parse_hello(data: bytes) -> Hello | None:
 
 
 def boot_digest() -> bytes:
-    """Return eight bytes that identify a machine's boot: processes with the same digest share the monotonic clock."""
+    """Return eight bytes that identify this machine and its last boot. Equal digests mean one monotonic clock."""
     try:
         text = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
     except OSError:  # no such file on this system: no shared clock is assumed
@@ -93,7 +94,11 @@ def boot_digest() -> bytes:
 
 
 class Reply(NamedTuple):
-    """Reply: key of the request, and far clock at its arrival minus sender's clock at its departure (100 ns)."""
+    """Reply to a request.
+
+    key: key of the request.  uplink: far end's clock when the request arrived, minus sender's clock when it departed
+    (100 ns).
+    """
 
     key: int
     uplink: int
@@ -118,7 +123,7 @@ class ClockTimeExchange:
         return key, struct.pack("<BBI", HEADER, CLOCK_TIME, key)
 
     def pack_hello(self, rate: int) -> bytes:
-        """Return a message that asks the far end for this load (byte/s) and for its hello."""
+        """Return a hello message. It asks the far end to answer, and to send a load of `rate` (byte/s)."""
         return Hello(self._boot, self._session, rate).pack()
 
     def read_replies(self, data: bytes) -> list[Reply]:

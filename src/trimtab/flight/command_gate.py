@@ -14,8 +14,8 @@ from trimtab.flight.mavlink.dialect import TIME
 from trimtab.flight.station.standard_services import Station
 
 MOST_COMMAND_LEAD = ms(200)
-"""Largest accepted lead of a command over the vehicle's clock. A command with a larger lead comes from a wrong clock.
-If it were accepted, the failsafe would refuse all other commands until that time.
+"""Largest accepted lead of a command's time stamp over the vehicle's clock (100 ns). A larger lead shows a wrong clock.
+If such a command were accepted, the failsafe would refuse all other commands until the time of its stamp.
 
 The limit is below the failsafe's time-out. So one wrong command makes the vehicle miss a few good commands, but
 does not trigger the failsafe.
@@ -30,16 +30,19 @@ AUTHORITY_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
         "i8",
         Quantity("1", "Commands refused so far from senders without authority.", kind="count"),
     ),
-    "firmware.leading": ("i8", Quantity("1", "Commands refused so far for a time too far ahead.", kind="count")),
+    "firmware.leading": (
+        "i8",
+        Quantity("1", "Commands refused so far because their time stamp is too far in the future.", kind="count"),
+    ),
 }
-"""Signals of the vehicle's log on its owner and on refused commands. `CommandGate.counts` gives their values."""
+"""Signals of the vehicle's log: its owner, and counts of refused commands. `CommandGate.counts` returns the values."""
 
 
 class CommandGate:
-    """Filter that accepts only the owner's commands. Times `now` are the vehicle's, in 100 ns."""
+    """Filter that accepts only the owner's commands. Times `now` are by the vehicle's clock, in 100 ns."""
 
     def __init__(self, station: Station, line: Broadcast, tell: Callable[[str], None]) -> None:
-        """tell: receives the messages for both ends and for the log."""
+        """tell: function that receives the messages for both ends and for the log."""
         self._station, self._authority, self._line, self._tell = station, station.authority, line, tell
         self._tell_time = 0
         self._report_times: dict[tuple[str, Sender], int] = {}
@@ -47,7 +50,7 @@ class CommandGate:
         self.leading_commands = 0
 
     def admits(self, message: Message, now: int) -> bool:
-        """Return True if the vehicle must obey a COMMAND."""
+        """Return True if the vehicle must obey a COMMAND message."""
         sender = command_sender(message)
         if not self._authority.accepts_command(sender):
             self._report(now, "without authority", sender, f"owner is {self._authority.owner}")
@@ -63,7 +66,10 @@ class CommandGate:
         return True
 
     def follow(self, is_commanded: bool) -> None:
-        """Update the owner at each instant, and announce a new owner. A vehicle that is not commanded has no owner."""
+        """Update the owner, and announce a new owner. Call this at each instant.
+
+        is_commanded: True while an autopilot or the pilot is in command. Otherwise the vehicle has no owner.
+        """
         if not is_commanded:
             self._authority.end_flight()
         owner = self._authority.owner

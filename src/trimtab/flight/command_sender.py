@@ -23,7 +23,8 @@ class CommandSender:
     def send(self, t: int, ahead: int) -> None:
         """Send the current command. t: time of the loop.  ahead: the vehicle's time minus the loop's time.
 
-        The sent times increase even if the estimate of the vehicle's clock decreases, unless the clock was replaced.
+        The time stamps increase even if the estimate of the vehicle's clock decreases. After a jump of this clock, e.g.
+        a reboot of the vehicle, they may decrease.
         """
         if t + ahead <= self._last_time and self._sync.jumps == self._jumps:
             ahead = self._last_time + 1 - t

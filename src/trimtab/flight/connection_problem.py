@@ -11,7 +11,9 @@ from trimtab.flight.mavlink.stamps import MOST_LEAD, PER_SECOND
 from trimtab.flight.station.identity import SettingDifference
 
 VEHICLE_CLOCK, COMPUTER_CLOCK, STORED_CLOCK = "vehicle", "computer", "stored"
-"""Choices of the clock for signing: the vehicle's clock, this computer's clock, or the stored time stamp continued."""
+"""Choices of the clock for signing: the vehicle's clock, this computer's clock, or a clock that continues from the
+stored time stamp.
+"""
 
 
 MOST_SHOWN = 8
@@ -19,20 +21,23 @@ MOST_SHOWN = 8
 
 
 class ConnectionProblem(NamedTuple):
-    """Problem of a connection, and what to type."""
+    """Description of a connection problem, and the command that solves it."""
 
     problem: str
     fix: str
 
 
 def key_problem(frames: int, typed: str) -> ConnectionProblem:
-    """Return the problem of a wrong key. frames: rejected frames of the vehicle; typed: the command that was typed."""
+    """Return a description of the problem that the two ends have different keys.
+
+    frames: number of the vehicle's frames that were rejected.  typed: the command that the user typed.
+    """
     problem = f"wrong key: the vehicle signs with another key than this end ({frames} frames)"
     return ConnectionProblem(problem, f"{typed} --key FILE   with a copy of the vehicle's key file")
 
 
 def signing_problem(is_signed: bool, typed: str) -> ConnectionProblem:
-    """Return the problem that only one end signs. is_signed: True if this end signs."""
+    """Return a description of the problem that only one end signs its packets. is_signed: True if this end signs."""
     if is_signed:
         problem = "wrong key: the vehicle does not sign, and this end accepts signed frames only"
         return ConnectionProblem(problem, f"{typed} --unsigned   or start the vehicle without --unsigned")
@@ -41,11 +46,11 @@ def signing_problem(is_signed: bool, typed: str) -> ConnectionProblem:
 
 
 def scenario_problem(differences: Sequence[SettingDifference], typed: str) -> ConnectionProblem:
-    """Return the problem that the vehicle flies another scenario, or other parameters.
+    """Return a description of the problem that the vehicle flies another scenario, or other parameters.
 
     Args:
-        differences: differing settings, at least one.
-        typed: the command that was typed.
+        differences: settings that differ between the two ends, at least one.
+        typed: the command that the user typed.
     """
     shown = [str(d) for d in differences[:MOST_SHOWN]]
     shown += [f"and {len(differences) - MOST_SHOWN} more"] if len(differences) > MOST_SHOWN else []
@@ -71,18 +76,22 @@ def _without_settings(typed: str, paths: Sequence[str]) -> str:
 
 
 def owner_problem(owner: int, typed: str) -> ConnectionProblem:
-    """Return the problem of another owner. owner: session of the owner; typed: the command that was typed."""
+    """Return a description of the problem that another autopilot flies the vehicle.
+
+    owner: session number of the other autopilot.  typed: the command that the user typed.
+    """
     problem = f"wrong owner: the vehicle is flown by another autopilot, session {owner:06x}"
     return ConnectionProblem(problem, f"{typed} --take-over   or end that flight where it was started")
 
 
 def clock_problem(lead: float, stored_lead: float, typed: str) -> ConnectionProblem:
-    """Return the problem that the two clocks differ.
+    """Return a description of the problem that the two ends' clocks differ.
 
     Args:
-        lead: lead of the vehicle's time stamps over this end's (s).
-        stored_lead: lead of this end's time stamps over its computer's clock (s), stored when a clock was wrong.
-        typed: the command that was typed.
+        lead: lead of the vehicle's time stamps over this end's time stamps (s).
+        stored_lead: lead of this end's time stamps over its computer's clock (s). A flight with a wrong clock stores
+            such a lead.
+        typed: the command that the user typed.
     """
     if stored_lead > MOST_LEAD / PER_SECOND and abs(lead + stored_lead) <= MOST_LEAD / PER_SECOND:
         problem = f"wrong clock: the stored time stamp is {stored_lead:.1f} s ahead, from an earlier flight"

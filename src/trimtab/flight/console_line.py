@@ -1,6 +1,7 @@
-"""Flight's connection to a pilot console: it sends rows and receives requests, over a socket to another process.
+"""Connection of a flight to the pilot's console: it sends rows of signals and receives requests, over a socket.
 
-No call waits. Rows are dropped while the socket's buffer is full, and messages are read a few at a time.
+The console is another process. No call blocks. Rows are dropped while the socket's buffer is full, and at most
+MOST_PACKETS messages are read at a time.
 Source: docs page, Protocol of the console.
 """
 
@@ -22,7 +23,7 @@ MOST_PACKETS = 16
 
 
 class ShownSignal(NamedTuple):
-    """Number that the console's page shows. slot: index of the number in a row of the flight."""
+    """Number that the console's page shows. slot: index of the number in a row of the flight's log."""
 
     path: str
     declared: Quantity | None
@@ -30,7 +31,7 @@ class ShownSignal(NamedTuple):
 
 
 def list_shown(rows: FlightRows) -> list[ShownSignal]:
-    """Return the numbers of a flight's rows that the page shows: scalars and short vectors, but no integer times."""
+    """Return the numbers of a log row that the console's page shows: scalars and short vectors, but no times."""
     shown, at = [], 0
     for path, shape, _, declared in rows.signals:
         size = int(np.prod(shape))
@@ -53,7 +54,7 @@ class ConsoleLine:
         """Number of packets that could not be sent, e.g. because the socket's buffer was full."""
 
     def set_rows(self, rows: FlightRows) -> list[ShownSignal]:
-        """Define the contents of a row. Return the numbers of a row that the page shows."""
+        """Define the contents of a row. Return the numbers that the page shows."""
         shown = list_shown(rows)
         self._rows, self._slots = rows, np.array([s.slot for s in shown], np.intp)
         self._numbers = np.zeros(rows.width)
@@ -62,7 +63,7 @@ class ConsoleLine:
         return shown
 
     def send_row(self, t: float, own: Sequence[float]) -> None:
-        """Send the row of time t (s). own: numbers of the row that do not come from a compiled step."""
+        """Send the row of time t (s). own: those numbers of the row that do not come from a compiled step."""
         assert self._rows is not None
         self._rows.fill(self._numbers, own)
         HEAD.pack_into(self._packet, len(ROW), t, self._clock.monotonic_ns() / NS_PER_SECOND)

@@ -23,7 +23,7 @@ from trimtab.flight.station.streams import pack_text
 MOST_PACKETS = 64
 """Maximum number of packets handled in one period, so that a flood of packets cannot stop the loop."""
 SERVO_FRAME = ms(20)
-"""Shortest time between two sent commands: servos do not accept commands faster."""
+"""Shortest time between two sent commands. Servos do not accept commands more often."""
 
 
 class ControlLoop:
@@ -38,7 +38,7 @@ class ControlLoop:
         takes_over: bool,
         halts: bool,
     ) -> None:
-        """Start before the first period.
+        """Prepare the loop. The method `run` starts the first period.
 
         Args:
             parts: parts of the autopilot's end.
@@ -57,7 +57,7 @@ class ControlLoop:
         self._sender = CommandSender(parts.autopilot_end, parts.endpoint, parts.link, parts.remote.clock.sync)
 
     def run(self, length: int, stop: Callable[[], bool]) -> int:
-        """Fly until `length` (100 ns) after arming, or until stop() returns True. Return the time of the end."""
+        """Fly until `length` (100 ns) after arming, or until stop() returns True. Return the end time (100 ns)."""
         parts, log, deadlines = self._parts, self._log, self.deadlines
         clock, period = parts.clock, parts.scenario.autopilot.period
         every = -(-max(period, SERVO_FRAME) // period)
@@ -78,7 +78,7 @@ class ControlLoop:
             began = clock.monotonic_ns()
             parts.autopilot_end.step.step()
             stepped = clock.monotonic_ns()
-            if k % every == 0 and deadlines.remaining(k + every) > 0:  # else a newer command follows soon
+            if k % every == 0 and deadlines.remaining(k + every) > 0:  # otherwise a newer command follows soon
                 self._sender.send(t, ahead)
                 self._pilot.note_command()
             self._update_line(t, now)
@@ -92,7 +92,7 @@ class ControlLoop:
         return t
 
     def end_reason(self) -> str:
-        """Return why the flight must end early, or an empty string."""
+        """Return the reason why the flight must end early, or an empty string."""
         remote = self._parts.remote
         if self.arming_time is not None and remote.arming.is_taken:
             return f"the vehicle was taken over by session {remote.arming.owner:06x}"
@@ -124,7 +124,7 @@ class ControlLoop:
         self._parts.supervised.set_inputs(t)
 
     def _update_line(self, t: int, now: int) -> None:
-        """Prepare arming, report news of the flight, and send the packets that are due."""
+        """Prepare arming, report events of the flight, and send the packets that are due."""
         remote, link = self._parts.remote, self._parts.link
         if remote.arming.has_authority:
             self.arming_time = t if self.arming_time is None else self.arming_time
@@ -136,7 +136,7 @@ class ControlLoop:
         elif self._pilot.wants_arming or self._pilot.shows_checks:
             self._prepare_arming(now)
         self._news.report(now, self.arming_time is not None)
-        now = self._parts.clock.monotonic_ns() // NS  # the round trip counts from now, not from the deadline
+        now = self._parts.clock.monotonic_ns() // NS  # measure the round trip from now, not from the deadline
         remote.due(now)
         for packet in self._parts.parameters.due(now):
             link.send(packet)
@@ -155,7 +155,7 @@ class ControlLoop:
                 parts.link.send(packet)
 
     def _show(self, t: int, own: tuple[float, ...]) -> None:
-        """Write a row of the log, and show it to a pilot at a console."""
+        """Write a row of the log, and send the row to the console, if any."""
         if self._log is not None:
             self._parts.autopilot_end.pose.fill(self._log.pose)
             self._log.write_row(t, own)

@@ -1,8 +1,9 @@
 """Duties of a vehicle's firmware besides flying: accept or refuse commands, and act safely when commands are missing.
 
-The firmware also forwards the requests of ground stations to the autopilot (hold, resume, end), every 100 ms until
-they are acknowledged, and reports the autopilot's mode. The autopilot sends heartbeats as an onboard computer. Their
-custom mode is the mode of its supervisor. An autopilot without a supervisor has no such mode, and takes no requests.
+The firmware also forwards the requests of ground stations (hold, resume, end) to the autopilot. It repeats a request
+every 100 ms until the autopilot acknowledges it. It also reports the autopilot's mode to the stations. The autopilot
+sends heartbeats as an onboard computer, with its supervisor's mode as their custom mode. An autopilot without a
+supervisor sends no custom mode, and accepts no requests.
 Source: docs pages, Vehicle and Station.
 """
 
@@ -44,8 +45,8 @@ STATION_MODES = {COMPUTER_MODE: "computer", MANUAL_MODE: "manual", HOLD_MODE: "h
 The numbers are those of GUIDED, MANUAL and HOLD of ArduPilot's rovers and boats. Ground stations show these names.
 """
 RESEND_PERIOD, REQUEST_TIMEOUT, AUTOPILOT_TIMEOUT = ms(100), seconds(2), seconds(5)
-"""Time until a request is repeated; time until a request is given up; time without heartbeats until the autopilot
-counts as gone.
+"""Time after which a request is repeated; time after which a request is given up; time without a heartbeat after which
+the autopilot counts as missing.
 """
 NO_AUTOPILOT_PROBLEM = "no supervised autopilot on the link"
 
@@ -72,7 +73,7 @@ class CommandPath:
             self._inputs = slot_indices(own, paths, len(step.inputs))
 
     def slot(self, path: str) -> Any:
-        """Return the slot at which the first block of the path reads a number of the newest command."""
+        """Return the slot of a number of the newest command, in the inputs of the first block of the path."""
         return self._slots[path]
 
     def set_inputs(self, t: int, command: GroupSample | None) -> None:
@@ -99,7 +100,7 @@ class Duties:
         Args:
             failsafe: failsafe of the vehicle.
             command: a command with the structure that the autopilot sends.
-            world: world whose inputs get the failsafe's output.
+            world: compiled world. The failsafe's output is written into its inputs.
             uplink: block that commands pass before the failsafe, e.g. one with a fault.
         """
         self.failsafe, self._world, self.uplink = failsafe, world, uplink
@@ -113,7 +114,7 @@ class Duties:
         self._arm = self._disarm = False
         self.mode = CommandSource(MODES[0], CAUSES[0])
         self.breach = BREACHES[0]
-        """Kind of the violated limit, as an input of the next step."""
+        """Kind of the violated limit: an input of the failsafe's next step."""
         self.is_ending = False
         """True while the vehicle disarms because its own run ends."""
 
@@ -124,7 +125,10 @@ class Duties:
         self.pilot.handle_event(event, now)
 
     def act(self, t: int, command: GroupSample | None) -> bool:
-        """Run the failsafe's step at integer time t. command: a new one, or None. Return True if the mode changes."""
+        """Run the failsafe's step at integer time t. Return True if the mode changes.
+
+        command: the new command; None: no new command.
+        """
         self.commands.set_inputs(t, command)
         inputs, at = self.step.inputs, self._inputs
         inputs[at["t"]] = t
@@ -154,7 +158,7 @@ class Duties:
 
 
 def _input_slots(step: CompiledBlock) -> dict[str, Any]:
-    """Return path -> slot for the inputs of a block, without the prefix "input."."""
+    """Return the slot of each input of a block, by path without the prefix "input."."""
     return {path.removeprefix("input."): at for path, at in step.reads.items()}
 
 
@@ -166,10 +170,10 @@ class _PendingRequest(NamedTuple):
 
 
 class FlightRequests:
-    """Requests of ground stations that the vehicle forwards to the autopilot. Times are the vehicle's, in 100 ns."""
+    """Forwarder of requests from ground stations to the autopilot. Times are by the vehicle's clock, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, tell: Callable[[str], None]) -> None:
-        """tell: receives the messages for the user."""
+        """tell: function that receives the messages for the user."""
         self._endpoint, self._tell = endpoint, tell
         self._heartbeat_time: int | None = None
         self._autopilot, self._mode = 0, 0
@@ -242,7 +246,7 @@ class FlightRequests:
         return [self._endpoint.pack("COMMAND_LONG", fields | to)]
 
     def status(self, status: Status, now: int) -> Status:
-        """Return the vehicle's status, completed with the mode and the problem of the autopilot."""
+        """Return the vehicle's status, with the autopilot's mode and problem added."""
         there = self._is_autopilot_present(now)
         mode = HOLD_MODE if there and self.holds and status.mode == COMPUTER_MODE else status.mode
         why = "" if there else NO_AUTOPILOT_PROBLEM

@@ -1,4 +1,4 @@
-"""Exchange over a link: numbers of a compiled step sent as messages, and questions repeated until they are answered.
+"""Exchange over a link: conversion of a compiled step's numbers from and to messages, and requests with repetition.
 
 Source: docs page, Exchange.
 """
@@ -16,10 +16,10 @@ from trimtab.flight.mavlink.dialect import COMMAND, TIME, Dialect
 from trimtab.flight.mavlink.endpoint import Endpoint
 
 MOST_INCOMPLETE = 8
-"""Maximum number of incomplete samples kept for their missing messages: on some links packets overtake each other."""
+"""Maximum number of incomplete samples that wait for missing messages. On some links packets overtake each other."""
 T = TypeVar("T")
 Where = Callable[[str], int | slice]
-"""Path of a leaf (a number or an array) of a record -> index or slice of the leaf in a vector."""
+"""Function from the path of a record's leaf (a number or an array) to the index or slice of this leaf in a vector."""
 
 
 class _MessageLayout(NamedTuple):
@@ -30,10 +30,10 @@ class _MessageLayout(NamedTuple):
 
 
 class MessageGroup:
-    """Messages that carry one sample, or the command, with their conversion from and to a vector of numbers."""
+    """Group of messages that carry one sample or one command, with the conversion from and to a vector of numbers."""
 
     def __init__(self, dialect: Dialect, group: str, where: Where) -> None:
-        """group: name in the dialect, e.g. "samples.imu" or "command"."""
+        """group: name of the group in the dialect, e.g. "samples.imu" or "command"."""
         self.names = dialect.groups[group]
         self._layouts: dict[str, _MessageLayout] = {}
         self._parts: dict[int, dict[str, tuple[Any, ...]]] = {}
@@ -49,7 +49,7 @@ class MessageGroup:
             self._layouts[name] = _MessageLayout(slots, whole, time, has_session)
 
     def pack(self, endpoint: Endpoint, vector: Any, shift: int = 0) -> list[bytes]:
-        """Return packets with the numbers of a vector. `shift` is added to the time that they carry."""
+        """Return packets with the numbers of a vector. `shift` is added to the time in the packets."""
         packets = []
         for name, layout in self._layouts.items():
             numbers = vector[layout.slots].tolist()
@@ -97,7 +97,7 @@ def slot_indices(where: Mapping[str, Any], paths: Iterable[str], size: int) -> A
 
 
 def sample_groups(dialect: Dialect, where: Where) -> dict[str, MessageGroup]:
-    """Return the group of messages of each sensor, by name."""
+    """Return the group of messages that carries each sensor's samples, by the sensor's name."""
     prefix = "samples."
     return {g[len(prefix) :]: MessageGroup(dialect, g, where) for g in dialect.groups if g.startswith(prefix)}
 
@@ -125,9 +125,10 @@ def request_answer(
     resend_period: float,
     clock: Clock = SYSTEM_CLOCK,
 ) -> T | None:
-    """Send packets repeatedly until a message answers them; return None after `patience` seconds.
+    """Send packets repeatedly until a message answers them. Return the answer, or None after `patience` seconds.
 
-    packets: makes the packets of an attempt.  answer: returns the content of an answer, and None for other messages.
+    packets: function that makes the packets of each attempt.  answer: function that returns the content of a message
+    that is an answer, and None for any other message.
     """
     deadline = clock.monotonic_ns() + patience * NS_PER_SECOND
     while clock.monotonic_ns() < deadline:

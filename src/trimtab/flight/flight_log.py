@@ -24,14 +24,17 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.program import describe_scenario
 
 FRAMES = {"vehicle": "vehicle", "autopilot": "estimate"}
-"""Side of the link -> name of the coordinate frame that moves with the vehicle, in the log of that side."""
+"""Name of the coordinate frame that moves with the vehicle, in the log of each side of the link."""
 ROWS = 16384
 """Number of rows in the ring buffer, which bridges the time for which a disk delays the writer."""
 WRITER_DIED = f"the log's writer died, or wrote nothing for {END_S:g} s; the rows written before are kept"
 
 
 class LogSource(NamedTuple):
-    """Vector whose numbers go into each row. name: maps a member's path to its path in the log; None: not logged."""
+    """Vector whose numbers go into each row of a log.
+
+    name: function from a member's path to its path in the log; the result None means that the member is not logged.
+    """
 
     vector: Any
     members: Sequence[Member]
@@ -42,7 +45,7 @@ def frame_signals(prefix: str) -> dict[str, tuple[str, Quantity]]:
     """Return the log signals that count a link's frames; paths start with `prefix`. `count_frames` gives the values."""
     return {
         f"{prefix}.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
-        f"{prefix}.lost": ("i8", Quantity("1", "Frames lost so far, by gaps in their numbers.", kind="count")),
+        f"{prefix}.lost": ("i8", Quantity("1", "Frames lost so far, by gaps in the numbering.", kind="count")),
         f"{prefix}.damaged": ("i8", Quantity("1", "Frames with a wrong checksum so far.", kind="count")),
         f"{prefix}.garbage": ("i8", Quantity("1", "Bytes outside frames so far.", kind="count")),
     }
@@ -63,7 +66,7 @@ class FlightRows:
 
         Args:
             sources: vectors whose numbers go into each row.
-            own: path -> (type, declaration) of the numbers that the caller passes with each row.
+            own: type and declaration of each number that the caller passes with a row, by path.
         """
         self.signals: list[Signal] = []
         self._picks: list[tuple[Any, Any, slice]] = []
@@ -128,12 +131,12 @@ class FlightLog:
             path: path of a new file.
             rows: layout of a row.
             metadata: metadata of the log.
-            frame: name of the frame whose pose each row contains; empty: no pose, as in flights in virtual time.
+            frame: name of the coordinate frame whose pose each row contains; empty: no pose, as in virtual time.
             limit: maximum size of the log on the disk; None: no limit.
         """
         self._rows, stop = rows, 1 + rows.width
         self.pose: Any = no_pose() if frame else np.zeros(0)
-        """Pose as in `logs.frames`. Change its elements in place. Each row contains the current elements."""
+        """Pose as in `logs.frames`. Change its elements in place. Each row contains the pose at that time."""
         self._row = np.zeros(stop + len(self.pose))
         self._numbers, self._poses = self._row[1:stop], self._row[stop:]
         self._ring = Ring.create(columns=len(self._row), rows=ROWS)
@@ -285,13 +288,14 @@ def open_flight_log(
     Args:
         path: file of the log.
         sources: vectors whose numbers go into each row.
-        own: path -> (type, declaration) of the numbers that the caller passes with each row.
+        own: type and declaration of each number that the caller passes with a row, by path.
         scenario: the scenario that is flown.
         side: "autopilot" or "vehicle".
         seed: seed of the random numbers.
         log_period: time between rows (100 ns).
         is_live: True if the flight runs by a clock, so that `start_clock` will be called.
-        limit: maximum size of the log (bytes). At the limit, a vehicle's log drops its oldest files.
+        limit: maximum size of the log (bytes). At the limit, a vehicle's log drops its oldest files, and an
+            autopilot's log stops.
         disk: disk on which the log is written.
     """
     if path is None:
@@ -303,7 +307,7 @@ def open_flight_log(
 
 
 def _select_numbers(source: LogSource, signals: list[Signal]) -> list[int]:
-    """Return the indices of the logged numbers of a vector. Their signals are appended to `signals`."""
+    """Return the indices of those numbers of a vector that are logged. Append their signals to `signals`."""
     slots, at = [], 0
     for m in source.members:
         path = source.name(m.name)

@@ -24,10 +24,10 @@ FLIGHT_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
         Quantity("1", "Samples so far whose time stamp was too far from the current time.", kind="count"),
     ),
     "link.silence": ("f8", Quantity("s", "Time since the last data from the vehicle.")),
-    "link.offset": ("f8", Quantity("s", "The vehicle's clock minus this end's clock.")),
+    "link.offset": ("f8", Quantity("s", "The vehicle's clock minus the autopilot's clock.")),
     **frame_signals("link"),
     "link.connected": ("?", Quantity("1", "The transport of the link is connected.", kind="flag")),
-    "vehicle.owned": ("?", Quantity("1", "The vehicle accepts this end as its owner.", kind="flag")),
+    "vehicle.owned": ("?", Quantity("1", "The vehicle accepts this autopilot as its owner.", kind="flag")),
     "vehicle.armed": ("?", Quantity("1", "The vehicle reports that it is armed.", kind="flag")),
 }
 """Signals of an autopilot's log, in addition to the inputs and outputs of its step."""

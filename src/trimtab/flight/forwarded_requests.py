@@ -1,4 +1,4 @@
-"""Requests of ground stations to the supervisor, forwarded by the vehicle, and the supervisor's mode for stations.
+"""Requests to the supervisor that the vehicle forwards from ground stations, and heartbeats with the supervisor's mode.
 
 Source: docs page, Fly; MAVLink's services heartbeat and command.
 """
@@ -19,7 +19,10 @@ MOST_REQUESTS = 8
 
 
 class ForwardedRequests:
-    """Receiver of forwarded requests, and sender of the autopilot's heartbeats. Times are this end's, in 100 ns."""
+    """Receiver of forwarded requests, and sender of the autopilot's heartbeats.
+
+    Times are by the autopilot's clock, in 100 ns.
+    """
 
     def __init__(self, endpoint: Endpoint) -> None:
         """endpoint: autopilot's end of the link."""
@@ -27,7 +30,7 @@ class ForwardedRequests:
         self.pending: deque[str] = deque(maxlen=MOST_REQUESTS)
         """Requests that have not been passed to the supervisor yet."""
         self.mode: int | None = None
-        """Mode of this end's supervisor, sent in heartbeats; None: no supervisor that takes requests."""
+        """Mode of the autopilot's supervisor, sent in heartbeats; None: no supervisor that accepts requests."""
         self._last_mode: int | None = None
         self._next = 0
 

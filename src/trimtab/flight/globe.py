@@ -1,8 +1,8 @@
-"""Position of a vehicle on the globe: its world frame, placed at a given origin.
+"""Geographic position of a vehicle, from its position in the world frame W and the geographic position of W's origin.
 
-No position is sent until an origin is known, by `trimtab vehicle --origin`, or by SET_GPS_GLOBAL_ORIGIN from a ground
-station while the vehicle is disarmed. The position is for maps: no sensor and no law uses it. Heights are above the
-sea, but W is placed as if they were above the ellipsoid. The relative error of distances is then at most 2e-5.
+No position is sent until the origin is set, by `trimtab vehicle --origin`, or by SET_GPS_GLOBAL_ORIGIN from a ground
+station while the vehicle is disarmed. The position is for maps: no sensor and no law uses it. Heights are above sea
+level, but are used as heights above the ellipsoid. This makes a relative error of distances of at most 2e-5.
 Source: https://mavlink.io/en/messages/common.html, GLOBAL_POSITION_INT, HOME_POSITION, GPS_GLOBAL_ORIGIN.
 """
 
@@ -27,7 +27,10 @@ SET_ORIGIN = "SET_GPS_GLOBAL_ORIGIN"
 
 
 def parse_origin(text: str) -> Place:
-    """Return a place from "LAT,LON,ALT", in degrees and metres above the sea. Raise InputError for any other text."""
+    """Return the geographic position given as "LAT,LON,ALT", in degrees and metres above the sea.
+
+    Raises InputError for any other text.
+    """
     try:
         latitude, longitude, height = map(float, text.split(","))
     except ValueError:
@@ -38,8 +41,8 @@ def parse_origin(text: str) -> Place:
     if not is_on_globe(place):
         raise InputError(
             argument_name("origin"),
-            f"{text!r} is not a place on the globe",
-            fix="give degrees north, degrees east, metres",
+            f"{text!r}: latitude, longitude or height is out of range",
+            fix="give LAT,LON,ALT: -90 to 90 degrees north, -180 to 180 degrees east, metres above the sea",
         )
     return place
 
@@ -51,14 +54,14 @@ def is_on_globe(place: Place) -> bool:
 
 
 class Globe:
-    """Converter of a vehicle's position to a place on the globe, and the service that sets the origin."""
+    """Converter from positions in W to geographic positions, and MAVLink service that sets the origin of W."""
 
     names: Collection[str] = (SET_ORIGIN,)
 
     def __init__(self, endpoint: Endpoint, motion: Callable[[], VehicleMotion], origin: Place | None = None) -> None:
-        """Compile the block that computes a place from a position.
+        """Compile the block that computes the geographic position.
 
-        motion: returns the current motion. origin: place of the origin of W on the globe; None: not known.
+        motion: function that returns the current motion.  origin: geographic position of W's origin; None: unknown.
         """
         self._endpoint, self._motion = endpoint, motion
         self._block = compile_block(place_block())
@@ -70,7 +73,7 @@ class Globe:
             self._set_origin(origin)
 
     def place(self, p_WB: Any) -> Place | None:
-        """Return the place of a position (m) in W on the globe; None without an origin."""
+        """Return the geographic position of a position p_WB (m) in W; None if the origin of W is not set."""
         if self.origin is None:
             return None
         self._block.inputs[self._position] = p_WB
@@ -82,19 +85,19 @@ class Globe:
         self.home = self._motion()
 
     def position_fields(self, now: int) -> Mapping[str, Any] | None:
-        """Return the fields of GLOBAL_POSITION_INT."""
+        """Return the fields of GLOBAL_POSITION_INT; None if the origin of W is not set."""
         motion = self._motion()
         place = self.place(motion.p_WB)
         return None if place is None else telemetry.global_position(now, motion, place, self._home(motion))
 
     def home_fields(self, now: int) -> Mapping[str, Any] | None:
-        """Return the fields of HOME_POSITION."""
+        """Return the fields of HOME_POSITION; None if the origin of W is not set."""
         home = self._home(self._motion())
         place = self.place(home.p_WB)
         return None if place is None else telemetry.home_position(now, home.p_WB, quaternion(home.attitude), place)
 
     def origin_fields(self, now: int) -> Mapping[str, Any] | None:
-        """Return the fields of GPS_GLOBAL_ORIGIN."""
+        """Return the fields of GPS_GLOBAL_ORIGIN; None if the origin of W is not set."""
         return None if self.origin is None else telemetry.global_origin(now, self.origin)
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
@@ -104,7 +107,7 @@ class Globe:
         """
         latitude, longitude = (math.radians(message.get(n) * DEGREES) for n in ("latitude", "longitude"))
         place = Place(latitude, longitude, message.get("altitude") * 1e-3)
-        problem = "the vehicle is armed" if is_armed else "" if is_on_globe(place) else "not a place on the globe"
+        problem = "the vehicle is armed" if is_armed else "" if is_on_globe(place) else "coordinates out of range"
         if not problem:
             self._set_origin(place)
         fields, text = self.origin_fields(now), f"Origin not set: {problem}"
@@ -116,7 +119,7 @@ class Globe:
         return []
 
     def _home(self, motion: VehicleMotion) -> VehicleMotion:
-        """Return the motion at home. Before the first arming, home is the current place."""
+        """Return the vehicle's motion at its home position. Before the first arming, this is the current motion."""
         return motion if self.home is None else self.home
 
     def _set_origin(self, origin: Place) -> None:

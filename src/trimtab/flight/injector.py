@@ -23,9 +23,9 @@ from trimtab.run.blocks import replace_links
 
 T = TypeVar("T")
 PATIENCE, RESEND_PERIOD = 10.0, 0.3
-"""Longest time to wait for an answer (s), and time after which a question is repeated (s)."""
+"""Longest time to wait for an answer (s), and time after which a request is repeated (s)."""
 FAULT_NUMBERS = ("start", "duration", "severity", "bias", "word")
-"""Names of a fault's numbers, in the order in which they are sent.
+"""Names of the numbers that describe a fault, in the order in which they are sent.
 
 `word`, the kind of the fault, is sent last, because it activates the fault.
 """
@@ -37,14 +37,14 @@ def add_idle_faults(scenario: Scenario) -> Scenario:
 
 
 class FaultPlan(NamedTuple):
-    """Parameters to set for a fault. values: parameter name -> value, in the order of sending."""
+    """Parameters to set for a fault. values: value of each parameter, by name, in the order of sending."""
 
     fault: Fault
     values: dict[str, float]
 
 
 def fault_parameter_names(scenario: Scenario) -> dict[str, str]:
-    """Return path -> parameter name for all numbers of a scenario's vehicle."""
+    """Return the parameter name of each number of a scenario's virtual vehicle, by path."""
     table = Parameters(add_idle_faults(scenario).world, "world").table()
     return {path: name for name, (path, _) in table.items()}
 
@@ -77,7 +77,10 @@ class Injector:
         self.link, self.endpoint, self._clock = link, endpoint, clock
 
     def inject(self, plan: FaultPlan) -> int:
-        """Set all numbers of a fault; its start counts from now. Return the start by the vehicle's clock (100 ns)."""
+        """Set all numbers of a fault, with its start time relative to now. Return the start by the vehicle's clock.
+
+        Times are in 100 ns.
+        """
         start = self.read_vehicle_time() + int(plan.fault.start)
         for k, (name, value) in enumerate(plan.values.items()):
             self.set(name, value if k else float(start))
@@ -101,7 +104,7 @@ class Injector:
         raise InputError(argument_name("link"), problem, fix=fix)
 
     def read_vehicle_time(self) -> int:
-        """Return the vehicle's clock now (100 ns), accurate to half a round trip."""
+        """Return the current time of the vehicle's clock (100 ns), accurate to half a round trip."""
 
         def answer(message: Message) -> int | None:
             mine = message.name == "TIMESYNC" and message.get("tc1") > 0

@@ -50,7 +50,7 @@ class Instruments:
             duties: duties of the firmware; their failsafe gives names and ranges of the outputs.
             guard: checks before arming.
             endpoint: endpoint of the vehicle.
-            origin: place of the origin of W on the globe; None: not known.
+            origin: geographic position of the origin of the world frame W; None: unknown.
             clock: clock whose wall-clock time is sent as SYSTEM_TIME.
         """
         self._body, self._endpoint, self._clock = body, endpoint, clock
@@ -106,7 +106,7 @@ class Instruments:
         return VehicleMotion(*(motion.result(name).tolist() for name in VehicleMotion._fields))
 
     def pose(self) -> list[float]:
-        """Return position, attitude and place on the globe, as in `logs.frames`."""
+        """Return position, attitude and geographic position, in the layout of `logs.frames`."""
         motion = self.vehicle_motion()
         place = self.globe.place(motion.p_WB)
         return [*motion.p_WB, *motion.attitude, *((math.nan,) * 3 if place is None else place)]
@@ -145,7 +145,7 @@ class Instruments:
 
 
 class SensorSlots(NamedTuple):
-    """Slots of a sensor's newest sample in a world's outputs. at: quantity -> slot of the quantity."""
+    """Slots of a sensor's newest sample in a world's outputs. at: slot of each measured quantity, by name."""
 
     name: str
     at: Mapping[str, Any]
@@ -166,7 +166,7 @@ def find_sensor(writes: Mapping[str, Any], quantity: str) -> SensorSlots | None:
 
 
 def pair_slots(reads: Mapping[str, Any], writes: Mapping[str, Any]) -> list[tuple[Any, Any]]:
-    """Return pairs of slots (motion block, world), one for each input of the motion block: true state and actuation."""
+    """Return a pair of slots (motion block, world) for each input of the motion block: true state and actuation."""
     acting = "input.truth", "input.u"
     pairs = [(p.removeprefix("input."), at) for p, at in reads.items() if p.startswith(acting)]
     return [(at, writes[p if p.startswith("truth") else f"actuators.{p}"]) for p, at in pairs]

@@ -45,11 +45,11 @@ BURST = 4
 HELLO_PERIOD = 0.5
 """Time between two hello messages to the far end (s)."""
 BITS_PER_BYTE = 10
-"""Bits per byte on a serial line, with start and stop bit. The rates in the thesis count them."""
+"""Bits per byte on a serial line, with start and stop bit. The data rates in [1] include these two bits."""
 QUICKEST_SHARE = 0.05
-"""Fraction of the round trips, the quickest ones, from which the offset of two clocks is estimated."""
+"""Fraction of the round trips from which the offset of two clocks is estimated: the quickest ones are used."""
 LEAST_SD = 1e-5
-"""Standard deviation (s) in the model of a link whose measured delays do not vary."""
+"""Smallest standard deviation (s) of the delays in the model of a link, e.g. if the measured delays do not vary."""
 
 
 class LinkTestPlan(NamedTuple):
@@ -90,7 +90,7 @@ class Delays(NamedTuple):
 
 
 class LoadPace:
-    """Pacer of load messages, with which the rate of all sent bytes reaches a given value (byte/s)."""
+    """Pacer of load messages. They are sent so often that all sent bytes together reach a given rate (byte/s)."""
 
     def __init__(self, size: int) -> None:
         self._size, self._due, self.rate = size, 0.0, 0.0
@@ -124,7 +124,7 @@ def echo_requests(
 
     Args:
         link: link to the measuring end.
-        stop: called ten times a second; True ends the work.
+        stop: function called ten times a second; the result True ends the work.
         clock: clock of this end.
         boot: digest that identifies the clock; None: the digest of this machine.
     """
@@ -181,7 +181,7 @@ def measure_delays(
 
 
 class _DelayMeasurement:
-    """One measurement: departure times of the requests, and content and arrival time of each reply, by request."""
+    """State of one measurement: departure time of each request, and content and arrival time of its reply."""
 
     def __init__(self, link: Link, exchange: ClockTimeExchange, plan: LinkTestPlan, clock: Clock) -> None:
         self._link, self._exchange, self._plan, self._clock = link, exchange, plan, clock
@@ -201,7 +201,7 @@ class _DelayMeasurement:
         return self._exchange.shared is not None
 
     def ask(self) -> None:
-        """Send requests at irregular times, and load between them. So requests do not coincide with a periodic task."""
+        """Send requests, and load between them. The times are irregular, so as not to coincide with a periodic task."""
         draw, pace = random.Random(self._plan.seed), LoadPace(len(LOAD_UP))
         pace.rate = self._plan.up * 1e3 / BITS_PER_BYTE
         at = hello_at = self._seconds()
@@ -255,7 +255,7 @@ class _DelayMeasurement:
 
 
 def clock_offset(up: np.ndarray[Any, Any], trip: np.ndarray[Any, Any]) -> float:
-    """Return the lead of the far clock (s), assuming that the quickest round trips took as long up as down."""
+    """Return the lead of the far clock (s), assuming equal delays up and down in the quickest round trips."""
     quickest = np.argsort(trip)[: max(1, int(QUICKEST_SHARE * len(trip)))]
     return float(np.median((up - trip / 2)[quickest]))
 
@@ -263,8 +263,9 @@ def clock_offset(up: np.ndarray[Any, Any], trip: np.ndarray[Any, Any]) -> float:
 def link_traces(delays: Delays) -> dict[str, Trace]:
     """Return a recording of the delays up, and a recording of the delays down, for LatencyTrace.
 
-    If a request has no reply, either the request or the reply was lost. The number of requests that the far end missed
-    is known. So that number of unanswered requests, evenly spread, counts as lost on the way up.
+    If a request has no reply, either the request or the reply was lost. The far end reports the number of requests that
+    it has received, so the number of lost requests is known. That number of unanswered requests, evenly spread, counts
+    as lost on the way up. For the other unanswered requests, the reply counts as lost on the way down.
     """
     missing = np.flatnonzero(~delays.has_reply)
     lost_up = np.zeros(len(delays.send_times), bool)
@@ -282,20 +283,23 @@ def link_traces(delays: Delays) -> dict[str, Trace]:
 
 
 def summarise_latencies(seconds: np.ndarray[Any, Any]) -> Latencies:
-    """Return mean, standard deviation, smallest and largest (ms) of the finite values: a row of the thesis's table."""
+    """Return mean, standard deviation, smallest and largest (ms) of the finite values: a row of the table in [1]."""
     delays_ms = 1e3 * seconds[np.isfinite(seconds)]
     sd = float(delays_ms.std(ddof=1)) if len(delays_ms) > 1 else 0.0
     return Latencies(float(delays_ms.mean()), sd, float(delays_ms.min()), float(delays_ms.max()))
 
 
 def latency_rows(delays: Delays) -> dict[str, Latencies]:
-    """Return the rows "up", "down" and "round trip" of the thesis's table."""
+    """Return the rows "up", "down" and "round trip" of the table in [1]."""
     rows = {"up": delays.up, "down": delays.down, "round trip": delays.up + delays.down}
     return {path: summarise_latencies(seconds) for path, seconds in rows.items()}
 
 
 class DelayModel(NamedTuple):
-    """Model of a link: shifted gamma distribution of latencies (s), with measured moments, and fraction lost."""
+    """Model of one direction of a link: shifted gamma distribution of latencies (s), and fraction of packets lost.
+
+    mean, sd: measured mean and standard deviation.
+    """
 
     mean: float
     sd: float
@@ -312,7 +316,7 @@ class DelayModel(NamedTuple):
 
 
 def fit_delay_model(trace: Trace) -> DelayModel:
-    """Fit a model of one direction. The distribution starts 2 ms below the smallest latency, as in the thesis."""
+    """Fit a model of one direction. The distribution starts 2 ms below the smallest latency, as in [1]."""
     row = summarise_latencies(trace.latency_s[~trace.lost])
     shift = max(row.min_ms - BELOW_MIN_MS, 0.0) / 1e3
     mean = max(row.mean_ms / 1e3, shift + LEAST_SD)

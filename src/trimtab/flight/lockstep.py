@@ -1,8 +1,9 @@
 """Both ends of a link in lockstep: virtual time stands still until the other end has answered.
 
-The vehicle's end sends the changed samples and ends the instant. The autopilot's end answers with the command of that
-instant. So the numbers are those of `simulate`, whatever the link does. The autopilot's step runs once all samples of
-an instant have arrived. Lost packets are sent again. A repeated instant is answered with the same command.
+The vehicle's end sends the changed samples, then a message that ends the instant. The autopilot's end answers with the
+command of that instant. So the results equal those of `simulate`, whatever the link does. The autopilot's step runs
+once all samples of an instant have arrived. Lost packets are sent again. A repeated instant is answered with the same
+command.
 
 Source: docs page, Lockstep.
 """
@@ -88,7 +89,7 @@ def follow_lockstep(
     period: int,
     clock: Clock = SYSTEM_CLOCK,
 ) -> Iterator[int]:
-    """Run the autopilot's end for a duration. Yield each instant after its step and before its answer.
+    """Run the autopilot's end for a duration. Yield each instant after its step, before its command is sent.
 
     Raises NoAnswerError if the vehicle sends no more data.
     """
@@ -101,7 +102,7 @@ def follow_lockstep(
 
     deadline, heartbeat_time = now() + START_PATIENCE, 0.0
     while done + period < duration:
-        if now() > heartbeat_time:  # on some links the vehicle sends only to ends that have sent something
+        if now() > heartbeat_time:  # on some links the vehicle sends only to peers that have sent something
             link.send(endpoint.pack("HEARTBEAT", HEARTBEAT))
             if done < 0:  # firmware waits until it is armed; a virtual vehicle ignores the request
                 link.send(endpoint.pack("COMMAND_LONG", arming))
@@ -129,7 +130,7 @@ class LockstepVehicle:
     """Vehicle's end in lockstep. It sends each instant and waits for the command."""
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
-        """Compile the world. endpoint: makes the vehicle's end of the link for a dialect."""
+        """Compile the world. endpoint: function that makes the vehicle's end of the link for a dialect."""
         world, frame, command = prepare_world(scenario, seed=seed)
         dialect = derive_dialect(frame, command)
         self.scenario, self.seed = scenario, seed
@@ -158,7 +159,7 @@ class LockstepAutopilot:
     """Autopilot's end in lockstep. It answers each instant with a command."""
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
-        """Compile the autopilot. endpoint: makes the autopilot's end of the link for a dialect."""
+        """Compile the autopilot. endpoint: function that makes the autopilot's end of the link for a dialect."""
         scenario.check()
         dialect = scenario_dialect(scenario)
         self.scenario, self.seed = scenario, seed

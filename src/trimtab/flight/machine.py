@@ -24,7 +24,7 @@ from trimtab.flight.real_time import RealTimeGrant, real_time
 from trimtab.flight.transports.open_link import open_link
 
 STORE_PERIOD_S = 1.0
-"""Period (s) of storing a future time stamp, from which a restarted program continues."""
+"""Time (s) between two stores of a future time stamp. A restarted program continues from the stored time stamp."""
 
 
 SAME_KEYPRESS_S = 0.3
@@ -35,8 +35,8 @@ SAME_KEYPRESS_S = 0.3
 def catch_interrupts(clock: Clock = SYSTEM_CLOCK) -> Iterator[Callable[[], bool]]:
     """Turn Ctrl-C, SIGTERM and SIGHUP into a flag, so that the craft is disarmed and logs are closed.
 
-    A second signal after `SAME_KEYPRESS_S` ends the program at once. SIGHUP comes when a terminal or an ssh session is
-    lost. SIGHUP stays ignored if it was ignored before, as under nohup.
+    A second signal more than `SAME_KEYPRESS_S` after the first ends the program at once. SIGHUP is sent when a terminal
+    or an ssh session is lost. If SIGHUP was ignored before, as under nohup, it stays ignored.
     """
     asked: list[int] = []
 
@@ -59,7 +59,7 @@ def catch_interrupts(clock: Clock = SYSTEM_CLOCK) -> Iterator[Callable[[], bool]
 
 @contextlib.contextmanager
 def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
-    """Store future time stamps of an endpoint in another thread, so that the loop waits for no disk."""
+    """Store future time stamps of an endpoint in another thread, so that the control loop never waits for the disk."""
     done = threading.Event()
 
     def keep() -> None:

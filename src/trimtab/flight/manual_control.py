@@ -20,20 +20,23 @@ SWITCH = 4
 """Index of the mode switch, the pilot's fifth channel: above 1.5 ms the sticks are obeyed."""
 RADIO_TIMEOUT = ms(500)
 WIDEST_RANGE = 1e30
-"""Range of a command's number, from which on the number counts as unlimited. Sticks cannot set such a command."""
+"""Smallest range (high - low) at which a command's number counts as unlimited. Sticks cannot set such a command."""
 LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
 
 
 class ManualControl:
-    """Writer of the safety pilot's data into the inputs of the failsafe's step. Times are the vehicle's, in 100 ns."""
+    """Writer of the safety pilot's data into the inputs of the failsafe's step.
+
+    Times are by the vehicle's clock, in 100 ns.
+    """
 
     def __init__(self, failsafe: Failsafe, inputs: Any, slots: Mapping[str, Any]) -> None:
-        """Start before the first data of a pilot.
+        """Start without data from a pilot.
 
         Args:
-            failsafe: failsafe; its limits of a command are the values at the ends of the sticks' travel.
+            failsafe: failsafe of the vehicle. Its limits of a command are the values at full deflection of the sticks.
             inputs: inputs of the failsafe's step.
-            slots: name of an input -> its slot.
+            slots: slot of each input, by name.
         """
         self._inputs, self._slots = inputs, slots
         self._low, self._range = command_ranges(failsafe)

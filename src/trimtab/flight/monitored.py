@@ -1,4 +1,4 @@
-"""Monitor inside a compiled autopilot: violated formulas, for the user and for the flight's log.
+"""Monitor inside a compiled autopilot: messages on violated formulas, for the user and for the flight's log.
 
 Source: docs pages, Fly and Monitor.
 """

@@ -1,13 +1,15 @@
-"""Port of a vehicle's outputs: the row that is applied, in shared memory, for the driver of servos and motors.
+"""Port of a vehicle's outputs: shared memory with the row to apply now, for the driver of servos and motors.
 
-    struct, little-endian     number of the write (u64, odd during a write), time of the write, time stamp of life,
-                              delay of the lift fan (ns each, i64), number of values n (u16), state (u8), lift (u8)
+    struct, little-endian     number of the write (u64, odd during a write), time of the write, time of the last sign
+                              of life, delay of the lift fan (ns each, i64), number of values n (u16), state (u8),
+                              lift (u8)
     n float64, n float64      the applied values, the safe values
 
-The process of the outputs renews the stamp of life every 20 ms, whether or not a value changes. A driver must read the
-port at least that often, and compare the stamp with the monotonic clock. A stamp older than 100 ms means that the
-process is dead or frozen. The driver then applies the safe values, and stops the lift fan after its delay.
-`OutputReader` follows this rule. The memory is not on the disk of the log, since a disk may hang.
+The process of the outputs gives a sign of life every 20 ms, whether or not a value changes: it writes the current time
+into the port. A driver must read the port at least that often, and compare this time with the monotonic clock. If the
+last sign of life is older than 100 ms, the process is dead or frozen. The driver then applies the safe values, and
+stops the lift fan after its delay. `OutputReader` follows this rule. The port is not on the disk of the log, since a
+disk may hang.
 
 This module needs only the standard library, since it runs in the process of the outputs and in drivers.
 Source: docs page, Vehicle (Watchdog).
@@ -25,18 +27,22 @@ from typing import NamedTuple
 
 PORT_HEAD = struct.Struct("<QqqqHB?")
 LIFE_OFFSET = 16
-"""Byte offset of the stamp of life in the port."""
+"""Byte offset, in the port, of the time of the last sign of life."""
 MOST_READS = 100
 """Maximum number of attempts to read a row while it is being written."""
 LIFE_PERIOD, LIFE_TIMEOUT = 20_000_000, 100_000_000
-"""Time (ns) between two stamps of life, and age of a stamp at which a driver treats the writer as dead."""
+"""Time (ns) between two signs of life, and age of a sign of life at which a driver treats the writer as dead."""
 STATES = ("waiting", "driven", "safe", "latched", "stale")
 WAITING, DRIVEN, SAFE, LATCHED, STALE = range(5)
 SHARED_MEMORY = Path("/dev/shm")
 
 
 class OutputRow(NamedTuple):
-    """Row of outputs. values: numbers of the command, in the order of its record."""
+    """Row of outputs: the values that a driver applies at a time.
+
+    state: index in STATES.  lift: True if the lift fan turns.  values: numbers of the command, in the order of the
+    command's record.
+    """
 
     state: int
     lift: bool
@@ -59,7 +65,7 @@ def memory_folder() -> Path:
 
 
 def port_path(process: int) -> Path:
-    """Return the path of the port that a process writes. process: number of the process."""
+    """Return the path of the port that a process writes. process: process id."""
     return memory_folder() / f"outputs-{process}.bin"
 
 
@@ -67,7 +73,7 @@ class OutputPort:
     """Writing side of the port, in the process of the outputs."""
 
     def __init__(self, path: Path, safe: Sequence[float], lift_delay: int) -> None:
-        """Make the port, with the safe values applied.
+        """Make the port. The safe values are applied first.
 
         Args:
             path: file to make in shared memory. An older file of this name is replaced.
@@ -93,11 +99,11 @@ class OutputPort:
         struct.pack_into("<Q", self._memory, 0, self._count)
 
     def renew(self, now: int) -> None:
-        """Renew the stamp of life, which shows that this process works."""
+        """Write a sign of life at time now (ns). It shows that this process works."""
         struct.pack_into("<q", self._memory, LIFE_OFFSET, now)
 
     def close(self) -> None:
-        """Remove the file of the port. A driver that still has the port open sees that the stamp of life is too old."""
+        """Remove the file of the port. A driver that still has the port open sees no more signs of life."""
         self.path.unlink(missing_ok=True)
 
 
@@ -131,7 +137,7 @@ class OutputReader:
         return self._newest
 
     def row_to_apply(self, now: int) -> OutputRow:
-        """Return the row that a driver applies now (ns, monotonic clock): the safe row while the writer shows no life.
+        """Return the row that a driver must apply now (ns, monotonic clock): the safe row if signs of life are missing.
 
         If the lift fan was turning, it keeps turning for its delay after the last sign of life.
         """

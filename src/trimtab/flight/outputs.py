@@ -1,8 +1,8 @@
-"""Outputs of a vehicle, as seen by the vehicle. Another process makes them safe when the vehicle sends no rows.
+"""Vehicle's connection to the process of its outputs, which makes the outputs safe when the vehicle sends no rows.
 
-The vehicle hands over each row that it computes, and at least one per HEARTBEAT. The outputs' process applies it. If no
-row arrives within the watchdog's time, or the socket closes, that process writes the safe row: safe thrust at once,
-lift fan off after the failsafe's delay. `flight.outputs_process` is that process.
+The vehicle sends each row that it computes, and at least one row per HEARTBEAT. The outputs' process applies the row.
+If no row arrives within the watchdog's time, or the socket closes, the process writes the safe row: safe thrust at
+once, lift fan off after the failsafe's delay. The process is in `flight.outputs_process`.
 Source: docs page, Vehicle (Watchdog).
 """
 
@@ -25,8 +25,7 @@ HEARTBEAT = 5_000_000
 """Longest time (ns) between two rows. An unchanged row is sent again after this time."""
 START_S, END_S = 10.0, 5.0
 HEAD = struct.Struct("<q??")
-"""Head of a row: time of the hand-over (ns, monotonic clock), True if a command is in force, True if the lift fan
-turns.
+"""Header of a row: time of sending (ns, monotonic clock), True if a command is in force, True if the lift fan turns.
 """
 READY, TRIPPED, END, ECHO = b"ready", b"tripped ", b"end", b"echo"
 DIED, FROZEN = "the outputs' process died", "the outputs' process is frozen"
@@ -34,7 +33,7 @@ PORT_FILE, LOG_FILE = "outputs.bin", "outputs.txt"
 
 
 class RowSocket(Protocol):
-    """One end of the connection between vehicle and outputs. It keeps packets apart and never waits."""
+    """One end of the connection between vehicle and outputs. It keeps the boundaries of packets and never blocks."""
 
     def fileno(self) -> int:
         """Return the descriptor, -1 once the socket is closed."""
@@ -128,7 +127,7 @@ def start_outputs_process(orders: OutputsOrders) -> OutputsProcess:
 
 
 class Outputs:
-    """Connection of the vehicle to the process of its outputs. It hands rows over and never waits.
+    """Connection of the vehicle to the process of its outputs. It sends rows and never blocks.
 
     Args:
         safe: the row that makes the craft safe.
@@ -170,13 +169,13 @@ class Outputs:
         return not self.problem
 
     def hand_over(self, is_commanded: bool, lift: bool, values: Sequence[float]) -> int:
-        """Send a row to the process. Return the silence (ns) after which the outputs had gone safe; 0: they had not."""
+        """Send a row to the process. If the outputs had gone safe, return the time without rows (ns), otherwise 0."""
         now = self._clock.monotonic_ns()
         content = HEAD.pack(0, is_commanded, lift)[8:] + self._numbers.pack(*values)
         if content == self._content and now - self._stamp < HEARTBEAT:
             return 0
         self._content, self._stamp = content, now
-        if now - self._looked >= LIFE_TIMEOUT / 2:  # this process stood still, or the whole machine did
+        if now - self._looked >= LIFE_TIMEOUT / 2:  # this process or the whole machine stood still
             self._echo = now
         self._looked = now
         silence = 0
@@ -193,7 +192,7 @@ class Outputs:
         return silence
 
     def _take_answer(self, answer: bytes, now: int) -> int:
-        """Handle a packet of the outputs' process. Return the silence (ns) that the packet reports, else 0."""
+        """Handle a packet of the outputs' process. Return the time without rows (ns) that it reports, else 0."""
         if not answer:
             raise BrokenPipeError
         self._echo = now

@@ -87,9 +87,9 @@ class OutputsLoop:
             line: connection to the vehicle.
             orders: settings from the vehicle.
             clock: clock of this process.
-            find_cause: returns the reason why no row arrives although the connection is open.
+            find_cause: function that returns the reason why no row arrives although the connection is open.
             port: port for the driver; None: no driver.
-            tells: functions that pass each message to the log and the user. They must not wait.
+            tells: functions that pass each message to the log and the user. They must not block.
         """
         self._line, self._clock, self._find_cause, self._timeout = line, clock, find_cause, orders.timeout
         self.watchdog = Watchdog(orders.safe, orders.timeout, orders.lift_delay, orders.latch)
@@ -122,7 +122,7 @@ class OutputsLoop:
             tell(line)
 
     def step(self) -> int:
-        """Apply the received rows. Return the time (ns) of the next call if no row arrives before."""
+        """Apply the received rows. Return the time (ns) at which to call this again if no row arrives earlier."""
         if not self._is_gone:
             self._take_rows()
             self._report_silence()
@@ -154,7 +154,7 @@ class OutputsLoop:
                 self._line.send(ECHO)
 
     def _take_rows(self) -> None:
-        """Take all waiting rows. Record if the vehicle has closed its end, and if it had announced that."""
+        """Take all waiting rows. Record if the vehicle has closed the connection, and if it has sent END before."""
         while not self._is_gone:
             try:
                 data = self._line.recv(HEAD.size + self._numbers.size)

@@ -1,9 +1,9 @@
-"""Parameters that outlive a program: a file of settings, written only when a ground station asks for it.
+"""File of parameters for the next start of a program, written only if a ground station requests it.
 
     {"scenario": "hovercraft/forward", "parameters": {"world.vehicle.mass": 2.8}}
 
-When the program starts, these parameters act like settings given by --set, but --set takes precedence. So the identity
-of the two ends, the log's metadata and a replay treat them like any other setting.
+When the program starts, these parameters act like settings given by --set, but --set takes precedence. So they are
+treated like any other setting by the comparison of the two ends, the log's metadata and a replay.
 Source: docs page, Ground stations.
 """
 
@@ -50,19 +50,20 @@ class ParameterStore:
         scenario: str = "",
         setting_path: Callable[[str], str | None] = lambda path: path,
     ) -> None:
-        """Prepare to store the parameters of a scenario in a file. file None: they are not stored.
+        """Prepare to store the parameters of a scenario in a file. file: None if they are not to be stored.
 
-        setting_path: maps the path of a parameter to the path of its setting; None: the parameter is not stored.
+        setting_path: function from the path of a parameter to the path of its setting. If the result is None, the
+        parameter is not stored.
         """
         self._file, self._scenario, self._setting_path = file, scenario, setting_path
 
     @property
     def is_there(self) -> bool:
-        """True if there is a file to write."""
+        """True if there is a file in which to store parameters."""
         return self._file is not None
 
     def write(self, values: ChangedValues | None) -> str:
-        """Add values, by path, to the file. None removes all values. Return a problem, or ""."""
+        """Add values, by path, to the file; None removes all values. Return the reason for a failure, or ""."""
         if self._file is None:
             return NO_STORE
         try:

@@ -1,8 +1,9 @@
 """Pilot of a flight at a console: requests to the flight, and data for the console.
 
-Requests are read once a period. They take the same path as without a console: requests go to the supervisor, values to
-the parameters, stick positions into the sensor sample that the law reads. So the flight's log contains them, and a
-replay repeats them. If the stick sends no more data, the flight first holds, and later ends (dead man's switch).
+The console's messages are read once a period. They take the same path as without a console: requests go to the
+supervisor, values to the parameters, stick positions into the sensor sample that the law reads. So the flight's log
+contains them, and a replay repeats them. If the stick sends no more data, the supervisor is asked to hold, and later
+the flight ends (dead man's switch).
 Source: docs page, Console.
 """
 
@@ -30,7 +31,7 @@ CHECK_PERIOD, TIMING_PERIOD = ms(500), seconds(1)
 
 
 class NoPilot:
-    """Flight without a console. The vehicle is armed as soon as all checks pass."""
+    """Substitute for a pilot in a flight without a console. The vehicle is armed as soon as all checks pass."""
 
     wants_arming, shows_checks, has_stopped = True, False, False
     end_reason = ""
@@ -39,7 +40,7 @@ class NoPilot:
         """Do nothing: there is no pilot."""
 
     def decide_arming(self, may_arm: bool) -> bool:
-        """Return whether to arm: as soon as all checks pass."""
+        """Return True if all checks pass. Without a pilot, the vehicle is then armed."""
         return may_arm
 
     def note_command(self) -> None:
@@ -66,7 +67,7 @@ class Piloting:
         report: Callable[[str], None],
         clock: Clock = SYSTEM_CLOCK,
     ) -> None:
-        """report: receives the messages for the user and for the log.  clock: clock of this process."""
+        """report: function that receives the messages for the user and for the log.  clock: clock of this process."""
         self._clock = clock
         self._line, self._stick, self._supervised, self._parameters = line, stick, supervised, parameters
         self._remote, self._preflight, self._report = remote, preflight, report
@@ -112,7 +113,7 @@ class Piloting:
         self._stick_clocks.clear()
 
     def show(self, t: int, own: Sequence[float], deadlines: Deadlines) -> None:
-        """Send a row if one is due. Less often, send the checks before arming or the timing of the loop."""
+        """Send a row to the console if one is due. Less often, add the checks before arming or the loop's timing."""
         if t < self._next["row"]:
             return
         self._next["row"] = max(self._next["row"] + ROW_PERIOD, t)
@@ -179,7 +180,7 @@ class Piloting:
         return f"sent to the {'vehicle' if asks_vehicle else 'supervisor'}"
 
     def _stop(self, why: str) -> None:
-        """End the flight at once: disarm the vehicle, and make no command valid from the next step on."""
+        """End the flight at once: disarm the vehicle, and make all commands invalid from the next step on."""
         if not self.has_stopped:
             self._report(why)
         self.has_stopped, self.wants_arming = True, False
@@ -195,7 +196,7 @@ class Piloting:
         self._supervised.request("hold")
 
     def _watch_stick(self, t: int) -> None:
-        """Ask to hold, and later end the flight, if the stick in use sends no data (dead man's switch)."""
+        """If the stick in use sends no data, request hold, and later end the flight (dead man's switch)."""
         silence = t - self._stick_time
         if self._pilot is None or silence < HOLD_SILENCE:
             return

@@ -1,7 +1,7 @@
-"""Checks of a vehicle before arming, and its conditions after a failsafe.
+"""Checks of a vehicle before arming, and conditions for arming it again after a failsafe.
 
-The checks run ten times a second on data of the vehicle: its sensors' samples, its link, its own program. A refusal is
-explained in the same words to pilot, ground station and log, with advice: `flight.station.arming`.
+The checks run ten times a second. They use the vehicle's own data: samples of its sensors, its link, its program.
+Pilot, ground station and log get the same explanation of a refusal, with advice (`flight.station.arming`).
 Source: docs page, Arming.
 """
 
@@ -29,9 +29,9 @@ from trimtab.loop.vehicle_limits import VehicleLimits
 
 CHECK_PERIOD = ms(100)
 LONGEST_SILENCE, LONGEST_PERIODS = ms(250), 5
-"""A sensor fails its check after this time plus this number of the sensor's periods without a sample.
+"""Time, and number of the sensor's periods. A sensor without a sample for longer than the sum fails its check.
 
-Some sensors give fewer samples than their period suggests, such as a network of beacons. For them the median of the
+Some sensors, such as a network of beacons, give fewer samples than their period suggests. For them the median of the
 last intervals replaces the period.
 """
 MOST_LOSS, LEAST_FRAMES, LOSS_WINDOW = 50.0, 20, seconds(1)
@@ -41,7 +41,7 @@ LONGEST_LINE_SILENCE = 3.0
 """Largest time without data on the link (s): three periods of a ground station's heartbeat."""
 LONGEST_RADIO_SILENCE = 0.5
 LEAST_SPACE = 100.0
-"""Least free space for the log (MB): ten minutes of a vehicle's log."""
+"""Least free space for the log (MB), enough for ten minutes of a vehicle's log."""
 CONFIRMATION_CHECK = "confirmation"
 MEGABYTE = 1e6
 
@@ -116,7 +116,10 @@ UNCHECKED = "the checks have not run yet"
 
 
 class ArmingGuard:
-    """Checks, fence and envelope of a vehicle, and its conditions after a failsafe. Times are the vehicle's."""
+    """Checks of a vehicle before arming, its fence and envelope, and its conditions for arming after a failsafe.
+
+    Times are by the vehicle's clock.
+    """
 
     def __init__(
         self,
@@ -127,12 +130,12 @@ class ArmingGuard:
         radio_silence: Callable[[int], int | None],
         disk: Disk = SYSTEM_DISK,
     ) -> None:
-        """Start before the first run of the checks.
+        """Start without results of checks.
 
         body: vehicle with the sensors.  limits: fence, envelope, and the limits that define rest.
         failsafe: failsafe whose time-out is checked.  counts: frame counters of the vehicle's end.
-        radio_silence: time since data from the safety pilot's receiver; None: never received.
-        disk: disk of the log.
+        radio_silence: function that returns the time since the last data from the safety pilot's receiver, or None if
+        no data was ever received.  disk: disk of the log.
         """
         self._body, self._failsafe, self._disk = body, failsafe, disk
         self.motion, self._limits = SensedMotion(body, limits), limits
@@ -150,11 +153,14 @@ class ArmingGuard:
         self._next = 0
 
     def follow(self, t: int, mode: str) -> None:
-        """Update at each instant, after the failsafe's step, and run the checks when they are due."""
+        """Update the state, and run the checks if they are due. Call this at each instant, after the failsafe's step.
+
+        mode: mode of the failsafe.
+        """
         is_new, self._is_failsafe = mode == MODES[FAILSAFE] and not self._is_failsafe, mode == MODES[FAILSAFE]
         if is_new:
             self._has_failed_safe, self._is_confirmed = True, False
-            self._next = t  # a request to arm in the next moment must not see old checks
+            self._next = t  # a request to arm that comes now must not be judged by old checks
         elif mode == MODES[COMPUTER] and self._has_failed_safe:
             self._has_failed_safe = False
         for watch in self._sensors.values():
@@ -168,7 +174,7 @@ class ArmingGuard:
             self.checks = self._make_checks(t)
 
     def confirm(self) -> None:
-        """Record that the user has disarmed the vehicle since the failsafe."""
+        """Record that the user has disarmed the vehicle after the failsafe."""
         self._is_confirmed = True
 
     @property
@@ -189,7 +195,7 @@ class ArmingGuard:
         return first_problem([c for c in self.checks if c.name == CONFIRMATION_CHECK])
 
     def find_breach(self, t: int) -> Breach | None:
-        """Return the violated limit of fence or envelope."""
+        """Return the violated limit of fence or envelope; None if no limit is violated."""
         return self.motion.find_breach(t, self._silent_sensors(t)) if self.motion.bounds else None
 
     def _silent_sensors(self, t: int) -> dict[str, float]:
@@ -240,7 +246,7 @@ class ArmingGuard:
 
 
 def _list_sensors(body: VirtualVehicle) -> dict[str, _SensorWatch]:
-    """Return a watch for each sensor, except scripts of a pilot and sensors with FEELS = "state"."""
+    """Return a watch for each sensor, by name, except for a pilot's scripts and for sensors with FEELS = "state"."""
     sensors = {}
     for name, sensor in body.scenario.world.sensors.items():
         while isinstance(sensor, FaultyPart):

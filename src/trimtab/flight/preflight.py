@@ -1,7 +1,7 @@
-"""Checks of `fly` before it asks a vehicle to arm. `fly` waits for checks that can pass, and otherwise gives up.
+"""Checks of `fly` before it asks a vehicle to arm. `fly` waits for checks that can still pass, else it gives up.
 
-This module checks the estimate. The vehicle checks its own state, and checks again when it is asked to arm. Both
-results are shown, and logged, as one table.
+This module checks the estimate. The vehicle checks its own state, and checks it again when it is asked to arm. All
+results are shown, and logged, in one table.
 Source: docs page, Arming.
 """
 
@@ -23,17 +23,17 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import CHECKS
 
 CHECK_PERIOD, PATIENCE = ms(100), seconds(10)
-"""Period of the checks, and longest wait for a check that can pass by waiting."""
+"""Time between two runs of the checks, and longest time to wait for a failing check that can still pass (100 ns)."""
 LONGEST_SILENCE = 0.25
 STALE_AGE = 0.4
-"""Largest age of an estimate (s) if there is no supervisor; equals the supervisor's default."""
+"""Largest accepted age of an estimate (s) without a supervisor. It equals the default of the supervisor."""
 MOST_SIGMA = {"m": 1.0, "m/s": 0.5, "rad": 0.35, "rad/s": 0.2}
-"""Largest standard deviation, by unit, of the estimated quantities that the law reads."""
+"""Largest accepted standard deviation, by unit, of the estimated quantities that the law reads."""
 STATE = "estimate.state."
 
 
 class Preflight:
-    """Checks of a flight that has not been armed yet. Times `now` are this end's, in 100 ns."""
+    """Checks of a flight before the vehicle is armed. Times `now` are by the autopilot's clock, in 100 ns."""
 
     def __init__(
         self,
@@ -43,7 +43,7 @@ class Preflight:
         counts: FrameCounts,
         disk: Disk = SYSTEM_DISK,
     ) -> None:
-        """Start before the first check. counts: frame counters of this end.  disk: disk of the log."""
+        """Start without results of checks. counts: frame counters of the autopilot's end.  disk: disk of the log."""
         self._end, self._remote, self._loss, self._disk = end, remote, FrameLoss(counts), disk
         supervisor = scenario.autopilot.supervisor
         self._stale_age = STALE_AGE if supervisor is None else float(supervisor.stale_age)
@@ -53,7 +53,7 @@ class Preflight:
         self._is_shown, self._obstacles = False, set[str]()
         self.log_folder: Path | None = None
         self.checks: list[ArmingCheck] = []
-        """Last results, the vehicle's before the autopilot's: a missing sensor explains a missing estimate."""
+        """Last results of the checks, first the vehicle's: a missing sensor explains a missing estimate."""
         self._theirs = 0
         self.is_decided = False
         self.obstacle = ""
@@ -66,7 +66,7 @@ class Preflight:
         if self._began is None:
             self._began = now
         self._loss.follow(now)
-        self._remote.wants_checks = not self._remote.arming.is_asking  # two requests could overtake one another
+        self._remote.wants_checks = not self._remote.arming.is_asking  # two requests at once could overtake one another
         if self._remote.arming.is_asking and now - self._began >= PATIENCE:
             self.refusal = "arming refused by the vehicle, or no answer; see the vehicle's messages"
         if self._remote.arming.is_asking or now < self._next:
@@ -90,7 +90,7 @@ class Preflight:
         return may_arm
 
     def restart(self) -> None:
-        """Run the checks from scratch, with the full waiting time."""
+        """Start the checks from scratch, with the full waiting time."""
         self._began, self.is_decided, self._is_shown, self.obstacle, self.refusal = None, False, False, "", ""
         self._obstacles.clear()
 
@@ -110,7 +110,7 @@ class Preflight:
 
     @property
     def table(self) -> str:
-        """Table of all checks, aligned, one line each."""
+        """Text table of all checks, one line per check."""
         rows = [("", "check", "value", "limit", "")]
         for k, c in enumerate(self.checks):
             verdict = "ok" if c.passes else "confirmed" if self._is_confirmed(c) else "REFUSED"

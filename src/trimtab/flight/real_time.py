@@ -1,11 +1,11 @@
-"""Real time on an ordinary machine: absolute deadlines, rights granted by the system, statistics of the deadlines.
+"""Real-time loops on an ordinary computer: absolute deadlines, real-time rights, statistics of the deadlines.
 
-A control period k ends at start + k * period, whatever happened before: delays do not accumulate. A period whose work
-ended after the next deadline is an overrun. If the thread itself used the processor for longer than a period, the
-overrun counts as its own, otherwise as the scheduler's. While the loop catches up, without waiting, its late periods
-count in the same way.
+Deadline k is at start + k * period, whatever happened before, so delays do not accumulate. A period whose work ended
+after the next deadline is an overrun. If the thread itself used the processor for longer than a period, the overrun
+counts as its own, otherwise as the scheduler's. Late periods after an overrun, while the loop catches up without
+waiting, count in the same way.
 
-Each time is counted in a table of fixed size. This takes a few hundred nanoseconds and allocates no memory.
+Each measured time is counted in a table of fixed size. This takes a few hundred nanoseconds and allocates no memory.
 Source: G. Tene, HdrHistogram (buckets of constant relative width); docs page, Vehicle.
 """
 
@@ -24,13 +24,13 @@ from trimtab.core.time import UNITS_PER_SECOND, format_time, seconds
 NS = 100
 """Nanoseconds in a unit of time (100 ns)."""
 MOST_PACKETS = 64
-"""Maximum number of packets taken at one instant, so that a flood cannot stop the clock."""
+"""Maximum number of packets read after the time of an instant, so that a flood of packets cannot stop the loop."""
 DISCARD_LIMIT = 10_000
 """Maximum number of packets that `discard_packets` removes."""
 LONGEST_DELAY = seconds("0.5")
-"""A loop with a smaller delay catches up. A loop with a larger delay skips periods."""
+"""Smallest delay (100 ns) of a loop at which it skips periods. With a smaller delay, the loop catches up."""
 SUB_BUCKET_BITS = 5
-"""Each doubling of the time has 2**SUB_BUCKET_BITS buckets, each 3 % wide."""
+"""Base-2 logarithm of the number of histogram buckets per doubling of the time. A bucket is at most 3 % wide."""
 BUCKETS = (64 - SUB_BUCKET_BITS) << SUB_BUCKET_BITS
 FIRST_DOUBLING, LAST_DOUBLING = 10, 30
 """Powers of two (ns) of the first and last edge of the coarse histogram."""
@@ -49,7 +49,7 @@ class WallClock:
         self.start = self._clock.monotonic_ns()
 
     def now(self) -> int:
-        """Return the current time (100 ns)."""
+        """Return the time since the clock was made or restarted, in units of 100 ns."""
         return (self._clock.monotonic_ns() - self.start) // NS
 
     def wait(self, t: int, link: Link, hear: Callable[[bytes], None]) -> int:
@@ -119,13 +119,13 @@ class Histogram:
         return [0.0, *(2**k * 1e-9 for k in range(first, last + 1))], counts
 
     def summary(self) -> TimeSummary:
-        """Return count, median and tails."""
+        """Return the number of times, their median and high quantiles, and the longest time."""
         tails = [self.quantile(share) for share in (0.5, 0.99, 0.999)]
         return TimeSummary(sum(self.counts), tails[0], tails[1], tails[2], self.longest * 1e-9)
 
 
 def bucket_end(bucket: int) -> int:
-    """Return the longest time (ns) of a bucket."""
+    """Return the longest time (ns) that is counted in a bucket."""
     shift = max((bucket >> SUB_BUCKET_BITS) - 1, 0)
     return ((bucket - (shift << SUB_BUCKET_BITS) + 1) << shift) - 1
 
@@ -143,9 +143,9 @@ class RealTimeGrant(NamedTuple):
 
 @contextlib.contextmanager
 def real_time(is_wanted: bool = True) -> Iterator[RealTimeGrant]:
-    """Schedule this process before ordinary ones and lock its memory, where that is allowed, within this context.
+    """Give this process real-time priority and lock its memory, if the system allows it, within this context.
 
-    Python's cycle collector is off: the loop makes no cycles, and a collection takes milliseconds.
+    Python's cycle collector is off, because the loop makes no cycles and a collection takes milliseconds.
     """
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     scheduler, locked = "ordinary", False

@@ -26,7 +26,7 @@ from trimtab.flight.vehicle_clock import VehicleClock
 
 
 class RemoteVehicle:
-    """Vehicle at the far end of a link. Times `now` are this end's, in 100 ns."""
+    """Vehicle at the far end of a link. Times `now` are by the autopilot's clock, in 100 ns."""
 
     def __init__(
         self,
@@ -38,11 +38,11 @@ class RemoteVehicle:
         confirms: bool = False,
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Start before a vehicle was received.
+        """Start without a known vehicle.
 
         typed: command that the user typed; messages suggest it again with the missing options. identity, accepts: see
         `ScenarioComparison`. confirms: see `RemoteArming`.
-        tell: receives the messages for the user and for the log.
+        tell: function that receives the messages for the user and for the log.
         """
         self._endpoint, self._link, self.typed, self._tell = endpoint, link, typed, tell
         self.remarks: list[str] = []
@@ -52,22 +52,22 @@ class RemoteVehicle:
         self.arming = RemoteArming(endpoint, self.comparison, confirms, tell)
         self.requests = ForwardedRequests(endpoint)
         self.checks, self.wants_checks = RemoteChecks(), False
-        """The vehicle's checks before arming. They are requested while `wants_checks`."""
+        """The vehicle's checks before arming. They are requested while `wants_checks` is True."""
         self.system = self.component = 0
         self.heartbeat_time: int | None = None
         self._texts = TextAssembly()
 
     def is_of_vehicle(self, message: Message) -> bool:
-        """Return True if a message comes from the first vehicle that was received."""
+        """Return True if a message comes from the first vehicle from which a heartbeat was received."""
         return self.heartbeat_time is not None and (message.system, message.component) == (self.system, self.component)
 
     @property
     def is_ready(self) -> bool:
-        """True if a vehicle answers, its clock is known, and its scenario matches this end's."""
+        """True if a vehicle answers, its clock is known, and its scenario matches the autopilot's."""
         return self.heartbeat_time is not None and self.clock.is_known and self.comparison.is_complete
 
     def find_problem(self, scenario: str) -> ConnectionProblem:
-        """Return why the vehicle is not ready, as a message for the user."""
+        """Return the reason why the vehicle is not ready, as a message for the user."""
         counts, traffic, stamps = self._endpoint.counts, self._link.statistics, self._endpoint.stamps
         start = f"trimtab vehicle {scenario} --listen …, with the same --set on both ends"
         comparison, untimely = self.comparison, self.clock.untimely
@@ -132,7 +132,7 @@ class RemoteVehicle:
             self.comparison.handle_refusal()
 
     def due(self, now: int) -> None:
-        """Send the packets that must be sent now: heartbeats, questions and requests."""
+        """Send the packets that must be sent now: heartbeats and requests."""
         self._send(self.requests.due(now))
         self._send(self.clock.due(now))
         self._send(self.arming.due(now, self.system))

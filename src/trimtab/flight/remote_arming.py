@@ -1,4 +1,4 @@
-"""Arming state and owner of a vehicle, as seen from the autopilot's end, and this end's requests to arm and disarm.
+"""Arming state and owner of a vehicle, as known to the autopilot, and the autopilot's requests to arm and disarm.
 
 Source: docs pages, Fly and Vehicle (Authority); MAVLink's services heartbeat and command.
 """
@@ -14,13 +14,13 @@ from trimtab.flight.station.arming import CONFIRMATION
 from trimtab.flight.station.standard_services import OWNED_COMMANDS
 
 ARM_PERIOD, DISARM_PERIOD = ms(500), ms(100)
-"""Times after which an unanswered request to arm, and to disarm, is repeated."""
+"""Time after which an unanswered request is repeated: a request to arm, a request to disarm."""
 COMMON_END = seconds(1)
-"""Longest time between the vehicle's own end and the end of the flight for which the vehicle's end counts as normal."""
+"""Grace period. If the vehicle ends its own run at most this long before the flight ends, the end counts as normal."""
 
 
 class RemoteArming:
-    """Arming state of the vehicle. Times `now` are this end's, in 100 ns."""
+    """Arming state of the vehicle. Times `now` are by the autopilot's clock, in 100 ns."""
 
     def __init__(
         self, endpoint: Endpoint, comparison: ScenarioComparison, confirms: bool, tell: Callable[[str], None]
@@ -28,26 +28,28 @@ class RemoteArming:
         """Start with a disarmed vehicle.
 
         Args:
-            endpoint: this end of the link.
+            endpoint: autopilot's end of the link.
             comparison: comparison of the scenarios, which must match while the vehicle is asked to arm.
             confirms: True if the user confirms that the vehicle may be armed again after a failsafe.
-            tell: receives the messages for the user and for the log.
+            tell: function that receives the messages for the user and for the log.
         """
         self._endpoint, self._comparison, self.confirms, self._tell = endpoint, comparison, confirms, tell
         self.armed = self.has_failed_safe = self.is_in_failsafe = False
-        """armed: the vehicle reports that it is armed.  has_failed_safe: it was in failsafe while this end owned it."""
+        """armed: the vehicle reports that it is armed.  has_failed_safe: the vehicle was in failsafe while it
+        belonged to this autopilot.
+        """
         self._end_time: int | None = None
         """Time at which the vehicle reported that it had disarmed because its own run ended."""
         self.owner = 0
         """Session of the autopilot that flies the vehicle, as last reported; 0: none, or not reported."""
         self.has_authority = self._takes_over = False
-        """has_authority: the vehicle accepts this end as its owner."""
+        """has_authority: the vehicle accepts this autopilot as its owner."""
         self._request: float | None = None
         self._next = 0
 
     @property
     def is_taken(self) -> bool:
-        """True if the vehicle belongs to another autopilot and this end has not asked to take it over."""
+        """True if the vehicle belongs to another autopilot and this autopilot has not asked to take it over."""
         return self.owner not in (0, self._endpoint.session) and not self._takes_over
 
     @property
@@ -69,9 +71,9 @@ class RemoteArming:
         self._request, self._next = 0.0, 0
 
     def due(self, now: int, system: int) -> list[bytes]:
-        """Return the request that is due now. system: number of the vehicle's system."""
+        """Return the packets of the request that is due now. system: MAVLink system id of the vehicle."""
         if self._request and not self.armed and self._comparison.count_differences():
-            self._request = None  # settings changed after the request: the checks come first
+            self._request = None  # settings have changed since the request, so they must be checked first
         if self._request is None or now < self._next:
             return []
         self._next = now + (ARM_PERIOD if self._request else DISARM_PERIOD)
@@ -101,12 +103,12 @@ class RemoteArming:
         """Handle the vehicle's answer to a command. owner: session of the vehicle's owner; 0: none, or not reported."""
         if command in OWNED_COMMANDS:
             self._follow_owner(owner)
-        is_ours = owner in (0, self._endpoint.session)  # else the answer is for another end with the same number
+        is_ours = owner in (0, self._endpoint.session)  # else the answer is for another autopilot with the same id
         if command == CommandCode.ARM and is_accepted and is_ours and self._request is not None:
             self.armed = self.has_authority = bool(self._request)
             self._request = None
         elif command == CommandCode.ARM and not is_ours and self._request == 0.0:
-            self._request = None  # the owner, another autopilot, ends its own flight
+            self._request = None  # another autopilot owns the vehicle, and ends its own flight
 
     def _follow_owner(self, owner: int) -> None:
         """Store the owner of the vehicle. Give up authority if the owner is another autopilot."""
@@ -116,7 +118,7 @@ class RemoteArming:
             self._tell(f"the vehicle belongs to another autopilot now, session {owner:06x}")
         elif owner == self._endpoint.session:
             self._takes_over = False
-            if self._request:  # the broadcast owner replaces a lost acknowledgement
+            if self._request:  # the announced owner replaces a lost acknowledgement
                 self.armed = self.has_authority = True
                 self._request = None
 
@@ -141,7 +143,7 @@ def pack_command(
 ) -> bytes:
     """Return the packet of a MAVLink command.
 
-    system: system that receives the command. first, others: parameters of the command.
+    system: id of the system that receives the command.  first, others: parameters of the command.
     """
     fields = {"command": command, "param1": first, "target_system": system, "target_component": 0}
     return endpoint.pack("COMMAND_LONG", fields | dict(others or {}))

@@ -33,7 +33,7 @@ LIMITS: Mapping[str, SafetyLimit] = {
     "limits.rest_speed": SafetyLimit(1.0, "m/s"),
     "limits.rest_rate": SafetyLimit(2.0, "rad/s"),
 }
-"""Setting -> limit. A time-out or a speed "at rest" beyond its limit in effect disables the safety function."""
+"""Limit of each safety setting. A larger time-out, or a larger speed "at rest", would disable a safety function."""
 
 
 def check_confirmations(names: Collection[str]) -> frozenset[str]:
@@ -53,7 +53,7 @@ def safety_checks(
 
     Args:
         failsafe: failsafe of the vehicle.
-        limits: fence, envelope and limits of rest.
+        limits: fence, envelope, and the limits that define rest.
         watchdog: time without a row (100 ns) after which the outputs go safe; None: no outputs' process.
         confirmed: settings that the user has confirmed by name.
     """

@@ -10,9 +10,10 @@ from trimtab.flight.real_time import NS
 from trimtab.flight.reporter import Reporter
 
 LONGEST_SAMPLE_AGE, MOST_SAMPLE_LEAD = seconds(2), ms(200)
-"""Largest age and largest lead of a sample. A sample beyond these limits is rejected: its clock is wrong.
+"""Largest age and largest lead of a sample. A sample beyond these limits has a wrong clock and is rejected.
 
-A sample cannot be newer than its arrival. An apparent lead is an error of the clock offset: half a round trip at most.
+A sample cannot be measured after its arrival. An apparent lead is an error of the clock offset, at most half a round
+trip.
 """
 REPORT_PERIOD = seconds(10)
 """Shortest time between two reports of rejected samples."""
@@ -26,8 +27,8 @@ class SampleClock:
 
         Args:
             sync: estimate of the vehicle's clock.
-            clock: clock of this end.
-            reporter: receives the messages on rejected samples, while a log is written.
+            clock: clock of the autopilot's computer.
+            reporter: receiver of the messages on rejected samples. They are reported only while a log is written.
         """
         self._sync, self._clock, self._reporter = sync, clock, reporter
         self._start = self._report_time = 0

@@ -33,7 +33,7 @@ class SampleCounts:
 
     received: int = 0
     dropped: int = 0
-    """Samples dropped from a full or old queue."""
+    """Samples dropped because the queue was full, or because samples had waited too long."""
     implausible: int = 0
     """Samples rejected because their time is too far from the current time."""
     overtaken: int = 0
@@ -51,10 +51,10 @@ class SampleQueue:
 
         Args:
             sensor: name of the sensor.
-            reads: path -> slot of each input of the step.
+            reads: slot of each input of the step, by path.
             counts: counters of samples, which this queue increases.
             period: period of the steps (100 ns).
-            any_order: True if late samples, which newer ones have overtaken, are fused too.
+            any_order: True if samples that newer samples have overtaken are fused too.
         """
         self._slots: tuple[Any, ...] = tuple(reads[f"samples.{sensor}.{n}"] for n in ("t", "age", "fresh"))
         self._counts, self._any_order = counts, any_order

@@ -1,4 +1,4 @@
-"""Comparison of the vehicle's scenario with this end's: messages and settings. Only one vehicle may answer.
+"""Comparison of the vehicle's scenario with the autopilot's: messages and settings. Only one vehicle may answer.
 
 Source: docs pages, Fly and Trust.
 """
@@ -12,14 +12,14 @@ from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.station.identity import IdentityComparison, SettingDifference
 
 MOST_ASKS = 4
-"""Number of unanswered questions after which the vehicle counts as unable to report its scenario."""
+"""Number of unanswered requests after which the vehicle counts as unable to report its scenario."""
 ASK_PERIOD = ms(500)
 
 
 class ScenarioComparison:
-    """Comparison of the vehicle's scenario, as far as known, with this end's scenario.
+    """Comparison of the vehicle's scenario, as far as known, with the autopilot's scenario.
 
-    Times `now` are this end's, in 100 ns.
+    Times `now` are by the autopilot's clock, in 100 ns.
     """
 
     def __init__(
@@ -30,13 +30,13 @@ class ScenarioComparison:
         tell: Callable[[str], None],
         remarks: list[str],
     ) -> None:
-        """Start before the first answer of the vehicle.
+        """Start without an answer of the vehicle.
 
         Args:
-            endpoint: this end of the link.
+            endpoint: autopilot's end of the link.
             identity: comparison of the settings; None: only messages are compared.
             accepts: paths of settings in which the two ends may differ; a path includes all settings below it.
-            tell: receives the messages for the user and for the log.
+            tell: function that receives the messages for the user and for the log.
             remarks: remarks so far; accepted differences are appended, and then all remarks are reported.
         """
         self._endpoint, self._identity, self._accepts = endpoint, identity, tuple(accepts)
@@ -113,7 +113,7 @@ class ScenarioComparison:
         self.vehicle_session = session
 
     def note_second_vehicle(self, message: Message, by: str) -> None:
-        """Record that two vehicles answer. message: message of one vehicle.  by: text of the numbers that differ."""
+        """Record that two vehicles answer. message: message of one vehicle.  by: text that shows the difference."""
         self.misfit = f"two vehicles answer on this link as {message.system}/{message.component}: {by}"
 
     def handle_identity(self, message: Message) -> None:
@@ -122,7 +122,7 @@ class ScenarioComparison:
             self._identity.handle_message(message)
 
     def due(self, now: int, system: int, component: int) -> list[bytes]:
-        """Return the questions for the vehicle's settings that are due now.
+        """Return the requests for the vehicle's settings that are due now.
 
         Compare the settings if they are complete.
         """

@@ -43,12 +43,12 @@ def format_setting(value: Any, declared: Quantity | Option) -> str:
 
 
 def identity_path(path: str) -> str:
-    """Return the path in the identity for a number of a vehicle with inactive faults: the path without faults."""
+    """Return a number's path in the identity, from its path in a vehicle with an inactive fault in every part."""
     return path.replace(".inner.", ".")
 
 
 def setting_path(path: str) -> str | None:
-    """Return the path of the setting for a number of a vehicle with inactive faults; None for a number of a fault."""
+    """Return the path of a number's setting, from its path in a vehicle with inactive faults; None: part of a fault."""
     return None if ".fault." in path else identity_path(path)
 
 

@@ -17,7 +17,10 @@ FENCE, ENVELOPE = "fence", "envelope"
 
 
 class SensedQuantity(NamedTuple):
-    """Quantity of the motion. fields: groups of sensor fields, best first; the norm of a group is the quantity."""
+    """Quantity of the motion. The quantity is the norm of a group of sensor fields.
+
+    fields: possible groups, the preferred group first.
+    """
 
     kind: str
     unit: str
@@ -76,7 +79,7 @@ class SensedMotion:
     def find_breach(self, t: int, silences: Mapping[str, float]) -> Breach | None:
         """Return the first limit that has been violated for long enough, or whose sensor sends no data.
 
-        silences: name of each sensor without data for too long -> time without data (s).
+        silences: time without data (s) of each sensor that has sent no data for too long, by the sensor's name.
         """
         for name, bound in self.bounds.items():
             value, sensor, quantity = self.value(name), self.sensor(name), QUANTITIES[name]

@@ -10,7 +10,7 @@ SHORT_SILENCE = ms(100)
 
 
 class SilenceWatch:
-    """Detector of silence at one end of a link. Times `now` are those of that end, in 100 ns."""
+    """Detector of silence at one end of a link. Times `now` are by the clock of that end, in 100 ns."""
 
     def __init__(self, counts: FrameCounts, now: int = 0) -> None:
         """counts: frame counters of the receiving end."""

@@ -18,12 +18,12 @@ from trimtab.flight.station.telemetry import Place
 
 
 class StationOptions(NamedTuple):
-    """Options of a vehicle for ground stations.
+    """Options of the services that a vehicle offers to ground stations.
 
     log_folder: folder of the logs that may be read; None: no logs.  transfer_rate: maximum rate of file transfer
     (byte/s).
-    origin: place on the globe of the origin of W; None: not known.  store: file for parameters that a ground station
-    asks to store; None: parameters are not stored.
+    origin: latitude, longitude and altitude of the origin of the world frame W; None: unknown.
+    store: file for parameters that a ground station asks to store; None: parameters are not stored.
     """
 
     log_folder: Path | None = None
@@ -33,7 +33,7 @@ class StationOptions(NamedTuple):
 
 
 def station_services(endpoint: Endpoint, options: StationOptions, documents: Mapping[str, bytes]) -> list[Service]:
-    """Return the services that a vehicle offers to ground stations. documents: served files besides logs, by name."""
+    """Return the services that a vehicle offers to ground stations. documents: served files except logs, by name."""
     files, rate = ServedFiles(documents, options.log_folder), options.transfer_rate
     return [
         MissionService(endpoint),

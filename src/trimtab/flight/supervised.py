@@ -12,7 +12,7 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import ENDED, FLYING, HOLD, LINK, LOST, REQUESTS, STANDBY
 
 REQUEST_MODES = {"arm": FLYING, "hold": HOLD, "resume": FLYING, "end": ENDED, "clear": STANDBY}
-"""Request -> mode that it leads to. A request is ignored if that mode is active, e.g. after a lost acknowledgement."""
+"""Mode to which each request leads. A request for the active mode, e.g. after a lost acknowledgement, is ignored."""
 
 
 class CompiledSupervisor:
@@ -74,8 +74,8 @@ class CompiledSupervisor:
 def explain_change(
     supervised: CompiledSupervisor, remote: RemoteVehicle, backward_sensors: Sequence[str] | None, was_armed: bool
 ) -> str:
-    """Return an explanation of a supervisor's decision from the state of link and vehicle, or "". The supervisor does
-    not know that state.
+    """Return an explanation of a supervisor's decision, or "". It uses the state of link and vehicle, which the
+    supervisor does not know.
 
     backward_sensors: sensors with decreasing time stamps; None: no data arrives, so the link is really lost.
     """

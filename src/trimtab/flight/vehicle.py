@@ -43,11 +43,15 @@ OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
 }
 """Signals of the vehicle's log, in addition to the signals of the world and the failsafe."""
 DISARM_DELAY = ms(50)
-"""Time for which the vehicle keeps running after it was disarmed at the end of its run: over two servo frames."""
+"""Time for which the vehicle keeps running after it is disarmed at the end of its run: more than two servo frames."""
 
 
 class VehicleSummary(NamedTuple):
-    """Result of a virtual vehicle. release_time, disarm_time: first arming, last disarming (100 ns), or None."""
+    """Result of a run of a virtual vehicle.
+
+    release_time: time of the first arming (100 ns), or None.  disarm_time: time of the last disarming (100 ns), or
+    None.
+    """
 
     t: int
     release_time: int | None
@@ -96,7 +100,7 @@ class LiveVehicle:
 
         Args:
             scenario: scenario of the vehicle.  link: link to its autopilot and to ground stations.
-            endpoint: makes the vehicle's end of the link for a dialect.
+            endpoint: function that makes the vehicle's end of the link for a dialect.
             seed: seed of the random numbers.
             station_options: services for ground stations.
             machine: the computer that the vehicle runs on.
@@ -128,19 +132,20 @@ class LiveVehicle:
         tell: Callable[[str], None] = lambda _: None,
         lost_lines: Callable[[], int] = lambda: 0,
     ) -> VehicleSummary:
-        """Run until `duration` (100 ns) after the release, or until stop() returns True. Disarm before the end.
+        """Run until `duration` (100 ns) after the first arming, or until stop() returns True. Disarm before the end.
 
         Args:
-            duration: time after the release (100 ns); None: no end.
+            duration: time from the first arming to the end (100 ns); None: no end.
             log_limit: maximum size of the log on the disk (bytes); None: no limit.
             log: path of the vehicle's own log, with the truth.
             log_period: time between rows (100 ns).
-            watchdog: time without rows (100 ns) after which the outputs' process makes them safe; None: no process.
+            watchdog: time without rows (100 ns) after which the outputs' process makes the outputs safe; None: no such
+                process.
             confirmed: safety settings beyond their limits that the user has confirmed, see `safety_settings`.
             outputs_folder: folder for the port and the log of the outputs' process.
             wanted_real_time: True asks the system for real-time scheduling and locked memory.
-            stop: called at every instant; True ends the run.
-            tell: receives the messages for the user. It must not wait.
+            stop: function called at every instant; the result True ends the run.
+            tell: function that receives the messages for the user. It must not block.
             lost_lines: function that returns how many of these messages were lost.
         """
         parts, reporter = self.parts, self.parts.reporter
@@ -212,7 +217,7 @@ class LiveVehicle:
                 break
 
     def _end_reason(self, t: int, duration: int | None, stop: Callable[[], bool]) -> str:
-        """Return why the run must end now, or "" if the run continues."""
+        """Return the reason why the run must end now, or "" if the run continues."""
         if stop():
             return "ended by request"
         if self._outputs is not None and self._outputs.problem:

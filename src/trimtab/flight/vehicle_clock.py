@@ -12,26 +12,26 @@ from trimtab.flight.mavlink.time_sync import TimeSync
 
 SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
 QUICK_ANSWERS = 8
-"""Number of answers after which the vehicle's clock counts as known. Questions then become less frequent."""
+"""Number of answers after which the vehicle's clock counts as known. Time requests then become less frequent."""
 QUICK_ROUND_TRIP = ms(300)
-"""Longest round trip of the quickest answer with which the vehicle's clock counts as known."""
+"""Largest round-trip time of the quickest answer for which the vehicle's clock counts as known."""
 
 
 class VehicleClock:
-    """Estimate of the vehicle's clock. Times `now` are this end's, in 100 ns."""
+    """Estimate of the vehicle's clock. Times `now` are by the autopilot's clock, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, tell: Callable[[str], None], remarks: list[str]) -> None:
-        """Start before the first answer of the vehicle.
+        """Start without an answer of the vehicle.
 
         Args:
-            endpoint: this end of the link.
-            tell: receives the messages for the user and for the log.
-            remarks: list to which a remark is appended if this end follows the vehicle's clock.
+            endpoint: autopilot's end of the link.
+            tell: function that receives the messages for the user and for the log.
+            remarks: list to which a remark is appended if the autopilot follows the vehicle's clock.
         """
         self._endpoint, self._tell, self._remarks = endpoint, tell, remarks
         self.sync = TimeSync()
         self.untimely: UntimelyMessage | None = None
-        """Answer of the vehicle to a current question, rejected for its time stamp; None: no such answer."""
+        """Answer of the vehicle to a pending time request, rejected for its time stamp; None: no such answer."""
         self._answers = self._jumps = self._next = 0
 
     @property
@@ -40,7 +40,7 @@ class VehicleClock:
         return self._answers >= QUICK_ANSWERS and self.sync.shortest <= QUICK_ROUND_TRIP
 
     def offset(self, now: int) -> int:
-        """Return the vehicle's clock minus this end's clock (100 ns). The applied offset changes without jumps."""
+        """Return the vehicle's clock minus the autopilot's clock (100 ns). The applied offset changes without jumps."""
         return self.sync.to_remote(now) - now
 
     def due(self, now: int) -> list[bytes]:
@@ -51,7 +51,7 @@ class VehicleClock:
         return [self._endpoint.pack("TIMESYNC", self.sync.ask(now))]
 
     def handle_answer(self, message: Message, now: int) -> bool:
-        """Handle a TIMESYNC of the vehicle. Return True if it is a second answer to the same question."""
+        """Handle a TIMESYNC message of the vehicle. Return True if it is a second answer to the same request."""
         if not self.sync.handle_answer(message.get("tc1"), message.get("ts1"), now):
             return bool(self.sync.doubles)
         if self.sync.is_doubtful:
@@ -64,7 +64,7 @@ class VehicleClock:
         return False
 
     def handle_untimely(self, untimely: Sequence[UntimelyMessage]) -> None:
-        """Record that the clocks differ if a frame rejected for its time stamp answers a question of this end."""
+        """Record that the clocks differ if a frame rejected for its time stamp answers a pending time request."""
         for refused in untimely:
             message = refused.message
             if message.name == "TIMESYNC" and message.get("tc1") > 0 and self.sync.is_open(message.get("ts1")):

@@ -1,4 +1,4 @@
-"""Outputs of a vehicle in flight: rows are passed to the outputs' process, and its reports are announced.
+"""Outputs of a vehicle in flight: rows are sent to the outputs' process, and the process's reports are announced.
 
 Source: docs page, Vehicle (Watchdog).
 """

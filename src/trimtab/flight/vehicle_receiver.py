@@ -13,7 +13,7 @@ from trimtab.flight.vehicle_parts import VehicleParts
 
 
 class VehicleReceiver:
-    """Receiver of a vehicle's packets."""
+    """Receiver of the packets that are sent to a vehicle."""
 
     def __init__(self, parts: VehicleParts, clock: WallClock) -> None:
         """Start without a command. clock: clock of the vehicle."""

@@ -34,11 +34,11 @@ class VirtualDisk:
     """Disk of one machine in virtual time. It opens logs as `flight_log.SystemDisk` does."""
 
     def __init__(self, time: VirtualTime, owner: str, tell: Callable[[str], None] = lambda _: None) -> None:
-        """owner: name of the disk's owner, for the trace.  tell: receives the messages for the user."""
+        """owner: name of the disk's owner, for the trace.  tell: function that receives the messages for the user."""
         self._time, self.owner, self.tell = time, owner, tell
         self.is_full = False
         self.is_writer_dead = False
-        """True once the process that writes logs has died while the program flies on."""
+        """True once the process that writes logs has died. The program continues to fly."""
         self.is_dead = False
         """True once the program that writes rows has been killed: no more rows are written."""
         self.hangs = False
@@ -138,7 +138,7 @@ class MemoryLog:
         )
 
     def _await_disk(self) -> bool:
-        """Wait for a hanging disk, for at most `END_S`. Return True if it then has all rows; else they are lost."""
+        """Wait at most `END_S` for a hanging disk. If it still hangs, drop the unwritten rows and return False."""
         clock = self._time.running.clock if self._disk.hangs else None
         given_up = self._time.now + END_S * NS_PER_SECOND
         while clock is not None and self._disk.hangs and self._time.now < given_up:

@@ -27,7 +27,7 @@ LOOK_S = 0.001
 
 
 class VirtualMachine:
-    """Computer in virtual time. A program that is started after an earlier one was killed has the same clock."""
+    """Computer in virtual time. A program that is started after another was killed continues with the same clock."""
 
     def __init__(self, time: VirtualTime, network: VirtualNetwork, name: str) -> None:
         """name: name of the computer on the network."""

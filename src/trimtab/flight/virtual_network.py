@@ -1,4 +1,4 @@
-"""Network in virtual time: datagrams are delayed, lost, doubled and reordered at random, all from one seed.
+"""Network in virtual time: datagrams are delayed, lost, duplicated and reordered at random, all from one seed.
 
 Source: docs page, Testing.
 """
@@ -13,7 +13,7 @@ from trimtab.core.clock import NS_PER_SECOND
 from trimtab.flight.virtual_time import PACKET, VirtualProgram, VirtualTime
 
 MOST_WAITING = 256
-"""Maximum number of packets that wait in a socket, as in a Linux kernel for small packets. Further packets are lost."""
+"""Maximum number of packets that wait in a socket, as for small packets in Linux. Further packets are lost."""
 FIRST_PORT = 40_000
 
 
@@ -59,7 +59,7 @@ class VirtualNetwork:
     def __init__(self, time: VirtualTime) -> None:
         self.time = time
         self.names: dict[int, str] = {}
-        """Port -> name of the host that listens there, for addresses of this machine such as 127.0.0.1."""
+        """Name of the host that listens on each port, for addresses of this machine such as 127.0.0.1."""
         self._sockets: dict[Host, VirtualSocket | _Answerer] = {}
         self._paths: dict[tuple[str, str], Path] = {}
         self._ports = itertools.count(FIRST_PORT)
@@ -127,7 +127,7 @@ class VirtualNetwork:
 
 
 class _Answerer(NamedTuple):
-    """Address at which a function takes the packets, and no program."""
+    """Address whose packets go to a function instead of a program."""
 
     take: Callable[[bytes, Host], None]
     number: int = 0

@@ -2,8 +2,8 @@
 
 Each program (vehicle, outputs, autopilot, ground station, injector, attacker) is a thread. A thread runs only while it
 holds the baton. It hands the baton over when it waits, in `Clock.wait`. The earliest packet, deadline or action is
-next; ties are broken by kind and by the order in which the programs joined. So one seed gives one course of events,
-however fast the machine is.
+next. Simultaneous events are ordered by kind, then by the order in which their programs were started. So one seed gives
+one course of events, however fast the machine is.
 
 While a program runs, it can be frozen, killed or kept busy, and its wall clock can be stepped.
 Source: docs page, Testing; J. Zhou et al., "FoundationDB", SIGMOD 2021, section 4 (simulation of a whole system).
@@ -28,7 +28,7 @@ LONGEST_BOOT = 100 * NS_PER_SECOND
 CLOCK_ERROR = 1e-3
 """Largest lead (s) of a machine's wall clock over virtual time. Each machine has a different lead."""
 MOST_HAND_OVERS = 1_000_000
-"""Number of hand-overs of the baton at one instant after which a program counts as hanging."""
+"""Number of hand-overs of the baton at one instant above which a program counts as hanging."""
 MOST_TIME = 3600 * NS_PER_SECOND
 """Virtual time (ns) after which a run counts as hanging."""
 
@@ -225,7 +225,7 @@ class VirtualTime:
             self.add_event(round(program.frozen_until), WAKE, program.number, lambda: self._thaw(program))
 
     def thaw(self, program: VirtualProgram) -> None:
-        """Continue a frozen program, as SIGCONT does."""
+        """Let a frozen program continue, as SIGCONT does."""
         program.frozen_until = self.now
         self.add_event(self.now, WAKE, program.number, lambda: self._thaw(program))
 

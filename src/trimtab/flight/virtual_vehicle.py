@@ -1,4 +1,4 @@
-"""World at the vehicle's end of a link: it takes commands, advances instant by instant, and packs samples.
+"""World at the vehicle's end of a link: it receives commands, advances from instant to instant, and packs samples.
 
 Source: docs page, Vehicle.
 """
@@ -20,10 +20,12 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.cosimulation import SteppedWorld
 
 ACTUATION_PREFIXES = ("uplink.", "actuators.")
-"""Prefixes of the outputs of a world's step that belong to the start of the step; the others belong to its end."""
+"""Prefixes of the outputs that belong to the start of a world's step. All other outputs belong to the step's end."""
 NO_TIME = np.iinfo(np.int64).min
 PACE, PACED_INSTANTS = 0.5, 200
-"""Fraction of the shortest interval between instants that a step of an FMU may take; number of instants checked."""
+"""Largest duration of an FMU's step, as a fraction of the shortest interval between instants; number of instants that
+are used to find this interval.
+"""
 
 
 class VirtualVehicle:
@@ -76,7 +78,7 @@ class VirtualVehicle:
         return [LogSource(self.row, self.world.text.outputs, lambda p: p)]
 
     def final_truth(self) -> dict[str, Any]:
-        """Return path -> current value of the true state, as the final values of a log."""
+        """Return the current true state, by path, as the final values of a log."""
         return {p: np.array(self.world.outputs[at]) for p, at in self.world.writes.items() if p.startswith("truth.")}
 
     def changed_sensors(self) -> list[str]:
@@ -106,7 +108,7 @@ def instants(periods: list[int], max_step: int) -> Iterator[int]:
 
 
 def check_pace(world: Any, scenario: Scenario) -> None:
-    """Run an FMU, and raise InputError if its steps take more than half of the available time."""
+    """Run steps of an FMU. Raise InputError if a step takes over half of the shortest interval between instants."""
     if not isinstance(world, SteppedWorld):
         return
     periods = [*scenario.world.periods(), scenario.autopilot.period]

@@ -49,7 +49,7 @@ class Watchdog:
         return False
 
     def next_check(self) -> int | None:
-        """Return the time of the next change that needs no new row; None if no such change follows."""
+        """Return the next time at which the row to apply changes without a new row; None if it does not."""
         if self.row.state == DRIVEN:
             return self._stamp + self._timeout
         times = [self._lift_until] if self.row.lift else []

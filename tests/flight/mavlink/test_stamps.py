@@ -110,7 +110,7 @@ def test_a_file_that_holds_no_stamp_is_refused(tmp_path):
 
 def test_a_folder_that_can_not_be_written_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="keep the key file in a folder of yours"):
+    with pytest.raises(InputError, match="keep the key file in a folder that you can write"):
         Stamps(tmp_path / "file" / "a.time")
 
 

@@ -33,14 +33,14 @@ class FlightRecord(NamedTuple):
     commanded: bool
     """True while the firmware obeys a command."""
     pulses: Mapping[str, float]
-    """Pulse widths (s) by output: each number of the vehicle's command, or the outputs of a fan drive."""
+    """Pulse width (s) of each output, by name: the numbers of the vehicle's command, or the outputs of a fan drive."""
     wanted_rpm: int | None
     """Set-point of the fan's speed (rpm). This field and `speed_rpm` are None for a board without a fan drive."""
     speed_rpm: int | None
     command_age: float
     """Age of the newest command (s). 65.535 means at least 65.535 s."""
     late: int
-    """Number of ticks of the firmware that started late, since the start of the board."""
+    """Number of firmware ticks that started late, since the board was started."""
 
 
 def read_black_box(
@@ -61,10 +61,10 @@ def read_black_box(
         InputError: the dump has a wrong size, no sector is in use, or there are more outputs than a record can contain.
     """
     if not 1 <= len(outputs) <= MOST_PULSES:
-        problem = f"{len(outputs)} outputs ({', '.join(outputs)}): a record must have 1 to {MOST_PULSES} pulses"
-        raise InputError("outputs", problem, fix="output_names(scenario), with the scenario of the board's firmware")
+        problem = f"must be 1 to {MOST_PULSES} outputs, got {len(outputs)}: {', '.join(outputs)}"
+        raise InputError("outputs", problem, fix="give output_names(scenario), with the scenario of the firmware")
     if len(dump) != 2 * sector:
-        problem = f"{len(dump)} bytes given; must be two sectors of {sector}"
+        problem = f"must be two sectors of {sector} bytes, got {len(dump)} bytes"
         raise InputError("black box", problem, fix="dump 0x40000 bytes from 0x080C0000 on")
     sectors = [dump[:sector], dump[sector:]]
     used = sorted((number, data) for data in sectors if (number := _sector_number(data)) is not None)

@@ -1,7 +1,7 @@
 """firmware: write the vehicle's end of the distributed autopilot as C for a microcontroller, with an emulated world.
 
 The portable C is in the folder `firmware` of this package. It has two drives: a drive with a regulated fan, and a drive
-for outputs that follow the command by tables. The files written here depend on the scenario: the exported world and
+that converts the command to pulses by tables. The files written here depend on the scenario: the exported world and
 failsafe, the tables or the fan's regulator and motor, the messages of the dialect, and the key.
 """
 
@@ -67,9 +67,9 @@ CHECKOUT_FIRMWARE = Path(__file__).resolve().parents[4] / "firmware"
 START_UP_FILES = {"start.c": "boards/mps2/start.c", "link.ld": "boards/mps2/link.ld", "board.h": "boards/mps2/board.h"}
 REALS = {"single": "f32", "double": "f64"}
 FIRMWARE_BOARDS = {name: REALS[target.real] for name, target in TARGETS.items()} | {"stm32f405": REALS["single"]}
-"""Name of a board that the firmware runs on -> floating-point type of its FPU."""
+"""Floating-point type of the FPU of each board on which the firmware runs, by the board's name."""
 MOST_OUTPUTS_OF = {"stm32f405": 4}
-"""Board -> maximum number of outputs, for boards with fewer outputs than MAVLink's message of servo outputs has."""
+"""Maximum number of outputs, by board, of boards with fewer outputs than MAVLink's message of servo outputs."""
 FAN_OUTPUTS = [
     "output 1: rudder servo, the command's pulse, safe 1.500 ms",
     "output 2: thrust fan's speed controller, duty -1 to 1 by 1.000 to 2.000 ms, safe 1.500 ms",
@@ -101,10 +101,10 @@ def write_firmware(
     Args:
         scenario: scenario, checked before any file is written. Real links replace the scenario's links.
         folder: folder to write; created if missing.
-        key: key with which both ends sign. It is written to the file key.bin, owner-only, and to no other file.
+        key: key with which both ends sign. It is written only to the file key.bin, which only its owner can read.
         board: a key of `FIRMWARE_BOARDS`.
         seed: seed of the random numbers in the emulated world.
-        clock: clock that gives the time that is written beside the key.
+        clock: clock whose current time is written next to the key.
 
     Raises:
         InputError: unknown board, command without limits, firmware too large for the board, or folder not writable.
@@ -139,7 +139,7 @@ def write_firmware(
         raise InputError(
             argument_name("out"),
             problem,
-            fix=f"{argument_name('out')} with a folder of yours, e.g. {argument('out', 'firmware')}",
+            fix=f"{argument_name('out')} with a folder that you can write, e.g. {argument('out', 'firmware')}",
         ) from None
     return FirmwareFolder(folder, files, dialect, outputs)
 
@@ -159,7 +159,7 @@ extern const char *const identity_line[];
 
 
 def identity_source(identity: Mapping[str, str], mav_type: int) -> str:
-    """Return C source with an identity, text by path, for the vehicle's end."""
+    """Return C source with the identity of a scenario (text by path), for the vehicle's end."""
     digest = ", ".join(map(str, identity_digest(identity)))
     lines = [cut_line(path, text).decode("ascii", "replace") for path, text in sorted(identity.items())]
     quoted = [json.dumps(line.replace("?", "_")) for line in lines]  # avoids trigraphs
@@ -179,8 +179,9 @@ def identity_source(identity: Mapping[str, str], mav_type: int) -> str:
 
 
 def replace_hardware(scenario: Scenario) -> Scenario:
-    """Return the scenario with a world for emulated hardware. Wires replace its links, and the firmware makes the servo
-    frames.
+    """Return the scenario with a world for emulated hardware.
+
+    Ideal links (`Wire`) replace the scenario's links, and the firmware makes the servo frames.
     """
     scenario.check()
     scenario, actuators = replace_links(scenario), scenario.world.actuators

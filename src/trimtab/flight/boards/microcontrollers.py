@@ -1,9 +1,9 @@
 """Exported autopilot on an emulated microcontroller: comparison of its results, and measurement of its cost.
 
-``emulate`` cross-compiles the C of an exported folder with Debian's arm-none-eabi gcc, flies the inputs of its
-``vectors.csv`` on a board that QEMU emulates, and reads back the outputs bit for bit, the instructions of every step,
-flash, RAM and stack. The firmware around the autopilot is in ``firmware/``. docs/export/boards.md explains each
-number.
+``emulate`` cross-compiles the C of an exported folder with Debian's arm-none-eabi gcc, and runs the autopilot with the
+inputs of ``vectors.csv`` on a board that QEMU emulates. It reads back the outputs bit for bit, the number of
+instructions of every step, and the use of flash, RAM and stack. The firmware around the autopilot is in ``firmware/``.
+docs/export/boards.md explains each number.
 """
 
 import contextlib
@@ -109,7 +109,7 @@ class HarnessOutput(NamedTuple):
 
 
 def missing_tools() -> list[str]:
-    """Return the missing ones of the Debian packages that ``emulate`` needs."""
+    """Return the names of the Debian packages that ``emulate`` needs and that are not installed."""
     missing = []
     if not shutil.which(PREFIX + "gcc"):
         missing += ["gcc-arm-none-eabi", "libnewlib-arm-none-eabi"]

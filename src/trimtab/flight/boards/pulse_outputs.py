@@ -21,7 +21,7 @@ SHORTEST_FRAME, LONGEST_FRAME = ms(3), ms(20)
 
 
 def frame_of(scenario: Scenario) -> int:
-    """Return the time between pulses (100 ns), in whole milliseconds: the shortest frame that all servos accept.
+    """Return the time between pulses (100 ns): the shortest frame of the servos, in whole milliseconds from 3 to 20.
 
     If no servo declares a frame, the result is the period of the actuators.
     """

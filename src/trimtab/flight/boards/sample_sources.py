@@ -81,7 +81,7 @@ def _motion_lines(dialect: Dialect) -> list[str]:
 
 
 def _find_measured(name: str, dialect: Dialect) -> tuple[str, list[str]]:
-    """Return the sensor of a quantity of the motion, and C expressions for a vector whose length is the quantity."""
+    """Return the sensor that measures a speed or rate, and C expressions for the vector of this length."""
     slots: dict[str, list[int]] = {}
     for place in chain.from_iterable(dialect.places.values()):
         slots.setdefault(place.path, []).append(place.slot)

@@ -1,7 +1,7 @@
-"""Authority over a vehicle: it belongs to the sender that armed it, until it is disarmed or handed over on request.
+"""Authority over a vehicle. A vehicle belongs to the sender that armed it, until it is disarmed or handed over.
 
 A sender is identified by system, component, stream of its signatures, and session, a random number drawn at each start.
-So two programs with the same key and the same numbers are two senders, even if one of them reads the other's session.
+So two programs with the same key and the same ids are two senders, even if one of them reads the other's session.
 The session is sent where MAVLink leaves room: in the extension `session` of COMMAND, in parameters of commands, and in
 their acknowledgements. Senders without a session (session 0) are accepted too.
 
@@ -23,7 +23,7 @@ from trimtab.flight.mavlink.definitions import Message
 SESSION = "session"
 """Name of the extension field of COMMAND that carries the sender's session."""
 MOST_SESSIONS = 2**24
-"""Upper limit of session numbers. A command parameter is a 32-bit float, which holds smaller whole numbers exactly."""
+"""Upper limit of session numbers. A command parameter is a 32-bit float, in which smaller whole numbers are exact."""
 
 
 def draw_session() -> int:
@@ -32,7 +32,7 @@ def draw_session() -> int:
 
 
 class Sender(NamedTuple):
-    """Sender of a message. session: 0 for a sender without one, such as a ground station. link: signature stream."""
+    """Sender of a message. session: 0 for a sender without session, e.g. a ground station. link: signature stream."""
 
     system: int
     component: int
@@ -50,7 +50,7 @@ def parse_session(number: float) -> int:
 
 
 def command_sender(message: Message) -> Sender:
-    """Return the sender of a COMMAND."""
+    """Return the sender of a COMMAND message."""
     session = message.get(SESSION) if SESSION in message.definition.where else 0
     return Sender(message.system, message.component, session, message.link)
 
@@ -59,7 +59,7 @@ class Authority:
     """Owner of a vehicle. The vehicle sets `is_armed`, and calls `end_flight` when it is disarmed."""
 
     def __init__(self, session: int, system: int = 1) -> None:
-        """session, system: session and system number of the vehicle."""
+        """session: session number of the vehicle.  system: MAVLink system id of the vehicle."""
         self.session, self.system = session, system
         self.owner: Sender | None = None
         self.is_armed = False
@@ -67,16 +67,16 @@ class Authority:
         """Number of commands so far from senders that do not own the vehicle."""
 
     def is_addressed(self, session: int) -> bool:
-        """Return True if a session addresses this vehicle. Two vehicles on one link may have the same system number."""
+        """Return True if a session addresses this vehicle. Two vehicles on one link may have the same system id."""
         return session in (0, self.session)
 
     def find_arming_problem(self, sender: Sender) -> str:
-        """Return why a sender may not arm the vehicle, or "" if the sender may."""
+        """Return the reason why a sender may not arm the vehicle, or "" if the sender may arm it."""
         is_taken = self.is_armed and self.owner is not None and sender.session and sender != self.owner
         return f"vehicle belongs to {self.owner}" if is_taken else ""
 
     def find_disarming_problem(self, sender: Sender) -> str:
-        """Return why a sender may not disarm the vehicle, or "". An autopilot may end its own flight only."""
+        """Return why a sender may not disarm the vehicle, or "". An autopilot may end only its own flight."""
         return self.find_arming_problem(sender)
 
     def arm(self, sender: Sender) -> None:

@@ -86,7 +86,7 @@ class MessageDefinition(NamedTuple):
 
 
 def read_definitions(text: str) -> dict[str, MessageDefinition]:
-    """Return name -> definition of every message in the text of a MAVLink XML file. Enumerations are skipped."""
+    """Return the definition of every message, by name, in the text of a MAVLink XML file. Enumerations are skipped."""
     root = ElementTree.fromstring(text)
     version = int(root.findtext("version", "3"))
     return {m.attrib["name"]: _read_definition(m, version) for m in root.iter("message")}
@@ -152,7 +152,7 @@ class Message(NamedTuple):
     """Decoded message.
 
     values: values in the order of the payload, arrays number by number, text as bytes; see `places` of the dialect.
-    system, component: numbers of the sender.  is_signed: True if the signature was checked and is valid.
+    system, component: ids of the sender.  is_signed: True if the signature was checked and is valid.
     link: number of the signature's stream; 0 without a signature.
     """
 
@@ -169,7 +169,7 @@ class Message(NamedTuple):
         return _field_value(self.definition.where[field], self.values)
 
     def fields(self) -> dict[str, Any]:
-        """Return name -> value of all fields."""
+        """Return the values of all fields, by name."""
         return {f.name: _field_value(f, self.values) for f in self.definition.fields}
 
 

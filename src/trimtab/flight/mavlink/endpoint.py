@@ -1,4 +1,4 @@
-"""One end of a MAVLink 2 link: packs sent messages, parses and checks received ones.
+"""Endpoint of a MAVLink 2 link: it packs messages to send, and parses and checks received bytes.
 
     0xFD  length  incompat  compat  sequence  system  component  id (3)  payload  checksum (2)  [link stamp (6) tag (6)]
 
@@ -30,32 +30,32 @@ from trimtab.flight.mavlink.stamps import MOST_STREAMS, Refusal, Stamps
 
 @dataclasses.dataclass
 class FrameCounts:
-    """Counters since the end of the link was opened. They count frames unless another unit is stated."""
+    """Counters since this endpoint was opened. They count frames unless another unit is stated."""
 
     sent: int = 0
     accepted: int = 0
     lost: int = 0
-    """Lost frames, by the gaps in their senders' sequence numbers."""
+    """Lost frames, counted from the gaps in their senders' sequence numbers."""
     disordered: int = 0
     """Frames of senders whose sequence numbers jump, so that their losses are unknown."""
     checksum: int = 0
     """Frames with a wrong checksum: damaged, or from a sender with other definitions."""
     unknown: int = 0
-    """Frames with a message that is not in this end's dialect."""
+    """Frames with a message that is not in this endpoint's dialect."""
     unsigned: int = 0
     downgraded: int = 0
     """Frames of MAVLink 1, which cannot be signed."""
     unchecked: int = 0
-    """Signed frames that were accepted unchecked, since this end has no key."""
+    """Signed frames that were accepted unchecked, since this endpoint has no key."""
     wrong_signature: int = 0
     replayed: int = 0
     """Replayed frames with a valid signature."""
     stale: int = 0
-    """Frames with a valid signature whose time stamp is before this end's start, or over a minute old."""
+    """Frames with a valid signature whose time stamp is from before this endpoint's start, or over a minute old."""
     leading: int = 0
     """Frames with a valid signature whose time stamp is too far ahead."""
     reflected: int = 0
-    """This end's own frames, sent back to it."""
+    """Frames that this endpoint has sent itself and then received."""
     garbage: int = 0
     """Bytes outside frames."""
     clamped: int = 0
@@ -69,7 +69,10 @@ class FrameCounts:
 
 
 class UntimelyMessage(NamedTuple):
-    """Message with a valid signature, refused for its time stamp. lead: lead of the stamp over this end's clock (s)."""
+    """Message with a valid signature, refused for its time stamp.
+
+    stamp: its time stamp.  lead: lead of the time stamp over this endpoint's clock (s).
+    """
 
     message: Message
     stamp: int
@@ -99,14 +102,14 @@ MOST_FALSE_STARTS = 32
 
 
 class Endpoint:
-    """End of a link for one system and component. Not thread-safe.
+    """Endpoint of a link for one system and component. Not thread-safe.
 
     key: signs all sent packets; packets that are not signed with it are refused. Without a key, set `unsigned`: anyone
         with access to the link can then command the vehicle.
     datagrams: True if each `feed` is a whole packet, so that a new packet does not continue an incomplete frame.
     is_reset: start the time stamps with this computer's clock, and ignore the stored time stamp.
-    session: number that distinguishes this end from others of its system and component, and from this end before a
-        restart; None: a random number.
+    session: number that distinguishes this endpoint from others with the same system and component ids, and from itself
+        before a restart; None: a random number.
     """
 
     def __init__(
@@ -123,7 +126,7 @@ class Endpoint:
         is_reset: bool = False,
         session: int | None = None,
     ) -> None:
-        """Open one end. If the key is from a file, time stamps are stored beside that file until close()."""
+        """Open the endpoint. If the key is from a file, time stamps are stored next to that file until close()."""
         _check_arguments(system, component, link, key, unsigned)
         self.dialect, self.system, self.component, self.link = dialect, system, component, link
         self.session = draw_session() if session is None else session
@@ -144,7 +147,8 @@ class Endpoint:
 
         Args:
             name: name of a message of the dialect.
-            values: fields by name, without missing ones; or all values in the order of the payload; or the payload.
+            values: fields by name, where missing fields get their default; or all values in the order of the payload;
+                or the payload.
 
         Numbers outside the range of their type are limited to it, and counted. An unknown message or field raises
         InputError.
@@ -169,13 +173,13 @@ class Endpoint:
         return self._make_frame(definition, payload.rstrip(b"\0") or b"\0", numbering)
 
     def repack(self, frame: bytes) -> bytes:
-        """Return a frame packed by this end with a number and a signature for another group of receivers."""
+        """Return a frame of this endpoint with a new sequence number and signature, for another group of receivers."""
         _, length, _, _, _, _, component, low, high = HEADER.unpack_from(frame)
         definition = self.dialect.by_id[low | high << 16]
         return self._make_frame(definition, frame[HEADER.size : HEADER.size + length], Numbering(component, True))
 
     def forward(self, message: Message) -> bytes:
-        """Return a frame with a message of another component of this system, for receivers without its frames."""
+        """Return a frame with a message of another component of this system, for receivers that did not get it."""
         definition = message.definition
         payload = definition.packing.pack(*message.values).rstrip(b"\0") or b"\0"
         return self._make_frame(definition, payload, Numbering(message.component, True))
@@ -199,12 +203,12 @@ class Endpoint:
         return digest.digest()[:6]
 
     def feed(self, data: bytes | None) -> list[Message]:
-        """Add received bytes. Return the messages that they complete and that are accepted, in order. Never raises."""
+        """Add received bytes. Return, in order, the accepted messages that are now complete. Raise no exceptions."""
         self.untimely, self.is_asked_by_stranger = [], False
         if not data:
             return []
         buffer, waiting, messages = self._rest + data, b"", []
-        if self._datagrams and self._rest and self._starts_frame(data):  # the sender is not that of the rest
+        if self._datagrams and self._rest and self._starts_frame(data):  # `data` does not continue the incomplete frame
             buffer, waiting = data, self._rest
         rest = self._read_frames(buffer, messages)
         if self._datagrams and rest and waiting:
@@ -304,7 +308,7 @@ class Endpoint:
         self.is_asked_by_stranger |= name == "TIMESYNC" and system == self.system
 
     def _skip_unknown(self, buffer: bytes, at: int, size: int, flags: int) -> int:
-        """Skip an unknown message if it is signed or another frame follows: its checksum cannot be computed."""
+        """Skip an unknown message, whose checksum cannot be computed, if it is signed or another frame follows."""
         if self._keyed and flags:
             frame = buffer[at : at + size]
             whole = hmac.compare_digest(self._signature_tag(frame[:-6]), frame[-6:])
@@ -359,15 +363,16 @@ class Endpoint:
 def checksum(data: bytes, extra: int) -> bytes:
     """Return the two bytes that end a frame: CRC-16/MCRF4XX of all bytes after the first, and of CRC_EXTRA.
 
-    extra: CRC_EXTRA of the message, 0 to 255. Because of it, a message with a different definition is refused.
+    extra: CRC_EXTRA of the message, 0 to 255. A receiver with a different definition has another value, so it refuses
+    the frame.
     """
     return mcrf4xx(data + bytes((extra,))).to_bytes(2, "little")
 
 
 def _open_stamps(key: SigningKey, name: str, clock: Callable[[], float] | None, is_reset: bool) -> Stamps:
-    """Return the time stamps of an end.
+    """Return the time stamps of an endpoint.
 
-    name: part of the name of the stored file, which lies beside the key; it differs from those of other ends.
+    name: part of the name of the file in which the stamp is stored, next to the key. Each endpoint has its own name.
     """
     store = None if key.path is None else key.path.with_name(f"{key.path.name}.{name}.time")
     return Stamps(store, clock, is_reset=is_reset)

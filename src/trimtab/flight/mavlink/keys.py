@@ -1,4 +1,4 @@
-"""Keys with which two ends sign their packets: one file per vehicle, readable by its owner alone.
+"""Keys with which two ends sign their packets: one file per vehicle, which only its owner can read.
 
 A key file contains one line, a passphrase. The key is the SHA-256 of the passphrase. So a ground station computes the
 same key from that line, e.g. MAVProxy by `signing key LINE`.
@@ -47,8 +47,8 @@ def key_path(vehicle: str) -> Path:
     try:
         default = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "trimtab"
     except RuntimeError:
-        problem = "no home folder to keep keys in"
-        raise InputError("signing key", problem, fix="set TRIMTAB_CONFIG to a folder of yours") from None
+        problem = "no home folder found for the keys"
+        raise InputError("signing key", problem, fix="set TRIMTAB_CONFIG to a folder that you can write") from None
     return Path(os.environ.get("TRIMTAB_CONFIG") or default).absolute() / "keys" / f"{vehicle}.key"
 
 
@@ -71,7 +71,7 @@ def create_key(path: Path, passphrase: str = "") -> SigningKey:
         raise InputError(f"key file '{path}'", problem, fix=f"use this key, or  rm '{path}'  first") from None
     except OSError as error:
         problem = f"cannot be written: {error.strerror or error}"
-        raise InputError(f"key file '{path}'", problem, fix="choose a folder of yours") from None
+        raise InputError(f"key file '{path}'", problem, fix="choose a folder that you can write") from None
     return passphrase_key(passphrase, path)
 
 

@@ -1,4 +1,4 @@
-"""Number of lost frames of a sender, by gaps in its sequence numbers; no losses if the numbers are not in sequence.
+"""Number of lost frames of a sender, counted from the gaps in its sequence numbers.
 
 A large gap counts as a loss once CONFIRMING consecutive frames have arrived in order after the gap, each at most
 SMALL_GAP numbers after the previous one. If the numbers of a sender jump (at random, or because two programs have one
@@ -12,26 +12,26 @@ CONFIRMING = 6
 SMALL_GAP = 32
 """Largest gap that counts as small.
 
-A random number is this close to the previous number once in 8 cases, and 6 times in a row once in 200 000.
+A random number follows the previous one with such a gap in 1 of 8 cases, and 6 times in a row in 1 of 200 000 cases.
 """
 MOST_JUMPS = 3
 """Number of unconfirmed jumps after which the pending gaps no longer count as possible losses."""
 NUMBERS = 256
 FIRST_NUMBERS = 4
-"""Frame numbers below this are the first of a restarted program. A real large gap ends there once in 64 cases."""
+"""Limit below which a number after a large jump shows a restart. A real large gap ends below it in 1 of 64 cases."""
 
 
 class SequenceGaps:
     """Counter of lost frames of one sender, from the sequence numbers."""
 
     def __init__(self) -> None:
-        """Start before the first frame."""
+        """Start without a received frame."""
         self._last: int | None = None
         self._gathered = self._in_order = self._jumps = self._lost = 0
         self._late_run = self._late_start = self._late_last = self._late_gap = self._taken_back = 0
 
     def follow(self, sequence: int) -> tuple[int, int]:
-        """Take the sequence number of the next frame.
+        """Process the sequence number of the next frame.
 
         Return the change of the number of lost frames (-1 for a late frame), and the number of disordered frames.
         """

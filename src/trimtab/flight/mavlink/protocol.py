@@ -1,10 +1,11 @@
-"""Part of MAVLink's common dialect that the vehicle's end uses: its numbers, and requests read from messages.
+"""Part of MAVLink's common dialect that the vehicle's end uses: numeric codes, and parsing of requests.
 
 Requests for an autopilot to hold, to resume, or to end its flight:
 
-    hold     MAV_CMD_OVERRIDE_GOTO (252) with MAV_GOTO_DO_HOLD, where it is; MAV_CMD_DO_PAUSE_CONTINUE (193) with 0
+    hold     MAV_CMD_OVERRIDE_GOTO (252) with MAV_GOTO_DO_HOLD, at the current position;
+             MAV_CMD_DO_PAUSE_CONTINUE (193) with 0
     resume   MAV_CMD_OVERRIDE_GOTO with MAV_GOTO_DO_CONTINUE; MAV_CMD_DO_PAUSE_CONTINUE with 1
-    end      MAV_CMD_NAV_LAND (21), with any place
+    end      MAV_CMD_NAV_LAND (21), with any position
 
 Source: https://mavlink.io/en/messages/common.html.
 """
@@ -41,7 +42,7 @@ class FlightRequest(NamedTuple):
 
 
 class ParameterChange(NamedTuple):
-    """Accepted change of a parameter: a number of the leaf at `path`."""
+    """Accepted change of a parameter. path: path of a leaf.  slot: index of the changed number in the leaf."""
 
     path: str
     slot: int
@@ -148,7 +149,7 @@ HOLD, RESUME, END = "hold", "resume", "end"
 DENIED = ""
 GOTO_HOLD, GOTO_CONTINUE = 0, 1
 HOLD_POSITIONS = 0, 2
-"""Accepted codes of the place to hold: 0 (not given), or MAV_GOTO_HOLD_AT_CURRENT_POSITION."""
+"""Accepted codes of the position to hold: 0 (not given), or MAV_GOTO_HOLD_AT_CURRENT_POSITION."""
 PAUSES: dict[float, str] = {0: HOLD, 1: RESUME}
 CHANNELS = 18
 NAN = float("nan")
@@ -174,7 +175,7 @@ FLIGHT_COMMANDS = {
     RESUME: FlightCommand(CommandCode.OVERRIDE_GOTO, GOTO_CONTINUE, 2),
     END: FlightCommand(CommandCode.LAND, 0, 0),
 }
-"""Request -> command by which the request is sent over the link."""
+"""MAVLink command by which each request is sent over the link."""
 
 
 def parse_request(flight_command: FlightCommand) -> str | None:

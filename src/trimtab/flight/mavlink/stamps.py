@@ -1,18 +1,18 @@
 """Time stamps of signed packets. Sent stamps never repeat, not even after a restart. Each stamp is accepted once.
 
-A stamp is a number of 10 us since 2015. The stamp stored beside the key is ten seconds ahead, so that it is rarely
-written. After a restart, stamps continue from the stored stamp. Time runs by the monotonic clock, so a stepped wall
-clock has no effect.
+A stamp is the time since 1 January 2015, in units of 10 us. The stamp stored beside the key is ten seconds ahead, so
+that it is rarely written. After a restart, stamps continue from the stored stamp. Time runs by the monotonic clock, so
+a stepped wall clock has no effect.
 
 Refused as replayed: a stamp that was accepted before from its stream (system, component, link); a stamp that is 250 ms
 or more behind the newest of its stream. For ordered packets also: a stamp that is not newer than all earlier ordered
 stamps of its stream.
 Refused as stale: a stamp that is not newer than this end's own stamp at its start, or over a minute behind this end.
 Refused as leading: a stamp over 40 s ahead of this end's clock. If accepted, this end's own and stored stamps would
-move up to it, and peers with the right clock would become stale. Where the stored stamp itself is ahead, the
-limit is its lead at the start and 1 s, since peers follow it. So a restart adds at most 1 s to a lead, or 11 s after a
-kill. A peer whose clock lags by less than that is refused
-until it has received a packet of this end: every MAVLink implementation moves its own stamp up to those it accepts.
+move up to it, and peers with the right clock would become stale. If the stored stamp itself is further ahead at the
+start, the limit is its lead plus 1 s, since peers have followed it. So a restart adds at most 1 s to a lead, or 11 s
+after a kill. A peer whose clock lags by less than that is refused until it has received a packet of this end: every
+MAVLink implementation moves its own stamp up to those it accepts.
 Source: https://mavlink.io/en/guide/message_signing.html, which lets a new stream start up to a minute back, so that
 packets recorded in the minute before a restart could be replayed; here they cannot. S. Kent, "IP encapsulating security
 payload", RFC 4303 (2005), section 3.4.3: packets that overtake one another, each accepted once.
@@ -30,7 +30,7 @@ from trimtab.core.errors import InputError
 
 try:
     import fcntl
-except ImportError:  # no such locks on this system: two processes with one identity go unnoticed
+except ImportError:  # no file locks on this system: two processes with the same ids are not detected
     fcntl = None
 
 EPOCH = 1_420_070_400
@@ -49,7 +49,7 @@ RESTART_LEAD = PER_SECOND
 LARGEST = 2**48 - 1
 DIGITS = 20
 MOST_STREAMS = 256
-"""Largest number of streams that are remembered, so that a sender with the key cannot fill the memory."""
+"""Maximum number of streams that are remembered, so that a sender with the key cannot fill the memory."""
 
 
 class Refusal(Enum):
@@ -67,7 +67,7 @@ def running_clock(clock: Clock = SYSTEM_CLOCK) -> Callable[[], float]:
 
 
 class _Stream:
-    """Stamps accepted from one sender. A stamp is kept while another stamp of its age could still be accepted."""
+    """Stamps accepted from one sender. A stamp is kept as long as stamps of the same age could still be accepted."""
 
     def __init__(self, floor: int) -> None:
         self.newest = self.ordered = floor
@@ -99,7 +99,7 @@ class Stamps:
         """Start above the stored stamp and above the current time. store: file of the stamp; None: nothing is stored.
         The file stays locked until close().
 
-        is_reset: start with the current time and ignore the stored stamp, e.g. after a wrong clock stored a late one.
+        is_reset: start with the current time and ignore the stored stamp, e.g. if a wrong clock stored a future stamp.
         """
         self._clock, self._shift = clock or running_clock(), 0
         self._file = None if store is None else _open_store(store)
@@ -130,7 +130,7 @@ class Stamps:
             self._write_store()
 
     def find_refusal(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> Refusal | None:
-        """Return why a stamp of (system, component, link) is refused, or None. Only `accept` stores the stamp.
+        """Return the reason why a stamp of a stream (system, component, link) is refused, or None. Store nothing.
 
         ordered: True if the packet must not arrive after a newer ordered packet.
         """
@@ -152,7 +152,7 @@ class Stamps:
         return (stamp - max(self.last, self._current_stamp())) / PER_SECOND
 
     def follow(self, stamp: int) -> None:
-        """Continue from the other end's stamp, ahead or behind, after its answer has proved to be current.
+        """Continue from the other end's stamp, which may be ahead or behind. The other end's answer must be current.
 
         From then on no stamp is stored, because the stamps are not those of this end's clock.
         """
@@ -163,7 +163,7 @@ class Stamps:
         self._close_file()
 
     def accept(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> None:
-        """Store the stamp of a packet with a valid signature. This end's own stamp is raised to it."""
+        """Store the stamp of a packet with a valid signature. Raise this end's own stamp to it if that is smaller."""
         if stream not in self._streams:
             if len(self._streams) >= MOST_STREAMS:
                 self._forget_oldest()
@@ -204,7 +204,7 @@ class Stamps:
             os.fsync(self._file)
         except OSError:
             self.unsaved += 1
-            ceiling = self.last + PER_SECOND  # try again in a second
+            ceiling = self.last + PER_SECOND  # try to store again in a second
         self._ceiling = ceiling
 
 
@@ -215,7 +215,7 @@ def _open_store(store: Path) -> int:
         file = os.open(store, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
     except OSError as error:
         problem = f"cannot be written: {error.strerror or error}"
-        raise InputError(where, problem, fix="keep the key file in a folder of yours") from None
+        raise InputError(where, problem, fix="keep the key file in a folder that you can write") from None
     try:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

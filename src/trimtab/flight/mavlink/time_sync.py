@@ -1,6 +1,6 @@
 """Estimate of the other end's clock, its offset and drift, from TIMESYNC exchanges with short round trips.
 
-A question leaves this end at t0, is answered at the time r of the other clock, and the answer arrives at t1:
+A request leaves this end at t0, is answered at the time r of the other clock, and the answer arrives at t1:
 
     offset = r - (t0 + t1)/2        |error| <= (t1 - t0)/2        local = remote - offset
 
@@ -32,7 +32,7 @@ EXCHANGES_MAX = 600
 
 
 class TimeSyncExchange(NamedTuple):
-    """Question and answer: time of the other clock, measured offset, and round trip."""
+    """Request and its answer: time of the other clock, measured offset, and round-trip time (100 ns)."""
 
     remote: int
     offset: float
@@ -55,13 +55,13 @@ class TimeSync:
     """Estimate of the other end's clock. All times are integers of 100 ns."""
 
     def __init__(self) -> None:
-        """Start before the first exchange."""
+        """Start without any exchange."""
         self._asked: deque[int] = deque(maxlen=16)
         self._exchanges: deque[TimeSyncExchange] = deque(maxlen=EXCHANGES_MAX)
         self._line = OffsetLine(0, 0.0, 0.0)
         self._from, self._applied, self._turn, self._after = 0, 0.0, 0.0, 0.0
         self.doubles = 0
-        """Number of questions that two different clocks answered.
+        """Number of requests that two different clocks answered.
 
         Duplicate packets come from one clock and do not count.
         """
@@ -71,19 +71,19 @@ class TimeSync:
         self._latest: int | None = None
         self._not_before: int | None = None
         self.refused = 0
-        """Number of refused answers: to no question of this end, or too late."""
+        """Number of rejected answers: they match no request of this end, or came too late."""
         self.jumps = 0
-        """Number of changes of the other clock. A change counts if two consecutive exchanges agree."""
+        """Number of times that the other clock was set or replaced, as confirmed by two consecutive exchanges."""
 
     @property
     def is_doubtful(self) -> bool:
-        """True if the last exchange disagrees with the earlier ones. The next question should follow soon."""
+        """True if the last exchange disagrees with the earlier ones. The next request should then follow soon."""
         return self._doubtful is not None
 
     def is_open(self, ts1: int) -> bool:
-        """Return True if this end has sent a question with this `ts1` and has received no answer yet.
+        """Return True if this end has sent a request with this `ts1` and has received no answer yet.
 
-        An answer to this question is then current, not replayed.
+        An answer to this request is then current, not replayed.
         """
         return ts1 // NS_PER_UNIT in self._asked
 
@@ -108,12 +108,12 @@ class TimeSync:
         return min((e.round_trip for e in self._exchanges), default=0)
 
     def ask(self, now: int) -> dict[str, int]:
-        """Return the fields of a TIMESYNC question. Call this ten times a second at first, then once a second."""
+        """Return the fields of a TIMESYNC request. Send many requests until the clock is known, then one a second."""
         self._asked.append(now)
         return {"tc1": 0, "ts1": now * NS_PER_UNIT}
 
     def handle_answer(self, tc1: int, ts1: int, now: int) -> bool:
-        """Handle a TIMESYNC that arrived at `now`. Return True if it answers a question of this end."""
+        """Handle a TIMESYNC message that arrived at `now`. Return True if it answers a request of this end."""
         sent = ts1 // NS_PER_UNIT
         if tc1 > 0 and ts1 == self._answered[0]:
             _, first, at = self._answered
@@ -155,7 +155,7 @@ class TimeSync:
         self._after = drift
 
     def _offset_at(self, remote: int) -> float:
-        """Return the applied offset: it approaches the line for one HORIZON, then follows its drift."""
+        """Return the applied offset. It approaches the line for one HORIZON, then follows the line's drift."""
         since = remote - self._from
         return self._applied + self._turn * min(since, HORIZON) + self._after * max(since - HORIZON, 0)
 
@@ -187,7 +187,7 @@ def _is_other_clock(exchange: TimeSyncExchange, offset: float) -> bool:
 
 
 def fit_offset_line(exchanges: list[TimeSyncExchange]) -> OffsetLine:
-    """Return the weighted line through the offsets, around the newest exchange. Few exchanges give a small drift."""
+    """Return the weighted line through the offsets, at the newest exchange. Few exchanges give a drift near zero."""
     shortest = min(e.round_trip for e in exchanges)
     least = FLOOR[0] * shortest + FLOOR[1]
     weights = [(least / (least + e.round_trip - shortest)) ** 2 for e in exchanges]

@@ -1,4 +1,5 @@
-"""Virtual vehicle as the physics of ArduPilot's SITL: it moves by ArduPilot's frames, and answers with its motion.
+"""Virtual vehicle as the physics of ArduPilot's SITL: it moves by the servo pulses in ArduPilot's frames, and answers
+each frame with its motion.
 
 Virtual time stands still between two frames, so that neither side waits for a clock. A repeated frame gets the same
 answer again. While frames are missing, the vehicle flies with the last received pulses. A frame count that restarts
@@ -33,10 +34,10 @@ OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
         "?",
         Quantity("1", "The vehicle is held in place until its servo pulses leave their rest position.", kind="flag"),
     ),
-    "ardupilot.frame": ("i8", Quantity("1", "Number of the ArduPilot frame in force.", kind="count")),
-    "ardupilot.missed": ("i8", Quantity("1", "Frames missed so far, by gaps in the count.", kind="count")),
+    "ardupilot.frame": ("i8", Quantity("1", "Number of ArduPilot's newest frame.", kind="count")),
+    "ardupilot.missed": ("i8", Quantity("1", "Frames missed so far, by gaps in the numbers.", kind="count")),
     "ardupilot.repeated": ("i8", Quantity("1", "Repeated frames so far.", kind="count")),
-    "ardupilot.refused": ("i8", Quantity("1", "Packets refused so far: invalid, or of another sender.", kind="count")),
+    "ardupilot.refused": ("i8", Quantity("1", "Packets refused so far: invalid or from another sender.", kind="count")),
 }
 """Signals of the log in addition to the signals of the world."""
 
@@ -88,11 +89,11 @@ class ArduPilotPhysics:
         """Answer ArduPilot's frames until `duration` (100 ns) after the release, or until stop() returns True.
 
         Args:
-            duration: time after the release (100 ns); None: no end.
+            duration: time from the vehicle's release to the end (100 ns); None: no end.
             log: path of the log. The log of a second flight is called NAME-2, and so on.
             log_period: time between rows (100 ns).
-            stop: called at every packet, and ten times a second.
-            tell: receives the messages for the user.
+            stop: function called at every packet, and ten times a second; the result True ends the run.
+            tell: function that receives the messages for the user.
             lost_lines: function that returns how many of these messages were lost; called at the end.
         """
         flights = self._flights

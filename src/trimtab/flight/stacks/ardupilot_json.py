@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 CHANNELS_OF: Mapping[int, int] = {18458: 16, 29569: 32}
-"""Magic number of a packet -> number of its channels."""
+"""Number of channels of a packet, by the packet's magic number."""
 MOST_CHANNELS = 32
 HEAD = struct.Struct("<HHI")
 COUNTS = 2**32
@@ -35,7 +35,7 @@ class PulsePacket(NamedTuple):
 
 
 class PhysicsState(NamedTuple):
-    """Motion of the vehicle as sent to ArduPilot.
+    """Motion of the vehicle, for ArduPilot or PX4.
 
     Position and velocity are in W, attitude is roll, pitch, yaw (rad), other vectors are in B; SI units.
     """

@@ -1,4 +1,4 @@
-"""Flights of a vehicle under an autopilot of another maker: one log per flight, and messages for the user."""
+"""Flights of a vehicle that ArduPilot or PX4 flies: one log per flight, and messages for the user."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ MOST_TOLD = 100
 
 
 class PhysicsSummary(NamedTuple):
-    """Result of all flights. t, release_time (None: never released), log and file are those of the last flight.
+    """Result of all flights. t, release_time (None: never released), log and file belong to the last flight.
 
     tally: a dataclass that counts the received packets.
     """
@@ -61,7 +61,8 @@ class PhysicsFlights:
     def prepare(self, file: Path | None, tell: Callable[[str], None], period: int | None = None) -> None:
         """Prepare for the first flight.
 
-        file: path of its log. tell: receives the messages for the user. period: time between rows (100 ns).
+        file: path of the first flight's log.  tell: function that receives the messages for the user.  period: time
+        between rows (100 ns).
         """
         self.file, self.tell, self.period = file, tell, self.period if period is None else period
 

@@ -1,4 +1,4 @@
-"""Virtual vehicle that an autopilot of another maker moves by servo pulses, and the motion sent to that autopilot.
+"""Virtual vehicle that another autopilot (ArduPilot, PX4) moves by servo pulses, and the motion sent to that autopilot.
 
 The vehicle is held in place until its pulses leave their rest position, because the model has no ground to stand on.
 After the release it continues from the scenario's first state. Source: docs pages, ArduPilot and PX4.
@@ -39,9 +39,9 @@ class PulsedVehicle:
     Args:
         scenario: scenario of the vehicle.
         seed: seed of the random numbers.
-        channels: number of the autopilot's channel, from 1, for each number of a command; empty: 1, 2, and so on.
+        channels: for each number of a command, number of the autopilot's channel, from 1; empty: 1, 2, and so on.
         release: pulse width (s) that releases the vehicle; None: any pulse that is not at rest.
-        door: name of the argument that error messages mention.
+        door: name of the argument to which error messages refer.
         most_channels: number of channels of the autopilot.
     """
 
@@ -184,5 +184,5 @@ def _read_table(o: PulseOutput) -> tuple[Any, Any]:
 
 
 def _slot(o: PulseOutput, reads: Mapping[str, Any], size: int) -> int:
-    """Return the index of an output's number in the inputs of a world."""
+    """Return the index, in the inputs of a world, of the number that an output sets."""
     return int(np.atleast_1d(np.arange(size)[reads[f"command.value.{o.path}"]])[o.slot or 0])

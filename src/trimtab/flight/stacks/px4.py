@@ -45,7 +45,8 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.command_pulses import PulseOutput
 
 ORIGIN = "38.9897,-76.9378,20"
-"""Origin of W on the globe. At this place, the magnetic field that PX4 derives from the position is COLLEGE_PARK."""
+"""Geographic position of the origin of W. There, the magnetic field that PX4 derives from the position is COLLEGE_PARK.
+"""
 STEP, SLOW_SAMPLES, FIX_SAMPLES = ms(4), 5, 25
 """Time between samples of the inertial unit, as in PX4's own simulators; number of these samples between samples of the
 slower sensors; number of these samples between position fixes.
@@ -130,13 +131,13 @@ class Px4Simulator:
         tell: Callable[[str], None] = lambda _: None,
         lost_lines: Callable[[], int] = lambda: 0,
     ) -> PhysicsSummary:
-        """Fly until `duration` (100 ns) after the release, or until stop() returns True.
+        """Fly until `duration` (100 ns) after the vehicle's release, or until stop() returns True.
 
         Args:
-            duration: time after the release (100 ns); None: no end.
+            duration: time from the vehicle's release to the end (100 ns); None: no end.
             log: path of the log. The log of a second flight is called NAME-2, and so on.
-            stop: called at every sample, and ten times a second.
-            tell: receives the messages for the user.
+            stop: function called at every sample, and ten times a second; the result True ends the run.
+            tell: function that receives the messages for the user.
             lost_lines: function that returns how many of these messages were lost; called at the end.
         """
         self._flights.prepare(log, tell)
@@ -248,7 +249,7 @@ class Px4Simulator:
         return answer
 
     def _move(self, answer: ControlFrame | None) -> None:
-        """Advance by one step, with the newest answer of PX4. Before the first answer the vehicle stands still."""
+        """Advance by one step, with the newest answer of PX4. answer: None if no new answer has arrived."""
         if answer is not None:
             if self._last is None:
                 self._flights.report(f"PX4 answers, {'in lockstep' if answer.is_locked else 'by the clock'}")
@@ -280,7 +281,7 @@ class Px4Simulator:
 
 
 def pulse_span(o: PulseOutput) -> tuple[float, float, float]:
-    """Return the pulse widths (s) for the controls 0 (rest), -1 and 1 (ends).
+    """Return the pulse widths (s) for the control values 0 (rest), -1 and 1 (the two ends).
 
     A motor whose rest is at one end turns in one direction only.
     """

@@ -43,7 +43,7 @@ class ControlFrame(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """Surroundings of the vehicle: its place (rad, m), the air (Pa, K), and the earth's magnetic field in B (T)."""
+    """Surroundings of the vehicle: geographic position (rad, m), air (Pa, K), and earth's magnetic field in B (T)."""
 
     latitude: float
     longitude: float

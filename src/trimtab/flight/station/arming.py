@@ -1,4 +1,4 @@
-"""Checks before arming, each with value, limit and advice, and the messages by which an autopilot asks for them.
+"""Checks before arming, each with value, limit and advice, and the messages by which an autopilot requests them.
 
 The autopilot sends MAVLink's command to run the checks, MAV_CMD_RUN_PREARM_CHECKS (401). The vehicle acknowledges it,
 reports failing checks to ground stations, and answers the sender with one TUNNEL of a private type for each check:
@@ -28,9 +28,9 @@ LONGEST_AGE = seconds(1)
 """Maximum age of a check's result."""
 ASK_PERIOD = ms(200)
 MOST_ASKS = 10
-"""Number of unanswered questions after which the vehicle counts as a vehicle without checks."""
+"""Number of unanswered requests after which the vehicle counts as a vehicle without checks."""
 UNBOUNDED = 1e9
-"""Smallest number shown as infinite: the age of data that never arrived, or a limit that was not set."""
+"""Smallest number shown as infinite, e.g. the age of data that never arrived, or a limit that was not set."""
 CONFIRMATION = 21196
 """Second parameter of the command to arm, by which MAVLink's ground stations force arming.
 
@@ -93,7 +93,7 @@ def first_problem(checks: Sequence[ArmingCheck]) -> str:
 
 
 def pack_checks(endpoint: Endpoint, asker: Message, checks: Sequence[ArmingCheck]) -> list[bytes]:
-    """Return a packet for each check, addressed to the sender of the question. asker: the question."""
+    """Return a packet for each check, addressed to the sender of the request. asker: the message with the request."""
     packets = []
     for k, check in enumerate(checks):
         flags = AT_LEAST * check.at_least | HEALS * check.heals
@@ -104,13 +104,13 @@ def pack_checks(endpoint: Endpoint, asker: Message, checks: Sequence[ArmingCheck
 
 
 class RemoteChecks:
-    """The vehicle's checks at the autopilot's end: questions to the vehicle, and its answers.
+    """Results of the vehicle's checks, as the autopilot has received them, and the times to request them again.
 
-    Times `now` are this end's, in 100 ns.
+    Times `now` are by the autopilot's clock, in 100 ns.
     """
 
     def __init__(self) -> None:
-        """Start before the first answer of the vehicle."""
+        """Start without an answer of the vehicle."""
         self._checks: dict[int, tuple[ArmingCheck, int]] = {}
         self._count = self._asks = self._next = 0
         self.has_none = False

@@ -1,4 +1,4 @@
-"""Read-only file transfer over MAVLink: listing, opening, reading, reading in bursts. All else is refused at once.
+"""Read-only file transfer over MAVLink: listing, opening, reading, reading in bursts. Other operations are refused.
 
 A request and its answer are 251 bytes in FILE_TRANSFER_PROTOCOL:
 
@@ -92,7 +92,7 @@ class _Burst(NamedTuple):
 
 
 class _RefusedError(Exception):
-    """Exception: a file request is refused."""
+    """Exception for a file request that is refused."""
 
     def __init__(self, why: FileError) -> None:
         super().__init__(why.name)
@@ -100,7 +100,7 @@ class _RefusedError(Exception):
 
 
 class FileTransferService:
-    """File transfer service of a vehicle. Times `now` are the vehicle's, in 100 ns."""
+    """File transfer service of a vehicle. Times `now` are by the vehicle's clock, in 100 ns."""
 
     names: Collection[str] = (FILE_TRANSFER,)
 

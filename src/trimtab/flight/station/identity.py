@@ -22,7 +22,7 @@ from trimtab.flight.mavlink.endpoint import Endpoint
 
 TUNNEL = "TUNNEL"
 REQUEST_TYPE, LINE_TYPE = 0xF474, 0xF475
-"""Private types of TUNNEL, from 32768 on; "tt" without its highest bits."""
+"""Payload types of the TUNNEL messages, from the range for private use (32768 and above)."""
 REQUEST, LINE = struct.Struct("<H"), struct.Struct("<HH8s")
 PAYLOAD = 128
 MOST_NUMBERS = 4
@@ -30,7 +30,7 @@ MOST_NUMBERS = 4
 MOST_LINES = 4096
 ASK_PERIOD, LINES_PERIOD, LINES_AT_ONCE = ms(500), ms(100), 5
 MOST_ASKS = 4
-"""Number of unanswered questions after which the vehicle counts as a vehicle without an identity."""
+"""Number of unanswered requests after which the vehicle counts as a vehicle without an identity."""
 
 
 def format_value(value: Any) -> str:
@@ -61,7 +61,7 @@ class IdentityService:
     """Service of a vehicle that sends the identity of its scenario line by line."""
 
     def __init__(self, endpoint: Endpoint, entries: Mapping[str, str]) -> None:
-        """entries: path of each setting of the identity -> text."""
+        """entries: text of each setting of the identity, by path."""
         self._endpoint, self._entries = endpoint, dict(sorted(entries.items()))
         self._digest = identity_digest(self._entries)
 
@@ -101,18 +101,18 @@ class SettingDifference(NamedTuple):
 class IdentityComparison:
     """Comparison at the autopilot's end: it asks for the vehicle's identity, and lists the settings that differ.
 
-    Times `now` are this end's, in 100 ns.
+    Times `now` are by the autopilot's clock, in 100 ns.
     """
 
     def __init__(self, endpoint: Endpoint, entries: Mapping[str, str]) -> None:
-        """entries: path of each setting of this end's identity -> text."""
+        """entries: text of each setting of the autopilot's identity, by path."""
         self._endpoint, self._entries = endpoint, dict(entries)
         self._digest = identity_digest(self._entries)
         self._lines: dict[int, bytes] = {}
         self._count, self._asks, self._next = 0, 0, 0
         self._theirs = self._known = b""
         self.is_known = False
-        """True while the vehicle's identity is known completely, or known to equal this end's identity."""
+        """True while the vehicle's identity is known completely, or known to equal the autopilot's identity."""
 
     @property
     def is_unanswered(self) -> bool:
@@ -125,9 +125,9 @@ class IdentityComparison:
         return digest_number(self._known)
 
     def due(self, now: int, system: int, component: int) -> list[bytes]:
-        """Return the packets of the identity questions to the vehicle that are due now.
+        """Return the packets that must be sent now to request the vehicle's identity.
 
-        Even after the comparison, one question is repeated regularly, because a setting may change.
+        Even after the comparison, one request is repeated regularly, because a setting may change.
         """
         if self.is_unanswered or now < self._next:
             return []
@@ -152,7 +152,7 @@ class IdentityComparison:
         self._known = digest if self.is_known else self._known
 
     def differences(self, is_accepted: Callable[[str], bool] = lambda path: False) -> list[SettingDifference]:
-        """Return the differences that are not accepted, sorted by path. Empty until the vehicle's identity is known."""
+        """Return the differences that are not accepted, sorted by path; none until the vehicle's identity is known."""
         if not self.is_known or self._theirs == self._digest:
             return []
         theirs = dict(_split_line(line) for line in self._lines.values())
@@ -166,7 +166,7 @@ class IdentityComparison:
 
 def cut_line(path: str, text: str) -> bytes:
     """Return the line of a setting, cut to the length that is sent."""
-    return f"{path}={text}".encode()[: PAYLOAD - LINE.size].decode("utf-8", "ignore").encode()  # no incomplete letter
+    return f"{path}={text}".encode()[: PAYLOAD - LINE.size].decode("utf-8", "ignore").encode()  # no partial character
 
 
 def _split_line(line: bytes) -> tuple[str, str]:
@@ -181,7 +181,7 @@ def _parse_request(message: Message) -> int | None:
 
 
 def pack_tunnel(endpoint: Endpoint, system: int, component: int, kind: int, data: bytes) -> bytes:
-    """Return the packet of a TUNNEL. kind: its private type; data: at most 128 bytes."""
+    """Return the packet of a TUNNEL message. kind: its payload type.  data: its payload, at most 128 bytes."""
     fields = {"target_system": system, "target_component": component, "payload_type": kind}
     payload = tuple(data.ljust(PAYLOAD, b"\0"))
     return endpoint.pack(TUNNEL, fields | {"payload_length": len(data), "payload": payload})

@@ -24,7 +24,7 @@ class _Download(NamedTuple):
 
 
 class LogService:
-    """Log download service of a vehicle. Times `now` are the vehicle's, in 100 ns."""
+    """Log download service of a vehicle. Times `now` are by the vehicle's clock, in 100 ns."""
 
     names: Collection[str] = ("LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_ERASE", "LOG_REQUEST_END")
 

@@ -1,4 +1,4 @@
-"""Missions, fences and rally points. The vehicle has none. Each request is answered at once: 0 items, or refused.
+"""Answers to requests about missions, fences and rally points. The vehicle has none, so a list has 0 items.
 
     list     MISSION_REQUEST_LIST                     answer: MISSION_COUNT 0
     clear    MISSION_CLEAR_ALL, or MISSION_COUNT 0    answer: MISSION_ACK accepted, as the list is empty
@@ -41,7 +41,7 @@ class MissionService:
     names: Collection[str] = (LIST_REQUEST, *RESULTS)
 
     def __init__(self, endpoint: Endpoint) -> None:
-        """endpoint: packs the answers."""
+        """endpoint: endpoint that packs the answers."""
         self._endpoint = endpoint
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:

@@ -22,7 +22,7 @@ GROUP_DEPTH = 2
 
 
 def metadata_documents(parameters: Parameters) -> dict[str, bytes]:
-    """Return name -> content of the general file and of the file of parameters."""
+    """Return the contents of the general file and of the file of parameters, by file name."""
     listed = [
         _describe(p, default, parameters.bounds(k))
         for k, (p, default) in enumerate(zip(parameters.listed, parameters.defaults, strict=True))
@@ -39,7 +39,7 @@ def component_metadata(now_ms: int, documents: Mapping[str, bytes]) -> Mapping[s
 
 
 def file_checksum(data: bytes) -> int:
-    """Return the CRC-32 that MAVLink uses for files: without inversions."""
+    """Return the CRC-32 that MAVLink uses for files: without inversion at the start and the end."""
     return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 

@@ -27,7 +27,7 @@ from trimtab.flight.mavlink.protocol import REAL_32, ParameterChange
 
 LONGEST = 16
 MOST_NUMBERS = 64
-"""Maximum number of numbers in a parameter. Larger quantities are tables: to list them would take minutes."""
+"""Maximum number of elements of a listed quantity. Larger quantities are tables, which would take minutes to list."""
 FLOAT = struct.Struct("<f")
 WORD = 4
 """Number of letters to which the words of a long name are shortened."""
@@ -43,7 +43,7 @@ FAULT = "fault"
 
 
 ChangedValues = Mapping[str, list[float]]
-"""Path of a leaf of the records (a number or an array) -> all numbers of the leaf."""
+"""All numbers of each changed leaf (a number or an array) of the records, by path."""
 NO_STORE = "no file (--parameters FILE)"
 
 
@@ -80,7 +80,7 @@ class Parameters:
         self._places = {(p.path, p.slot): k for k, p in enumerate(self.listed)}
 
     def table(self) -> dict[str, tuple[str, int]]:
-        """Return parameter name -> path of the leaf, and index of the number in the leaf."""
+        """Return path of the leaf, and index of the number in the leaf, for each parameter name."""
         return {p.name: (p.path, p.slot) for p in self.listed}
 
     @property
@@ -200,7 +200,7 @@ def _refusal(declared: Quantity, value: float, bounds: tuple[float, float]) -> s
 
 
 class ParameterService:
-    """MAVLink service for the parameters of one vehicle. Times are the vehicle's, in 100 ns."""
+    """MAVLink service for the parameters of one vehicle. Times are by the vehicle's clock, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, parameters: Parameters) -> None:
         """Start with no list requested."""
@@ -229,7 +229,10 @@ class ParameterService:
         return [] if index is None else [self.value(index)]
 
     def change_value(self, message: Message) -> tuple[list[bytes], list[ParameterChange], str]:
-        """Handle a PARAM_SET. Return the packet of the value in force, any change, and any reason for refusal."""
+        """Handle a PARAM_SET message.
+
+        Return the packet of the value in force, the changes (at most one), and the reason for a refusal, or "".
+        """
         name = message.get("param_id")
         if name == HASH:  # the station has all values
             self._listing.clear()
@@ -253,7 +256,7 @@ class ParameterService:
         fields |= {"param_count": len(self._parameters.listed)}
         payload = definition.packing.pack(*arrange_values(definition, fields))
         bits = self._parameters.digest.to_bytes(FLOAT.size, "little")
-        return self._endpoint.pack("PARAM_VALUE", bits + payload[len(bits) :])  # the value comes first
+        return self._endpoint.pack("PARAM_VALUE", bits + payload[len(bits) :])  # the value is the first field
 
     def value(self, index: int) -> bytes:
         """Return the packet with the value of a parameter."""

@@ -26,7 +26,7 @@ MOST_ENTRIES = 2000
 PATIENCE_S = 0.005
 """Longest wait of the loop for a listing (s). If the listing takes longer, the answer is the previous list."""
 LISTING_PERIOD_S = 0.5
-"""Shortest time between two listings (s). Until then, requests get the previous list, in parts if it is long."""
+"""Shortest time between two listings (s). Until then, requests (one per part of a long list) get the last list."""
 
 
 class FileEntry(NamedTuple):
@@ -79,7 +79,7 @@ class ServedFiles:
         """Prepare to serve documents and logs.
 
         Args:
-            documents: name -> content.
+            documents: content of each document, by name.
             folder: folder of the logs; None: no logs.
             patience: longest wait for a listing (s).
         """

@@ -55,7 +55,7 @@ class Status(NamedTuple):
     """Status that the vehicle reports.
 
     arming_problem: reason why the vehicle cannot be armed, or "".  confirmation_problem: reason why it cannot be armed
-    without a confirmation by the user, or "".  closed_modes: mode -> reason why the mode cannot be entered now.
+    without a confirmation by the user, or "".  closed_modes: reason why a mode cannot be entered now, by mode.
     autopilot_problem: reason why the autopilot cannot be asked to hold, resume or end, or "".
     identity: hash number of the vehicle's settings, see `identity.digest_number`.
     """
@@ -78,7 +78,7 @@ class StationResponse(NamedTuple):
 
 
 class Service(Protocol):
-    """Interface of a service that answers one kind of request for a vehicle. Times are the vehicle's, in 100 ns."""
+    """Interface of a vehicle's service for one kind of request. Times are by the vehicle's clock, in 100 ns."""
 
     @property
     def names(self) -> Collection[str]:
@@ -99,20 +99,22 @@ def _arming_sender(message: Message) -> Sender:
 
 
 class Station:
-    """Vehicle's end of the standard protocol. Set `status` when the status changes. Times are the vehicle's, in 100 ns.
+    """Vehicle's end of the standard protocol. Set `status` when the status changes.
+
+    Times are by the vehicle's clock, in 100 ns.
 
     Args:
         endpoint: endpoint that packs the replies; pass the messages it accepts to `handle_message`.
         parameters: parameters that ground stations can read and change.
-        modes: number of a mode -> its name for the user.
+        modes: names of the modes for the user, by the mode's number.
         vehicle: MAVLink's type of the vehicle.
         streams: telemetry, sent while another system (a ground station) is listening.
         authority: record of the vehicle's owner; None: a new record without an owner.
         services: services for further messages.
-        store: stores changed parameters for the next start, or None to clear them; returns the reason for a failure, or
-            "".
-        tell: receives the messages on arming and control, for the vehicle's own log.
-        arming_checks: returns the checks before arming.
+        store: function that stores changed parameters for the next start, or clears the stored ones if it is called
+            with None. It returns the reason for a failure, or "".
+        tell: function that receives the messages on arming and control, for the vehicle's own log.
+        arming_checks: function that returns the checks before arming.
     """
 
     def __init__(
@@ -289,7 +291,7 @@ class Station:
         return 0 if self.authority.owner is None else self.authority.owner.session
 
     def owner_packet(self) -> bytes:
-        """Return the packet that announces the vehicle's owner to all on the link."""
+        """Return the packet that announces the vehicle's owner to all peers on the link."""
         fields = {"command": CommandCode.REQUEST_CONTROL, "result_param2": self._owner_session}
         return self._pack_fields("COMMAND_ACK", **fields)
 

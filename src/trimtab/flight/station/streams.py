@@ -32,7 +32,7 @@ STREAMS: Mapping[int, frozenset[str]] = {
     10: frozenset({"ATTITUDE"}),
     11: frozenset({"VFR_HUD"}),
 }
-"""Number of a stream in REQUEST_DATA_STREAM -> names of the messages of the stream."""
+"""Names of the messages of each stream, by the stream's number in REQUEST_DATA_STREAM."""
 INTERVAL, HOME = "MESSAGE_INTERVAL", "HOME_POSITION"
 
 
@@ -114,17 +114,20 @@ def _split_text(text: str) -> list[bytes]:
 
 
 class TelemetryStream(NamedTuple):
-    """Repeated message with its period. fields: returns the fields at a time, or None if there is nothing to send."""
+    """Repeated message with its period (100 ns).
+
+    fields: function that returns the fields at a time, or None if there is nothing to send.
+    """
 
     fields: Callable[[int], Mapping[str, Any] | None]
     period: int
 
 
 class Streams:
-    """Scheduler of the repeated messages of one vehicle. Times are the vehicle's, in 100 ns."""
+    """Scheduler of the repeated messages of one vehicle. Times are by the vehicle's clock, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, streams: Mapping[str, TelemetryStream]) -> None:
-        """streams: name of a message -> its stream."""
+        """streams: stream of each message, by the message's name."""
         self._endpoint, self._streams = endpoint, dict(streams)
         self._names = {endpoint.dialect.definitions[n].id: n for n in self._streams}
         self._periods = {n: s.period for n, s in self._streams.items()}

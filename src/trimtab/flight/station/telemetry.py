@@ -1,6 +1,6 @@
-"""State of a vehicle as fields of the standard messages that ground stations show. No function keeps a state.
+"""State of a vehicle as fields of the standard messages that ground stations show. The functions store nothing.
 
-Times `now` are the vehicle's, in 100 ns; all else is in SI units, as in `core.signals.Motion`.
+Times `now` are by the vehicle's clock, in 100 ns. Other arguments are in SI units, as in `core.signals.Motion`.
 Source: https://mavlink.io/en/messages/common.html.
 """
 
@@ -51,7 +51,7 @@ class VehicleMotion(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Place on the globe: latitude, longitude (rad), height above the sea (m)."""
+    """Geographic position: latitude, longitude (rad), height above the sea (m)."""
 
     latitude: float
     longitude: float
@@ -66,14 +66,14 @@ def attitude(now: int, motion: VehicleMotion) -> Fields:
 
 
 def local_position(now: int, motion: VehicleMotion) -> Fields:
-    """Return the fields of LOCAL_POSITION_NED. The origin is that of W."""
+    """Return the fields of LOCAL_POSITION_NED: position and velocity in the world frame W."""
     place = zip("xyz", motion.p_WB, strict=True)
     velocity = zip(("vx", "vy", "vz"), rotate_to_world(motion.attitude, motion.v_WB_B), strict=True)
     return {"time_boot_ms": _milliseconds(now)} | dict(place) | dict(velocity)
 
 
 def global_position(now: int, motion: VehicleMotion, place: Place, home: VehicleMotion) -> Fields:
-    """Return the fields of GLOBAL_POSITION_INT. It has the height above the sea and the height above home."""
+    """Return the fields of GLOBAL_POSITION_INT, with the height above the sea and the height above home."""
     velocity = rotate_to_world(motion.attitude, motion.v_WB_B)
     return {
         "time_boot_ms": _milliseconds(now),
@@ -91,7 +91,7 @@ def home_position(now: int, p_WB: Vector, quaternion: Vector, place: Place) -> F
 
 
 def global_origin(now: int, origin: Place) -> Fields:
-    """Return the fields of GPS_GLOBAL_ORIGIN, the place of the origin of W."""
+    """Return the fields of GPS_GLOBAL_ORIGIN: the geographic position of the origin of W."""
     return {"time_usec": now // UNITS_PER_US} | _place_fields(origin)
 
 
@@ -107,7 +107,7 @@ def battery_status() -> Fields:
 
 
 def vfr_hud(motion: VehicleMotion) -> Fields:
-    """Return the fields of VFR_HUD. There is no wind, so the airspeed equals the ground speed."""
+    """Return the fields of VFR_HUD. Wind is ignored: the airspeed is the speed relative to the ground."""
     north, east, down = rotate_to_world(motion.attitude, motion.v_WB_B)
     return {
         "airspeed": math.sqrt(sum(v * v for v in motion.v_WB_B)),

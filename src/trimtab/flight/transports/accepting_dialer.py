@@ -91,7 +91,7 @@ class AcceptingDialer:
 
 
 def _count_waiting_bytes(fd: int) -> int | None:
-    """Return 1 if a connection has unread bytes, 0 if it has ended, None if its peer is silent."""
+    """Return 1 if a connection has unread bytes, 0 if it has ended, None if it is open without unread bytes."""
     s = socket.socket(fileno=fd)
     try:
         return len(s.recv(1, socket.MSG_PEEK))

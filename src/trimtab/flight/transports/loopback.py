@@ -68,7 +68,7 @@ def socket_folder() -> Path:
 
 def _acquire_lock(address: Address, place: Path) -> int:
     """Return a lock that is held by the listener; the system releases it when the process ends."""
-    import fcntl  # not on every system
+    import fcntl  # not available on every system
 
     lock = os.open(place.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:

@@ -27,7 +27,7 @@ LONGEST_MUTE = 3.0
 TRIAL = 0.3
 """Time (s) within which a new peer must send an accepted packet if another peer sends data."""
 UNFIT = (errno.EMSGSIZE, errno.EINVAL, errno.ENOBUFS, errno.ENOMEM)
-"""Error numbers that concern a packet only, so that the connection is kept."""
+"""Numbers of errors that concern only one packet. After such an error, the connection is kept."""
 
 
 class Dialer(Protocol):
@@ -44,7 +44,7 @@ class Dialer(Protocol):
     def exchange(self, fd: int) -> int:
         """Return the connection of another peer that has sent data; -1 without such a peer.
 
-        The given connection then waits.
+        If there is such a peer, the given connection waits from then on.
         """
         ...
 
@@ -56,8 +56,8 @@ class Dialer(Protocol):
 class StreamLink:
     """Byte stream over a connection. After a break it reconnects, at first at once, then at growing intervals.
 
-    One thread receives, another may send. A packet is either dropped or written completely, its last bytes before the
-    next packet. Data beyond the system's buffer is not queued.
+    One thread receives, another may send. A packet is either dropped or written completely: the next packet waits for
+    its last bytes. Data beyond the system's buffer is not queued.
     """
 
     def __init__(self, dialer: Dialer, clock: Clock = SYSTEM_CLOCK) -> None:

@@ -46,7 +46,9 @@ def _parse_place(address: Address) -> tuple[str, int]:
     """Return the address of the Bluetooth module, and the channel."""
     channel = address.path.removeprefix("/")
     if not re.fullmatch(r"([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}", address.place):
-        raise address.input_error(f"{address.place!r} is not the address of a module, six bytes with colons between")
+        raise address.input_error(
+            f"{address.place!r} is not the address of a module: six hexadecimal bytes, separated by colons"
+        )
     if not (channel.isascii() and channel.isdigit() and 1 <= int(channel) <= MOST_CHANNELS):
         raise address.input_error(f"{channel!r} is not a channel from 1 to {MOST_CHANNELS}")
     return address.place.upper(), int(channel)

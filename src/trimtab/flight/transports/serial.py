@@ -37,7 +37,7 @@ class _SerialDialer:
 
     def dial(self) -> int:
         """Return the device, in raw mode, with empty buffers, for this program alone. Raise OSError if it is in use."""
-        import fcntl  # not on every system
+        import fcntl  # not available on every system
         import termios
 
         fd = os.open(self._path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)

@@ -9,7 +9,7 @@ from trimtab.flight.transports.open_link import Address
 from trimtab.flight.transports.reconnecting_stream import ConnectingDialer, StreamLink
 
 GONE_MS = 5000
-"""Time without acknowledgement after which a peer counts as gone (ms)."""
+"""Time (ms) without acknowledgement of sent data after which a peer counts as disconnected."""
 
 
 def open_tcp(address: Address, *, listen: bool = False) -> StreamLink:
