@@ -101,4 +101,9 @@ def test_a_board_sends_pulses_at_the_servos_frame_and_its_world_does_not_hold_th
     framed = replace(scenario, world=replace(scenario.world, actuators=bank))
     assert frame_of(scenario) == bank.period == ms(10)
     assert frame_of(framed) == ms(20)
+    both = {name: (ServoFrame(frame=ms(5)), *stages) for name, stages in scenario.world.actuators.stages.items()}
+    both["rudder"] = bank.stages["rudder"]
+    assert len(both) > 1
+    mixed = replace(scenario, world=replace(scenario.world, actuators=replace(bank, stages=both)))
+    assert frame_of(mixed) == ms(20)  # the analogue servo of the rudder bears no shorter frame
     assert replace_hardware(framed).world.actuators.stages["rudder"][0].frame == 0

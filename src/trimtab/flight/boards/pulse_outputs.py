@@ -21,14 +21,15 @@ SHORTEST_FRAME, LONGEST_FRAME = ms(3), ms(20)
 
 
 def frame_of(scenario: Scenario) -> int:
-    """Return the time between pulses (100 ns): the shortest frame of the servos, in whole milliseconds from 3 to 20.
+    """Return the time between pulses (100 ns): the longest frame of the servos, in whole milliseconds from 3 to 20.
 
-    If no servo declares a frame, the result is the period of the actuators.
+    The board sends the pulses of all servos in one frame, and an analogue servo overheats in a shorter frame than its
+    own. If no servo declares a frame, the result is the period of the actuators.
     """
     actuators = scenario.world.actuators
     rows = actuators.stages.values() if isinstance(actuators, ActuatorBank) else ()
     frames = [int(stage.frame) for row in rows for stage in row if isinstance(stage, ServoFrame) and stage.frame]
-    wanted = min(frames, default=optional_member(actuators, "frame") or actuators.period)
+    wanted = max(frames, default=optional_member(actuators, "frame") or actuators.period)
     return min(max(-(-wanted // ms(1)) * ms(1), SHORTEST_FRAME), LONGEST_FRAME)
 
 
