@@ -22,6 +22,7 @@ import pytest
 from host_witness import HostWitness
 from hypothesis import settings
 from memory import Memory
+from parts import deselect_other_parts, parse_part
 from thorough_cases import keep_quick_cases
 from verdicts import Verdicts
 
@@ -105,6 +106,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help=f"number of random examples in each of the tests that draw them; default: {RANDOM_EXAMPLES}",
     )
 
+    parser.addoption("--part", type=parse_part, metavar="K/N", help="run part K of N parts of the tests")
+
 
 def pytest_configure(config: pytest.Config) -> None:
     """Draw the random seed, which workers of xdist receive with the other options, and register the plugins."""
@@ -182,6 +185,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         timed = [item for item in items if item.get_closest_marker("real_time")]
         config.hook.pytest_deselected(items=timed)
         items[:] = [item for item in items if not item.get_closest_marker("real_time")]
+    deselect_other_parts(config, items)
     for item in items:
         if "random_examples" in getattr(item, "fixturenames", ()) and not item.get_closest_marker("timeout"):
             more = config.option.random_examples * EXAMPLE_TIMEOUT_S

@@ -1,6 +1,7 @@
 """Run a tier of tests completely and append the result to tests/records.jsonl.
 
     python tests/record.py thorough     run the thorough tests
+    python tests/record.py thorough --part 2/4    run the second of four parts; all four at one commit are a run
     python tests/record.py real_time    run the real-time tests, in one process
     python tests/record.py ages         print for each tier how long ago it was green
 
@@ -99,8 +100,8 @@ def is_green(record: dict[str, Any]) -> bool:
     return record["passed"] > 0 and record["failed"] == 0 and record["not_judged"] == 0
 
 
-def record_tier(tier: str) -> int:
-    """Run a tier and append its record."""
+def record_tier(tier: str, part: str | None = None) -> int:
+    """Run a tier, or a part K/N of it, and append its record."""
     import pytest
 
     if changes := list_changes():
@@ -113,7 +114,7 @@ def record_tier(tier: str) -> int:
         signal.signal(number, signal.default_int_handler)
     recorder = Recorder()
     try:
-        status = pytest.main(TIERS[tier], plugins=[recorder])
+        status = pytest.main([*TIERS[tier], *([] if part is None else ["--part", part])], plugins=[recorder])
     except KeyboardInterrupt:
         recorder.was_interrupted, status = True, pytest.ExitCode.INTERRUPTED
     if recorder.was_interrupted:
@@ -128,12 +129,16 @@ def record_tier(tier: str) -> int:
         return NOT_RECORDED
     record: dict[str, Any] = {"tier": tier, "commit": commit, "date": began.isoformat(timespec="seconds")}
     record |= {"machine": describe_machine(), "seconds": round(time.monotonic() - start)} | recorder.outcomes()
+    if part is not None:
+        record["part"] = part
     if recorder.random_seed is not None:
         record["random_seed"] = recorder.random_seed
     with RECORDS.open("a", encoding="utf-8") as file:
         file.write(json.dumps(record, ensure_ascii=False) + "\n")
     colour = "green" if is_green(record) else "red"
-    print(f"{tier} is {colour} at {commit[:10]}. Commit {RECORDS.relative_to(ROOT)} with the next change.")
+    print(
+        f"{tier}{'' if part is None else f', part {part},'} is {colour} at {commit[:10]}. Commit {RECORDS.relative_to(ROOT)} with the next change."
+    )
     return GREEN if is_green(record) else RED
 
 
@@ -142,6 +147,29 @@ def read_records() -> list[dict[str, Any]]:
     if not RECORDS.is_file():
         return []
     return [json.loads(line) for line in RECORDS.read_text(encoding="utf-8").splitlines()]
+
+
+def join_parts(records: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], str]:
+    """Return the complete runs of a tier, and a text about the newest run if some of its parts are missing.
+
+    N parts of N at one commit make a run. A red part alone makes a red run.
+    """
+    runs, parts, missing = [], dict[tuple[str, str], dict[str, dict[str, Any]]](), ""
+    for record in records:
+        missing = ""
+        if "part" not in record:
+            runs.append(record)
+            continue
+        n = record["part"].partition("/")[2]
+        known = parts.setdefault((record["commit"], n), {})
+        known[record["part"]] = record
+        if not is_green(record):
+            runs.append(record)
+        elif len(known) < int(n):
+            missing = f"; {len(known)} of {n} parts recorded at {record['commit'][:10]}"
+        elif all(map(is_green, known.values())):
+            runs.append(record)
+    return runs, missing
 
 
 def count_commits_since(commit: str) -> int | None:
@@ -156,11 +184,12 @@ def count_commits_since(commit: str) -> int | None:
 
 def describe_age(tier: str) -> str:
     """Return how long ago a tier was last green, and how its last run ended."""
-    records = [record for record in read_records() if record["tier"] == tier]
+    records, after = join_parts([record for record in read_records() if record["tier"] == tier])
     if not records:
-        return f"{tier}: never recorded"
+        return f"{tier}: never recorded{after}"
     last = records[-1]
-    after = "" if is_green(last) else f"; last run red: {last['failed']} failed, {last['not_judged']} not judged"
+    if not is_green(last):
+        after = f"; last run red: {last['failed']} failed, {last['not_judged']} not judged{after}"
     green = [record for record in records if is_green(record)]
     known = [(ago, record) for record in green if (ago := count_commits_since(record["commit"])) is not None]
     if known:
@@ -176,9 +205,10 @@ def main() -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("command", choices=[*TIERS, "ages"])
-    command = parser.parse_args().command
-    if command in TIERS:
-        return record_tier(command)
+    parser.add_argument("--part", metavar="K/N", help="run part K of N parts of the tier")
+    given = parser.parse_args()
+    if given.command in TIERS:
+        return record_tier(given.command, given.part)
     print(*map(describe_age, TIERS), sep="\n")
     return 0
 

@@ -14,6 +14,7 @@ import record
 
 CONFTEST = """
 import pytest
+from parts import deselect_other_parts, parse_part
 from verdicts import Verdicts
 
 def pytest_configure(config):
@@ -21,6 +22,10 @@ def pytest_configure(config):
 
 def pytest_addoption(parser):
     parser.addoption("--random-seed", type=int, default=7)
+    parser.addoption("--part", type=parse_part)
+
+def pytest_collection_modifyitems(config, items):
+    deselect_other_parts(config, items)
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item, call):
@@ -61,7 +66,7 @@ class Repository:
         self.folder, self.tests = folder, folder / "tests"
         self.records = self.tests / "records.jsonl"
         self.tests.mkdir()
-        for name in ("record.py", "verdicts.py", "host_witness.py"):
+        for name in ("record.py", "parts.py", "verdicts.py", "host_witness.py"):
             shutil.copy(Path(record.__file__).with_name(name), self.tests)
         (self.tests / "conftest.py").write_text(CONFTEST)
         (folder / "pytest.ini").write_text(INI)
@@ -80,11 +85,11 @@ class Repository:
         self.git("commit", "-q", "--allow-empty", "-m", "a change")
         return self.git("rev-parse", "HEAD")
 
-    def start(self, command: str) -> subprocess.Popen[str]:
+    def start(self, *command: str) -> subprocess.Popen[str]:
         kept = {k: v for k, v in os.environ.items() if not k.startswith(("PYTEST_", "GIT_"))}
         environment = kept | {"PYTHONPATH": str(self.tests), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
         return subprocess.Popen(
-            [sys.executable, str(self.tests / "record.py"), command],
+            [sys.executable, str(self.tests / "record.py"), *command],
             env=environment,
             cwd=self.folder.parent,
             stdout=subprocess.PIPE,
@@ -92,8 +97,8 @@ class Repository:
             text=True,
         )
 
-    def record(self, command: str) -> tuple[int, str]:
-        process = self.start(command)
+    def record(self, *command: str) -> tuple[int, str]:
+        process = self.start(*command)
         out, trouble = process.communicate()
         return process.returncode, out + trouble
 
@@ -148,6 +153,37 @@ def test_a_test_that_is_not_judged_makes_the_record_red(repository: Repository) 
     assert (found["failed"], found["not_judged"], found["not_judged_tests"]) == (0, 1, [test])
     assert found["voids"] == [{"test": test, "evidence": "attempt 3: CPU 0 ran other programs for 80 ms"}]
     assert "thorough: never green; last run red: 0 failed, 1 not judged" in repository.record("ages")[1]
+
+
+def test_parts_at_one_commit_make_a_run(repository: Repository) -> None:
+    tests = "".join(f"@pytest.mark.thorough\ndef test_{k}():\n    pass\n\n" for k in range(6))
+    commit = repository.commit("import pytest\n\n" + tests)
+    status, said = repository.record("thorough", "--part", "2/2")
+    assert (status, "thorough, part 2/2, is green" in said) == (0, True), said
+    second = repository.last()
+    assert 0 < second["passed"] < 6
+    ages = repository.record("ages")[1]
+    assert f"thorough: never recorded; 1 of 2 parts recorded at {commit[:10]}\n" in ages
+    repository.commit("import pytest\n\n" + tests)  # adds the record
+    repository.git("checkout", "-q", "--detach", commit)
+    repository.records.write_text(json.dumps(second) + "\n")
+    assert repository.record("thorough", "--part", "1/2")[0] == 0
+    assert repository.last()["passed"] + second["passed"] == 6
+    assert f"thorough: last green 0 commits ago ({commit[:10]}" in repository.record("ages")[1]
+
+
+def test_a_red_part_makes_the_run_red(repository: Repository) -> None:
+    repository.commit(TESTS + FAILS + FAILS.replace("test_fails", "test_fails_too"))
+    statuses = [repository.record("thorough", "--part", f"{k}/2")[0] for k in (1, 2)]
+    assert 1 in statuses
+    assert "thorough: never green; last run red" in repository.record("ages")[1]
+
+
+@pytest.mark.parametrize("part", ["0/2", "3/2", "2", "a/b"])
+def test_refuses_a_part_that_does_not_exist(repository: Repository, part: str) -> None:
+    status, said = repository.record("thorough", "--part", part)
+    assert (status, "must be K/N with 1 <= K <= N" in said) == (2, True), said
+    assert not repository.records.exists()
 
 
 def test_refuses_a_working_tree_with_changes(repository: Repository) -> None:
