@@ -136,9 +136,8 @@ def record_tier(tier: str, part: str | None = None) -> int:
     with RECORDS.open("a", encoding="utf-8") as file:
         file.write(json.dumps(record, ensure_ascii=False) + "\n")
     colour = "green" if is_green(record) else "red"
-    print(
-        f"{tier}{'' if part is None else f', part {part},'} is {colour} at {commit[:10]}. Commit {RECORDS.relative_to(ROOT)} with the next change."
-    )
+    name = tier if part is None else f"{tier}, part {part},"
+    print(f"{name} is {colour} at {commit[:10]}. Commit {RECORDS.relative_to(ROOT)} with the next change.")
     return GREEN if is_green(record) else RED
 
 
