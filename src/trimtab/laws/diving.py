@@ -29,7 +29,7 @@ class DivingOutput:
     depth_reference: Scalar = quantity(
         "m", "Depth reference, which moves to the commanded depth at a limited rate.", frame="W"
     )
-    depth_error: Scalar = quantity("m", "Depth error: positive when too deep.")
+    depth_error: Scalar = quantity("m", "Depth error: depth minus reference, positive when too deep.")
     pitch_asked: Scalar = quantity("rad", "Pitch angle commanded by the depth loop.", kind="angle")
     heading_reference: Scalar = quantity(
         "rad", "Heading of the heading autopilot's reference model.", kind="angle", frame="W"
@@ -43,7 +43,7 @@ class Diving:
         z_r moves to the commanded depth at a rate of at most `climb`
         theta_c = -asin(z_r'/U) + kz (z - z_r) + kzi integral,     |theta_c| <= steepest
         delta_s = (U0/U)^2 (kp (theta - theta_c) + kd q + ki integral)
-        the rudder as in `Steering`
+        rudder: as in `Steering`
 
     The integrals compensate buoyancy, propeller torque and a roll angle. Each integral is held while its output is
     limited.
@@ -78,7 +78,9 @@ class Diving:
         "1/s", "Integral gain of the pitch loop: stern plane angle per integral of the pitch error.", default=0.2, low=0
     )
     speed: Scalar = quantity("m/s", "Speed U0 through the water for which the gains are given.", default=1.76, above=0)
-    slowest: Scalar = quantity("m/s", "Speed below which the gains are not increased further.", default=1.2, above=0)
+    slowest: Scalar = quantity(
+        "m/s", "Speed through the water below which the gains are not increased further.", default=1.2, above=0
+    )
     limit: Scalar = quantity("rad", "Maximum stern plane angle.", kind="angle", default=0.237, above=0)
     steering: Steering = part(
         "Heading autopilot.",

@@ -27,7 +27,7 @@ from trimtab.laws.velocity import ZeroVelocity
 
 READS = ("surge_velocity", "sway_velocity", "yaw_rate", "heading")
 DAMP, TURN = 0, 1
-"""Modes of a heading law: damp the motion, or turn to the heading."""
+"""Indices of the modes of a heading law: damp the motion, or turn to the heading."""
 WRAPPING = "Wrapping of the heading error: shortest, none, or modulo (wrap the heading to [0, 2 pi), not the error)."
 
 
@@ -35,7 +35,7 @@ WRAPPING = "Wrapping of the heading error: shortest, none, or modulo (wrap the h
 class HeadingLawState:
     """State of a heading law. Source: [1] section 2.3."""
 
-    mode: Scalar = quantity("1", "Mode: damp or turn.", kind="mode", modes=("damp", "turn"))
+    mode: Scalar = quantity("1", "Active mode of the law: damp or turn.", kind="mode", modes=("damp", "turn"))
     switches: Scalar = quantity("1", "Number of switches between the modes damp and turn.", kind="count")
     spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first turn.", frame="B")
 
@@ -45,7 +45,7 @@ class HeadingOutput:
     """Demand and signals of a heading law. Source: [1] section 2.3."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    mode: Scalar = quantity("1", "Mode: damp or turn.", kind="mode", modes=("damp", "turn"))
+    mode: Scalar = quantity("1", "Active mode of the law: damp or turn.", kind="mode", modes=("damp", "turn"))
     switches: Scalar = quantity("1", "Number of switches between the modes damp and turn.", kind="count")
     spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first turn.", frame="B")
     heading_error: Scalar = quantity(
@@ -55,7 +55,7 @@ class HeadingOutput:
         "J", "Lyapunov function: V in the mode damp, W about the present reference in the mode turn."
     )
     provision: Scalar = quantity(
-        "rad/s", "Lower bound on the next yaw-rate reference that is still safe, given the present reference."
+        "rad/s", "Yaw rate magnitude above which a new reference, with the sign of the present one, is safe."
     )
 
 
@@ -76,7 +76,8 @@ def _decide(
 ) -> HeadingLawState:
     """Return the next mode and reference. Both stay constant while the estimate is not valid.
 
-    Args:     e: heading error (rad).    start_at, go_on_at: reference (rad/s) if a turn starts, or goes on.
+    Args:     e: heading error (rad).    start_at: yaw rate reference (rad/s) if a turn starts now.
+              go_on_at: yaw rate reference (rad/s) if a turn continues.
     """
     off = jnp.abs(e) > law.tolerance
     calm = law.damping.lyapunov(estimate.state) < switching_energy(law.turning.model, start_at)
@@ -95,7 +96,7 @@ def _decide(
 def _output(
     law: Any, t: Any, before: HeadingLawState, now: HeadingLawState, estimate: Estimate, e: Any
 ) -> HeadingOutput:
-    """Return demand and signals for the present mode and reference."""
+    """Return the demand and signals of the present mode and reference."""
     model, reference = law.turning.model, before.spin_reference
     _, damp = law.damping.step(t, (), estimate)
     _, turn = replace(law.turning, reference=now.spin_reference).step(t, (), estimate)
@@ -146,7 +147,7 @@ class HeadingBangBang:
     )
     damping: ZeroVelocity = part("Law used in the mode damp.", default=ZeroVelocity())
     turning: ConstantSpin = part(
-        "Law used in the mode turn. Its parameter reference is ignored.", default=ConstantSpin()
+        "Law used in the mode turn. Its parameter `reference` is ignored.", default=ConstantSpin()
     )
     wrapping: str = option(WRAPPING, default="shortest", choices=("shortest", "none", "modulo"))
 
@@ -155,7 +156,7 @@ class HeadingBangBang:
         _check_law("HeadingBangBang", self)
 
     def init(self, key: Any) -> HeadingLawState:
-        """Return the initial state: mode damp."""
+        """Return the initial state, in the mode damp."""
         return _first_state()
 
     def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:
@@ -174,13 +175,13 @@ class HeadingProportional:
                Then damp once |e| <= tolerance or e r_ref > 0 (reconstructed).            [1, section 2.3, eq. 2.69]
 
     Form:    "literal" is as published: no floor, and the reference changes at every step. Nearly all its runs end in
-             the bad limit point, with a constant heading error and a sideways slide, because it allows |r_ref| = v,
-             while the derivation needs |r_ref| > v, so W grows to limit_point_value. "floored" keeps |r_ref| at `floor`
-             or above, and lets |r_ref| fall only while W < margin * limit_point_value. |r_ref| may rise at any time. So
-             near the bad limit point the reference is constant, and W, which is below limit_point_value, cannot grow:
-             the turn leaves the bad limit point.
+             the bad limit point, with a constant heading error and a sideways slide. The reason is that it allows
+             |r_ref| = v, while the derivation needs |r_ref| > v, so W grows to limit_point_value. "floored" keeps
+             |r_ref| at `floor` or above, and lets |r_ref| fall only while W < margin * limit_point_value. |r_ref| may
+             rise at any time. So near the bad limit point the reference is constant, and W, which is below
+             limit_point_value, cannot grow: the turn leaves the bad limit point.
     Valid:   k of about 1/s. After a minute, 1 % of the ideal runs have an error of 2 degrees or more with k = 1.5/s,
-             and 60 % with k = 3/s. These oscillate as with HeadingBangBang.
+             and 60 % with k = 3/s. These runs oscillate as with HeadingBangBang.
     Source:  [1] section 2.3; floor and margin are chosen; gains [1] tables 6.1 and 6.4, reconstructed.
     """
 
@@ -198,18 +199,18 @@ class HeadingProportional:
         source="[1] 6.1.6",
     )
     floor: Scalar = quantity(
-        "rad/s", "Minimum magnitude of the yaw rate reference if the form is floored.", default=0.8, above=0
+        "rad/s", "Minimum magnitude of the yaw rate reference in the form floored.", default=0.8, above=0
     )
     margin: Scalar = quantity(
         "1",
-        "Fraction of limit_point_value that W must be below for the reference to be reduced.",
+        "Largest W at which the reference may be reduced, as a fraction of limit_point_value.",
         default=0.7,
         above=0,
         high=1,
     )
     damping: ZeroVelocity = part("Law used in the mode damp.", default=ZeroVelocity())
     turning: ConstantSpin = part(
-        "Law used in the mode turn. Its parameter reference is ignored.", default=ConstantSpin()
+        "Law used in the mode turn. Its parameter `reference` is ignored.", default=ConstantSpin()
     )
     wrapping: str = option(WRAPPING, default="shortest", choices=("shortest", "none", "modulo"))
     form: str = option(
@@ -223,7 +224,7 @@ class HeadingProportional:
         _check_law("HeadingProportional", self)
 
     def init(self, key: Any) -> HeadingLawState:
-        """Return the initial state: mode damp."""
+        """Return the initial state, in the mode damp."""
         return _first_state()
 
     def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:

@@ -1,9 +1,9 @@
-"""Rest at a position and heading: the hovercraft brakes, aims, moves there in a straight line, turns there, and stays.
+"""Rest at a position and heading: the hovercraft brakes, aims, moves there in a straight line, turns, and stays.
 
 No smooth feedback of the state can do this (design/stabilisability.py). The law uses a point of the body whose
 acceleration does not depend on the rudder: P, a = J/(m d) ahead of the centre of mass, is the centre of percussion of
 the rudder pivot, where FY causes no acceleration. With FX = m (w + a r^2), P is accelerated by w along the nose, n, and
-by nothing across it:
+not at all across it:
 
     v_P' = n w        r' = -(d/J) FY
 
@@ -30,7 +30,7 @@ from trimtab.vehicles.hovercraft import Hovercraft
 
 READS = (*VELOCITIES, "heading", "north", "east")
 BRAKE, AIM, GO, HOLD = range(4)
-"""Numbers of the steps of the law Pose, in their order."""
+"""Indices of the steps of the law Pose, in their order."""
 STEPS = ("brake", "aim", "go", "hold")
 
 
@@ -52,7 +52,7 @@ class PoseOutput:
     rounds: Scalar = quantity("1", "Number of rounds of the steps so far. Each round begins with brake.", kind="count")
     heading_reference: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle")
     distance: Scalar = quantity("m", "Distance of the centre of percussion P from its target position.")
-    speed: Scalar = quantity("m/s", "Speed of the centre of percussion.")
+    speed: Scalar = quantity("m/s", "Speed of the centre of percussion P.")
 
 
 class _Swing(NamedTuple):
@@ -139,7 +139,7 @@ class Pose:
                 )
 
     def init(self, key: Any) -> PoseState:
-        """Return the initial state: step brake."""
+        """Return the initial state, in the step brake."""
         zero = np.asarray(0, np.int32)
         return PoseState(mode=zero, nose=np.asarray(0.0), rounds=np.asarray(1, np.int32))
 
@@ -223,6 +223,6 @@ def _angle(vector: Any, otherwise: Any) -> Any:
 
 
 def _nearer_end(line: Any, heading: Any) -> Any:
-    """Return the direction of a line that is nearer to the heading."""
+    """Return the one of the two directions of a line that is nearer to the heading."""
     back = jnp.abs(wrap(line - heading)) > np.pi / 2
     return jnp.where(back, line + np.pi, line)

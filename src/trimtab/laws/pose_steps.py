@@ -1,8 +1,8 @@
-"""Rest at a position and heading as in the thesis, in six steps that each use a simpler law.
+"""Law of the thesis [1] that brings the hovercraft to rest at a position and heading, in six steps.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-section 2.3.1, which describes the steps in words. The numbers, and the conditions that end a step, are reconstructed
-(docs page).
+section 2.3.1, which describes the steps in words. The parameter values, and the conditions that end a step, are
+reconstructed (docs page).
 """
 
 from typing import Any, ClassVar
@@ -19,7 +19,7 @@ from trimtab.laws.spin import switching_energy
 from trimtab.laws.velocity import ForwardMomentum, ZeroVelocity
 
 COMPUTE, ALIGN, MOVE, STOP, FINAL, HOLD = range(6)
-"""Steps of the law: 1 to 6 in [1, section 2.3.1]."""
+"""Indices of the steps of the law, which are numbered 1 to 6 in [1, section 2.3.1]."""
 STEPS = ("compute", "align", "move", "stop", "final", "hold")
 
 
@@ -33,8 +33,8 @@ class PoseStepsState:
         "Bearing of the target position when the error vector was last computed, clockwise from north.",
         kind="angle",
     )
-    turning: HeadingLawState = part("State of the heading law used in the steps align and final.")
-    rounds: Scalar = quantity("1", "Number of times that the error vector was computed.", kind="count")
+    turning: HeadingLawState = part("State of the heading law that is used in the steps align and final.")
+    rounds: Scalar = quantity("1", "Number of times that the vector to the target position was computed.", kind="count")
 
 
 @record
@@ -43,9 +43,11 @@ class PoseStepsOutput:
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
-    rounds: Scalar = quantity("1", "Number of times that the error vector was computed.", kind="count")
+    rounds: Scalar = quantity("1", "Number of times that the vector to the target position was computed.", kind="count")
     heading_reference: Scalar = quantity(
-        "rad", "Target of the heading law in the active step, or in the last step that used it.", kind="angle"
+        "rad",
+        "Bearing of the target position in the steps align and move; target heading in other steps.",
+        kind="angle",
     )
     distance: Scalar = quantity("m", "Distance of the centre of mass from its target position.")
     speed_reference: Scalar = quantity("m/s", "Speed reference in the step move; 0 in other steps.")
@@ -55,14 +57,14 @@ class PoseStepsOutput:
 class PoseBySteps:
     """Law that brings the hovercraft near a position and heading in the six steps of [1], which repeat for ever.
 
-        compute  the error vector                    then align, or final if near the target
+        compute  the vector to the target position   then align, or final if near the target
         align    HeadingBangBang to its bearing      until the heading is within the heading law's tolerance
         move     ForwardMomentum at speed_gain times the remaining distance along the nose, within limits
                                                      until that distance is below `passed`, or the bearing error exceeds
                                                      off_course
         stop     ZeroVelocity                        until V < margin times the turn's switching energy, then compute
         final    HeadingBangBang to the heading      until within tolerance
-        hold     ZeroVelocity                        until 1.5 tolerances away, then compute
+        hold     ZeroVelocity                        until 1.5 near or 1.5 near_heading away, then compute
 
     Ends:    never, because the heading drifts without bound under ZeroVelocity (its slow manifold).
     Source:  [1] section 2.3.1; gains and tolerances are chosen, see docs page.
@@ -90,7 +92,11 @@ class PoseBySteps:
         above=0,
     )
     margin: Scalar = quantity(
-        "1", "Fraction of the switching energy below which the step stop ends.", default=0.3, above=0, high=1
+        "1",
+        "Kinetic energy below which the step stop ends, as a fraction of the switching energy.",
+        default=0.3,
+        above=0,
+        high=1,
     )
     turn: HeadingBangBang = part(
         "Law used in the steps align and final. Its parameter target is ignored.", default=HeadingBangBang()
@@ -101,7 +107,7 @@ class PoseBySteps:
     damping: ZeroVelocity = part("Law used in the steps stop and hold.", default=ZeroVelocity())
 
     def init(self, key: Any) -> PoseStepsState:
-        """Return the initial state: step compute."""
+        """Return the initial state, in the step compute."""
         return PoseStepsState(
             mode=np.asarray(COMPUTE, np.int32),
             bearing=np.asarray(0.0),

@@ -1,4 +1,4 @@
-"""Laws that drive the hovercraft's velocity to a constant: zero, forward or backward.
+"""Laws that control the hovercraft's velocity to a constant: zero, forward or backward.
 
 Sway has no actuator of its own, so the heading is free. Each law controls the velocity in body axes, and no law holds a
 heading.
@@ -25,7 +25,7 @@ class VelocityOutput:
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     lyapunov: Scalar = quantity(
-        "J", "Lyapunov function of the law, or a distance from the equilibrium if the law has none."
+        "J", "Lyapunov function of the law; for ReverseMomentum the energy of the velocity error, which may grow."
     )
 
 

@@ -73,7 +73,7 @@ class AirData:
     )
     upwash: Scalar = imperfection(
         "1",
-        "Relative error k of the vane angles, because the body deflects the flow.",
+        "Relative error k of the vane angles. The reason is that the body deflects the flow.",
         "air-data-upwash",
         default=0.05,
         low=None,

@@ -40,7 +40,7 @@ class AnchorRanging:
 
         z_i = | p + R_WB l - a_i | + b_i + w + e_i
 
-    b_i is a bias of each anchor (antenna delays) and w is white noise. The error e_i is exponentially distributed and
+    b_i is the bias of anchor i (antenna delays) and w is white noise. The error e_i is exponentially distributed and
     occurs occasionally, when the first signal to arrive is a reflected one. Anchors out of reach are not received, and
     other anchors are lost at random.
 
@@ -74,7 +74,7 @@ class AnchorRanging:
         """Raise InputError if the shape of the anchors' positions is not (n, 3)."""
         shape = np.shape(self.anchors)
         if len(shape) != 2 or shape[1] != 3 or not shape[0]:
-            problem = f"shape {shape} must be (n, 3)"
+            problem = f"the positions must have shape (n, 3), got {shape}"
             raise InputError(
                 "anchors", problem, fix="give north, east, down of each anchor: ((0, 0, -3), (8, 0, -1), …)"
             )

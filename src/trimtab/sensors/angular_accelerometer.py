@@ -14,12 +14,12 @@ from trimtab.core.signals import Bending, Motion, Sample, new_sample
 from trimtab.core.time import format_time, ms, to_seconds
 
 DELAYS = 16
-"""Number of samples in the delay line. The longest delay in periods is one less."""
+"""Number of samples in the delay line. The longest delay is one sample less."""
 
 
 @record
 class AngularAccelerationReading:
-    """Sample of an angular accelerometer. Frames: about the body's y axis. Source: docs page of the sensor."""
+    """Sample of an angular accelerometer. Frames: about the body's y axis. Source: docs page, Angular accelerometer."""
 
     pitch_acceleration: Scalar = quantity("rad/s^2", "Pitch acceleration, nose up.", frame="B")
 
@@ -35,7 +35,7 @@ class AngularAccelerometer:
 
     Frames:  positive nose up.    Not modelled: bandwidth, bending at the sensor's position, saturation.
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
-             flight vehicle", Aerospace 2022, 9(4), 206. Its noise is not printed: chosen here, see docs page.
+             flight vehicle", Aerospace 2022, 9(4), 206. It prints no noise; the noise is our own choice (docs page).
     """
 
     noise: Scalar = imperfection(
@@ -91,7 +91,8 @@ class AngularAccelerometerUnit:
     where the modes are assumed to be clamped.
 
     Frames:  positive nose up.    Not modelled: saturation, effects of linear acceleration and temperature.
-    Source:  IEEE Std 671-1985 (inertial sensors) for the errors' names; sizes are chosen (docs, What it needs).
+    Source:  IEEE Std 671-1985 (inertial sensors) for the names of the errors. Their sizes are chosen (docs, What it
+             needs).
     """
 
     noise: Scalar = imperfection(

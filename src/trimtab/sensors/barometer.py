@@ -37,7 +37,7 @@ class Barometer:
 
         z = Q( L(p(h) + e q) + b + w ),   b = b_turn_on + walk
 
-    with q the dynamic pressure, e the static port's error, L a lag of first order, w white noise, Q the converter.
+    with q the dynamic pressure, e the static port's error, L a lag of first order, w white noise, Q the quantisation.
 
     Frames:  height above sea level from `motion.air`, or -down if the vehicle has no air model.
     Not modelled: weather (an offset of some hundred Pa can represent it), temperature deviation, position of the port.
@@ -53,11 +53,11 @@ class Barometer:
     )
     drift: Scalar = imperfection("Pa/s^0.5", "Random walk density of the zero error.", "barometer-drift", default=0.2)
     lag: Scalar = imperfection(
-        "s", "Time constant of the pressure's lag in the port and its tube.", "barometer-lag", default=0.05
+        "s", "Time constant of the pressure lag in the static port and its tube.", "barometer-lag", default=0.05
     )
     static_error: Scalar = imperfection(
         "1",
-        "Fraction of the dynamic pressure that is added at the static port.",
+        "Error of the static port: fraction of the dynamic pressure that is added to the static pressure.",
         "static-port-error",
         default=0.02,
         low=None,

@@ -111,7 +111,7 @@ class Tachometer:
 
     where s and b are the scale and zero errors that remain after calibration, L is the low-pass and w white noise.
 
-    Frames:  positive as the yaw rate, clockwise from above.    Not modelled: commutator ripple by angle.
+    Frames:  positive as the yaw rate, clockwise from above.    Not modelled: commutator ripple.
     Source:  [1] section 6.2.1. Noise: reconstructed to reproduce the rate comparison of [1], see docs Errata.
     """
 

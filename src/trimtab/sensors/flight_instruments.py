@@ -24,14 +24,14 @@ CHANNELS = (
     "normal",
     "side",
 )
-"""Names of the measured values. Each value has an error of its own."""
+"""Names of the measured values. Each value has its own bias and noise."""
 
 
 @record
 class FlightInstrumentsReading:
     """Sample of the flight instruments. Frames: W and B as in `Motion`. Source: docs page, Flight instruments."""
 
-    speed: Scalar = quantity("m/s", "Airspeed; equal to the speed over the ground, as there is no wind.")
+    speed: Scalar = quantity("m/s", "Airspeed. It equals the speed over the ground, because wind is not modelled.")
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
     beta: Scalar = quantity("rad", "Sideslip angle.", kind="angle")
     altitude: Scalar = quantity("m", "Altitude above the origin of W.", frame="W")
@@ -46,7 +46,7 @@ class FlightInstrumentsReading:
 
 @record
 class FlightInstrumentsState:
-    """State of the instruments. Source: this module."""
+    """State of the flight instruments. Source: this module."""
 
     key: Key = part("Key of the random noise.")
     bias: Any = quantity(

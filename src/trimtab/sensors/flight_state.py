@@ -21,7 +21,7 @@ class FlightReading:
 
     altitude: Scalar = quantity("m", "Altitude above the origin of W.", frame="W")
     climb: Scalar = quantity("m/s", "Climb rate.", frame="W")
-    speed: Scalar = quantity("m/s", "Speed along the path; equal to the airspeed, as there is no wind.")
+    speed: Scalar = quantity("m/s", "Speed along the path. It equals the airspeed, because wind is not modelled.")
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
     pitch_rate: Scalar = quantity("rad/s", "Pitch rate, nose up.", frame="B")
 
@@ -32,7 +32,7 @@ class FlightStateSensor:
 
         z = (h, h', V, alpha, Q) + w
 
-    [1] assumes that these five are measured without error. Only the bending modes have no sensor.
+    [1] assumes that these five values are measured without error. Only the bending modes have no sensor.
 
     Frames:  W north-east-down, altitude is -down; alpha from the body's x axis to the velocity.
     Not modelled: wind, lags, position errors of the probes.
@@ -143,7 +143,7 @@ class TrueState:
 
 @record
 class FlexibleTruthReading:
-    """True flight state and bending modes of the hypersonic vehicle. Source: [1] eq. 4, order of its errors e."""
+    """True flight state and bending modes of the hypersonic vehicle. Source: [1] eq. 4 (order of e)."""
 
     h: Scalar = quantity("ft", "Altitude.", frame="W")
     h_rate: Scalar = quantity("ft/s", "Climb rate.", frame="W")

@@ -1,4 +1,4 @@
-"""Satellite receiver that gives fixes: position and velocity of its antenna, at intervals and with latency."""
+"""Satellite receiver that outputs fixes: position and velocity of its antenna, at intervals and with latency."""
 
 from typing import Any, ClassVar
 
@@ -73,9 +73,9 @@ class Gnss:
 
         z_p = p + R_WB l + e + w_p,    z_v = R_WB (v + w × l) + w_v,    e: first-order Gauss–Markov process
 
-    The white noise w has one standard deviation horizontally and another one vertically, because satellites are only
-    above. A fix describes the antenna at the time of measurement and arrives after the latency. `TangentPlane.from_ned`
-    converts the position of a fix to geodetic coordinates.
+    The white noise w has one standard deviation horizontally and another one vertically, because all satellites are
+    above the receiver. A fix describes the antenna at the time of measurement and arrives after the latency.
+    `TangentPlane.from_ned` converts the position of a fix to geodetic coordinates.
 
     Frames:  lever arm l in B from the centre of mass; position and velocity in W.
     Not modelled: steps of e when satellites rise or set; multipath as a separate error; the receiver's own filter.
@@ -97,14 +97,16 @@ class Gnss:
     )
     correlated: Scalar = imperfection(
         "m",
-        "Standard deviation of the correlated position error in each direction.",
+        "Standard deviation of the time-correlated position error along each axis.",
         "gnss-correlated-error",
         default=0.0,
     )
     correlation_time: Scalar = quantity(
-        "s", "Correlation time of the correlated position error.", default=100.0, above=0
+        "s", "Correlation time of the time-correlated position error.", default=100.0, above=0
     )
-    lever_arm: Any = quantity("m", "Position of the antenna.", frame="B", default=ARM, shape=(3,))
+    lever_arm: Any = quantity(
+        "m", "Position of the antenna in B, relative to the centre of mass.", frame="B", default=ARM, shape=(3,)
+    )
     timing: LateFix = part(
         "Timing of the fixes: interval, latency and time stamp.",
         default=FIVE_HERTZ,

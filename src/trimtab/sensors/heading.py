@@ -32,7 +32,7 @@ class HeadingSensor:
     It represents the heading computed from two ultrasonic units, without modelling their geometry.
 
     Frames:  heading of B in W.    Not modelled: errors correlated in time.
-    Source:  [1] section 6.2.1. Latency reconstructed, see docs Errata.
+    Source:  [1] section 6.2.1. The latency is reconstructed, see docs Errata.
     """
 
     noise: Scalar = imperfection(
@@ -73,7 +73,7 @@ class Compass:
 
         z = atan2( (b × w)_z, b · w )
 
-    where b is the measured field and w the known field of the earth, both in their horizontal components.
+    where b is the measured field and w the known field of the earth. Only their horizontal components count.
 
     Frames:  heading of B in W.    Not modelled: tilt compensation; a tilt shifts the heading by up to tilt tan(dip).
     Source:  [1] eqs. 3.43-3.44, with the arc cosine replaced (docs page, Errata).

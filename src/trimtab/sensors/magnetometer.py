@@ -144,11 +144,13 @@ class Magnetometer:
     resolution: Scalar = imperfection(
         "T", "Quantisation step of the converter; 0: no quantisation.", "magnetometer-quantisation"
     )
-    range: Scalar = imperfection("T", "Largest output of an axis, either sign; 0: no limit.", "magnetometer-saturation")
+    range: Scalar = imperfection(
+        "T", "Largest magnitude of the output of an axis; 0: no limit.", "magnetometer-saturation"
+    )
     position: Any = quantity("m", "Position of the sensor on the vehicle, in B.", frame="B", default=ZERO, shape=(3,))
     mounting: Any = quantity(
         "rad",
-        "Mounting of the unit: roll, pitch, yaw in B.",
+        "Orientation of the magnetometer in B: roll, pitch, yaw.",
         default=ZERO,
         kind="angle",
         shape=(3,),
@@ -161,7 +163,7 @@ class Magnetometer:
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Magnetometer":
-        """Return the magnetometer of the hovercraft of [1]. settings: fields with other values.
+        """Return the magnetometer of the hovercraft of [1]. settings: values of fields that differ.
 
         The noise reproduces the heading variance of [1], 1.6e-4 rad², in the default field. Its standard deviation is
         0.0126 rad times the horizontal field. The 16-bit words of 2 gauss full scale are taken from public code for the

@@ -34,7 +34,7 @@ class PositionSensor:
     It represents the position fixes of an ultrasonic network, without modelling its ranges.
 
     Frames:  lever arm in B, position in W.    Not modelled: errors correlated in time or in space.
-    Source:  [1] section 6.2.1. Latency reconstructed, see docs Errata.
+    Source:  [1] section 6.2.1. The latency is reconstructed, see docs Errata.
     """
 
     noise: Scalar = imperfection(
@@ -85,7 +85,7 @@ class EncoderPosition:
     Source:  [1] section 6.2.1.
     """
 
-    encoder: Encoder = part("Encoder on the shaft.", default=Encoder(zero=math.pi / 2, period=seconds(1)))
+    encoder: Encoder = part("Encoder on the shaft of the arm.", default=Encoder(zero=math.pi / 2, period=seconds(1)))
     arm: Scalar = quantity(
         "m", "Length of the arm, from the shaft to the body.", default=0.3048, low=0, source="[1] 12 in"
     )

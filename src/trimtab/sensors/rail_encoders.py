@@ -18,7 +18,8 @@ from trimtab.vehicles.cart_pole import CartPoleState
 class RailEncoders:
     """Encoders of the cart's position and the hinge angle, with quantisation, and ideal tachometers for both rates.
 
-    Frames:  the rail points north in W; the hinge angle is zero with the pole upright, and is minus the pole's pitch.
+    Frames:  the rail points north in W. The hinge angle is minus the pitch angle of the pole, zero if the pole is
+             upright.
     Not modelled: noise of the tachometers, a tilted hinge axis.
     Source:  docs page, Cart-pole.
     """

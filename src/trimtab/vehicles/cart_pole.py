@@ -52,7 +52,7 @@ class CartPole:
     gravity: Scalar = quantity("m/s^2", "Gravitational acceleration g.", default=9.8, above=0, source="[1]")
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def angle_acceleration(self, x: CartPoleState, a: Any) -> Any:
         """Return the pole's angular acceleration (rad/s^2) for an acceleration a of its hinge (m/s^2)."""

@@ -1,4 +1,4 @@
-"""Dubins' car, which drives forward at constant speed with a smallest turning radius. A vehicle for tutorials.
+"""Dubins' car, which drives forward at constant speed with a minimum turning radius. A vehicle for tutorials.
 
 [1] is L. E. Dubins, "On curves of minimal length with a constraint on average curvature, and with prescribed initial
 and terminal positions and tangents", American Journal of Mathematics 79 (1957) 497-516.
@@ -41,10 +41,10 @@ class DubinsCar:
     """
 
     speed: Scalar = quantity("m/s", "Speed V of the car.", default=1.0, above=0)
-    radius: Scalar = quantity("m", "Smallest turning radius R.", default=0.8, above=0)
+    radius: Scalar = quantity("m", "Minimum turning radius R.", default=0.8, above=0)
 
     MAV_TYPE: ClassVar[str] = "GROUND_ROVER"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def limit(self, turn_rate: Any) -> Any:
         """Return the turn rate of the car (rad/s): the commanded rate, limited to V/R."""

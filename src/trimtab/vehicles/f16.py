@@ -67,7 +67,7 @@ class F16:
     )
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def in_gust(self, gust: Gust) -> "F16":
         """Return the aeroplane with this gust added to the wind."""

@@ -69,7 +69,7 @@ class FixedFanHovercraft:
     )
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def check(self) -> None:
         """Raise InputError unless every fan has a position, a direction and both coefficients of its thrust curve."""

@@ -120,11 +120,11 @@ class HullDamping:
 class TwinScrew:
     """Two propellers side by side with equal speed, each with a rudder in its slipstream.
 
-        T = Tnn |n| n - Tnu |n| u        n in turns per second; other coefficients astern; T = 0 in between
-        U = u + k (sqrt(8 T/(pi rho d^2) + u^2) - u)      past the rudder; U = u where u < 0
+        T = Tnn |n| n - Tnu |n| u        n in turns per second; other coefficients astern; T never opposes n
+        U = u + k (sqrt(8 T/(pi rho d^2) + u^2) - u)      flow past the rudder; U = u where u < 0
         L = (Ld delta - Ldd |delta| delta) |U| U          other coefficients where U < 0
 
-    Not modelled: drag of the rudders, the bow thruster of [1], which is at rest.
+    Not modelled: drag of the rudders; the bow thruster of [1], which stands still.
     Source:  [1]; thrust coefficients of its table 2. Reconstructed: the propeller's diameter and k, from public
              programs of [1].
     """
@@ -204,7 +204,7 @@ class WindLoad:
     wind: Wind = part("Wind velocity over the ground, just above the water.", default=Wind())
     frontal_area: Scalar = quantity("m^2", "Area A of the vessel exposed to wind from ahead.", default=0.04, low=0)
     lateral_area: Scalar = quantity("m^2", "Area B of the vessel exposed to wind from the side.", default=0.16, low=0)
-    length: Scalar = quantity("m", "Length L of the vessel over all.", default=1.255, above=0, source=TABLE_1)
+    length: Scalar = quantity("m", "Overall length L of the vessel.", default=1.255, above=0, source=TABLE_1)
     cx: Scalar = quantity("1", "Wind coefficient of the force along the hull.", default=0.7, low=0)
     cy: Scalar = quantity("1", "Wind coefficient of the force across the hull.", default=0.85, low=0)
     cn: Scalar = quantity("1", "Wind coefficient of the yaw moment.", default=0.1)
@@ -229,7 +229,7 @@ class WindLoad:
 
 @record
 class SurfaceVessel:
-    """Manoeuvring model of a vessel in the plane, CyberShip II by default; sway has no actuator.
+    """Manoeuvring model of a vessel in the plane, CyberShip II by default. Sway has no actuator.
 
         M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau        nu_r = nu - nu_c: through the water         [1]
         delta' = limit((delta_c - delta)/T_d, rate)        n' = (n_c - n)/T_n
@@ -268,7 +268,7 @@ class SurfaceVessel:
     shaft_lag: Scalar = quantity("s", "Time constant of the shafts' drive.", default=0.3, above=0)
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def input_limits(self) -> dict[str, tuple[Any, Any]]:
         """Return the limits of the rudder angle (rad) and of the propeller speed (rad/s)."""
