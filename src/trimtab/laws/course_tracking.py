@@ -75,7 +75,7 @@ class CourseTracking:
     def step(
         self, t: Any, state: CourseTrackingState, estimate: Estimate
     ) -> tuple[CourseTrackingState, StateFeedbackOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         x, du = jnp.asarray(self.x), jnp.asarray(self.du)
         place = jnp.clip(state.time / self.spacing, 0.0, len(x) - 1.0)
         node = jnp.minimum(jnp.floor(place), len(x) - 2.0).astype(int)

@@ -51,7 +51,7 @@ class Diving:
     Frames:  depth down, pitch nose up; positive stern planes push the tail up and the nose down, as in SNAME notation.
     Valid:   small roll; above the speed at which the planes can hold the buoyancy.
     Source:  T. I. Fossen, "Handbook of marine craft hydrodynamics and motion control", 2nd ed., 2021, section 15.3
-             (successive loop closure); gains are chosen.
+             (successive loop closure). The gains are our own choice.
     """
 
     reads: ClassVar[tuple[str, ...]] = ("depth", "pitch", "heading", "surge_velocity", "pitch_rate", "yaw_rate")
@@ -93,7 +93,7 @@ class Diving:
         return DivingState(jnp.asarray(False), zero, zero, zero, self.steering.init())
 
     def step(self, t: Any, state: DivingState, estimate: Estimate) -> tuple[DivingState, DivingOutput]:
-        """Return the demand at integer time t. Demand and state stay constant while the estimate is not valid."""
+        """Return the demand at time t (unit: 100 ns). Demand and state are held while the estimate is not valid."""
         x, dt = estimate.state, estimate.dt
         speed = jnp.maximum(x.surge_velocity, self.slowest)
         on_way = jnp.where(state.began, state.depth, x.depth)

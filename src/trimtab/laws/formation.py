@@ -78,7 +78,7 @@ class Formation:
     Decentralised: a command depends only on the craft's own estimate, its own point, and the messages that it received.
     Valid: for a fan that pushes along the nose, and for initial points further apart than the minimum distance.
     Source:  own derivation; leader and followers: J. Desai, J. Ostrowski, V. Kumar, IEEE Trans. Robotics and Automation
-             17 (2001) 905. Gains are chosen.
+             17 (2001) 905. The gains are our own choice.
     """
 
     reads: ClassVar[tuple[str, ...]] = ("own", "peers")
@@ -138,7 +138,7 @@ class Formation:
         return FormationState(np.int64(NEVER), *np.zeros(2), *np.zeros(2, np.bool_))
 
     def step(self, t: Any, state: FormationState, estimate: Estimate) -> tuple[FormationState, FormationOutput]:
-        """Return the demand and the message at integer time t."""
+        """Return the demand and the message at time t (unit: 100 ns)."""
         s, peers = estimate.state.own, estimate.state.peers
         body, a = planar(s.heading), self.model.percussion_arm
         p = jnp.stack([s.north, s.east]) + a * body[:, 0]

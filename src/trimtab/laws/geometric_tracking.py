@@ -97,7 +97,7 @@ class GeometricTracking:
     def step(
         self, t: Any, state: GeometricTrackingState, estimate: Estimate
     ) -> tuple[GeometricTrackingState, GeometricTrackingOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         output = self.track(self.reference.at(state.time), flyable_state(estimate))
         return GeometricTrackingState(state.time + estimate.dt), output
 

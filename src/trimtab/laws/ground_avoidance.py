@@ -151,7 +151,7 @@ class GroundAvoidance:
         return GroundAvoidanceState(jnp.zeros(3), np.int32(STANDBY), jnp.zeros(()))
 
     def step(self, t: Any, state: GroundAvoidanceState, estimate: Estimate) -> tuple[Any, GroundAvoidanceOutput]:
-        """Return the demanded surface angles and throttle at integer time t."""
+        """Return the demanded surface angles and throttle at time t (unit: 100 ns)."""
         x, dt = estimate.state, estimate.dt
         mode = self._next_mode(state, x)
         pulls, rolls = mode == PULL, mode == ROLL

@@ -130,7 +130,7 @@ class HeadingBangBang:
     Ends:    by chattering at the edge of the tolerance, because the heading drifts in the mode damp.
     Valid:   turn_rate of about 1 rad/s. A faster turn overshoots the target. At 1.5 rad/s one ideal run in a thousand
              oscillates by 120 degrees for ever, at 3 rad/s every third run.
-    Source:  [1] section 2.3.3; gains [1] tables 6.1 and 6.4, reconstructed; the default turn_rate is chosen.
+    Source:  [1] section 2.3.3; gains [1] tables 6.1 and 6.4, reconstructed. The default turn_rate is our own choice.
              The runs in [1] use 1.5 rad/s.
     """
 
@@ -160,7 +160,7 @@ class HeadingBangBang:
         return _first_state()
 
     def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:
-        """Update mode and reference, and return the demand at integer time t."""
+        """Update mode and reference, and return the demand at time t (unit: 100 ns)."""
         e = heading_error(self.wrapping, estimate.state.heading, self.target)
         now = _decide(self, state, estimate, e, -jnp.sign(e) * self.turn_rate, state.spin_reference)
         return now, _output(self, t, state, now, estimate, e)
@@ -182,7 +182,7 @@ class HeadingProportional:
              limit_point_value, cannot grow: the turn leaves the bad limit point.
     Valid:   k of about 1/s. After a minute, 1 % of the ideal runs have an error of 2 degrees or more with k = 1.5/s,
              and 60 % with k = 3/s. These runs oscillate as with HeadingBangBang.
-    Source:  [1] section 2.3; floor and margin are chosen; gains [1] tables 6.1 and 6.4, reconstructed.
+    Source:  [1] section 2.3; gains [1] tables 6.1 and 6.4, reconstructed. Floor and margin are our own choice.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
@@ -228,7 +228,7 @@ class HeadingProportional:
         return _first_state()
 
     def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:
-        """Update mode and reference, and return the demand at integer time t."""
+        """Update mode and reference, and return the demand at time t (unit: 100 ns)."""
         model, reference = self.turning.model, state.spin_reference
         e = heading_error(self.wrapping, estimate.state.heading, self.target)
         W = lyapunov(model, estimate.state, reference)

@@ -105,7 +105,7 @@ class LineOfSight:
         return LineOfSightState(zero, zero, zero, zero, self.steering.init())
 
     def step(self, t: Any, state: LineOfSightState, estimate: Estimate) -> tuple[LineOfSightState, LineOfSightOutput]:
-        """Return the demand at integer time t. Demand and state stay constant while the estimate is not valid."""
+        """Return the demand at time t (unit: 100 ns). Demand and state are held while the estimate is not valid."""
         x, dt = estimate.state, estimate.dt
         point, chord = self._path(state.progress)
         way = jnp.sqrt(chord @ chord + 1e-18)

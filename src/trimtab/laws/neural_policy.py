@@ -175,7 +175,7 @@ class NeuralPolicy:
     def step(
         self, t: Any, state: NeuralPolicyState, estimate: Estimate
     ) -> tuple[NeuralPolicyState, NeuralPolicyOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         output = self.track(self.reference.at(state.time), flyable_state(estimate))
         return NeuralPolicyState(state.time + estimate.dt), output
 

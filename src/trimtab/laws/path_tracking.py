@@ -105,8 +105,8 @@ class PathTracking:
     Valid:     references that `laws.path_feasibility` accepts before the run.
     Source:    own derivation; backstepping: M. Krstic, I. Kanellakopoulos, P. Kokotovic, "Nonlinear and adaptive
                control design", 1995; underactuated vehicles: A. Aguiar, J. Hespanha, IEEE Trans. Automatic Control 52
-               (2007) 1362; the choice by V: C. Mayhew, R. Sanfelice, A. Teel, same journal 56 (2011) 2517. Gains are
-               chosen.
+               (2007) 1362; the choice by V: C. Mayhew, R. Sanfelice, A. Teel, same journal 56 (2011) 2517. The gains
+               are our own choice.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
@@ -154,7 +154,7 @@ class PathTracking:
     def step(
         self, t: Any, state: PathTrackingState, estimate: Estimate
     ) -> tuple[PathTrackingState, PathTrackingOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         s = estimate.state
         body = planar(s.heading)
         progress, point, rests = self._progress(t, state, s, body)

@@ -126,7 +126,7 @@ class Piloted:
     Windup:    references stay constant while the law is not called. After a pause or a change of mode they restart at
                the vehicle's motion. In assisted they change more slowly as the velocity error approaches `leash`.
     Frames:    velocities in B, course and heading clockwise from north in W.
-    Source:    own derivation; damping [1] eqs. 2.16, 2.24, 2.30. Gains and ranges are chosen.
+    Source:    own derivation; damping [1] eqs. 2.16, 2.24, 2.30. Gains and ranges are our own choice.
     """
 
     reads: ClassVar[tuple[str, ...]] = (*VELOCITIES, "heading")
@@ -200,7 +200,7 @@ class Piloted:
         )
 
     def step(self, t: Any, state: PilotedState, estimate: Estimate) -> tuple[PilotedState, PilotedOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         s = estimate.state
         hand = self._read_stick(state, estimate)
         before, dt = self._begin_again(t, state, hand.mode, s)

@@ -90,7 +90,7 @@ class Pose:
              speed above leave_speed.
     Valid:   as far as the actuators can give the demand. The fan and rudder of [1] give no side force without thrust.
     Source:  own derivation (docs page); a swing that shrinks with the root of the error: R. M'Closkey, R. Murray, IEEE
-             Trans. Automatic Control 42 (1997) 614. Gains are chosen.
+             Trans. Automatic Control 42 (1997) 614. The gains are our own choice.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
@@ -144,7 +144,7 @@ class Pose:
         return PoseState(mode=zero, nose=np.asarray(0.0), rounds=np.asarray(1, np.int32))
 
     def step(self, t: Any, state: PoseState, estimate: Estimate) -> tuple[PoseState, PoseOutput]:
-        """Update the active step of the law, and return the demand at integer time t."""
+        """Update the active step of the law, and return the demand at time t (unit: 100 ns)."""
         s, arm = estimate.state, self.model.percussion_arm
         body = planar(s.heading)
         n = body[:, 0]

@@ -67,7 +67,7 @@ class PoseBySteps:
         hold     ZeroVelocity                        until 1.5 near or 1.5 near_heading away, then compute
 
     Ends:    never, because the heading drifts without bound under ZeroVelocity (its slow manifold).
-    Source:  [1] section 2.3.1; gains and tolerances are chosen, see docs page.
+    Source:  [1] section 2.3.1; gains and tolerances are our own choice, see docs page.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
@@ -116,7 +116,7 @@ class PoseBySteps:
         )
 
     def step(self, t: Any, state: PoseStepsState, estimate: Estimate) -> tuple[PoseStepsState, PoseStepsOutput]:
-        """Update the active step of the law, and return the demand at integer time t."""
+        """Update the active step of the law, and return the demand at time t (unit: 100 ns)."""
         s = estimate.state
         way = jnp.stack([self.north - s.north, self.east - s.east])
         distance, along = jnp.sqrt(way @ way), jnp.cos(s.heading) * way[0] + jnp.sin(s.heading) * way[1]

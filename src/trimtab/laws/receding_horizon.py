@@ -93,7 +93,7 @@ class RecedingHorizon:
     Fails:   without raising an error. If the quadratic program is not solved, the signal `solved` is False, and the
              demand still keeps the limits.
     Valid:   the limits apply to the demand. The allocation's table and dead zone are not in the model.
-    Source:  own derivation; [1]. Weights and limits are chosen.
+    Source:  own derivation; [1]. Weights and limits are our own choice.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
@@ -168,7 +168,7 @@ class RecedingHorizon:
         )
 
     def step(self, t: Any, state: RecedingHorizonState, estimate: Estimate) -> tuple[Any, RecedingHorizonOutput]:
-        """Return the demand at integer time t. A new plan is made every `period`; between plans the demand is held."""
+        """Return the demand at time t (unit: 100 ns). Every `period` there is a new plan. In between, the demand is held."""
         due = estimate.valid & ((t % self.period == 0) | ~state.began)
         state = jax.lax.cond(due, lambda: self._plan(t, state, estimate), lambda: state)
         return state, state.output

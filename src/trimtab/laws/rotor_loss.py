@@ -70,7 +70,7 @@ class RotorLossTracking:
 
     Frames:  W north-east-down, B body; `axes` points down in B.
     Valid:   a quadrotor whose rotors' speeds are measured. Not modelled: two lost rotors; drag of the body's motion.
-    Source:  [1] section III for the axis; [2] section IV for the inversion; its gains are chosen.
+    Source:  [1] section III for the axis; [2] section IV for the inversion. The gains are our own choice.
     """
 
     nominal: GeometricTracking = part("Law used while all rotors work.", default=GeometricTracking())
@@ -99,7 +99,7 @@ class RotorLossTracking:
         return RotorLossState(np.float64(0.0), np.zeros(np.size(self.nominal.craft.rotors.spins)))
 
     def step(self, t: Any, state: RotorLossState, estimate: Estimate) -> tuple[RotorLossState, RotorLossOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         x, dt = flyable_state(estimate), estimate.dt
         known = jnp.any(state.slow >= self.patience)
         slow = jnp.where(known, state.slow, jnp.where(jnp.abs(x.rotor_speed) < self.idle, state.slow + dt, 0.0))

@@ -47,7 +47,7 @@ class ConstantSpin:
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         s = estimate.state
         FY = -self.k2 * (s.sway_velocity - self.model.arm * (s.yaw_rate - self.reference))
         return state, VelocityOutput(PlanarForce(-self.k1 * s.surge_velocity, FY), self.lyapunov(s))
@@ -153,7 +153,7 @@ class SupervisedSpin:
     def step(
         self, t: Any, state: SpinSupervisorState, estimate: Estimate
     ) -> tuple[SpinSupervisorState, SupervisedSpinOutput]:
-        """Update the mode, and return the demand at integer time t."""
+        """Update the mode, and return the demand at time t (unit: 100 ns)."""
         _, brake = self.braking.step(t, (), estimate)
         _, spin = self.spinning.step(t, (), estimate)
         limit = switching_energy if self.threshold == "published" else switching_energy_sharp

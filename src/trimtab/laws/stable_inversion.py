@@ -161,7 +161,7 @@ class StableInversion:
     def step(
         self, t: Any, state: StableInversionState, estimate: Estimate
     ) -> tuple[StableInversionState, StableInversionOutput]:
-        """Return the demanded fuel ratio and elevator angle at integer time t."""
+        """Return the demanded fuel ratio and elevator angle at time t (unit: 100 ns)."""
         x, now = estimate.state, to_seconds(t)
         dt = jnp.where(state.started, to_seconds(t - state.t), 0.0)
         want: PathPoint = self.command.at(now)

@@ -100,7 +100,7 @@ class StateFeedback:
     def step(
         self, t: Any, state: StateFeedbackState, estimate: Estimate
     ) -> tuple[StateFeedbackState, StateFeedbackOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         e = state_error(estimate.state, self.reads, self.x0, self.attitude, self.turned, self.places)
         rows = [e[i] for i in self.integrated]
         z = state.integrals

@@ -72,7 +72,7 @@ class StateSpaceLaw:
         return StateSpaceState(jnp.zeros(np.shape(self.A)[0]), jnp.zeros(np.shape(self.C)[0]), np.int64(NEVER))
 
     def step(self, t: Any, state: StateSpaceState, estimate: Estimate) -> tuple[StateSpaceState, StateSpaceOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         e = state_error(estimate.state, self.reads, self.x0)
         began = t // self.period * self.period
         due = began != state.began

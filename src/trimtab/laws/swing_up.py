@@ -75,7 +75,7 @@ class SwingUp:
         return SwingUpState()
 
     def step(self, t: Any, state: SwingUpState, estimate: Estimate) -> tuple[SwingUpState, SwingUpOutput]:
-        """Return the demanded force at integer time t."""
+        """Return the demanded force at time t (unit: 100 ns)."""
         x = estimate.state
         lean, energy = wrap(x.angle), self.craft.energy(x)
         nearly = (abs(lean) < self.catch) & (abs(x.angle_rate) < self.catch_rate)

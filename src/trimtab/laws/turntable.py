@@ -51,7 +51,7 @@ class Turntable:
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], TurntableOutput]:
-        """Return the commanded rate at integer time t."""
+        """Return the commanded rate at time t (unit: 100 ns)."""
         return state, TurntableOutput(PlatformDrive(rate=self.rate * self.share(to_seconds(t))))
 
     def share(self, s: Any) -> Any:

@@ -114,7 +114,7 @@ class VirtualTarget:
     def step(
         self, t: Any, state: VirtualTargetState, estimate: Estimate
     ) -> tuple[VirtualTargetState, VirtualTargetOutput]:
-        """Return the demanded turn rate at integer time t. The target does not move while the estimate is not valid."""
+        """Return the demanded turn rate at time t (unit: 100 ns). The target rests while the estimate is not valid."""
         x, V = estimate.state, self.craft.speed
         target = self._tangent(state.progress, state.tangent)
         c, s = jnp.cos(target.heading), jnp.sin(target.heading)

@@ -47,7 +47,7 @@ class AnchorRanging:
     Frames:  anchors a_i in W, lever arm l of the antenna in B.
     Not modelled: anchors that answer in turn (`sensors.ultrasonic_ranging` has slots); reflections that persist.
     Source:  Mueller, Hamer, D'Andrea, "Fusing ultra-wideband range measurements with accelerometers and rate gyroscopes
-             for quadrocopter state estimation", ICRA 2015. The sizes of the errors are chosen.
+             for quadrocopter state estimation", ICRA 2015. The sizes of the errors are our own choice.
     """
 
     anchors: Any = quantity("m", "Positions of the anchors (n, 3): north, east, down.", frame="W", default=HALL)
@@ -92,7 +92,7 @@ class AnchorRanging:
         return AnchorRanges(range=ranges, received=ranges <= self.reach)
 
     def step(self, t: Any, state: AnchorRangingState, motion: Motion) -> tuple[AnchorRangingState, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true, k = self.measure(motion), t // self.period
         n = np.shape(self.anchors)[0]
         each = split(state.key.at("paths"), n)

@@ -35,7 +35,8 @@ class AngularAccelerometer:
 
     Frames:  positive nose up.    Not modelled: bandwidth, bending at the sensor's position, saturation.
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
-             flight vehicle", Aerospace 2022, 9(4), 206. It prints no noise; the noise is our own choice (docs page).
+             flight vehicle", Aerospace 2022, 9(4), 206. [1] prints no noise, so the noise is our own choice (docs
+             page).
     """
 
     noise: Scalar = imperfection(
@@ -60,7 +61,7 @@ class AngularAccelerometer:
         return AngularAccelerationReading(pitch_acceleration=motion.alpha_WB_B[1])
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         w, _ = normal2(state, t // self.period)
         output = (1 + self.scale_factor) * self.measure(motion).pitch_acceleration + self.offset + self.noise * w
         return state, new_sample(t, AngularAccelerationReading(pitch_acceleration=output))
@@ -91,8 +92,8 @@ class AngularAccelerometerUnit:
     where the modes are assumed to be clamped.
 
     Frames:  positive nose up.    Not modelled: saturation, effects of linear acceleration and temperature.
-    Source:  IEEE Std 671-1985 (inertial sensors) for the names of the errors. Their sizes are chosen (docs, What it
-             needs).
+    Source:  IEEE Std 671-1985 (inertial sensors) for the names of the errors. Their sizes are our own
+             choice (docs, What it needs).
     """
 
     noise: Scalar = imperfection(
@@ -153,7 +154,7 @@ class AngularAccelerometerUnit:
     def step(
         self, t: Any, state: AngularAccelerometerState, motion: Motion
     ) -> tuple[AngularAccelerometerState, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         felt, tick = self.measure(motion).pitch_acceleration, to_seconds(self.period)
         section = low_pass(jnp.where(self.bandwidth > 0, self.bandwidth, 0.1 / tick), math.sqrt(0.5), tick)
         before = tree_where(state.started, state.band, steady_state(section, felt))

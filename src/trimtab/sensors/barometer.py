@@ -42,7 +42,8 @@ class Barometer:
     Frames:  height above sea level from `motion.air`, or -down if the vehicle has no air model.
     Not modelled: weather (an offset of some hundred Pa can represent it), temperature deviation, position of the port.
     Source:  U.S. Standard Atmosphere 1976; Gracey, "Measurement of aircraft speed and altitude", NASA RP-1046, 1980,
-             for the form of the errors. Default sizes are chosen, typical of data sheets of micromachined barometers.
+             for the form of the errors. The default sizes are our own choice, typical of data sheets of micromachined
+             barometers.
     """
 
     noise: Scalar = imperfection(
@@ -77,7 +78,7 @@ class Barometer:
         return _reading(standard_atmosphere(surrounding_air(motion).height).pressure)
 
     def step(self, t: Any, state: BarometerState, motion: Motion) -> tuple[BarometerState, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         air, dt = surrounding_air(motion), to_seconds(self.period)
         around = standard_atmosphere(air.height)
         through = motion.v_WB_B - air.velocity

@@ -61,7 +61,7 @@ class Encoder:
         return AngleReading(angle=motion.attitude[2] - self.zero, count=jnp.asarray(0, np.int32))
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true = self.measure(motion).angle
         shifted = true + self.eccentricity * jnp.sin(true)
         coarse = self.counts > 0
@@ -152,7 +152,7 @@ class Tachometer:
         return RateReading(yaw_rate=motion.w_WB_B[2])
 
     def step(self, t: Any, state: TachometerState, motion: Motion) -> tuple[TachometerState, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true, dt = self.measure(motion).yaw_rate, to_seconds(self.period)
         narrow = self.bandwidth > 0
         sections = bessel4(jnp.where(narrow, self.bandwidth, 0.1 / dt), dt)

@@ -62,7 +62,7 @@ class FlightInstruments:
 
     Frames:  as in `Motion`; the accelerometers are at `lever_arm` from the centre of mass.
     Not modelled: wind, lags of the probes, position error of the static port, drift of the gyros.
-    Source:  docs page, Flight instruments. The sizes of the errors are chosen.
+    Source:  docs page, Flight instruments. The sizes of the errors are our own choice.
     """
 
     lever_arm: Any = quantity(
@@ -143,7 +143,7 @@ class FlightInstruments:
         )
 
     def step(self, t: Any, state: FlightInstrumentsState, motion: Motion) -> tuple[FlightInstrumentsState, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true = self.measure(motion)
         noise = self._sizes("noise") * normals(state.key, t // self.period, len(CHANNELS))
         e = noise + self._sizes("bias") * state.bias

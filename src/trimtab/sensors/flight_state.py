@@ -73,7 +73,7 @@ class FlightStateSensor:
         )
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true, k = self.measure(motion), t // self.period
         w0, w1 = normal2(state, k, 0)
         w2, w3 = normal2(state, k, 1)
@@ -112,7 +112,7 @@ class ActingInput:
         return u
 
     def step(self, t: Any, state: tuple[()], u: Any) -> tuple[tuple[()], Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         return state, new_sample(t, self.measure(u))
 
 
@@ -137,7 +137,7 @@ class TrueState:
         return x
 
     def step(self, t: Any, state: tuple[()], x: Any) -> tuple[tuple[()], Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         return state, new_sample(t, self.measure(x))
 
 
@@ -178,5 +178,5 @@ class FlexibleTruth:
         return FlexibleTruthReading(x.h, climb, x.V, x.alpha, x.q, x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
 
     def step(self, t: Any, state: tuple[()], x: HypersonicState) -> tuple[tuple[()], Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         return state, new_sample(t, self.measure(x))

@@ -38,7 +38,7 @@ class Outages:
     )
 
     def is_blocked(self, t: Any) -> Any:
-        """Return True if nothing is received at integer time t."""
+        """Return True if nothing is received at time t (unit: 100 ns)."""
         since = t - self.start
         within = jnp.where(self.interval > 0, since % jnp.maximum(self.interval, 1), since)
         return (since >= 0) & (within < self.length)
@@ -80,7 +80,8 @@ class Gnss:
     Frames:  lever arm l in B from the centre of mass; position and velocity in W.
     Not modelled: steps of e when satellites rise or set; multipath as a separate error; the receiver's own filter.
     Source:  Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., sections
-             9.3, 9.4.2 and 14.3. Sizes are chosen, typical of a single-frequency receiver with corrections.
+             9.3, 9.4.2 and 14.3. The sizes of the errors are our own choice, typical of a single-frequency receiver
+             with corrections.
     """
 
     noise: Scalar = imperfection(
@@ -132,7 +133,7 @@ class Gnss:
         return GnssReading(*antenna(motion, self.lever_arm))
 
     def step(self, t: Any, state: GnssState, motion: Motion) -> tuple[GnssState, Sample]:
-        """Return the newest fix that has arrived at integer time t."""
+        """Return the newest fix that has arrived at time t (unit: 100 ns)."""
         true, w = self.measure(motion), normals(state.key, self.timing.measurement_number(t), 9)
         of_position = jnp.stack([self.noise, self.noise, self.noise_down])
         of_velocity = jnp.stack([self.velocity_noise, self.velocity_noise, self.velocity_noise_down])

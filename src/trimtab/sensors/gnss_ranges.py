@@ -158,7 +158,7 @@ class GnssRanges:
         return self._observe(motion, jnp.zeros(2), jnp.zeros(()), jnp.zeros(()))
 
     def step(self, t: Any, state: GnssRangesState, motion: Motion) -> tuple[GnssRangesState, Sample]:
-        """Return the newest measurement that has arrived at integer time t."""
+        """Return the newest measurement that has arrived at time t (unit: 100 ns)."""
         n = np.shape(self.satellites)[0]
         w = normals(state.key, self.timing.measurement_number(t), 3 * n + 2)
         noise = state.correlated + self.noise * w[:n]

@@ -41,7 +41,7 @@ class IdentifiedGyro:
         return Section(b0=1 + self.a1 + self.a2 if self.normalised else self.b0, a1=self.a1, a2=self.a2)
 
     def start(self, u: Any) -> SectionState:
-        """Return the filter state to which a constant rate u leads."""
+        """Return the steady filter state for a constant rate u."""
         return steady_state(self.section(), u)
 
     def respond(self, state: SectionState, u: Any) -> tuple[SectionState, Any]:
@@ -80,7 +80,7 @@ class DelayedGyro:
         return _fit_weights(self.samples, self.bandwidth, to_seconds(self.sampling))
 
     def start(self, u: Any) -> DelayedGyroState:
-        """Return the state to which a constant rate u leads."""
+        """Return the steady state for a constant rate u."""
         u = jnp.asarray(u)
         return DelayedGyroState(u=jnp.stack([u] * (self.samples + 2)), y=jnp.stack([u, u]))
 

@@ -60,7 +60,7 @@ class HeadingSensor:
         return HeadingReading(heading=motion.attitude[2])
 
     def step(self, t: Any, state: LateSensorState, motion: Motion) -> tuple[LateSensorState, Sample]:
-        """Return the newest heading that has arrived at integer time t."""
+        """Return the newest heading that has arrived at time t (unit: 100 ns)."""
         w, _ = normal2(state.key, self.timing.measurement_number(t))
         true = self.measure(motion)
         late, sample = self.timing.deliver(t, state.late, HeadingReading(true.heading + self.noise * w))
@@ -97,7 +97,7 @@ class Compass:
         return self._heading(self.magnetometer.measure(motion).field)
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         state, sample = self.magnetometer.step(t, state, motion)
         return state, new_sample(t, self._heading(sample.value.field))
 

@@ -253,7 +253,7 @@ class Imu:
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Imu":
-        """Return the inertial unit of the hovercraft of [1]. settings: values of fields that differ.
+        """Return the inertial unit of the hovercraft of [1]. settings: fields to change, as name=value.
 
         Printed in [1]: ranges of ±1.7 g (ADXL103) and ±300 deg/s, and the sampling period. Manufacturer's figures, as
         transcribed in public code: noise 0.4 m/s/√h and 3.5 deg/√h, biases 10 mg and 0.7 deg/s, 16-bit words of 8.5 g
@@ -324,7 +324,7 @@ class Imu:
         )
 
     def step(self, t: Any, state: ImuState, motion: Motion) -> tuple[ImuState, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true, dt = self.measure(motion), to_seconds(self.period)
         z = normals(state.key, t // self.period, 12)
         a, force, a_full = corrupt_triad(

@@ -72,14 +72,14 @@ class LateFix:
             raise InputError("period", f"{problem}: measurements would be missed", fix="set period to '1 ms'")
 
     def measurement_number(self, t: Any) -> Any:
-        """Return the number of the last measurement at integer time t.
+        """Return the number of the last measurement at time t (unit: 100 ns).
 
         The number selects the measurement's random draws.
         """
         return (t - self.offset) // self.interval
 
     def is_made(self, t: Any) -> Any:
-        """Return True if a measurement is made at integer time t."""
+        """Return True if a measurement is made at time t (unit: 100 ns)."""
         return (t % self.interval) == self.offset
 
     def initial_state(self, like: Any) -> LateState:
@@ -88,7 +88,7 @@ class LateFix:
         return LateState(coming=none, made=zero, due=np.int64(FOREVER), held=none, stamp=zero, any=np.bool_(False))
 
     def deliver(self, t: Any, state: LateState, value: Any, *, received: Any = True) -> tuple[LateState, Sample]:
-        """Return the newest sample that has arrived by integer time t.
+        """Return the newest sample that has arrived by time t (unit: 100 ns).
 
         value: measurement at time t.    received: False if a measurement made at time t is lost.
         """

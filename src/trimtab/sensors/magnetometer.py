@@ -163,7 +163,7 @@ class Magnetometer:
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Magnetometer":
-        """Return the magnetometer of the hovercraft of [1]. settings: values of fields that differ.
+        """Return the magnetometer of the hovercraft of [1]. settings: fields to change, as name=value.
 
         The noise reproduces the heading variance of [1], 1.6e-4 rad², in the default field. Its standard deviation is
         0.0126 rad times the horizontal field. The 16-bit words of 2 gauss full scale are taken from public code for the
@@ -183,7 +183,7 @@ class Magnetometer:
         return FieldReading(field=field, saturated=jnp.asarray(False))
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         near = jnp.zeros(3)
         for disturbance in self.disturbances:
             near = near + disturbance.field(motion, self.position)

@@ -35,7 +35,7 @@ class PlanarNavigation:
         return planar_state(motion)
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         return state, new_sample(t, self.measure(motion))
 
 
@@ -126,7 +126,7 @@ class NavigationErrors:
         return self._express_heading(planar_state(motion))
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         truth, tau = planar_state(motion), to_seconds(t % self.redraw)
         bX, bY = normal2(state, t // self.redraw, 0)
         bg, _ = normal2(state, t // self.redraw, 1)

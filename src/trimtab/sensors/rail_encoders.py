@@ -43,7 +43,7 @@ class RailEncoders:
         return CartPoleState(position=motion.p_WB[0], speed=speed, angle=-pitch, angle_rate=-motion.w_WB_B[1])
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true = self.measure(motion)
         reading = CartPoleState(
             position=_round_to(true.position, self.position_step),

@@ -51,7 +51,7 @@ class StarTracker:
     Frames:  W, B and the camera frame S, whose z axis is the boresight. `mounting`: roll, pitch, yaw of S in B.
     Not modelled: rotation of W relative to the stars, distortion, radiation, aberration, exposure time.
     Source:  Liebe, "Accuracy performance of star trackers: a tutorial", IEEE Trans. AES 38 (2002): the roll error is
-             about 6 to 16 times the cross-boresight error. The sizes of the errors are chosen.
+             about 6 to 16 times the cross-boresight error. The sizes of the errors are our own choice.
     """
 
     cross_noise: Scalar = imperfection(
@@ -128,7 +128,7 @@ class StarTracker:
         return (w @ w <= self.rate_limit * self.rate_limit) & (from_sun | (self.exclusion == 0))
 
     def step(self, t: Any, state: StarTrackerState, motion: Motion) -> tuple[StarTrackerState, Sample]:
-        """Return the newest attitude that has arrived at integer time t."""
+        """Return the newest attitude that has arrived at time t (unit: 100 ns)."""
         true, z = self.measure(motion), normals(state.key, self.timing.measurement_number(t), 3)
         q_BS = quaternion.from_euler(*jnp.asarray(self.mounting))
         noise = jnp.stack([self.cross_noise, self.cross_noise, self.roll_noise]) * z

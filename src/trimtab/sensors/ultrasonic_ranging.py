@@ -160,7 +160,7 @@ class UltrasonicRanging:
         return RangingState(key=key, coming=none, pinged=zero, due=never, held=none, measured=zero, any=np.bool_(False))
 
     def pinging_unit(self, t: Any) -> tuple[Any, Any]:
-        """Return True if a unit of this vehicle pings at integer time t, and the index of the unit."""
+        """Return True if a unit of this vehicle pings at time t (unit: 100 ns), and the index of the unit."""
         client = (t // self.slot) % self.clients
         m = np.shape(self.units)[0]
         return (t % self.slot == 0) & (client < m), jnp.minimum(client, m - 1).astype(np.int32)
@@ -175,7 +175,7 @@ class UltrasonicRanging:
         return Ranges(range=jnp.where(arrived, exact, 0.0), arrived=arrived, unit=unit)
 
     def ping(self, t: Any, key: Key, motion: Motion) -> tuple[Ranges, Any]:
-        """Return the replies to a ping in the slot of integer time t, and the delay (s) of the last one."""
+        """Return the replies to a ping in the slot of time t (unit: 100 ns), and the delay (s) of the last one."""
         _, unit = self.pinging_unit(t)
         number = t // self.slot
         lever = jnp.asarray(self.units)[unit]
@@ -196,7 +196,7 @@ class UltrasonicRanging:
         return Ranges(range=jnp.where(arrived, ranges, 0.0), arrived=arrived, unit=unit), jnp.minimum(last, window)
 
     def step(self, t: Any, state: RangingState, motion: Motion) -> tuple[RangingState, Sample]:
-        """Return the newest ranges whose replies have arrived at integer time t."""
+        """Return the newest ranges whose replies have arrived at time t (unit: 100 ns)."""
         t = jnp.asarray(t, np.int64)
         fresh = state.due <= t
         held = tree_where(fresh, state.coming, state.held)

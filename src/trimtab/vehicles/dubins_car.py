@@ -37,7 +37,7 @@ class DubinsCar:
     Frames:  W north, east; B forward, right, down.
     Valid:   any turn rate; rates beyond V/R are limited to V/R. Not modelled: slip, steering lag, reverse driving, with
              which other paths are shortest (Reeds and Shepp, 1990).
-    Source:  [1]; speed and radius are chosen.
+    Source:  [1]; speed and radius are our own choice.
     """
 
     speed: Scalar = quantity("m/s", "Speed V of the car.", default=1.0, above=0)

@@ -63,7 +63,7 @@ class Rotors:
     Frames:  positions in B from the centre of mass; s = +1 for rotation about +z: clockwise from above.
     Valid:   near hover. Not modelled: inflow, ground effect, flapping (except for its drag), interference of wakes.
     Source:  [1] T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010,
-             sections II and V for positions, directions of rotation and c. The thrust coefficient is chosen.
+             sections II and V for positions, directions of rotation and c. The thrust coefficient is our own choice.
     """
 
     places: Any = quantity(

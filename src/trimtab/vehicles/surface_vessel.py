@@ -198,7 +198,7 @@ class WindLoad:
         the relative wind blows
 
     Source:  Fossen, "Handbook", 2021, section 10.1, for a vessel symmetric to port and starboard. Areas and
-             coefficients are chosen, the coefficients in the middle of the ranges given there.
+             coefficients are our own choice, the coefficients in the middle of the ranges given in the handbook.
     """
 
     wind: Wind = part("Wind velocity over the ground, just above the water.", default=Wind())
@@ -241,7 +241,7 @@ class SurfaceVessel:
     Valid:   calm water without waves; no roll, pitch or heave. Rudders to 35 degrees.
     Not modelled: waves, shallow water, the propellers' side force.
     Source:  [1]; current and relative velocity as in Fossen, "Handbook of marine craft hydrodynamics and motion
-             control", 2nd ed., 2021, section 10.3. Rates and lags of the actuators are chosen.
+             control", 2nd ed., 2021, section 10.3. Rates and lags of the actuators are our own choice.
     """
 
     mass: Scalar = quantity("kg", "Total mass.", default=23.8, above=0, source=TABLE_1)

@@ -204,7 +204,7 @@ class Torpedo:
     Not modelled: waves, the surface, stall of the fins, inflow to the propeller.
     Source:  [1]; current as in Fossen, "Handbook of marine craft hydrodynamics and motion control", 2nd ed., 2021,
              section 10.3. Lags and rates of the actuators, and the gravity that converts the weight of [1] to a mass,
-             are chosen.
+             are our own choice.
     """
 
     weight: Scalar = quantity(
