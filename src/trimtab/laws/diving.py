@@ -25,7 +25,7 @@ class DivingState:
 class DivingOutput:
     """Demand and signals of the depth and heading autopilots. Source: Fossen, "Handbook", 2021, section 15.3."""
 
-    demand: TorpedoControls = part("Demand to the fins and the shaft.")
+    demand: TorpedoControls = part("Demanded fin angles and shaft speed.")
     depth_reference: Scalar = quantity(
         "m", "Depth reference, which moves to the commanded depth at a limited rate.", frame="W"
     )

@@ -20,7 +20,7 @@ from trimtab.laws.separation import Separation, norm
 from trimtab.vehicles.hovercraft import Hovercraft
 
 LONGEST_STEP = ms(100)
-"""Longest time between two steps over which the reference point moves. After a longer pause the point has not moved."""
+"""Longest time between two steps over which the reference point moves. After a longer pause it has not moved."""
 TURN_ROUND = 0.3
 """Hysteresis: the tail turns to the force if the cosine of the angle from nose to force is below minus this value, and
 the nose again if the cosine is above this value."""
@@ -119,7 +119,10 @@ class Formation:
         "1", "Minimum ratio of the force along the nose to the force to the side.", default=2.7, low=0
     )
     grip: Scalar = quantity(
-        "N", "Force along the nose above which the fan turns in the direction of this force.", default=0.1, above=0
+        "N",
+        "Demanded force along the nose above which the fan switches to the direction of this force.",
+        default=0.1,
+        above=0,
     )
     dead_zone: Scalar = quantity("N", "Demanded force below which the nose does not turn.", default=0.08, above=0)
     separation: Separation = part("Barrier that keeps the reference points of the craft apart.", default=Separation())

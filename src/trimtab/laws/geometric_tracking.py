@@ -48,9 +48,7 @@ class GeometricTrackingOutput:
     demand: RotorDemand = part("Demanded thrust and moments of the rotors.")
     position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
     velocity_error: Any = quantity("m/s", "Velocity error: velocity minus reference.", frame="W", shape=(3,))
-    attitude_error: Scalar = quantity(
-        "1", "Attitude error Psi: 0 at the reference attitude, 2 half a turn away from it."
-    )
+    attitude_error: Scalar = quantity("1", "Attitude error Psi: 0 at the reference attitude, 2 at half a turn from it.")
     distance: Scalar = quantity("m", "Length of the position error.")
 
 

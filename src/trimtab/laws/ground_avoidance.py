@@ -61,7 +61,7 @@ class LoadFactorControl:
     throttle: Scalar = quantity("1", "Throttle at the trim in level flight.", default=0.1401371, low=0, high=1)
 
     def errors(self, x: Any, load: Any, roll: Any) -> Any:
-        """Return the errors (3,) to be integrated: load factor (1), roll rate about the path (rad/s), ny + r."""
+        """Return the errors (3,) to be integrated: load factor (1), roll rate (rad/s), side load plus yaw rate."""
         about_path = x.roll_rate * jnp.cos(x.alpha) + x.yaw_rate * jnp.sin(x.alpha)
         return jnp.stack([x.normal_load - 1 - load, about_path - roll, x.side_load + x.yaw_rate])
 

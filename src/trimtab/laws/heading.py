@@ -49,7 +49,7 @@ class HeadingOutput:
     switches: Scalar = quantity("1", "Number of switches between the modes damp and turn.", kind="count")
     spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first turn.", frame="B")
     heading_error: Scalar = quantity(
-        "rad", "Heading error: heading minus target heading, wrapped according to the option wrapping."
+        "rad", "Heading error: heading minus target heading, wrapped according to the option `wrapping`."
     )
     lyapunov: Scalar = quantity(
         "J", "Lyapunov function: V in the mode damp, W about the present reference in the mode turn."

@@ -247,7 +247,7 @@ class FadingModes:
         return size * jnp.cos(angle), size * jnp.sin(angle)
 
     def weights(self, dt: Any) -> tuple[Complex, Complex]:
-        """Return the factors (p, 1) of w at the start and at the end of a step dt (s), in the new q.
+        """Return the factors (p, 1) of w at the start and at the end of a step dt (s), for the update of q.
 
         They are exact for w linear in time.
         """

@@ -114,7 +114,7 @@ def observe(wanted: SpatialPoint, x: Any, gravity: Any) -> Any:
 
 
 def evaluate(network: Network, seen: Any) -> Any:
-    """Return thrust (N) and moments (N m), (4,), within the network's span, for the inputs (18,)."""
+    """Return thrust (N) and moments (N m) (4,) for the inputs (18,), limited to the network's output range."""
     h = jnp.clip(seen / network.scale, -1, 1)
     for weights, bias in network.layers[:-1]:
         h = jnp.tanh(jnp.asarray(weights) @ h + bias)
@@ -126,7 +126,7 @@ def evaluate(network: Network, seen: Any) -> Any:
 class NeuralPolicyOutput:
     """Demand, tracking errors, and largest scaled input of the network. Source: this module."""
 
-    demand: RotorDemand = part("Demanded thrust and moments.")
+    demand: RotorDemand = part("Demanded thrust and moments of the rotors.")
     position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
     velocity_error: Any = quantity("m/s", "Velocity error: velocity minus reference.", frame="W", shape=(3,))
     distance: Scalar = quantity("m", "Length of the position error.")

@@ -78,7 +78,7 @@ class _Breach(NamedTuple):
 
 
 def path_motion(reference: Any, model: Hovercraft, duration: float, slower: float = 1.0) -> PathMotion:
-    """Return the motion that a reference of P demands in a run of a duration (s). slower: factor on the duration."""
+    """Return the motion that a reference of P demands over a duration (s), if slowed down by the factor `slower`."""
     t = np.linspace(0.0, duration * slower, max(int(duration / STEP), 8) + 1)
 
     def at(x: Any) -> ReferencePoint:
@@ -126,7 +126,7 @@ def _line_of(specific: Any) -> Any:
 
 
 def _friction_at(model: Hovercraft, velocity: Any, heading: Any, rate: Any) -> tuple[Any, Any]:
-    """Return the acceleration of P by friction (n, 2), in W, and its torque (n,)."""
+    """Return the acceleration of P by friction (n, 2), in W, and the torque of friction (n,)."""
     c, s = np.cos(heading), np.sin(heading)
     surge = c * velocity[:, 0] + s * velocity[:, 1]
     sway = -s * velocity[:, 0] + c * velocity[:, 1] - model.percussion_arm * rate
@@ -173,7 +173,7 @@ def _velocity_loss(motion: PathMotion, thrusts: Any) -> Any:
 
 
 def _feasible_tempo(reference: Any, model: Hovercraft, limits: ThrustLimits, duration: float) -> float | None:
-    """Return the smallest slowdown that makes the reference feasible, rounded up to 0.01, or None above SLOWEST."""
+    """Return the smallest slowdown that makes the reference feasible, rounded up to 0.01; None if above SLOWEST."""
 
     def holds(slower: float) -> bool:
         return _worst_breach(path_motion(reference, model, duration, slower), model, limits) is None

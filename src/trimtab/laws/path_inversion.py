@@ -8,7 +8,7 @@ from trimtab.core.record import Scalar, quantity, record
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 STEEPEST = 0.99
-"""Largest sine of the path angle that is inverted. On a steeper path the lift hardly changes h''."""
+"""Largest sine of the flight path angle used in the inversion. On a steeper path the lift hardly changes h''."""
 
 
 class PathInversion(NamedTuple):

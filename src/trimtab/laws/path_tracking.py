@@ -52,7 +52,10 @@ class PathTrackingOutput:
 
 
 class _Errors(NamedTuple):
-    """Errors of P, (2,) in W: position e (m), velocity v (m/s). acceleration, jerk: reference minus that by drag."""
+    """Errors of P, (2,) in W: position e (m), velocity v (m/s).
+
+    acceleration, jerk: of the reference, minus those that drag causes.  heading: of the craft (rad).
+    """
 
     e: Any
     v: Any
@@ -208,7 +211,7 @@ class PathTracking:
         return rest, output.demand
 
     def _progress(self, t: Any, state: PathTrackingState, s: Any, body: Any) -> tuple[Any, ReferencePoint, Any]:
-        """Return the path parameter, the reference there, and True if the path rests there."""
+        """Return the path parameter, the reference there, and True if the path is at rest there."""
         since = jnp.where(state.began, to_seconds(t - state.t), 0.0)
         rate = jnp.asarray(1.0)
         if self.progress == "path":

@@ -31,7 +31,8 @@ REVERSE_SPEED = 0.1
 """Backward speed (m/s) above which the weight of sway is REVERSE_SWAY."""
 
 NOSE_FREE = 1.6
-"""Demanded force, as a multiple of nose_force, above which the nose points along the force, not partly the course."""
+"""Demanded force, as a multiple of nose_force, above which the nose points along this force alone. Below this value the
+nose points partly along the course."""
 BACKING = 0.3, 0.8
 """Fractions of the demanded force that point against the course: the fan starts to pull backward above the second one,
 and stops below the first one."""

@@ -170,7 +170,7 @@ class Pose:
 
     def _swing(self, t: Any, now: PoseState, heading: Any, way: Any, v: Any) -> "tuple[_Swing, Any]":
         """Return the nose's swing, and the thrust acceleration (m/s^2) that moves P sideways. Both are zero outside
-        hold.
+        the step hold.
         """
         across = planar(self.heading)[:, 1]
         s = jnp.where(now.mode == HOLD, self.h**2 * (across @ way) - 2 * self.h * (across @ v), 0.0)

@@ -30,7 +30,7 @@ class PoseStepsState:
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
     bearing: Scalar = quantity(
         "rad",
-        "Bearing of the target position when the error vector was last computed, clockwise from north.",
+        "Bearing of the target position when it was last computed, clockwise from north.",
         kind="angle",
     )
     turning: HeadingLawState = part("State of the heading law that is used in the steps align and final.")
@@ -99,10 +99,10 @@ class PoseBySteps:
         high=1,
     )
     turn: HeadingBangBang = part(
-        "Law used in the steps align and final. Its parameter target is ignored.", default=HeadingBangBang()
+        "Law used in the steps align and final. Its parameter `target` is ignored.", default=HeadingBangBang()
     )
     forward: ForwardMomentum = part(
-        "Law used in the step move. Its parameter reference is ignored.", default=ForwardMomentum(k1=2.0, k2=9.0)
+        "Law used in the step move. Its parameter `reference` is ignored.", default=ForwardMomentum(k1=2.0, k2=9.0)
     )
     damping: ZeroVelocity = part("Law used in the steps stop and hold.", default=ZeroVelocity())
 

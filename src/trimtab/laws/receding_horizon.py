@@ -168,7 +168,7 @@ class RecedingHorizon:
         )
 
     def step(self, t: Any, state: RecedingHorizonState, estimate: Estimate) -> tuple[Any, RecedingHorizonOutput]:
-        """Return the demand at time t (unit: 100 ns). Every `period` there is a new plan. In between, the demand is held."""
+        """Return the demand at time t (unit: 100 ns). It is planned every `period`, and held in between."""
         due = estimate.valid & ((t % self.period == 0) | ~state.began)
         state = jax.lax.cond(due, lambda: self._plan(t, state, estimate), lambda: state)
         return state, state.output

@@ -121,7 +121,7 @@ class RotorLossTracking:
         return RotorLossState(jnp.where(lost, state.time, state.time + dt), slow), output
 
     def _spin(self, wanted: SpatialPoint, x: Any, gone: Any) -> tuple[RotorDemand, Any]:
-        """Return the demand without the first lost rotor, and 1 - cos of the angle between spin axis and d."""
+        """Return the demand after the loss of a rotor, and 1 - cos of the angle between spin axis and d."""
         craft = self.nominal.craft
         axis = jnp.asarray(self.axes)[jnp.argmax(gone)]
         ahead, yaw = self._look_ahead(x)

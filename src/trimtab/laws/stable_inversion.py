@@ -249,7 +249,7 @@ def check_internal_table(craft: Any, command: Any, table: InternalTable, limits:
 
 
 def _check_input_limits(limits: InputLimits, u: Any, where: list[str]) -> None:
-    """Raise InputError if u, fuel ratio and elevator angle (2, n), exceeds a limit. where: n texts for the message."""
+    """Raise InputError if a fuel ratio or elevator angle in u (2, n) exceeds a limit. where: n texts for the error."""
     low, high = (np.array([*pair]) for pair in limits.bounds())
     for value, least, most, what in zip(u, low, high, ("fuel ratio", "elevator (rad)"), strict=True):
         beyond = np.maximum(least - value, value - most)

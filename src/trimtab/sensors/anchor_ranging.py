@@ -31,7 +31,7 @@ class AnchorRangingState:
 
     key: Key = part("Key of the random noise.")
     bias: Any = quantity("m", "Range bias of each anchor (n,) in this run.")
-    last: Any = quantity("m", "Last range of each anchor (n,).")
+    last: Any = quantity("m", "Last received range of each anchor (n,).")
 
 
 @record

@@ -14,7 +14,7 @@ from trimtab.core.signals import Bending, Motion, Sample, new_sample
 from trimtab.core.time import format_time, ms, to_seconds
 
 DELAYS = 16
-"""Number of samples in the delay line. The longest delay is one sample less."""
+"""Number of samples in the delay line. The longest possible delay is one period less."""
 
 
 @record
@@ -114,10 +114,16 @@ class AngularAccelerometerUnit:
     )
     delay: Scalar = imperfection("s", "Delay from the motion to the sensor's output.", "angular-accelerometer-delay")
     slope1: Scalar = imperfection(
-        "1/(slug ft)^1/2", "Slope of bending mode 1 at the sensor.", "angular-accelerometer-place", low=None
+        "1/(slug ft)^1/2",
+        "Slope of the mode shape of bending mode 1 at the sensor.",
+        "angular-accelerometer-place",
+        low=None,
     )
     slope2: Scalar = imperfection(
-        "1/(slug ft)^1/2", "Slope of bending mode 2 at the sensor.", "angular-accelerometer-place", low=None
+        "1/(slug ft)^1/2",
+        "Slope of the mode shape of bending mode 2 at the sensor.",
+        "angular-accelerometer-place",
+        low=None,
     )
     period: int = period("Time between samples.", default=ms(5))
 

@@ -13,7 +13,7 @@ from trimtab.core.record import Scalar, option, quantity, record
 from trimtab.core.rng import Key, uniform2
 
 FIRST, AGAIN = 100, 101
-"""Numbers of the random streams of a station's first wait and of its later waits."""
+"""Numbers of two random streams: for the first wait of a station, and for its later waits."""
 ATTEMPTS = 256
 """Maximum number of random draws in one exchange, so that the counters of different exchanges do not overlap."""
 

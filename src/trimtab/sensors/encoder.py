@@ -78,7 +78,7 @@ BESSEL4 = ((1.4301715599939, 0.5219345817), (1.6033574829, 0.8055382818))
 
 @record
 class RateReading:
-    """Sample of a tachometer. Frames: clockwise from above. Source: docs page, Tachometer."""
+    """Sample of a tachometer. Frames: positive clockwise from above. Source: docs page, Tachometer."""
 
     yaw_rate: Scalar = quantity("rad/s", "Yaw rate, positive clockwise from above.", frame="B")
 

@@ -17,7 +17,7 @@ from trimtab.vehicles.hypersonic import HypersonicState
 
 @record
 class FlightReading:
-    """Measured flight state in the vertical plane. Frames: path in W, rate in B. Source: docs page, Flight state."""
+    """Measured flight state in the vertical plane. Frames: W, pitch rate in B. Source: docs page, Flight state."""
 
     altitude: Scalar = quantity("m", "Altitude above the origin of W.", frame="W")
     climb: Scalar = quantity("m/s", "Climb rate.", frame="W")
@@ -143,7 +143,7 @@ class TrueState:
 
 @record
 class FlexibleTruthReading:
-    """True flight state and bending modes of the hypersonic vehicle. Source: [1] eq. 4 (order of e)."""
+    """True flight state and bending modes of the hypersonic vehicle. Source: [1] eq. 4 (e, in this order)."""
 
     h: Scalar = quantity("ft", "Altitude.", frame="W")
     h_rate: Scalar = quantity("ft/s", "Climb rate.", frame="W")

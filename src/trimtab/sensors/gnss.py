@@ -123,7 +123,7 @@ class Gnss:
         self.timing.check_period(self.period)
 
     def init(self, key: Key) -> GnssState:
-        """Return the initial state, before any fix. The error e is drawn from its stationary distribution."""
+        """Return the initial state. The time-correlated error is drawn from its stationary distribution."""
         three = np.zeros(3)
         late = self.timing.initial_state(GnssReading(three, three))
         return GnssState(key.at("white"), late, self.correlated * normals(key.at("first"), 0, 3))

@@ -145,7 +145,7 @@ class GnssRanges:
             raise InputError("satellites", problem, fix="give north, east, down of each satellite for both")
 
     def init(self, key: Key) -> GnssRangesState:
-        """Return the initial state, before any measurement. Each e_i is drawn from its stationary distribution."""
+        """Return the initial state. The time-correlated errors are drawn from their stationary distribution."""
         n = np.shape(self.satellites)[0]
         none, places = np.zeros(n), np.zeros(3 * n)
         late = self.timing.initial_state(GnssRangesReading(none, none, np.zeros(n, bool), places, places))

@@ -25,7 +25,7 @@ from trimtab.environment.geodetic import STANDARD
 from trimtab.sensors.gyro_dynamics import TICK
 
 UNIT_DRAWS = 12
-"""Number of standard normals of a triad per run: 3 turn-on biases, 3 scale factors, 6 misalignments."""
+"""Number of standard normal draws for a triad in one run: 3 turn-on biases, 3 scale factors, 6 misalignments."""
 OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 ZERO = (0.0, 0.0, 0.0)
 SOURCE = "IEEE Std 952-1997, annex C"
@@ -56,7 +56,7 @@ class AccelerometerErrors:
         "m/s^2", "Standard deviation of the turn-on bias, drawn for each run.", "imu-turn-on-bias"
     )
     bias_walk: Scalar = imperfection(
-        "m/s^2/s^0.5", "Random walk density K of the bias.", "imu-bias-walk", source=SOURCE
+        "m/s^2/s^0.5", "Random walk density K of the accelerometer bias.", "imu-bias-walk", source=SOURCE
     )
     scale_factor: Scalar = imperfection(
         "1", "Standard deviation of the scale error of each axis, drawn for each run.", "imu-scale-factor"
@@ -98,7 +98,7 @@ class GyroErrors:
         "rad/s", "Standard deviation of the turn-on bias, drawn for each run.", "imu-turn-on-bias"
     )
     bias_walk: Scalar = imperfection(
-        "rad/s/s^0.5", "Random walk density K of the bias: rate random walk.", "imu-bias-walk", source=SOURCE
+        "rad/s/s^0.5", "Random walk density K of the gyro bias: rate random walk.", "imu-bias-walk", source=SOURCE
     )
     scale_factor: Scalar = imperfection(
         "1", "Standard deviation of the scale error of each axis, drawn for each run.", "imu-scale-factor"

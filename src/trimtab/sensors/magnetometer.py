@@ -79,7 +79,7 @@ class RunningMotor:
             raise InputError("RunningMotor.instants", f"{instants.tolist()} must increase", fix="sort the instants")
 
     def field(self, motion: Motion, place: Any) -> Any:
-        """Return the magnetic field (3,) (T) in B at a position (3,) (m) in B."""
+        """Return the magnetic field of the motor (3,) (T) in B at a position (3,) (m) in B."""
         begun = jnp.sum(motion.t >= jnp.asarray(self.instants))
         duty = jnp.where(begun > 0, jnp.asarray(self.duty)[jnp.maximum(begun - 1, 0)], 0.0)
         away = jnp.asarray(place) - jnp.asarray(self.position)
@@ -103,7 +103,7 @@ class FloorSteel:
     size: Scalar = quantity("m", "Radius of the magnetised steel.", default=0.1, above=0)
 
     def field(self, motion: Motion, place: Any) -> Any:
-        """Return the magnetic field (3,) (T) in B at a position (3,) (m) in B."""
+        """Return the magnetic field of the steel (3,) (T) in B at a position (3,) (m) in B."""
         R_WB = from_euler(*motion.attitude)
         away = motion.p_WB + R_WB @ jnp.asarray(place) - jnp.asarray(self.position)
         return R_WB.T @ dipole_field(jnp.asarray(self.moment), away, self.size)

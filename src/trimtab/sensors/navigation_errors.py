@@ -55,7 +55,7 @@ READINGS: dict[str, tuple[float, float, float]] = {
     "B": (math.sqrt(2.5) * CM, 1.0 * DEG, math.sqrt(0.5) * DEG),
     "C": (math.sqrt(0.025), math.sqrt(0.01745), math.sqrt(0.00873)),
 }
-"""Standard deviations of accelerometer bias (m/s^2), gyro bias and gyro noise (rad/s), for each reading of [1]."""
+"""Standard deviations of accelerometer bias (m/s^2), gyro bias and gyro noise (rad/s), by interpretation of [1]."""
 
 
 @record

@@ -65,7 +65,7 @@ class Beacons:
     )
 
     def check(self) -> None:
-        """Raise InputError if the map's shape is not (n, 3), or a fault is not given for n beacons."""
+        """Raise InputError if the map's shape is not (n, 3), or the shape of a fault does not match it."""
         shape = np.shape(self.map)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
             raise InputError(

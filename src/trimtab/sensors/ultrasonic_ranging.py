@@ -109,7 +109,7 @@ class UltrasonicRanging:
     """
 
     beacons: Beacons = part(
-        "Beacons: positions and errors.",
+        "Positions and errors of the ultrasonic beacons.",
         default=Beacons(),
         off={"clock-error": lambda sensor: replace(sensor.beacons, crystal=0.0)},
     )
@@ -166,7 +166,7 @@ class UltrasonicRanging:
         return (t % self.slot == 0) & (client < m), jnp.minimum(client, m - 1).astype(np.int32)
 
     def measure(self, motion: Motion) -> Ranges:
-        """Return the ranges h(x) from the mapped beacons to the unit that pings now, with only the cone error."""
+        """Return the ranges h(x) from the beacons in the map to the unit that pings now, with only the cone error."""
         _, unit = self.pinging_unit(motion.t)
         at = unit_position(motion, jnp.asarray(self.units)[unit])
         positions = jnp.asarray(self.beacons.map)

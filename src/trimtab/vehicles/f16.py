@@ -136,14 +136,14 @@ def engine_thrust(throttle: Any, mach: Any, height: Any) -> Any:
 
 
 def interpolate_line(x: Any, grid: Any, values: Any) -> Any:
-    """Interpolate values (n, k) on a uniform grid at x: linear inside, constant beyond. Return an array (k,)."""
+    """Interpolate values (n, k) on a uniform grid at x: linear inside, constant outside. Return an array (k,)."""
     i, part = _cell(x, grid)
     ends = lax.dynamic_slice(jnp.asarray(values), (i, np.uint32(0)), (2, values.shape[1]))
     return ends[0] * (1 - part) + ends[1] * part
 
 
 def interpolate_plane(y: Any, x: Any, rows: Any, columns: Any, values: Any) -> Any:
-    """Interpolate values (rows, columns, k) on a uniform grid at y, x: bilinear, constant beyond.
+    """Interpolate values (rows, columns, k) on a uniform grid at y, x: bilinear inside, constant outside.
 
     Return an array (k,).
     """

@@ -71,7 +71,7 @@ class FmuVehicle:
     Source:  docs page, FMU.
     """
 
-    file: str = option("Path of the FMU.", default="")
+    file: str = option("Path of the FMU file.", default="")
     trust_code: bool = option(
         "True: the program in the FMU is trusted and may run with your rights.", default=False, choices=(True, False)
     )
@@ -157,12 +157,12 @@ def load(
 
 
 def first_state(vehicle: FmuVehicle) -> Any:
-    """Return the record of the FMU's outputs, with the start values of its description, or zero."""
+    """Return the record of the FMU's outputs, with the start values in its description, or zero if it has none."""
     return _signal_record("FmuState", read_interface(vehicle.file).outputs)
 
 
 def neutral_input(vehicle: FmuVehicle) -> Any:
-    """Return the record of the FMU's inputs, with the start values of its description, or zero."""
+    """Return the record of the FMU's inputs, with the start values in its description, or zero if it has none."""
     return _signal_record("FmuInput", read_interface(vehicle.file).inputs)
 
 
@@ -316,7 +316,7 @@ class FmuInstance:
             at += s.size
 
     def step(self, h: int) -> bool:
-        """Step the FMU by integer time h with constant inputs.
+        """Step the FMU by a time h (unit: 100 ns) with constant inputs.
 
         Return True if the FMU requests the end of the simulation. Raise InputError if the step fails.
         """

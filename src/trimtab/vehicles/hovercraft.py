@@ -42,7 +42,7 @@ def planar_rates(x: HovercraftState, ax: Any, ay: Any, turn: Any) -> HovercraftS
 
 
 def planar_motion(t: Any, x: HovercraftState, ax: Any, ay: Any, turn: Any) -> Motion:
-    """Return the motion of a vehicle on a level floor from the accelerations of its centre of mass; t: in 100 ns."""
+    """Return the motion of a vehicle on a level floor from its accelerations; t: integer time (100 ns)."""
     o = jnp.zeros_like(ax)
     stack = jnp.stack
     return Motion(
@@ -115,9 +115,7 @@ class Hovercraft:
     arm: Scalar = quantity(
         "m", "Distance d from the centre of mass to the rudder pivot.", default=0.32, above=0, source="[1] 12.6 in"
     )
-    friction: Any = part(
-        "Friction of skirt and air. None: no friction, as in the thesis.", default=None, optional=Friction()
-    )
+    friction: Any = part("Friction of skirt and air. None: no friction, as in [1].", default=None, optional=Friction())
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
     """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""

@@ -51,7 +51,7 @@ class VesselState:
 
 @record
 class HullDamping:
-    """Damping forces of the water on a moving hull, about the origin of [1]: -D(nu) nu.
+    """Damping forces of the water on a moving hull, about the reference point amidships: -D(nu) nu.
 
         X = Xu u + Xuu |u| u + Xuuu u^3
         Y = (Yv + Yvv |v| + Yrv |r|) v + (Yr + Yvr |v| + Yrr |r|) r        N has the same form
@@ -184,7 +184,7 @@ class TwinScrew:
         return jnp.where(past < 0, astern, ahead) * jnp.abs(past) * past
 
     def wrench(self, rudder: Any, shaft_speed: Any, u: Any) -> tuple[Any, Any, Any]:
-        """Return X, Y (N) and N (N m) of both propellers and both rudders, about the origin of [1]."""
+        """Return X, Y (N) and N (N m) of both propellers and both rudders, about the reference point amidships."""
         T = self.thrust(shaft_speed, u)
         L = self.lift(rudder, T, u)
         return 2 * T, 2 * L, -2 * self.rudder_arm * L
@@ -192,7 +192,7 @@ class TwinScrew:
 
 @record
 class WindLoad:
-    """Force of the wind on the part of the vessel above the water, about the origin of [1].
+    """Force of the wind on the part of the vessel above the water, about the reference point amidships.
 
         (X, Y, N) = rho V^2/2 (cx A cos(g), cy B sin(g), cn B L sin(2 g))      g: angle from x to the direction in which
         the relative wind blows
@@ -308,7 +308,10 @@ class SurfaceVessel:
         return X / m11 + r * across, dv + self.centre * dr, dr
 
     def wrench(self, x: VesselState, u: Any, v: Any) -> tuple[Any, Any, Any]:
-        """Return X, Y (N) and N (N m) of all forces about the origin of [1] at velocities u, v through the water."""
+        """Return X, Y (N) and N (N m) of all forces about the reference point amidships.
+
+        u, v: velocities of this point through the water (m/s).
+        """
         forces = [self.damping.wrench(u, v, x.yaw_rate), self.propulsion.wrench(x.rudder, x.shaft_speed, u)]
         if self.wind is not None:
             forces.append(self.wind.wrench(x))
