@@ -75,7 +75,7 @@ class InternalTable:
                     f"InternalTable.{name}", f"row {row} has a number that is not finite", fix="compute the table again"
                 )
         if np.shape(self.nodes) != np.shape(self.rates):
-            problem = f"got {len(self.nodes)} nodes and {len(self.rates)} rates, must be as many rates as nodes"
+            problem = f"each node must have rates, got {len(self.nodes)} nodes and {len(self.rates)} rows of rates"
             raise InputError("InternalTable.rates", problem, fix="give one row of rates for each node")
 
     def check_duration(self, seconds: float) -> None:

@@ -60,7 +60,7 @@ class StateSpaceLaw:
         """Raise InputError if the shapes of the matrices do not match."""
         A, B, C, D = (np.shape(M) for M in (self.A, self.B, self.C, self.D))
         if not (len(A) == len(B) == len(C) == len(D) == 2) or not (A[0] == A[1] == B[0] == C[1] and (C[0], B[1]) == D):
-            problem = f"A {A}, B {B}, C {C}, D {D} do not match"
+            problem = f"the shapes of A {A}, B {B}, C {C} and D {D} do not match each other"
             raise InputError(
                 "StateSpaceLaw.A",
                 problem,

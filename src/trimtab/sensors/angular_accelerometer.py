@@ -136,7 +136,7 @@ class AngularAccelerometerUnit:
             )
             raise InputError("bandwidth", problem, fix=f"set bandwidth below {0.5 / tick:g} Hz, or to 0 for no limit")
         if not self.delay <= (DELAYS - 1) * tick:
-            problem = f"{self.delay:g} s is longer than the {DELAYS - 1} samples that the sensor keeps"
+            problem = f"the delay of {self.delay:g} s is longer than {DELAYS - 1} periods, the length of the delay line"
             raise InputError("delay", problem, fix=f"give at most {(DELAYS - 1) * tick:g} s")
 
     def init(self, key: Key) -> AngularAccelerometerState:

@@ -73,10 +73,12 @@ class RunningMotor:
         """Raise InputError if the numbers of duties and instants differ, or the instants do not increase."""
         instants, duty = np.asarray(self.instants), np.asarray(self.duty)
         if instants.ndim != 1 or instants.shape != duty.shape or not instants.size:
-            problem = f"got instants of shape {instants.shape} and duties of shape {duty.shape}"
+            problem = f"instants and duty must have the same shape (n,), got {instants.shape} and {duty.shape}"
             raise InputError("RunningMotor.duty", problem, fix="give one duty for each instant")
         if (np.diff(instants) <= 0).any():
-            raise InputError("RunningMotor.instants", f"{instants.tolist()} must increase", fix="sort the instants")
+            raise InputError(
+                "RunningMotor.instants", f"the times must increase, got {instants.tolist()}", fix="sort the instants"
+            )
 
     def field(self, motion: Motion, place: Any) -> Any:
         """Return the magnetic field of the motor (3,) (T) in B at a position (3,) (m) in B."""

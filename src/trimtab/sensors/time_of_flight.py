@@ -75,7 +75,7 @@ class Beacons:
             )
         for name, value, per_beacon in (("moved", self.moved, shape), ("dead", self.dead, shape[:1])):
             if np.shape(value) not in ((), per_beacon):
-                problem = f"has shape {np.shape(value)} for {shape[0]} beacons"
+                problem = f"has shape {np.shape(value)}, which does not match the map of {shape[0]} beacons"
                 raise InputError(f"Beacons.{name}", problem, fix=f"give one number, or an array of shape {per_beacon}")
 
 

@@ -141,9 +141,7 @@ class UltrasonicRanging:
                 fix="give one row (x, y, z) for each unit",
             )
         if not shape[0] <= self.clients <= 10:
-            problem = (
-                f"got {self.clients} clients for {shape[0]} units; at least one per unit and at most 10 are needed"
-            )
+            problem = f"the number of clients must be from {shape[0]}, the number of units, to 10, got {self.clients}"
             raise InputError(
                 "UltrasonicRanging.clients", problem, fix=f"set clients to at least {shape[0]}, at most 10"
             )
