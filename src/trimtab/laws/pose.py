@@ -7,7 +7,7 @@ not at all across it:
 
     v_P' = n w        r' = -(d/J) FY
 
-so the nose can turn freely while P rests, and P moves along a straight line while the nose holds its direction. A small
+So the nose can turn freely while P rests, and P moves along a straight line while the nose holds its direction. A small
 swing of the nose removes the remaining error across the nose: thrust forward on one side of the swing and backward on
 the other moves P sideways.
 
@@ -79,13 +79,14 @@ class Pose:
     r_d = kh wrap(nose - heading), at most `turn_rate`. Along a line the nose takes the nearer of the two directions, so
     the craft also moves backward. A step whose goal is already met takes no time.
 
-    Stable:  brake and aim: |v_P|^2/2 falls by k (n.v_P)^2, and is constant only while v_P is across the nose, from
-             where the nose turns away. go: with the nose on the line the remaining distance obeys e'' = -k e' - k c e,
-             stable for all k, c > 0, without overshoot for k >= 4 c. r' = kr (r_d - r) whatever P does. Each round
-             brings P nearer: after `go` only the error across the line is left, at most rest_speed times the duration
-             of `go`. hold: across the heading y'' = w sin(heading error), so w_y pushes to the right side for every
-             heading. Averaged over a swing, y'' = s, with the double root -h. Swing and push vanish with s, so in the
-             end the craft rests. Only simulated, not proven: the average, and steps that end early. (tests)
+    Stable:  brake and aim: |v_P|^2/2 falls at the rate k (n.v_P)^2. It is constant only while v_P is across the nose,
+             and the nose turns away from this direction. go: with the nose on the line the remaining distance obeys e''
+             = -k e' - k c e, stable for all k, c > 0, without overshoot for k >= 4 c. r' = kr (r_d - r) whatever P
+             does. Each round brings P nearer: after `go` only the error across the line is left, at most rest_speed
+             times the duration of `go`. hold: across the heading y'' = w sin(heading error), so w_y pushes in the right
+             direction for every heading. Averaged over a swing, y'' = s, with a double pole at -h. Swing and push
+             vanish with s, so in the end the craft rests. Only simulated, not proven: the average, and steps that end
+             early. (tests)
     Ends:    at a distance below `near` and a speed below rest_speed. A new round begins at a distance above `far`, or a
              speed above leave_speed.
     Valid:   as far as the actuators can give the demand. The fan and rudder of [1] give no side force without thrust.

@@ -87,8 +87,8 @@ class RecedingHorizon:
 
     One such Gauss-Newton step is made each period [1].
 
-    Limits:  thrust from -pull to push, force angle within deflection, their rates. The angle is that of the force, also
-             with the fan in reverse.
+    Limits:  thrust from -pull to push, force angle within deflection, and the rates of both. The angle is that of the
+             force, also with the fan in reverse.
     Holds:   the demand between two plans, so the autopilot may run faster than the planning.
     Fails:   without raising an error. If the quadratic program is not solved, the signal `solved` is False, and the
              demand still keeps the limits.

@@ -134,9 +134,7 @@ class RotorLossTracking:
         s = d - axis
         rest = -self.kd * d_rate - jnp.cross(d_rate, w)  # x, y of d'' = d' × w + d × w' give roll and pitch
         dz = jnp.where(jnp.abs(d[2]) < LEAST_COSINE, jnp.where(d[2] < 0, -LEAST_COSINE, LEAST_COSINE), d[2])
-        pull = self.ks / jnp.maximum(
-            d[2], LEAST_COSINE
-        )  # pulls to the axis even if upside down, not to its mirror image
+        pull = self.ks / jnp.maximum(d[2], LEAST_COSINE)  # to the axis even if upside down, not to its mirror image
         roll = -pull * s[1] + (rest[1] + d[0] * yaw) / dz
         turn = jnp.stack([roll, pull * s[0] + (d[1] * yaw - rest[0]) / dz, yaw])
         J, spin = jnp.asarray(craft.inertia), craft.rotors.angular_momentum(x.rotor_speed)

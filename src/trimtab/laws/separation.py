@@ -51,7 +51,8 @@ class Separation:
              points, and dt a step with a dt <= 1. A norm is convex, so d(t + dt) >= d + dt e.(u_i - u_j). By (*)
              e.u_i >= e^.u_i - s |u_i| >= -(a/2) max(h^, 0) >= -(a/2) h_ij, for h^ <= h_ij and 0 <= h_ij; likewise
              -e.u_j. So h_ij(t + dt) >= (1 - a dt) h_ij(t) >= 0. (docs page, tests)
-    Assumes: messages are true at their time stamps; clocks agree to within a slot's margin; no other vehicle is there.
+    Assumes: messages are true at their time stamps; clocks agree to within a slot's margin; all vehicles nearby are in
+             the swarm.
     Not proven: that the body stays near its point, which is measured; that every craft reaches its target.
     Source:  own derivation. Each of two craft may use half of the rate a: L. Wang, A. Ames, M. Egerstedt, IEEE Trans.
              Robotics 33 (2017) 661; barriers in discrete time: A. Agrawal, K. Sreenath, RSS 2017.

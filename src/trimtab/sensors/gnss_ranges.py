@@ -141,7 +141,7 @@ class GnssRanges:
         self.timing.check_period(self.period)
         shape = np.shape(self.satellites)
         if len(shape) != 2 or shape[1] != 3 or np.shape(self.velocities) != shape:
-            problem = f"places {shape} and velocities {np.shape(self.velocities)} must both have shape (n, 3)"
+            problem = f"satellites {shape} and velocities {np.shape(self.velocities)} must both have shape (n, 3)"
             raise InputError("satellites", problem, fix="give north, east, down of each satellite for both")
 
     def init(self, key: Key) -> GnssRangesState:
