@@ -110,7 +110,7 @@ class ClosedPath:
         )
 
     def motion(self, t: Any, x: ClosedPathState, u: PlatformDrive) -> Motion:
-        """Return the motion of a sensor, computed from angle, rate and command; t: integer time (100 ns)."""
+        """Return the motion of the body, for sensors, from angle, rate and command; t: time (unit: 100 ns)."""
         acceleration = (u.rate - x.rate) / self.time_constant
         R_WB, along = self.rotation(x.angle), self.tangent(x.angle)
         turn, change = jax.jvp(self.turn, (x.angle,), (jnp.ones_like(x.angle),))

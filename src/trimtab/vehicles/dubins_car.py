@@ -58,7 +58,7 @@ class DubinsCar:
         )
 
     def motion(self, t: Any, x: DubinsCarState, u: CarTurn) -> Motion:
-        """Return the motion of a sensor on the car; t: integer time (100 ns)."""
+        """Return the motion of the car, for sensors; t: time (unit: 100 ns)."""
         rate, zero = self.limit(u.turn_rate), 0.0 * x.heading
         nothing = jnp.stack([zero, zero, zero])
         return Motion(

@@ -82,7 +82,7 @@ class F16:
         return self.body.dynamics(t, x, self.wrench(self.flight(t, x), u))
 
     def motion(self, t: Any, x: RigidBodyState, u: F16Controls) -> Motion:
-        """Return the motion of a sensor at the centre of mass; t: integer time (100 ns)."""
+        """Return the motion of the centre of mass, for sensors; t: time (unit: 100 ns)."""
         return self.body.motion(t, x, self.wrench(self.flight(t * 1e-7, x), u))
 
     def wrench(self, flight: FlightCondition, u: F16Controls) -> Wrench:

@@ -105,5 +105,5 @@ class FixedFanHovercraft:
         return planar_rates(x, *self.accelerations(x, u))
 
     def motion(self, t: Any, x: HovercraftState, u: FanThrottles) -> Motion:
-        """Return the motion of a sensor on the vehicle; t: integer time (100 ns)."""
+        """Return the motion of the vehicle, for sensors; t: time (unit: 100 ns)."""
         return planar_motion(t, x, *self.accelerations(x, u))

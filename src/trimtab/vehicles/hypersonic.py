@@ -166,7 +166,7 @@ class Hypersonic:
         return self.modes.solve_accelerations(self.Iyy, M, N1 + back1, N2 + back2)
 
     def motion(self, t: Any, x: HypersonicState, u: HypersonicInput) -> Motion:
-        """Return the motion of a sensor at the centre of mass, in SI units; t: integer time (100 ns).
+        """Return the motion of the centre of mass, for sensors, in SI units; t: time (unit: 100 ns).
 
         The model has no horizontal position, so north and east stay zero.
         """

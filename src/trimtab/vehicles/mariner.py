@@ -148,7 +148,7 @@ class Mariner:
         )
 
     def motion(self, t: Any, x: MarinerState, u: MarinerControls) -> Motion:
-        """Return the motion of a sensor at the centre of mass; t: integer time (100 ns)."""
+        """Return the motion of the centre of mass, for sensors; t: time (unit: 100 ns)."""
         du, dv, dr = self.accelerations(x)
         arm, r, o = self.centre * self.length, x.yaw_rate, jnp.zeros_like(du)
         stack = jnp.stack

@@ -210,7 +210,7 @@ class Multirotor:
         return MultirotorState(x.position, x.velocity, quaternion.normalise(x.attitude), x.rate, x.rotor_speed)
 
     def motion(self, t: Any, x: MultirotorState, u: RotorSpeeds) -> Motion:
-        """Return the motion of a sensor on the vehicle; t: integer time (100 ns)."""
+        """Return the motion of the vehicle, for sensors; t: time (unit: 100 ns)."""
         acceleration, turn = self.accelerations(x, u)
         R = quaternion.to_matrix(x.attitude)
         return Motion(

@@ -222,7 +222,7 @@ class RigidBody:
         return quaternion.to_matrix(x.attitude) @ force / self.mass, turn
 
     def motion(self, t: Any, x: RigidBodyState, u: Wrench) -> Motion:
-        """Return the motion of a sensor on the body in the tangent plane at `origin`; t: integer time (100 ns)."""
+        """Return the motion of the body, for sensors, in the tangent plane at `origin`; t: time (unit: 100 ns)."""
         seconds = to_seconds(t)
         R_EI = self.earth.to_inertial(seconds).T
         plane = self.origin

@@ -90,7 +90,7 @@ class RotatingPlatform:
         )
 
     def motion(self, t: Any, x: PlatformState, u: PlatformDrive) -> Motion:
-        """Return the motion of a sensor at the arm's end, from heading, yaw rate and command; t: integer (100 ns)."""
+        """Return the motion of the arm's end, for sensors, from heading, rate and command; t: time (unit: 100 ns)."""
         angle = x.heading - QUARTER
         acceleration = (u.rate - x.yaw_rate) / self.time_constant
         o = jnp.zeros_like(acceleration)

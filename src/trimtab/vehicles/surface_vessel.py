@@ -319,7 +319,7 @@ class SurfaceVessel:
         return X, Y, N
 
     def motion(self, t: Any, x: VesselState, u: VesselControls) -> Motion:
-        """Return the motion of a sensor at the centre of mass; t: integer time (100 ns)."""
+        """Return the motion of the centre of mass, for sensors; t: time (unit: 100 ns)."""
         du, dv, dr = self.accelerations(x)
         o, r = jnp.zeros_like(du), x.yaw_rate
         stack = jnp.stack
