@@ -1,4 +1,4 @@
-"""Robust terms with adapted bounds, added to a state feedback v = yd^(r) + K e, as published and as corrected."""
+"""Robust terms with adapted bounds, added to a state feedback v = yd^(r) + K e, in a published and a corrected form."""
 
 from typing import Any, NamedTuple
 
@@ -43,7 +43,7 @@ class AdaptiveRobust:
 
     |e| is the length of the error divided by `sizes`. Without the division the altitude would dominate. With the gain K
     = -R^-1 B'P of a linear quadratic regulator the published u_h halves K, because its sign is wrong; minus makes it
-    1.5 K. The published bounds only grow, and sgn chatters. In this law sgn is smoothed, and the bounds leak and stop
+    1.5 K. The published bounds only grow, and sgn chatters. In this law sgn is smoothed. The bounds leak, and they stop
     at `cap`.
 
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
@@ -55,7 +55,7 @@ class AdaptiveRobust:
     R: Any = quantity("1", "Diagonal of the weight R of the input v.", default=(0.01, 0.04), shape=(2,), above=0)
     sizes: Any = quantity(
         "1",
-        "Typical sizes of the tracking errors, by which the errors are divided.",
+        "Typical sizes of the tracking errors. The adaptation divides the errors by them.",
         default=SIZES,
         shape=(9,),
         above=0,

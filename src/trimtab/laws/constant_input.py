@@ -21,7 +21,7 @@ class ConstantInput:
     Source:  docs page, Constant input.
     """
 
-    u0: Any = part("Constant input, as the vehicle's record of inputs.", default=PlanarForce(0.0, 0.0))
+    u0: Any = part("Constant input, a record of the vehicle's input type.", default=PlanarForce(0.0, 0.0))
 
     reads: ClassVar[tuple[str, ...]] = ()
 

@@ -24,41 +24,43 @@ class CourseTrackingState:
 
 @record
 class CourseTracking:
-    """Law with feedforward and feedback: the course's input, plus a gain on the deviation from the course.
+    """Law with feedforward and feedback: the input of the course, plus a gain on the deviation from the course.
 
         u = u_d(t) + K (x - x_d(t)) + L z
 
-    x_d and u_d are linear between nodes, and constant before the first and after the last node. If the output is
-    non-minimum phase, x_d moves before the output (`design.output_inversion`). A course is valid only for the vehicle
-    for which it was computed.
+    x_d and u_d are linear between the nodes of the course, and constant before the first and after the last node. If
+    the output is non-minimum phase, x_d moves before the output (`design.output_inversion`). A course is valid only for
+    the vehicle for which it was computed.
 
-    Frames:  those of the states.
-    Valid: near the course, if the gain stabilises the vehicle along the whole course. Quaternions are interpolated
-    number by number, so neighbouring nodes must differ by a small rotation.
+    Frames:  those of the state fields.
+    Valid:   near the course, if the gain stabilises the vehicle along the whole course. Quaternions are interpolated
+             element by element, so neighbouring nodes must differ by a small rotation.
     Source:  S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
              Control 41(7), 1996, section IV.
     """
 
     feedback: StateFeedback = part(
-        "State feedback on the deviation from the course; x0 and u0 are the course's first point.",
+        "State feedback on the deviation from the course. Its x0 and u0 are the first point of the course.",
         default=StateFeedback(),
     )
     x: Any = quantity(
         "1",
-        "Reference state x_d at the nodes (k, n), its numbers in the order of the feedback's x0.",
+        "Reference state x_d at the k nodes of the course (k, n), with columns in the order of the feedback's x0.",
         default=np.zeros((2, 4)),
     )
     du: Any = quantity(
-        "1", "Reference input u_d minus the feedback's u0, at the nodes (k, m).", default=np.zeros((2, 2))
+        "1",
+        "Reference input u_d minus the feedback's u0, at the k nodes of the course (k, m).",
+        default=np.zeros((2, 2)),
     )
     spacing: Scalar = quantity("s", "Time between two nodes of the course.", default=0.1, above=0)
 
     def check(self) -> None:
-        """Raise InputError if the course does not match the gain."""
+        """Raise InputError if the shapes of course and gain do not match."""
         self.feedback.check()
         k, n, m = len(self.x), np.size(self.feedback.x0), np.shape(self.feedback.K)[0]
         if k < 2 or np.shape(self.x) != (k, n) or np.shape(self.du) != (k, m):
-            problem = f"x {np.shape(self.x)} and du {np.shape(self.du)} do not match {n} states and {m} inputs"
+            problem = f"the shapes x {np.shape(self.x)}, du {np.shape(self.du)} do not match {n} states and {m} inputs"
             raise InputError("CourseTracking.x", problem, fix=f"give x (k, {n}) and du (k, {m}), k at least 2")
 
     @property
@@ -73,7 +75,7 @@ class CourseTracking:
     def step(
         self, t: Any, state: CourseTrackingState, estimate: Estimate
     ) -> tuple[CourseTrackingState, StateFeedbackOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         x, du = jnp.asarray(self.x), jnp.asarray(self.du)
         place = jnp.clip(state.time / self.spacing, 0.0, len(x) - 1.0)
         node = jnp.minimum(jnp.floor(place), len(x) - 2.0).astype(int)

@@ -25,11 +25,11 @@ class DivingState:
 class DivingOutput:
     """Demand and signals of the depth and heading autopilots. Source: Fossen, "Handbook", 2021, section 15.3."""
 
-    demand: TorpedoControls = part("Demand to the fins and the shaft.")
+    demand: TorpedoControls = part("Demanded fin angles and shaft speed.")
     depth_reference: Scalar = quantity(
         "m", "Depth reference, which moves to the commanded depth at a limited rate.", frame="W"
     )
-    depth_error: Scalar = quantity("m", "Depth error: positive when too deep.")
+    depth_error: Scalar = quantity("m", "Depth error: depth minus reference, positive when too deep.")
     pitch_asked: Scalar = quantity("rad", "Pitch angle commanded by the depth loop.", kind="angle")
     heading_reference: Scalar = quantity(
         "rad", "Heading of the heading autopilot's reference model.", kind="angle", frame="W"
@@ -43,7 +43,7 @@ class Diving:
         z_r moves to the commanded depth at a rate of at most `climb`
         theta_c = -asin(z_r'/U) + kz (z - z_r) + kzi integral,     |theta_c| <= steepest
         delta_s = (U0/U)^2 (kp (theta - theta_c) + kd q + ki integral)
-        the rudder as in `Steering`
+        rudder: as in `Steering`
 
     The integrals compensate buoyancy, propeller torque and a roll angle. Each integral is held while its output is
     limited.
@@ -51,7 +51,7 @@ class Diving:
     Frames:  depth down, pitch nose up; positive stern planes push the tail up and the nose down, as in SNAME notation.
     Valid:   small roll; above the speed at which the planes can hold the buoyancy.
     Source:  T. I. Fossen, "Handbook of marine craft hydrodynamics and motion control", 2nd ed., 2021, section 15.3
-             (successive loop closure); gains are chosen.
+             (successive loop closure). The gains are our own choice.
     """
 
     reads: ClassVar[tuple[str, ...]] = ("depth", "pitch", "heading", "surge_velocity", "pitch_rate", "yaw_rate")
@@ -78,7 +78,9 @@ class Diving:
         "1/s", "Integral gain of the pitch loop: stern plane angle per integral of the pitch error.", default=0.2, low=0
     )
     speed: Scalar = quantity("m/s", "Speed U0 through the water for which the gains are given.", default=1.76, above=0)
-    slowest: Scalar = quantity("m/s", "Speed below which the gains are not increased further.", default=1.2, above=0)
+    slowest: Scalar = quantity(
+        "m/s", "Speed through the water below which the gains are not increased further.", default=1.2, above=0
+    )
     limit: Scalar = quantity("rad", "Maximum stern plane angle.", kind="angle", default=0.237, above=0)
     steering: Steering = part(
         "Heading autopilot.",
@@ -91,7 +93,7 @@ class Diving:
         return DivingState(jnp.asarray(False), zero, zero, zero, self.steering.init())
 
     def step(self, t: Any, state: DivingState, estimate: Estimate) -> tuple[DivingState, DivingOutput]:
-        """Return the demand at integer time t. Demand and state stay constant while the estimate is not valid."""
+        """Return the demand at time t (unit: 100 ns). Demand and state are held while the estimate is not valid."""
         x, dt = estimate.state, estimate.dt
         speed = jnp.maximum(x.surge_velocity, self.slowest)
         on_way = jnp.where(state.began, state.depth, x.depth)

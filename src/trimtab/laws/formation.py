@@ -1,8 +1,9 @@
-"""Law of one craft in a formation. A reference point keeps a position beside the leader, and the craft follows it.
+"""Law of one craft in a formation. A reference point keeps a position beside the leader, and the craft follows this
+point.
 
 The law has three layers. The first commands the velocity of the point, from the leader's newest message. The second is
-the barrier, computed from all messages (`laws.separation`). The third makes the craft's centre of percussion follow the
-point.
+a barrier that limits this velocity, from the messages of all craft (`laws.separation`). The third makes the craft's
+centre of percussion follow the point.
 """
 
 from typing import Any, ClassVar
@@ -19,9 +20,10 @@ from trimtab.laws.separation import Separation, norm
 from trimtab.vehicles.hovercraft import Hovercraft
 
 LONGEST_STEP = ms(100)
-"""Longest time between two steps over which the point moves. After a longer pause the point stays where it was."""
+"""Longest time between two steps over which the reference point moves. After a longer pause it has not moved."""
 TURN_ROUND = 0.3
-"""Cosine of the angle between force and nose at which the craft switches between turning nose and tail to the force."""
+"""Hysteresis: the tail turns to the force if the cosine of the angle from nose to force is below minus this value, and
+the nose again if the cosine is above this value."""
 
 
 @record
@@ -31,7 +33,7 @@ class FormationState:
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
     north: Scalar = quantity("m", "Position of the reference point, north.", frame="W")
     east: Scalar = quantity("m", "Position of the reference point, east.", frame="W")
-    backing: Scalar = quantity("1", "True if the craft moves with its tail ahead.", kind="flag")
+    backing: Scalar = quantity("1", "True if the tail, not the nose, is turned to the demanded force.", kind="flag")
     reverse: Scalar = quantity("1", "True if the fan runs in reverse.", kind="flag")
 
 
@@ -48,14 +50,15 @@ class FormationOutput:
         "m", "Worst-case distance to the nearest neighbour's reference point, minus the minimum distance."
     )
     oldest: Scalar = quantity(
-        "s", "Age of the oldest of the neighbours' newest messages; time since the start if a neighbour sent none."
+        "s",
+        "Largest age of a neighbour's newest message. For a neighbour without one: time since the start of the run.",
     )
     speed: Scalar = quantity("m/s", "Speed of the reference point.")
 
 
 @record
 class Formation:
-    """Law that keeps the craft's position beside the leader, craft 0, and its distance from all other craft.
+    """Law that keeps the craft at a position beside the leader (craft 0), and at a distance from all other craft.
 
         leader    u = c' + k (c - q)          c: the route, a circle of `radius` about a centre, at `pace`
         follower  u = u_0 + k (q_0 + age u_0 + place - q)     q_0, u_0, age: the leader's newest message
@@ -67,15 +70,15 @@ class Formation:
     P is accelerated only along the nose n (`laws.pose`), so either the nose or the tail is turned to the force. A
     leader's message older than `horizon` is not extrapolated: the leader is assumed to be at rest at its last position.
 
-    Proven:  the points never come nearer to each other than the distance of Separation. While the barrier does not
+    Proven:  the points never come nearer to each other than `separation.distance`. While the barrier does not
              limit u and the leader moves at a constant velocity, e = q_0 + place - q obeys e' = -k e for any delay of
-             the messages, because the extrapolation is then exact. Only simulated: that the craft stays near its point;
-             the formation while the barrier limits u; a leader on a circle (e is at most pace^2/radius times age
-             (1/k + age/2)).
-    Decentralised: a command depends only on the craft's own estimate, its own point, and the messages received.
+             the messages, because the extrapolation is then exact. Only simulated, not proven: that the craft stays
+             near its point; the formation while the barrier limits u; a leader on a circle (e is at most pace^2/radius
+             times age (1/k + age/2)).
+    Decentralised: a command depends only on the craft's own estimate, its own point, and the messages that it received.
     Valid: for a fan that pushes along the nose, and for initial points further apart than the minimum distance.
     Source:  own derivation; leader and followers: J. Desai, J. Ostrowski, V. Kumar, IEEE Trans. Robotics and Automation
-             17 (2001) 905. Gains are chosen.
+             17 (2001) 905. The gains are our own choice.
     """
 
     reads: ClassVar[tuple[str, ...]] = ("own", "peers")
@@ -115,7 +118,12 @@ class Formation:
     cone: Scalar = quantity(
         "1", "Minimum ratio of the force along the nose to the force to the side.", default=2.7, low=0
     )
-    grip: Scalar = quantity("N", "Force along the nose at which the fan reverses.", default=0.1, above=0)
+    grip: Scalar = quantity(
+        "N",
+        "Demanded force along the nose above which the fan switches to the direction of this force.",
+        default=0.1,
+        above=0,
+    )
     dead_zone: Scalar = quantity("N", "Demanded force below which the nose does not turn.", default=0.08, above=0)
     separation: Separation = part("Barrier that keeps the reference points of the craft apart.", default=Separation())
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
@@ -133,7 +141,7 @@ class Formation:
         return FormationState(np.int64(NEVER), *np.zeros(2), *np.zeros(2, np.bool_))
 
     def step(self, t: Any, state: FormationState, estimate: Estimate) -> tuple[FormationState, FormationOutput]:
-        """Return the demand and the message at integer time t."""
+        """Return the demand and the message at time t (unit: 100 ns)."""
         s, peers = estimate.state.own, estimate.state.peers
         body, a = planar(s.heading), self.model.percussion_arm
         p = jnp.stack([s.north, s.east]) + a * body[:, 0]

@@ -18,7 +18,7 @@ from trimtab.vehicles.quadrotor import Multirotor, RotorDemand
 
 DOWN = np.array([0.0, 0.0, 1.0])
 LEAST_LENGTH = 1e-6
-"""Smallest length by which a vector is divided when its direction is computed."""
+"""Lower bound of the length by which a vector is divided to normalise it."""
 
 
 UNLIMITED = 1e9
@@ -34,7 +34,7 @@ class Motion3(NamedTuple):
 
 
 class AttitudeCommand(NamedTuple):
-    """Reference attitude R_WC (3, 3), with its rate (3,) (rad/s) and its derivative (3,) (rad/s^2), in C."""
+    """Reference attitude R_WC (3, 3), its angular rate (3,) (rad/s) and angular acceleration (3,) (rad/s^2), in C."""
 
     R: Any
     rate: Any
@@ -48,9 +48,7 @@ class GeometricTrackingOutput:
     demand: RotorDemand = part("Demanded thrust and moments of the rotors.")
     position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
     velocity_error: Any = quantity("m/s", "Velocity error: velocity minus reference.", frame="W", shape=(3,))
-    attitude_error: Scalar = quantity(
-        "1", "Attitude error Psi: 0 at the reference attitude, 2 at a rotation of half a turn."
-    )
+    attitude_error: Scalar = quantity("1", "Attitude error Psi: 0 at the reference attitude, 2 at half a turn from it.")
     distance: Scalar = quantity("m", "Length of the position error.")
 
 
@@ -63,18 +61,18 @@ class GeometricTrackingState:
 
 @record
 class GeometricTracking:
-    """Law for thrust and moments that track a position and a heading, from almost every initial state.
+    """Law that tracks a position and a heading by thrust and moments, from almost every initial state.
 
         f = -(A · R e3)      A = -kx ex - kv ev - m g e3 + m x_d''
         M = -kR eR - kW eW + W × J W - J (W^ R.T Rc Wc - R.T Rc Wc')
         Psi = tr(I - Rc.T R)/2      eR = (Rc.T R - R.T Rc)v/2      eW = W - R.T Rc Wc
 
-    Rc has the third axis -A/|A| and the first one nearest to the reference heading. The rates of Rc follow from the
-    vehicle model, without drag and actuator lag. Errors decay exponentially from Psi < 1, and are attracted from Psi <
-    2, with a bound on eW [1, propositions 2 to 4].
+    Rc is the reference attitude. Its third axis is -A/|A|, and its first axis is as near as possible to the reference
+    heading. Its rates follow from the vehicle model, without drag and actuator lag. From Psi < 1 the errors decay
+    exponentially, from Psi < 2 they converge, if the initial eW is bounded as in [1, propositions 2 to 4].
 
     Frames:  W north-east-down, B body.
-    Valid:   A ≠ 0: the reference is not in free fall; the heading is not along the thrust.
+    Valid:   if A ≠ 0 (the reference is not in free fall) and the reference heading is not along the thrust.
     Source:  [1] eqs. 12 to 21, with its gains.
     """
 
@@ -84,7 +82,9 @@ class GeometricTracking:
     kv: Scalar = quantity("N s/m", "Gain of the velocity error.", default=5.6 * 4.34, above=0, source="[1] 5.6 m")
     kR: Scalar = quantity("N m", "Gain of the attitude error.", default=8.81, above=0, source="[1]")
     kW: Scalar = quantity("N m s", "Gain of the angular rate error.", default=2.54, above=0, source="[1]")
-    most: Scalar = quantity("N", "Maximum length of -kx ex - kv ev; [1] has no such limit.", default=UNLIMITED, above=0)
+    most: Scalar = quantity(
+        "N", "Maximum length of the force -kx ex - kv ev; [1] has no limit.", default=UNLIMITED, above=0
+    )
 
     reads: ClassVar[tuple[str, ...]] = ("position", "velocity", "attitude", "rate")
 
@@ -95,7 +95,7 @@ class GeometricTracking:
     def step(
         self, t: Any, state: GeometricTrackingState, estimate: Estimate
     ) -> tuple[GeometricTrackingState, GeometricTrackingOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         output = self.track(self.reference.at(state.time), flyable_state(estimate))
         return GeometricTrackingState(state.time + estimate.dt), output
 
@@ -126,8 +126,8 @@ class GeometricTracking:
     def command_force(self, wanted: SpatialPoint, x: Any, R: Any) -> Motion3:
         """Return the force A (N) in W, and its time derivatives while the model moves under the resulting thrust.
 
-        Each derivative of A needs a derivative of the velocity, which follows from the force found one derivative
-        earlier.
+        The k-th derivative of A needs the k-th derivative of the velocity, which follows from the (k - 1)-th derivative
+        of A.
         """
         m, g = self.craft.mass, self.craft.gravity * DOWN
         ex, ev = x.position - wanted.place, x.velocity - wanted.velocity
@@ -145,7 +145,7 @@ class GeometricTracking:
         return Motion3(A, A1, self._limit(F).acceleration + m * wanted.snap)
 
     def _limit(self, F: Motion3) -> Motion3:
-        """Return a correction limited to the length `most`, and its first two time derivatives."""
+        """Return a feedback force F limited to the length `most`, and its first two time derivatives."""
         too_long = F.value @ F.value > self.most**2
         return Motion3(*(jnp.where(too_long, self.most * u, v) for u, v in zip(_direction(F), F, strict=True)))
 
@@ -196,5 +196,5 @@ def _cross(a: Motion3, b: Motion3) -> Motion3:
 
 
 def _vee(S: Any) -> Any:
-    """Return v (3,), whose cross matrix is the antisymmetric part of S (3, 3)."""
+    """Return v (3,), whose cross-product matrix is the antisymmetric part of S (3, 3)."""
     return jnp.stack([S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]]) / 2

@@ -30,12 +30,12 @@ class LoadFactorControl:
     Gains are those of a linear quadratic regulator at 502 ft/s and 1000 ft (`scenarios.f16._gains`).
 
     Frames:  body rates; load factors at the accelerometers, which [1] places 15 ft in front of the centre of mass.
-    Source:  [1], low-level controller; [1] adds ny (in g) to r (in rad/s).
+    Source:  [1], low-level controller, which adds ny (in g) and r (in rad/s) as plain numbers.
     """
 
     longitudinal: Any = quantity(
         "1",
-        "Gain from angle of attack (rad), pitch rate (rad/s) and load integral (s) to the elevator (rad).",
+        "Gain from angle of attack (rad), pitch rate (rad/s) and load factor integral (s) to the elevator (rad).",
         shape=(3,),
         default=np.array([-2.7452436, -0.5424604, -0.6759631]),
         source="scenarios.f16._gains",
@@ -61,7 +61,7 @@ class LoadFactorControl:
     throttle: Scalar = quantity("1", "Throttle at the trim in level flight.", default=0.1401371, low=0, high=1)
 
     def errors(self, x: Any, load: Any, roll: Any) -> Any:
-        """Return the errors (3,) to be integrated: load factor (1), roll rate about the path (rad/s), and sideslip."""
+        """Return the errors (3,) to be integrated: load factor (1), roll rate (rad/s), side load plus yaw rate."""
         about_path = x.roll_rate * jnp.cos(x.alpha) + x.yaw_rate * jnp.sin(x.alpha)
         return jnp.stack([x.normal_load - 1 - load, about_path - roll, x.side_load + x.yaw_rate])
 
@@ -81,7 +81,7 @@ class GroundAvoidanceState:
     integrals: Any = quantity(
         "s", "Integrals of the errors of load factor (s), roll rate (rad), and side load plus yaw rate.", shape=(3,)
     )
-    mode: Scalar = quantity("1", "Mode: standby, roll or pull.", kind="mode", modes=MODES)
+    mode: Scalar = quantity("1", "Active mode of the law: standby, roll or pull.", kind="mode", modes=MODES)
     pulls: Scalar = quantity("s", "Time since the pull-up began.")
 
 
@@ -90,9 +90,9 @@ class GroundAvoidanceOutput:
     """Demand of the law `GroundAvoidance`. Source: [1]."""
 
     demand: F16Controls = part("Demanded surface angles and throttle.")
-    mode: Scalar = quantity("1", "Mode: standby, roll or pull.", kind="mode", modes=MODES)
+    mode: Scalar = quantity("1", "Active mode of the law: standby, roll or pull.", kind="mode", modes=MODES)
     load_wanted: Scalar = quantity("1", "Commanded load factor minus 1.")
-    roll_wanted: Scalar = quantity("rad/s", "Commanded roll rate about the path.")
+    roll_wanted: Scalar = quantity("rad/s", "Commanded roll rate about the flight path.")
     load_error: Scalar = quantity("1", "Load factor minus the commanded load factor.")
 
 
@@ -101,14 +101,14 @@ class GroundAvoidance:
     """Law of [1] for the ground collision avoidance of an F-16.
 
         standby  --flies down, below the deck-->  roll  --wings level, roll rate low-->  pull
-        pull     --flies up, and has pulled long enough-->  standby
+        pull     --flies up, and has pulled for `least_pull`-->  standby
 
     The mode standby demands a load factor of 1 and no roll. The mode roll demands ps = -k_roll phi - k_damp p. The mode
     pull demands a load factor of 1 + `load`.
 
-    Frames:  altitude above the ground at W's origin; roll from the nearest level attitude.
+    Frames:  altitude above the ground at the origin of W; roll angle from the nearest wings-level attitude.
     Not modelled: terrain; throttle control. The throttle stays at its trim value, as in [1].
-    Source:  [1]; its numbers are those of the authors' program AeroBenchVV.
+    Source:  [1]; the default parameters are those of the authors' program AeroBenchVV.
     """
 
     control: LoadFactorControl = part("Controller of load factor and roll rate.", default=LoadFactorControl())
@@ -120,7 +120,7 @@ class GroundAvoidance:
     )
     most_roll: Scalar = quantity(
         "rad/s",
-        "Maximum commanded roll rate. The default is so large that it never acts, because [1] has no limit.",
+        "Maximum commanded roll rate. The default is so large that it never limits, because [1] has no limit.",
         default=100.0,
         above=0,
     )
@@ -128,7 +128,7 @@ class GroundAvoidance:
         "rad", "Bank angle below which the wings count as level.", default=5 * DEG, kind="angle", above=0
     )
     level_rate: Scalar = quantity(
-        "rad/s", "Roll rate below which the roll counts as stopped.", default=10 * DEG, above=0
+        "rad/s", "Roll rate below which the roll motion counts as stopped.", default=10 * DEG, above=0
     )
     path: Scalar = quantity("rad", "Flight path angle above which the pull-up may end.", default=0.0, kind="angle")
     least_pull: Scalar = quantity("s", "Minimum duration of the pull-up.", default=2.0, low=0)
@@ -147,11 +147,11 @@ class GroundAvoidance:
     )
 
     def init(self, key: Key) -> GroundAvoidanceState:
-        """Return the initial state: standby, integrals zero."""
+        """Return the initial state: mode standby, all integrals zero."""
         return GroundAvoidanceState(jnp.zeros(3), np.int32(STANDBY), jnp.zeros(()))
 
     def step(self, t: Any, state: GroundAvoidanceState, estimate: Estimate) -> tuple[Any, GroundAvoidanceOutput]:
-        """Return the demanded surface angles and throttle at integer time t."""
+        """Return the demanded surface angles and throttle at time t (unit: 100 ns)."""
         x, dt = estimate.state, estimate.dt
         mode = self._next_mode(state, x)
         pulls, rolls = mode == PULL, mode == ROLL

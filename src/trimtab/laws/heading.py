@@ -27,7 +27,7 @@ from trimtab.laws.velocity import ZeroVelocity
 
 READS = ("surge_velocity", "sway_velocity", "yaw_rate", "heading")
 DAMP, TURN = 0, 1
-"""Modes of a heading law: damp the motion, or turn to the heading."""
+"""Indices of the modes of a heading law: damp the motion, or turn to the heading."""
 WRAPPING = "Wrapping of the heading error: shortest, none, or modulo (wrap the heading to [0, 2 pi), not the error)."
 
 
@@ -35,7 +35,7 @@ WRAPPING = "Wrapping of the heading error: shortest, none, or modulo (wrap the h
 class HeadingLawState:
     """State of a heading law. Source: [1] section 2.3."""
 
-    mode: Scalar = quantity("1", "Mode: damp or turn.", kind="mode", modes=("damp", "turn"))
+    mode: Scalar = quantity("1", "Active mode of the law: damp or turn.", kind="mode", modes=("damp", "turn"))
     switches: Scalar = quantity("1", "Number of switches between the modes damp and turn.", kind="count")
     spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first turn.", frame="B")
 
@@ -45,17 +45,17 @@ class HeadingOutput:
     """Demand and signals of a heading law. Source: [1] section 2.3."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    mode: Scalar = quantity("1", "Mode: damp or turn.", kind="mode", modes=("damp", "turn"))
+    mode: Scalar = quantity("1", "Active mode of the law: damp or turn.", kind="mode", modes=("damp", "turn"))
     switches: Scalar = quantity("1", "Number of switches between the modes damp and turn.", kind="count")
     spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first turn.", frame="B")
     heading_error: Scalar = quantity(
-        "rad", "Heading error: heading minus target heading, wrapped according to the option wrapping."
+        "rad", "Heading error: heading minus target heading, wrapped according to the option `wrapping`."
     )
     lyapunov: Scalar = quantity(
         "J", "Lyapunov function: V in the mode damp, W about the present reference in the mode turn."
     )
     provision: Scalar = quantity(
-        "rad/s", "Lower bound on the next yaw-rate reference that is still safe, given the present reference."
+        "rad/s", "Yaw rate magnitude above which a new reference, with the sign of the present one, is safe."
     )
 
 
@@ -76,7 +76,8 @@ def _decide(
 ) -> HeadingLawState:
     """Return the next mode and reference. Both stay constant while the estimate is not valid.
 
-    Args:     e: heading error (rad).    start_at, go_on_at: reference (rad/s) if a turn starts, or goes on.
+    Args:     e: heading error (rad).    start_at: yaw rate reference (rad/s) if a turn starts now.
+              go_on_at: yaw rate reference (rad/s) if a turn continues.
     """
     off = jnp.abs(e) > law.tolerance
     calm = law.damping.lyapunov(estimate.state) < switching_energy(law.turning.model, start_at)
@@ -95,7 +96,7 @@ def _decide(
 def _output(
     law: Any, t: Any, before: HeadingLawState, now: HeadingLawState, estimate: Estimate, e: Any
 ) -> HeadingOutput:
-    """Return demand and signals for the present mode and reference."""
+    """Return the demand and signals of the present mode and reference."""
     model, reference = law.turning.model, before.spin_reference
     _, damp = law.damping.step(t, (), estimate)
     _, turn = replace(law.turning, reference=now.spin_reference).step(t, (), estimate)
@@ -129,7 +130,7 @@ class HeadingBangBang:
     Ends:    by chattering at the edge of the tolerance, because the heading drifts in the mode damp.
     Valid:   turn_rate of about 1 rad/s. A faster turn overshoots the target. At 1.5 rad/s one ideal run in a thousand
              oscillates by 120 degrees for ever, at 3 rad/s every third run.
-    Source:  [1] section 2.3.3; gains [1] tables 6.1 and 6.4, reconstructed; the default turn_rate is chosen.
+    Source:  [1] section 2.3.3; gains [1] tables 6.1 and 6.4, reconstructed. The default turn_rate is our own choice.
              The runs in [1] use 1.5 rad/s.
     """
 
@@ -146,7 +147,7 @@ class HeadingBangBang:
     )
     damping: ZeroVelocity = part("Law used in the mode damp.", default=ZeroVelocity())
     turning: ConstantSpin = part(
-        "Law used in the mode turn. Its parameter reference is ignored.", default=ConstantSpin()
+        "Law used in the mode turn. Its parameter `reference` is ignored.", default=ConstantSpin()
     )
     wrapping: str = option(WRAPPING, default="shortest", choices=("shortest", "none", "modulo"))
 
@@ -155,11 +156,11 @@ class HeadingBangBang:
         _check_law("HeadingBangBang", self)
 
     def init(self, key: Any) -> HeadingLawState:
-        """Return the initial state: mode damp."""
+        """Return the initial state, in the mode damp."""
         return _first_state()
 
     def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:
-        """Update mode and reference, and return the demand at integer time t."""
+        """Update mode and reference, and return the demand at time t (unit: 100 ns)."""
         e = heading_error(self.wrapping, estimate.state.heading, self.target)
         now = _decide(self, state, estimate, e, -jnp.sign(e) * self.turn_rate, state.spin_reference)
         return now, _output(self, t, state, now, estimate, e)
@@ -174,14 +175,14 @@ class HeadingProportional:
                Then damp once |e| <= tolerance or e r_ref > 0 (reconstructed).            [1, section 2.3, eq. 2.69]
 
     Form:    "literal" is as published: no floor, and the reference changes at every step. Nearly all its runs end in
-             the bad limit point, with a constant heading error and a sideways slide, because it allows |r_ref| = v,
-             while the derivation needs |r_ref| > v, so W grows to limit_point_value. "floored" keeps |r_ref| at `floor`
-             or above, and lets |r_ref| fall only while W < margin * limit_point_value. |r_ref| may rise at any time. So
-             near the bad limit point the reference is constant, and W, which is below limit_point_value, cannot grow:
-             the turn leaves the bad limit point.
+             the bad limit point, with a constant heading error and a sideways slide. The reason is that it allows
+             |r_ref| = v, while the derivation needs |r_ref| > v, so W grows to limit_point_value. "floored" keeps
+             |r_ref| at `floor` or above, and lets |r_ref| fall only while W < margin * limit_point_value. |r_ref| may
+             rise at any time. So near the bad limit point the reference is constant, and W, which is below
+             limit_point_value, cannot grow: the turn leaves the bad limit point.
     Valid:   k of about 1/s. After a minute, 1 % of the ideal runs have an error of 2 degrees or more with k = 1.5/s,
-             and 60 % with k = 3/s. These oscillate as with HeadingBangBang.
-    Source:  [1] section 2.3; floor and margin are chosen; gains [1] tables 6.1 and 6.4, reconstructed.
+             and 60 % with k = 3/s. These runs oscillate as with HeadingBangBang.
+    Source:  [1] section 2.3; gains [1] tables 6.1 and 6.4, reconstructed. Floor and margin are our own choice.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
@@ -198,18 +199,18 @@ class HeadingProportional:
         source="[1] 6.1.6",
     )
     floor: Scalar = quantity(
-        "rad/s", "Minimum magnitude of the yaw rate reference if the form is floored.", default=0.8, above=0
+        "rad/s", "Minimum magnitude of the yaw rate reference in the form floored.", default=0.8, above=0
     )
     margin: Scalar = quantity(
         "1",
-        "Fraction of limit_point_value that W must be below for the reference to be reduced.",
+        "Largest W at which the reference may be reduced, as a fraction of limit_point_value.",
         default=0.7,
         above=0,
         high=1,
     )
     damping: ZeroVelocity = part("Law used in the mode damp.", default=ZeroVelocity())
     turning: ConstantSpin = part(
-        "Law used in the mode turn. Its parameter reference is ignored.", default=ConstantSpin()
+        "Law used in the mode turn. Its parameter `reference` is ignored.", default=ConstantSpin()
     )
     wrapping: str = option(WRAPPING, default="shortest", choices=("shortest", "none", "modulo"))
     form: str = option(
@@ -223,11 +224,11 @@ class HeadingProportional:
         _check_law("HeadingProportional", self)
 
     def init(self, key: Any) -> HeadingLawState:
-        """Return the initial state: mode damp."""
+        """Return the initial state, in the mode damp."""
         return _first_state()
 
     def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:
-        """Update mode and reference, and return the demand at integer time t."""
+        """Update mode and reference, and return the demand at time t (unit: 100 ns)."""
         model, reference = self.turning.model, state.spin_reference
         e = heading_error(self.wrapping, estimate.state.heading, self.target)
         W = lyapunov(model, estimate.state, reference)

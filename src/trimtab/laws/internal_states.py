@@ -1,9 +1,11 @@
 """Reference internal states zeta_d for a command, in the order (alpha, Q, eta1, eta1', eta2, eta2').
 
-There are four methods, which need to know different parts of the command: all of it beforehand (`InternalTable`,
-computed offline, stored by time); the next few seconds (`PreviewInternal`, computed in flight, moving before the
-command does); the command's filter (`SylvesterInternal`, linear and causal); only the present value
-(`QuasiStaticInternal`, as though it were constant).
+There are four methods, which differ in what they need to know of the command.
+
+    InternalTable        the whole command beforehand; computed offline and stored as a table over time
+    PreviewInternal      the command over the next seconds; computed in flight; zeta_d moves before the command does
+    SylvesterInternal    the filters of the command; linear and causal
+    QuasiStaticInternal  the present value of the command, assumed constant
 """
 
 from typing import Any
@@ -39,12 +41,13 @@ Complex = tuple[Any, Any]
 class InternalTable:
     """Table of the reference internal states zeta_d over time.
 
-    Interpolation is cubic Hermite between nodes; before the first and after the last node zeta_d is constant. With s
-    the elapsed fraction of an interval D between the nodes z0, z1 with the rates r0, r1:
+    Interpolation is cubic Hermite between nodes. Before the first and after the last node zeta_d is constant. s is the
+    elapsed fraction of an interval of duration D. z0, z1 are the nodes at its ends, with the rates r0, r1:
 
         zeta_d = z0 + s^2 (3 - 2 s) (z1 - z0) + D s (1 - s) ((1 - s) r0 - s r1)
 
-    A table is valid for one command only. Order: (alpha, Q, eta1, eta1', eta2, eta2'), in rad, rad/s and modal units.
+    A table is valid for one command only. The order is (alpha, Q, eta1, eta1', eta2, eta2'), in rad, rad/s and modal
+    units.
 
     Source: the interpolation formula is the textbook one (Hairer, Norsett, Wanner, "Solving ordinary differential
             equations I", section II.6); the nodes are from the bounded solution, see docs page.
@@ -72,7 +75,7 @@ class InternalTable:
                     f"InternalTable.{name}", f"row {row} has a number that is not finite", fix="compute the table again"
                 )
         if np.shape(self.nodes) != np.shape(self.rates):
-            problem = f"got {len(self.nodes)} nodes and {len(self.rates)} rates, must be as many rates as nodes"
+            problem = f"each node must have rates, got {len(self.nodes)} nodes and {len(self.rates)} rows of rates"
             raise InputError("InternalTable.rates", problem, fix="give one row of rates for each node")
 
     def check_duration(self, seconds: float) -> None:
@@ -108,12 +111,13 @@ class InternalTable:
 class SylvesterInternal:
     """Reference internal states for a `FilteredClimb`, from the linearised dynamics, without knowledge of the future.
 
-    Both filters obey omega' = S omega with omega = (h - h_f, h', h'', h''', V - V_f, V', V''). With X S = A22 X + G,
+    Together the two filters obey omega' = S omega with omega = (h - h_f, h', h'', h''', V - V_f, V', V''). With X S =
+    A22 X + G,
 
         zeta_d = zeta_0 + X omega - A22^-1 A21 (dh, 0, dV)
 
-    from the step on, zeta_0 before. zeta_d jumps at the step, because the unstable mode would have to move before the
-    step. The method is valid for small climbs, like every linearisation.
+    from the time of the step on, and zeta_d = zeta_0 before. zeta_d jumps at the step, because the unstable mode would
+    have to move before the step. The method is valid for small climbs, like every linearisation.
 
     Source: A. Isidori, "Nonlinear Control Systems", Springer 1995, section 8.4, for the equation; the filters are
             those of the command.
@@ -147,14 +151,14 @@ class SylvesterInternal:
 
 
 def solve_quasi_static(craft: Hypersonic, p: Any, alpha: Any, steps: int) -> tuple[list[Any], Any]:
-    """Return the internal states zeta at rest on the reference path, and True if the search found them.
+    """Return the quasi-static internal states zeta on the reference path, and True if the search found them.
 
         M(alpha) = 0 with the input of `invert_path`        Q = a_n/V        eta_i = N_i/w_i^2        eta_i' = 0
 
     The equations are solved by a fixed number of Newton steps. If a step is not finite, the previous angle is kept.
 
     Args:     p: PathPoint, each field a number or an array of instants.
-              alpha: where the search starts (rad), of the same shape.
+              alpha: angle of attack at which the search starts (rad), of the same shape as a field of p.
     """
 
     def moment(alpha: Any) -> tuple[Any, Any]:
@@ -196,7 +200,7 @@ class QuasiStaticInternal:
 
     Source: the internal dynamics of [1] "Angular-accelerometer-based flexible-state estimation and tracking controller
             design for hypersonic flight vehicle", Aerospace 2022, 9(4), 206, eq. 7. All rates except
-            those of the path are omitted; this simplification is chosen here.
+            those of the path are omitted, which is our own simplification.
     """
 
     craft: Any = part("Vehicle model used by the law.", default=Hypersonic())
@@ -217,7 +221,7 @@ class QuasiStaticInternal:
 
 @record
 class FadingModes:
-    """Decaying modes q' = l q + L w, one of each complex pair, and their map to the coordinates, zeta = Re(R q).
+    """Decaying modes q' = l q + L w, one of each conjugate pair, and their map to the coordinates, zeta = Re(R q).
 
     Growing modes are stored in reversed time, in which they decay.
 
@@ -243,7 +247,10 @@ class FadingModes:
         return size * jnp.cos(angle), size * jnp.sin(angle)
 
     def weights(self, dt: Any) -> tuple[Complex, Complex]:
-        """Return the factors (p, 1) in the new q of w at start and end of a step dt (s), exact for w linear in time."""
+        """Return the factors (p, 1) of w at the start and at the end of a step dt (s), for the update of q.
+
+        They are exact for w linear in time.
+        """
         still = dt <= 0
         step = jnp.where(still, 1.0, dt)
         pole = (self.decay[:, None], self.turning[:, None])
@@ -326,7 +333,7 @@ class PreviewInternal:
         return new, wanted[:, 0]
 
     def _propagate_past(self, t: Any, state: PreviewState, w: Any, zeta: Any) -> Complex:
-        """Return the decaying modes at time t, integrated from the last step, or those of zeta at the first step."""
+        """Return the decaying modes at time t, integrated from the last step. At the first step: those of zeta."""
         dt = jnp.maximum(t - state.t, 0.0)
         begin, end = self.past.weights(dt)
         E = self.past.powers(dt * jnp.ones((1, 1)))

@@ -17,7 +17,7 @@ from trimtab.laws.steering import Steering, SteeringState
 from trimtab.vehicles.surface_vessel import VesselControls
 
 SLOW = 0.05
-"""Minimum speed (m/s) of the path's point by which the vessel's speed along the path is divided."""
+"""Lower bound (m/s) of the speed of the path's point, by which the vessel's speed along the path is divided."""
 
 
 @record
@@ -25,7 +25,7 @@ class LineOfSightState:
     """State of the law `LineOfSight`: path parameter, path direction, integrals, autopilot. Source: [1], [2]."""
 
     progress: Scalar = quantity(
-        "s", "Path parameter theta: the time in the path's definition that the vessel has reached."
+        "s", "Path parameter theta of the path's point, which moves with the vessel: time argument of the path."
     )
     tangent: Scalar = quantity("rad", "Direction chi of the path at the path's point.", kind="angle", frame="W")
     integral: Scalar = quantity("m", "Integral of the cross-track error, as in [1].")
@@ -48,7 +48,7 @@ class LineOfSightOutput:
     north_reference: Scalar = quantity("m", "Position of the path's point, north.", frame="W")
     east_reference: Scalar = quantity("m", "Position of the path's point, east.", frame="W")
     progress: Scalar = quantity(
-        "s", "Path parameter theta: the time in the path's definition that the vessel has reached."
+        "s", "Path parameter theta of the path's point, which moves with the vessel: time argument of the path."
     )
 
 
@@ -64,20 +64,20 @@ class LineOfSight:
     distances of the vessel to starboard of this point and ahead of it. The vessel follows the path at its own speed:
     the path gives the position, not the time. chi is the direction of the chord between theta - chord/2 and theta +
     chord/2. So the vessel starts to turn before a corner, and a path at rest still has a direction. Beyond its end the
-    path is extended straight.
+    path is extended in a straight line.
 
     Shafts: n = n_u u_d + kp (u_d - u) + ki integral of (u_d - u), between 0 and the limit.
 
-    Stable on a straight path, if heading and speed are as commanded: e and I converge for any lookahead D and 0 < s <
-    the speed over the ground, if the current is slower than the vessel. [1, theorem 1]
-    Valid:   curves of a radius greater than the vessel's own and than D.
+    Stable:  on a straight path, if heading and speed are as commanded and the current is slower than the vessel: e and
+             I converge for any lookahead D, and any s between 0 and the speed over the ground [1, theorem 1].
+    Valid:   curves with a radius larger than the vessel's turning radius and than D.
     Source:  [1]; theta as in [2]; D as in A. M. Lekkas, T. I. Fossen, "A time-varying lookahead distance guidance law
              for path following", IFAC Proceedings 45 (2012) 398-403, with their exponential of e^2.
     """
 
     reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate", "heading", "north", "east")
 
-    reference: Any = part("Path to be followed.", default=Circle(radius=5.0, period=60.0))
+    reference: Any = part("Path that the vessel follows.", default=Circle(radius=5.0, period=60.0))
     speed: Scalar = quantity("m/s", "Commanded forward speed u_d over the ground.", default=0.58, above=0)
     far: Scalar = quantity("m", "Lookahead distance D for a vessel on the path.", default=3.0, above=0)
     near: Scalar = quantity("m", "Lookahead distance D for a vessel far from the path.", default=2.0, above=0)
@@ -105,7 +105,7 @@ class LineOfSight:
         return LineOfSightState(zero, zero, zero, zero, self.steering.init())
 
     def step(self, t: Any, state: LineOfSightState, estimate: Estimate) -> tuple[LineOfSightState, LineOfSightOutput]:
-        """Return the demand at integer time t. Demand and state stay constant while the estimate is not valid."""
+        """Return the demand at time t (unit: 100 ns). Demand and state are held while the estimate is not valid."""
         x, dt = estimate.state, estimate.dt
         point, chord = self._path(state.progress)
         way = jnp.sqrt(chord @ chord + 1e-18)

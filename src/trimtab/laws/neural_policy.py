@@ -3,7 +3,7 @@
     y = W3 tanh(W2 tanh(W1 x + b1) + b2) + b3        any number of layers
 
 The training program is `examples/neural_policy/train_policy.py`. Source: the tanh perceptron of Rumelhart, Hinton,
-Williams, "Learning representations by back-propagating errors", Nature 323 (1986); that a network of this size flies a
+Williams, "Learning representations by back-propagating errors", Nature 323 (1986); a network of this size that flies a
 quadrotor: Hwangbo, Sa, Siegwart, Hutter, "Control of a quadrotor with reinforcement learning", IEEE RA-L 2 (2017), two
 layers of 64.
 """
@@ -29,13 +29,13 @@ from trimtab.vehicles.quadrotor import Multirotor, RotorDemand
 SUFFIX = ".json"
 INPUTS, OUTPUTS = 18, 4
 STANDARD_GRAVITY = 9.80665
-"""Standard gravity (m/s^2), the unit in which the apparent vertical is given to the network."""
+"""Standard gravity (m/s^2), the unit of the network's input for the apparent vertical."""
 
 
 class Network(NamedTuple):
     """Weights and scales of a policy.
 
-    scale: divisors (18,) of the inputs, which are then clipped to -1 and 1.  layers: weights (n, m) and bias (n,) of
+    scale: divisors (18,) of the inputs. The quotients are clipped to -1 to 1.  layers: weights (n, m) and bias (n,) of
     each layer.  centre, span: centre and half width (4,) of the range of thrust (N) and moments (N m): an output of -1
     to 1 is mapped to centre - span to centre + span.
     """
@@ -48,7 +48,7 @@ class Network(NamedTuple):
 
 @functools.cache
 def read_network(name: str) -> Network:
-    """Return the weights in a file. A name without the suffix .json is a network of the package."""
+    """Return the network read from a weight file. A name without the suffix .json is a network of the package."""
     file = Path(name) if name.endswith(SUFFIX) else Path(__file__).with_name(f"policy_{name}{SUFFIX}")
     try:
         told = json.loads(read_user_text(file))
@@ -93,7 +93,7 @@ def _check_network(name: str, network: Network) -> None:
 
 
 def observe(wanted: SpatialPoint, x: Any, gravity: Any) -> Any:
-    """Return the inputs of the network (18,), all in B, so that they do not depend on position and north.
+    """Return the inputs of the network (18,), all in B, so that they do not depend on place or compass direction.
 
     The inputs are: position error (m), velocity error (m/s), angular rate (rad/s), apparent vertical under the
     reference acceleration (g), direction of the reference heading, and reference jerk (m/s^3).
@@ -114,7 +114,7 @@ def observe(wanted: SpatialPoint, x: Any, gravity: Any) -> Any:
 
 
 def evaluate(network: Network, seen: Any) -> Any:
-    """Return thrust (N) and moments (N m), (4,), within the network's span, for the inputs (18,)."""
+    """Return thrust (N) and moments (N m) (4,) for the inputs (18,), limited to the network's output range."""
     h = jnp.clip(seen / network.scale, -1, 1)
     for weights, bias in network.layers[:-1]:
         h = jnp.tanh(jnp.asarray(weights) @ h + bias)
@@ -126,7 +126,7 @@ def evaluate(network: Network, seen: Any) -> Any:
 class NeuralPolicyOutput:
     """Demand, tracking errors, and largest scaled input of the network. Source: this module."""
 
-    demand: RotorDemand = part("Demanded thrust and moments.")
+    demand: RotorDemand = part("Demanded thrust and moments of the rotors.")
     position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
     velocity_error: Any = quantity("m/s", "Velocity error: velocity minus reference.", frame="W", shape=(3,))
     distance: Scalar = quantity("m", "Length of the position error.")
@@ -146,8 +146,9 @@ class NeuralPolicyState:
 class NeuralPolicy:
     """Law that computes thrust and moments by a trained network, from the inputs of `observe`.
 
-    The network has no state, and is not trained for another mass or inertia, a turning reference, or wind. Inputs
-    beyond the training range are clipped (`stretch`), and so are outputs beyond their span. Stability is not proved.
+    The network has no state. It is not trained for another mass or inertia, a reference that changes its heading, or
+    wind. Inputs beyond the training range are clipped (signal `stretch`), and so are outputs beyond their range.
+    Stability is not proved.
 
     Frames:  W north-east-down, B body.
     Valid:   the craft for which the network was trained, inputs within `scale`, and a reference with constant heading.
@@ -155,15 +156,16 @@ class NeuralPolicy:
     """
 
     craft: Multirotor = part("Vehicle model used by the law: gravity and the number of rotors.", default=Multirotor())
-    reference: Any = part("Reference position in space.", default=FixedPlace())
+    reference: Any = part("Reference position in space, as a function of time.", default=FixedPlace())
     policy: str = option(
-        "Weights: the name of a network in the package, or the path of a .json file.", default="quadrotor"
+        "Weights of the network: the name of a network in the package, or the path of a .json file.",
+        default="quadrotor",
     )
 
     reads: ClassVar[tuple[str, ...]] = ("position", "velocity", "attitude", "rate")
 
     def check(self) -> None:
-        """Raise InputError if the file has no weights, or weights of wrong sizes."""
+        """Raise InputError if the file contains no weights, or weights of wrong sizes."""
         read_network(self.policy)
 
     def init(self, key: Key) -> NeuralPolicyState:
@@ -173,7 +175,7 @@ class NeuralPolicy:
     def step(
         self, t: Any, state: NeuralPolicyState, estimate: Estimate
     ) -> tuple[NeuralPolicyState, NeuralPolicyOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         output = self.track(self.reference.at(state.time), flyable_state(estimate))
         return NeuralPolicyState(state.time + estimate.dt), output
 

@@ -1,4 +1,4 @@
-"""Command of altitude and speed: steps through filters, which make it smooth enough for the inversion."""
+"""Command of altitude and speed: filtered steps, which are smooth enough for the inversion."""
 
 import math
 from typing import Any
@@ -34,8 +34,9 @@ class FilteredClimb:
 
     With these orders h'' and V' are continuous, so the inputs of the inversion have no jump.
 
-    Source: the filters of [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for
-            hypersonic flight vehicle", Aerospace 2022, 9(4), 206, are not printed there: chosen here, see docs page.
+    Source: our own choice of filters (docs page). [1] "Angular-accelerometer-based flexible-state estimation and
+            tracking controller design for hypersonic flight vehicle", Aerospace 2022, 9(4), 206, does not print its
+            filters.
     """
 
     h0: Scalar = quantity("ft", "Altitude before the step.", default=85000.0)
@@ -70,7 +71,7 @@ class FilteredClimb:
 
 
 def filtered_step(a: Any, order: int) -> list[Any]:
-    """Return the step response of (s + 1)^-order at a time a >= 0, and its first order - 1 derivatives.
+    """Return the step response of (s + 1)^-order at a time a >= 0, and its derivatives up to the (order - 1)-th.
 
     The k-th derivative is e^-a times a polynomial: each differentiation of a^j/j! e^-a gives a^(j-1)/(j-1)! - a^j/j!.
     """

@@ -1,12 +1,12 @@
 """Feasibility of a reference for the hovercraft: comparison of the needed forces with the limits of fan and rudder.
 
 The centre of percussion P of the rudder pivot, a = J/(m d) ahead of the centre of mass, is accelerated only along the
-nose. So the path of P determines heading, yaw rate and forces. With s the reference acceleration of P minus that of
-friction,
+nose. So the path of P determines heading, yaw rate and forces. s is the reference acceleration of P minus the
+acceleration that friction causes:
 
     nose along +s or -s       FX = m (n.s + a r^2)       FY = -(J/d) r'  (and the torque of friction)
 
-where r and r' are the first two derivatives of the direction of s. Where s passes through zero the nose keeps its
+r and r' are the first two time derivatives of the direction of s. Where s passes through zero the nose keeps its
 direction and the thrust reverses. While the demanded thrust is in the dead zone the fan gives no thrust. Then any
 heading is allowed, and the velocity change that s demands is lost.
 
@@ -29,12 +29,12 @@ from trimtab.vehicles.hovercraft import Hovercraft
 STEP = 0.02
 """Time (s) between two instants at which the reference is checked."""
 SLOWEST = 8.0
-"""Largest factor by which the search for a feasible reference slows it down."""
+"""Largest factor by which the search for a feasible reference slows the reference down."""
 
 
 @record
 class ThrustLimits:
-    """Limits of fan and rudder that a law assumes. The defaults are those of the thesis, with the rudder at its stops.
+    """Limits of fan and rudder that a law assumes. The defaults are those in [1], with the rudder at its stops.
 
     Source: [1] chapter 4, reconstructed (docs page, Errata).
     """
@@ -45,7 +45,7 @@ class ThrustLimits:
         "rad", "Maximum angle between the force and the body's axis.", default=21 * DEG, above=0, high=1.5
     )
     dead_zone: Scalar = quantity(
-        "N", "Dead zone of the fan: for a smaller demand it gives no thrust.", default=0.05, low=0
+        "N", "Dead zone of the fan: demanded thrust below which the fan gives no thrust.", default=0.05, low=0
     )
     turn_rate: Scalar = quantity("rad/s", "Maximum yaw rate.", default=1.5, above=0)
     drift: Scalar = quantity("m/s", "Maximum velocity change that may be lost in the dead zone.", default=0.1, above=0)
@@ -57,8 +57,8 @@ class ThrustLimits:
 class PathMotion(NamedTuple):
     """Motion that a reference demands of the craft at each instant t (s), as arrays (n,).
 
-    heading: in rad, unwrapped.  yaw_rate: in rad/s.  FX, FY: in N.  specific: acceleration that the thrust must give
-    (n, 2), in W (m/s^2).
+    heading: in rad, unwrapped.  yaw_rate: in rad/s.  FX, FY: in N.  specific: acceleration that the thrust must
+    cause (n, 2), in W (m/s^2).
     """
 
     t: Any
@@ -78,7 +78,7 @@ class _Breach(NamedTuple):
 
 
 def path_motion(reference: Any, model: Hovercraft, duration: float, slower: float = 1.0) -> PathMotion:
-    """Return the motion that a reference of P demands over a duration (s), slowed down by the factor `slower`."""
+    """Return the motion that a reference of P demands over a duration (s), if slowed down by the factor `slower`."""
     t = np.linspace(0.0, duration * slower, max(int(duration / STEP), 8) + 1)
 
     def at(x: Any) -> ReferencePoint:
@@ -105,7 +105,7 @@ def refuse_infeasible(reference: Any, model: Hovercraft, limits: ThrustLimits, d
     """Raise InputError if the reference violates a limit within the duration (s).
 
     Raises:
-        InputError: names the limit, the demand and the time, and the slowdown that makes the reference feasible.
+        InputError: with the limit, the demand, its time, and the slowdown that makes the reference feasible.
     """
     breach = _worst_breach(path_motion(reference, model, duration), model, limits)
     if breach is None:
@@ -116,7 +116,7 @@ def refuse_infeasible(reference: Any, model: Hovercraft, limits: ThrustLimits, d
 
 
 def _line_of(specific: Any) -> Any:
-    """Return the direction of the line of thrust (n,), continuous through zero thrust and interpolated at zero."""
+    """Return the angle (n,) (rad) of the thrust axis, continuous at thrust reversals, interpolated at zero thrust."""
     size = np.hypot(*specific.T)
     some = np.flatnonzero(size > 1e-6 * max(float(size.max(initial=0.0)), 1e-6))
     if not len(some):
@@ -126,7 +126,7 @@ def _line_of(specific: Any) -> Any:
 
 
 def _friction_at(model: Hovercraft, velocity: Any, heading: Any, rate: Any) -> tuple[Any, Any]:
-    """Return the acceleration of P by friction (n, 2), in W, and its torque (n,)."""
+    """Return the acceleration of P by friction (n, 2), in W, and the torque of friction (n,)."""
     c, s = np.cos(heading), np.sin(heading)
     surge = c * velocity[:, 0] + s * velocity[:, 1]
     sway = -s * velocity[:, 0] + c * velocity[:, 1] - model.percussion_arm * rate
@@ -173,7 +173,7 @@ def _velocity_loss(motion: PathMotion, thrusts: Any) -> Any:
 
 
 def _feasible_tempo(reference: Any, model: Hovercraft, limits: ThrustLimits, duration: float) -> float | None:
-    """Return the smallest slowdown with which the reference is feasible, to 0.01, or None above SLOWEST."""
+    """Return the smallest slowdown that makes the reference feasible, rounded up to 0.01; None if above SLOWEST."""
 
     def holds(slower: float) -> bool:
         return _worst_breach(path_motion(reference, model, duration, slower), model, limits) is None

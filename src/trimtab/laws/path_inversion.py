@@ -1,4 +1,4 @@
-"""Exact inversion: fuel ratio and elevator for given accelerations of altitude and speed; resulting internal rates."""
+"""Exact inversion: fuel ratio and elevator angle for given h'' and V', and the rates of the internal states."""
 
 from typing import Any, NamedTuple
 
@@ -8,13 +8,13 @@ from trimtab.core.record import Scalar, quantity, record
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 STEEPEST = 0.99
-"""Largest sine of the path angle that is inverted: beyond it the elevator no longer turns the path."""
+"""Largest sine of the flight path angle used in the inversion. On a steeper path the lift hardly changes h''."""
 
 
 class PathInversion(NamedTuple):
     """Input Phi and delta_e (rad) that gives (h'', V') = v.
 
-    solvable: False if no elevator angle gives v, in which case u has the nearest angle, or if the path is steeper than
+    solvable: False if no elevator angle gives v (u then has the nearest angle), or if the path is steeper than
     STEEPEST.  slope: d(normal force)/d(delta_e) (lbf/ft), zero at the edge of solvability.
     """
 
@@ -25,7 +25,7 @@ class PathInversion(NamedTuple):
 
 @record
 class InputLimits:
-    """Limits of engine and elevator. Source: chosen, as [1] prints none; docs page."""
+    """Limits of engine and elevator. Source: our own choice, because [1] prints none; docs page."""
 
     Phi_low: Scalar = quantity("1", "Minimum fuel ratio.", default=0.02, low=0)
     Phi_high: Scalar = quantity("1", "Maximum fuel ratio.", default=1.5, above=0)
@@ -53,8 +53,8 @@ def solve_elevator(
         (m (v2 + g sin gamma) + D(delta)) tan alpha + L(delta) - m (a_n + g cos gamma) = 0
 
     with a_n = (v1 - v2 sin gamma)/cos gamma. The result is the root that stays finite as alpha goes to zero, in a form
-    without cancellation. Without a real root, it is the elevator angle that comes nearest. [1] instead treats the
-    elevator inside the drag as constant, which halves the slope.
+    without cancellation. Without a real root, it is the elevator angle with the smallest residual. [1] instead treats
+    the elevator angle in the drag as constant, which halves the slope.
     """
     air, sine = craft.forces.aerodynamics, jnp.clip(h_rate / V, -STEEPEST, STEEPEST)
     cosine, tangent = jnp.sqrt(1 - sine * sine), jnp.tan(alpha)

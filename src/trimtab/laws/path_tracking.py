@@ -1,4 +1,4 @@
-"""Trajectory tracking by the hovercraft, which thrusts along the nose and turns the nose to the needed thrust.
+"""Trajectory tracking by the hovercraft, which thrusts along its nose and turns the nose to the demanded thrust.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -21,14 +21,12 @@ from trimtab.vehicles.hovercraft import Hovercraft
 
 @record
 class PathTrackingState:
-    """State of the law `PathTracking`: path parameter, state of the law for rest. Source: own derivation."""
+    """State of the law `PathTracking`: path parameter, and state of the law for rest. Source: own derivation."""
 
     began: Scalar = quantity("1", "True after the first step.", kind="flag")
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
-    progress: Scalar = quantity(
-        "s", "Path parameter: the time in the path's definition that the reference has reached."
-    )
-    heading: Scalar = quantity("rad", "Heading that the craft had when the path last came to rest.", kind="angle")
+    progress: Scalar = quantity("s", "Path parameter: time argument at which the reference path is evaluated.")
+    heading: Scalar = quantity("rad", "Heading of the craft when the reference path last came to rest.", kind="angle")
     rest: PoseState = part("State of the law used while the path rests.")
 
 
@@ -46,15 +44,18 @@ class PathTrackingOutput:
     position_error: Scalar = quantity("m", "Distance of the centre of percussion P from its reference position.")
     velocity_error: Scalar = quantity("m/s", "Magnitude of the velocity error of the centre of percussion P.")
     lyapunov: Scalar = quantity("m^2/s^2", "Lyapunov function V of the law.")
-    progress: Scalar = quantity(
-        "s", "Path parameter: the time in the path's definition that the reference has reached."
-    )
+    progress: Scalar = quantity("s", "Path parameter: time argument at which the reference path is evaluated.")
     backing: Scalar = quantity("1", "True if the tail, not the nose, points along the demanded thrust.", kind="flag")
-    resting: Scalar = quantity("1", "True if the path is at rest and the law for rest is active.", kind="flag")
+    resting: Scalar = quantity(
+        "1", "True if the reference path is at rest, so that the law for rest is active.", kind="flag"
+    )
 
 
 class _Errors(NamedTuple):
-    """Errors of P, (2,) in W: position e (m), velocity v (m/s). acceleration, jerk: reference minus effect of drag."""
+    """Errors of P, (2,) in W: position e (m), velocity v (m/s).
+
+    acceleration, jerk: of the reference, minus those that drag causes.  heading: of the craft (rad).
+    """
 
     e: Any
     v: Any
@@ -83,32 +84,32 @@ class PathTracking:
         r' = r_d' - kr (r - r_d) + o (q/p) |s| y,       FY = -(J/d) r'
 
     s_perp.s' = w b.s' - y n.s'. o = +1 if the nose is to point along s, o = -1 if the tail is. delta is the angle by
-    which this end has to turn: sin(delta) = o y/|s|, cos(delta) = o w/|s|. c = b.(v + k2 e/2). The law chooses the end
-    with the smaller V,
+    which the nose or tail has to turn: sin(delta) = o y/|s|, cos(delta) = o w/|s|. c = b.(v + k2 e/2). The law chooses
+    nose or tail, whichever has the smaller V,
 
         V = |v|^2/2 + (k2/2) e.v + (k1/2 + k2^2/4)|e|^2 + q |s| (|s| - o w) + p (r - r_d)^2/2.
 
     Stable, proven and tested: with G = |s|^4/(|s|^4 + s0^4) and M = (s_perp.s' + 2 tan(delta/2) s.s')/|s|
         V' = -(k1 k2/2)|e|^2 - (k2/2)|v|^2 - q kn G y^2 - p kr (r - r_d)^2 + (1 - G) y (o q M - c)
-      for every state, and V doesn't jump when the end changes. While delta is within 90 degrees,
+      for every state, and V does not jump when the law changes between nose and tail. While delta is within 90 degrees,
         V' <= -2 mu V + q kn s0^2/2 + 0.57 s0 (3 q |s'| + |c|)        mu = `decay(law)`, (1 - G)|y| <= 0.57 s0,
       so that V falls exponentially to a neighbourhood whose size goes to zero with s0. Where |s| is well above s0, as
       on a circle, V goes to zero except for a part of order (s0/|s|)^4. Where the demanded thrust passes through zero
       the nose does not turn: the craft coasts, and then thrusts the other way.
-    Only simulated, not proven: limits of fan, rudder and yaw rate, delays, and the dead zone. An end that has to turn
-    by more than 90 degrees is chosen only if it already turns in that direction.
+    Only simulated, not proven: limits of fan, rudder and yaw rate, delays, and the dead zone. A nose or tail that has
+    to turn by more than 90 degrees is chosen only if it already turns in that direction.
     Friction:  the model's friction is subtracted from s and from the torque, and its rate of change from s'. Its second
                derivative is not subtracted from r_d'.
     Progress:  "time": the path parameter is the time since the law started. "path": the path parameter runs slower
                while the craft is behind, and up to twice as fast while the craft is ahead. V then refers to the path
                traversed at this rate.
-    Rest:      while the path rests no thrust is demanded, so nothing would hold the nose. Then the law `Pose` acts,
+    Rest:      while the path rests no thrust is demanded, so the heading would be free. Then the law `Pose` acts,
                with the path's heading, or with the craft's heading if the path has none.
     Valid:     references that `laws.path_feasibility` accepts before the run.
     Source:    own derivation; backstepping: M. Krstic, I. Kanellakopoulos, P. Kokotovic, "Nonlinear and adaptive
                control design", 1995; underactuated vehicles: A. Aguiar, J. Hespanha, IEEE Trans. Automatic Control 52
-               (2007) 1362; the choice by V: C. Mayhew, R. Sanfelice, A. Teel, same journal 56 (2011) 2517. Gains are
-               chosen.
+               (2007) 1362; the choice by V: C. Mayhew, R. Sanfelice, A. Teel, same journal 56 (2011) 2517. The gains
+               are our own choice.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
@@ -126,17 +127,22 @@ class PathTracking:
     q: Scalar = quantity("s^2", "Weight q of the nose's angle error in the Lyapunov function V.", default=10.0, above=0)
     p: Scalar = quantity("m^2", "Weight p of the yaw rate error in the Lyapunov function V.", default=0.5, above=0)
     s0: Scalar = quantity(
-        "m/s^2", "Demanded acceleration s0 below which the nose does not turn to its direction.", default=0.05, above=0
+        "m/s^2",
+        "Demanded acceleration s0 below which the nose does not turn to the direction of this demand.",
+        default=0.05,
+        above=0,
     )
     kp: Scalar = quantity(
         "1/m",
-        "Increase of the path parameter's rate per distance that the craft is ahead, for progress=path.",
+        "Gain, for progress=path: increase of the path parameter's rate per distance that the craft is ahead.",
         default=1.0,
         above=0,
     )
     rest: Pose = part("Law used while the path is at rest.", default=Pose())
-    side: Scalar = quantity("N", "Maximum force to the side without a force along the nose.", default=0.2, above=0)
-    limits: ThrustLimits = part("Limits of fan and rudder.", default=ThrustLimits())
+    side: Scalar = quantity(
+        "N", "Maximum side force that is allowed while the force along the nose is zero.", default=0.2, above=0
+    )
+    limits: ThrustLimits = part("Limits of fan and rudder that the law assumes.", default=ThrustLimits())
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check_duration(self, seconds: float) -> None:
@@ -151,7 +157,7 @@ class PathTracking:
     def step(
         self, t: Any, state: PathTrackingState, estimate: Estimate
     ) -> tuple[PathTrackingState, PathTrackingOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         s = estimate.state
         body = planar(s.heading)
         progress, point, rests = self._progress(t, state, s, body)
@@ -189,7 +195,7 @@ class PathTracking:
         return jnp.where(thrusts, wrap(aim - errors.heading), 0.0)
 
     def _limit(self, wanted: PlanarForce) -> PlanarForce:
-        """Return a force (N) limited to what fan and rudder can give. A small side force is allowed without thrust."""
+        """Return a force (N) within the limits of fan and rudder. A small side force is allowed without thrust."""
         FX = jnp.clip(wanted.FX, -self.limits.pull, self.limits.push)
         most = jnp.maximum(jnp.tan(self.limits.angle) * jnp.abs(FX), self.side)
         return PlanarForce(FX=FX, FY=jnp.clip(wanted.FY, -most, most))
@@ -197,7 +203,7 @@ class PathTracking:
     def _hold(
         self, t: Any, state: PathTrackingState, estimate: Estimate, point: ReferencePoint, heading: Any
     ) -> tuple[PoseState, PlanarForce]:
-        """Return the demand of the law for rest: P at the path's point, nose at the path's heading if it has one."""
+        """Return the demand of the law for rest: P at the path's point, nose at its heading, else at `heading`."""
         heading = jnp.where(point.has_heading, point.heading, heading)
         place = point.place - self.model.percussion_arm * planar(heading)[:, 0]
         law = replace(self.rest, north=place[0], east=place[1], heading=heading, model=self.model)
@@ -205,7 +211,7 @@ class PathTracking:
         return rest, output.demand
 
     def _progress(self, t: Any, state: PathTrackingState, s: Any, body: Any) -> tuple[Any, ReferencePoint, Any]:
-        """Return the path parameter, the reference there, and True if the path rests there."""
+        """Return the path parameter, the reference there, and True if the path is at rest there."""
         since = jnp.where(state.began, to_seconds(t - state.t), 0.0)
         rate = jnp.asarray(1.0)
         if self.progress == "path":
@@ -256,7 +262,7 @@ class PathTracking:
         return planar(heading)[:, 0] @ self._demand(errors)
 
     def _turn_end(self, end: float, errors: _Errors, point: ReferencePoint, s: Any, w: Any) -> _End:
-        """Return yaw rate, V and yaw acceleration with the nose (1.0) or the tail (-1.0) along the demanded thrust."""
+        """Return the control with the nose (end = 1.0) or the tail (end = -1.0) along the demanded thrust."""
         across = planar(s.heading)[:, 1]
         wanted = self._demand(errors)
         y = across @ wanted
@@ -268,7 +274,7 @@ class PathTracking:
         return _End(rate, V, acceleration - self.kr * z + end * self.q / self.p * size * y)
 
     def _rate(self, end: float, errors: _Errors) -> Any:
-        """Return the reference yaw rate r_d (rad/s) with the nose (end 1) or the tail (end -1) along the thrust."""
+        """Return the reference yaw rate r_d (rad/s) with the nose (end = 1) or the tail (end = -1) along the thrust."""
         body, s = planar(errors.heading), self._demand(errors)
         n, b = body[:, 0], body[:, 1]
         w, y, size = n @ s, b @ s, _size(s)

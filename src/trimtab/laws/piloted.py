@@ -1,8 +1,8 @@
 """Law of a piloted hovercraft: the stick commands the thrust, the velocity in the body, or the velocity over the floor.
 The fan is at the tail, so sway has no actuator of its own. Without drag a steady turn at speed V and rate w needs the
 force m V w across the path, and the only steady force without a torque is along the nose: in a steady turn the nose
-points to the centre of the circle. In the mode damped the pilot has to turn the nose there. In the mode assisted the
-law does it.
+points to the centre of the circle. In the mode damped the pilot has to turn the nose to the centre. In the mode
+assisted the law turns it.
 
 Source: own derivation, except for the damping, which is from [1] Z. Kulis, "Feedback control of a hovercraft over a
 wireless link", University of Maryland, 2006, section 2.2.
@@ -28,12 +28,14 @@ TURN_DEAD_ZONE = 0.2
 REVERSE_SWAY = -0.5
 """Weight s of sway while moving backward. Sway is damped for weights between 0 and -m d^2/J = -2.8."""
 REVERSE_SPEED = 0.1
-"""Backward speed (m/s) from which on the weight of sway is REVERSE_SWAY."""
+"""Backward speed (m/s) above which the weight of sway is REVERSE_SWAY."""
 
 NOSE_FREE = 1.6
-"""Force, as a multiple of nose_force, from which on the nose points along the force alone."""
+"""Demanded force, as a multiple of nose_force, above which the nose points along this force alone. Below this value the
+nose points partly along the course."""
 BACKING = 0.3, 0.8
-"""Fractions of the force opposite to the course: the fan pulls backward from the second, and stops below the first."""
+"""Fractions of the demanded force that point against the course: the fan starts to pull backward above the second one,
+and stops below the first one."""
 
 
 @record
@@ -104,8 +106,8 @@ class Piloted:
     n is the direction of the nose, v_r = V_r (cos c_r, sin c_r) the reference velocity in W, c_r' = w_r. The references
     u_r, r_r, V_r, w_r are the stick times a range, with a rate limit. P lies a = J/(m d) ahead of the centre of mass,
     where FY causes no acceleration (the centre of percussion of the rudder pivot): v_P' = n (FX/m - a r^2), so v_P' = n
-    (n.F)/m. heading_d is the direction of F plus a part along the course that vanishes as F grows; while backing, -F
-    replaces F. At rest the course is the heading of the nose.
+    (n.F)/m. heading_d is the direction of the sum of F and a vector along the course that vanishes as F grows. While
+    the fan pulls backward, -F replaces F. At rest the course is the heading of the nose.
 
     damped, proven (tests):
       turn released, u_r >= 0 held: ForwardMomentum and ZeroVelocity of [1], s = 1, globally stable for all k1, k2 > 0.
@@ -115,9 +117,9 @@ class Piloted:
     assisted, proven (tests): r' = kr (r_d - r), whatever the velocity. While course and speed are held,
       E = m |v_r - v_P|^2/2 never grows, whatever the heading, for E' = -m k (n.(v_r - v_P))^2. Nor does it
       grow under the limits of FX, while m a r^2 < push. A nose at its reference heading is not perpendicular to the
-      velocity error, so no error above nose_dead_zone/(m k) lasts. Only simulated: the fall of E while the nose turns
-      and while backing switches, and turns, in which the nose has to turn before F can be given.
-    The proofs neglect the actuators, which turn a force by at most some 21 degrees from the body's axis.
+      velocity error, so no error above nose_dead_zone/(m k) lasts. Only simulated, not proven: the fall of E while the
+      nose turns and while backing switches, and turns, in which the nose has to turn before F can be given.
+    The proofs neglect the limit of the actuators, which turn a force by at most about 21 degrees from the body's axis.
 
     Dead man:  a stick sample that is older than stick_timeout, invalid or not a number counts as a released stick in
                its last mode. In manual this means no thrust: the vehicle slides on. Before the first sample the mode is
@@ -125,7 +127,7 @@ class Piloted:
     Windup:    references stay constant while the law is not called. After a pause or a change of mode they restart at
                the vehicle's motion. In assisted they change more slowly as the velocity error approaches `leash`.
     Frames:    velocities in B, course and heading clockwise from north in W.
-    Source:    own derivation; damping [1] eqs. 2.16, 2.24, 2.30. Gains and ranges are chosen.
+    Source:    own derivation; damping [1] eqs. 2.16, 2.24, 2.30. Gains and ranges are our own choice.
     """
 
     reads: ClassVar[tuple[str, ...]] = (*VELOCITIES, "heading")
@@ -182,11 +184,11 @@ class Piloted:
         "m/s", "Velocity error at which the references stop changing, in the mode assisted.", default=0.4, above=0
     )
     stick_timeout: Scalar = quantity("s", "Maximum age of a stick sample.", default=0.3, above=0)
-    stick: str = option("Name of the sensor that gives the pilot's stick.", default="stick")
+    stick: str = option("Name of the sensor that provides the pilot's stick input.", default="stick")
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def init(self, key: Any) -> PilotedState:
-        """Return the initial state: mode damped."""
+        """Return the initial state, in the mode damped."""
         zero, no = np.asarray(0.0), np.asarray(False)
         return PilotedState(
             t=np.asarray(0, np.int64),
@@ -199,7 +201,7 @@ class Piloted:
         )
 
     def step(self, t: Any, state: PilotedState, estimate: Estimate) -> tuple[PilotedState, PilotedOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         s = estimate.state
         hand = self._read_stick(state, estimate)
         before, dt = self._begin_again(t, state, hand.mode, s)

@@ -1,13 +1,13 @@
-"""Rest at a position and heading: the hovercraft brakes, aims, moves there in a straight line, turns there, and stays.
+"""Rest at a position and heading: the hovercraft brakes, aims, moves there in a straight line, turns, and stays.
 
 No smooth feedback of the state can do this (design/stabilisability.py). The law uses a point of the body whose
 acceleration does not depend on the rudder: P, a = J/(m d) ahead of the centre of mass, is the centre of percussion of
 the rudder pivot, where FY causes no acceleration. With FX = m (w + a r^2), P is accelerated by w along the nose, n, and
-by nothing across it:
+not at all across it:
 
     v_P' = n w        r' = -(d/J) FY
 
-so the nose can turn freely while P rests, and P moves along a straight line while the nose holds its direction. A small
+So the nose can turn freely while P rests, and P moves along a straight line while the nose holds its direction. A small
 swing of the nose removes the remaining error across the nose: thrust forward on one side of the swing and backward on
 the other moves P sideways.
 
@@ -30,7 +30,7 @@ from trimtab.vehicles.hovercraft import Hovercraft
 
 READS = (*VELOCITIES, "heading", "north", "east")
 BRAKE, AIM, GO, HOLD = range(4)
-"""Numbers of the steps of the law Pose, in their order."""
+"""Indices of the steps of the law Pose, in their order."""
 STEPS = ("brake", "aim", "go", "hold")
 
 
@@ -52,7 +52,7 @@ class PoseOutput:
     rounds: Scalar = quantity("1", "Number of rounds of the steps so far. Each round begins with brake.", kind="count")
     heading_reference: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle")
     distance: Scalar = quantity("m", "Distance of the centre of percussion P from its target position.")
-    speed: Scalar = quantity("m/s", "Speed of the centre of percussion.")
+    speed: Scalar = quantity("m/s", "Speed of the centre of percussion P.")
 
 
 class _Swing(NamedTuple):
@@ -79,18 +79,19 @@ class Pose:
     r_d = kh wrap(nose - heading), at most `turn_rate`. Along a line the nose takes the nearer of the two directions, so
     the craft also moves backward. A step whose goal is already met takes no time.
 
-    Stable:  brake and aim: |v_P|^2/2 falls by k (n.v_P)^2, and is constant only while v_P is across the nose, from
-             where the nose turns away. go: with the nose on the line the remaining distance obeys e'' = -k e' - k c e,
-             stable for all k, c > 0, without overshoot for k >= 4 c. r' = kr (r_d - r) whatever P does. Each round
-             brings P nearer: after `go` only the error across the line is left, at most rest_speed times the duration
-             of `go`. hold: across the heading y'' = w sin(heading error), so w_y pushes to the right side for every
-             heading. Averaged over a swing, y'' = s, with the double root -h. Swing and push vanish with s, so in the
-             end the craft rests. Only simulated, not proven: the average, and steps that end early. (tests)
+    Stable:  brake and aim: |v_P|^2/2 falls at the rate k (n.v_P)^2. It is constant only while v_P is across the nose,
+             and the nose turns away from this direction. go: with the nose on the line the remaining distance obeys e''
+             = -k e' - k c e, stable for all k, c > 0, without overshoot for k >= 4 c. r' = kr (r_d - r) whatever P
+             does. Each round brings P nearer: after `go` only the error across the line is left, at most rest_speed
+             times the duration of `go`. hold: across the heading y'' = w sin(heading error), so w_y pushes in the right
+             direction for every heading. Averaged over a swing, y'' = s, with a double pole at -h. Swing and push
+             vanish with s, so in the end the craft rests. Only simulated, not proven: the average, and steps that end
+             early. (tests)
     Ends:    at a distance below `near` and a speed below rest_speed. A new round begins at a distance above `far`, or a
              speed above leave_speed.
     Valid:   as far as the actuators can give the demand. The fan and rudder of [1] give no side force without thrust.
     Source:  own derivation (docs page); a swing that shrinks with the root of the error: R. M'Closkey, R. Murray, IEEE
-             Trans. Automatic Control 42 (1997) 614. Gains are chosen.
+             Trans. Automatic Control 42 (1997) 614. The gains are our own choice.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
@@ -139,12 +140,12 @@ class Pose:
                 )
 
     def init(self, key: Any) -> PoseState:
-        """Return the initial state: step brake."""
+        """Return the initial state, in the step brake."""
         zero = np.asarray(0, np.int32)
         return PoseState(mode=zero, nose=np.asarray(0.0), rounds=np.asarray(1, np.int32))
 
     def step(self, t: Any, state: PoseState, estimate: Estimate) -> tuple[PoseState, PoseOutput]:
-        """Update the active step of the law, and return the demand at integer time t."""
+        """Update the active step of the law, and return the demand at time t (unit: 100 ns)."""
         s, arm = estimate.state, self.model.percussion_arm
         body = planar(s.heading)
         n = body[:, 0]
@@ -170,7 +171,7 @@ class Pose:
 
     def _swing(self, t: Any, now: PoseState, heading: Any, way: Any, v: Any) -> "tuple[_Swing, Any]":
         """Return the nose's swing, and the thrust acceleration (m/s^2) that moves P sideways. Both are zero outside
-        hold.
+        the step hold.
         """
         across = planar(self.heading)[:, 1]
         s = jnp.where(now.mode == HOLD, self.h**2 * (across @ way) - 2 * self.h * (across @ v), 0.0)
@@ -223,6 +224,6 @@ def _angle(vector: Any, otherwise: Any) -> Any:
 
 
 def _nearer_end(line: Any, heading: Any) -> Any:
-    """Return the direction of a line that is nearer to the heading."""
+    """Return the one of the two directions of a line that is nearer to the heading."""
     back = jnp.abs(wrap(line - heading)) > np.pi / 2
     return jnp.where(back, line + np.pi, line)

@@ -1,8 +1,8 @@
-"""Rest at a position and heading as in the thesis, in six steps that each use a simpler law.
+"""Law of the thesis [1] that brings the hovercraft to rest at a position and heading, in six steps.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-section 2.3.1, which describes the steps in words. The numbers, and the conditions that end a step, are reconstructed
-(docs page).
+section 2.3.1, which describes the steps in words. The parameter values, and the conditions that end a step, are
+reconstructed (docs page).
 """
 
 from typing import Any, ClassVar
@@ -19,7 +19,7 @@ from trimtab.laws.spin import switching_energy
 from trimtab.laws.velocity import ForwardMomentum, ZeroVelocity
 
 COMPUTE, ALIGN, MOVE, STOP, FINAL, HOLD = range(6)
-"""Steps of the law: 1 to 6 in [1, section 2.3.1]."""
+"""Indices of the steps of the law, which are numbered 1 to 6 in [1, section 2.3.1]."""
 STEPS = ("compute", "align", "move", "stop", "final", "hold")
 
 
@@ -30,11 +30,11 @@ class PoseStepsState:
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
     bearing: Scalar = quantity(
         "rad",
-        "Bearing of the target position when the error vector was last computed, clockwise from north.",
+        "Bearing of the target position when it was last computed, clockwise from north.",
         kind="angle",
     )
-    turning: HeadingLawState = part("State of the heading law used in the steps align and final.")
-    rounds: Scalar = quantity("1", "Number of times that the error vector was computed.", kind="count")
+    turning: HeadingLawState = part("State of the heading law that is used in the steps align and final.")
+    rounds: Scalar = quantity("1", "Number of times that the vector to the target position was computed.", kind="count")
 
 
 @record
@@ -43,9 +43,11 @@ class PoseStepsOutput:
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
-    rounds: Scalar = quantity("1", "Number of times that the error vector was computed.", kind="count")
+    rounds: Scalar = quantity("1", "Number of times that the vector to the target position was computed.", kind="count")
     heading_reference: Scalar = quantity(
-        "rad", "Target of the heading law in the active step, or in the last step that used it.", kind="angle"
+        "rad",
+        "Bearing of the target position in the steps align and move; target heading in other steps.",
+        kind="angle",
     )
     distance: Scalar = quantity("m", "Distance of the centre of mass from its target position.")
     speed_reference: Scalar = quantity("m/s", "Speed reference in the step move; 0 in other steps.")
@@ -55,17 +57,17 @@ class PoseStepsOutput:
 class PoseBySteps:
     """Law that brings the hovercraft near a position and heading in the six steps of [1], which repeat for ever.
 
-        compute  the error vector                    then align, or final if near the target
+        compute  the vector to the target position   then align, or final if near the target
         align    HeadingBangBang to its bearing      until the heading is within the heading law's tolerance
         move     ForwardMomentum at speed_gain times the remaining distance along the nose, within limits
                                                      until that distance is below `passed`, or the bearing error exceeds
                                                      off_course
         stop     ZeroVelocity                        until V < margin times the turn's switching energy, then compute
         final    HeadingBangBang to the heading      until within tolerance
-        hold     ZeroVelocity                        until 1.5 tolerances away, then compute
+        hold     ZeroVelocity                        until 1.5 near or 1.5 near_heading away, then compute
 
     Ends:    never, because the heading drifts without bound under ZeroVelocity (its slow manifold).
-    Source:  [1] section 2.3.1; gains and tolerances are chosen, see docs page.
+    Source:  [1] section 2.3.1; gains and tolerances are our own choice, see docs page.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
@@ -90,18 +92,22 @@ class PoseBySteps:
         above=0,
     )
     margin: Scalar = quantity(
-        "1", "Fraction of the switching energy below which the step stop ends.", default=0.3, above=0, high=1
+        "1",
+        "Kinetic energy below which the step stop ends, as a fraction of the switching energy.",
+        default=0.3,
+        above=0,
+        high=1,
     )
     turn: HeadingBangBang = part(
-        "Law used in the steps align and final. Its parameter target is ignored.", default=HeadingBangBang()
+        "Law used in the steps align and final. Its parameter `target` is ignored.", default=HeadingBangBang()
     )
     forward: ForwardMomentum = part(
-        "Law used in the step move. Its parameter reference is ignored.", default=ForwardMomentum(k1=2.0, k2=9.0)
+        "Law used in the step move. Its parameter `reference` is ignored.", default=ForwardMomentum(k1=2.0, k2=9.0)
     )
     damping: ZeroVelocity = part("Law used in the steps stop and hold.", default=ZeroVelocity())
 
     def init(self, key: Any) -> PoseStepsState:
-        """Return the initial state: step compute."""
+        """Return the initial state, in the step compute."""
         return PoseStepsState(
             mode=np.asarray(COMPUTE, np.int32),
             bearing=np.asarray(0.0),
@@ -110,7 +116,7 @@ class PoseBySteps:
         )
 
     def step(self, t: Any, state: PoseStepsState, estimate: Estimate) -> tuple[PoseStepsState, PoseStepsOutput]:
-        """Update the active step of the law, and return the demand at integer time t."""
+        """Update the active step of the law, and return the demand at time t (unit: 100 ns)."""
         s = estimate.state
         way = jnp.stack([self.north - s.north, self.east - s.east])
         distance, along = jnp.sqrt(way @ way), jnp.cos(s.heading) * way[0] + jnp.sin(s.heading) * way[1]

@@ -1,4 +1,4 @@
-"""Receding-horizon control of the hovercraft: optimises the next seconds within its limits, fifty times a second.
+"""Receding-horizon control of the hovercraft: the next seconds are optimised within limits, fifty times a second.
 
 Source: own derivation from the model of Z. Kulis, "Feedback control of a hovercraft over a wireless link", University
 of Maryland, 2006, eq. 2.11. The solution method is that of [1] M. Diehl, H. Bock, J. Schlöder, "A real-time iteration
@@ -30,7 +30,7 @@ from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 STAGES = 13
 """Number of stages in the plan. A stage has one thrust and one force angle."""
 SLOTS = 8
-"""Number of past demands kept, for the prediction over the delay to the fan."""
+"""Number of past demands that are stored, for the prediction over the delay to the fan."""
 
 
 @record
@@ -49,7 +49,7 @@ class RecedingHorizonOutput:
     solved: Scalar = quantity("1", "True if the primal and the dual residual are within the tolerance.", kind="flag")
     infeasible: Scalar = quantity("1", "True if no plan can keep the limits.", kind="flag")
     rho: Scalar = quantity("1", "Penalty rho of the limits in the quadratic program.")
-    cost: Scalar = quantity("1", "Cost of the plan before its improvement in this step.")
+    cost: Scalar = quantity("1", "Cost of the plan before the optimisation of this step.")
 
 
 @record
@@ -77,21 +77,23 @@ class RecedingHorizonState:
 class RecedingHorizon:
     """Law that computes the best plan within the limits for the next seconds, applies its first move, and replans.
 
-    Each `period` the state is predicted to the time at which the next move acts, under the moves in transit. From there
-    the last plan, shifted by a period, is simulated on the model: U = (thrust, force angle) in STAGES moves of `stage`
-    each. The residuals (position, velocity, yaw rate, heading, the moves and their changes, each times its weight) are
-    linearised in small changes dU of the plan. The best change within the limits solves a quadratic program:
+    A plan U consists of STAGES moves (thrust, force angle), each of the duration `stage`. Each `period` the state is
+    predicted to the time at which the next move acts, under the moves that were sent before. From this state the last
+    plan, shifted by a period, is simulated on the model. The residuals (errors of position, velocity, yaw rate and
+    heading, the moves and their changes, each times its weight) are linearised in small changes dU of the plan. The
+    best change within the limits solves a quadratic program:
 
         minimise |r + J dU|^2 + damping |dU|^2    subject to    limits of U, limits of its change from stage to stage
 
     One such Gauss-Newton step is made each period [1].
 
-    Limits:  thrust from -pull to push, force angle within deflection, their rates. The angle is that of the force, also
-             with the fan in reverse.
+    Limits:  thrust from -pull to push, force angle within deflection, and the rates of both. The angle is that of the
+             force, also with the fan in reverse.
     Holds:   the demand between two plans, so the autopilot may run faster than the planning.
-    Fails:   without raising an error. An unsolved program sets a signal, and the demand still keeps the limits.
+    Fails:   without raising an error. If the quadratic program is not solved, the signal `solved` is False, and the
+             demand still keeps the limits.
     Valid:   the limits apply to the demand. The allocation's table and dead zone are not in the model.
-    Source:  own derivation; [1]. Weights and limits are chosen.
+    Source:  own derivation; [1]. Weights and limits are our own choice.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
@@ -100,28 +102,36 @@ class RecedingHorizon:
     position: Scalar = quantity("1/m", "Weight of the position error.", default=2.0, low=0)
     velocity: Scalar = quantity("s/m", "Weight of the velocity error.", default=1.5, low=0)
     yaw: Scalar = quantity(
-        "s/rad", "Weight of the yaw rate error: yaw rate minus that of the path's direction.", default=0.1, low=0
+        "s/rad",
+        "Weight of the yaw rate error: yaw rate minus the turn rate of the reference acceleration.",
+        default=0.1,
+        low=0,
     )
     heading: Scalar = quantity(
-        "1/rad", "Weight of the heading error, where the reference has a heading.", default=0.5, low=0
+        "1/rad", "Weight of the heading error. It applies only where the reference has a heading.", default=0.5, low=0
     )
     aim: Scalar = quantity("s^2/m", "Weight of the angle between the nose and the needed force.", default=1.0, low=0)
     k1: Scalar = quantity(
         "1/s^2",
-        "Gain k1 of the needed acceleration to which the nose turns: acceleration per position error.",
+        "Gain k1 from position error to the needed acceleration. The nose turns to the direction of this acceleration.",
         default=0.25,
         low=0,
     )
     k2: Scalar = quantity(
         "1/s",
-        "Gain k2 of the needed acceleration to which the nose turns: acceleration per velocity error.",
+        "Gain k2 from velocity error to the needed acceleration. The nose turns to the direction of this acceleration.",
         default=0.5,
         low=0,
     )
     least: Scalar = quantity(
-        "m/s^2", "Reference acceleration below which the reference demands no yaw rate.", default=0.03, above=0
+        "m/s^2",
+        "Reference acceleration below which the yaw rate of the reference fades to zero.",
+        default=0.03,
+        above=0,
     )
-    last: Scalar = quantity("1", "Factor on the weights in the last stage of the plan.", default=2.0, low=0)
+    last: Scalar = quantity(
+        "1", "Factor on the weights of the errors in the last stage of the plan.", default=2.0, low=0
+    )
     effort: Scalar = quantity("1/N", "Weight of the thrust in the cost.", default=0.1, low=0)
     steering: Scalar = quantity("1/rad", "Weight of the force angle in the cost.", default=0.1, low=0)
     thrust_change: Scalar = quantity("1/N", "Weight of the change of thrust from stage to stage.", default=0.2, low=0)
@@ -158,7 +168,7 @@ class RecedingHorizon:
         )
 
     def step(self, t: Any, state: RecedingHorizonState, estimate: Estimate) -> tuple[Any, RecedingHorizonOutput]:
-        """Return the demand at integer time t. A new plan is made every period. In between the last demand is held."""
+        """Return the demand at time t (unit: 100 ns). It is planned every `period`, and held in between."""
         due = estimate.valid & ((t % self.period == 0) | ~state.began)
         state = jax.lax.cond(due, lambda: self._plan(t, state, estimate), lambda: state)
         return state, state.output

@@ -1,4 +1,4 @@
-"""Position tracking after the loss of a rotor: the quadrotor spins without yaw control, and steers its spin axis.
+"""Position tracking after the loss of a rotor: the quadrotor spins without yaw control, and tilts its spin axis.
 
 [1] is M. W. Mueller, R. D'Andrea, "Stability and control of a quadrocopter despite the complete loss of one, two, or
 three propellers", ICRA 2014; [2] S. Sun, L. Sijbers, X. Wang, C. de Visser, "High-speed flight of quadrotor despite
@@ -19,7 +19,7 @@ from trimtab.laws.geometric_tracking import GeometricTracking, flyable_state
 from trimtab.vehicles.quadrotor import RotorDemand, RotorSpeeds
 
 LEAST_COSINE = 0.2
-"""Smallest cosine of the angle between the demanded direction and the body's z axis."""
+"""Smallest magnitude used for the cosine of the angle between the demanded direction and the body's z axis."""
 UPRIGHT = np.tile([0.0, 0.0, 1.0], (4, 1))
 
 
@@ -37,11 +37,11 @@ class RotorLossState:
 class RotorLossOutput:
     """Demand and errors of the law `RotorLossTracking`. Source: this module."""
 
-    demand: RotorDemand = part("Demanded thrust and moments, and the rotors that work.")
+    demand: RotorDemand = part("Demanded thrust and moments, and a flag for each rotor that works.")
     position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
     velocity_error: Any = quantity("m/s", "Velocity error: velocity minus reference.", frame="W", shape=(3,))
     attitude_error: Scalar = quantity(
-        "1", "Attitude error: Psi with all rotors; 1 - cos of the spin axis error after a loss."
+        "1", "Attitude error: Psi while all rotors work; 1 - cos of the spin axis error after a loss."
     )
     distance: Scalar = quantity("m", "Length of the position error.")
     lost: Scalar = quantity("1", "True after the loss of a rotor.", kind="flag")
@@ -56,20 +56,21 @@ class RotorLossTracking:
         d'' wanted = -ks s c - kd d'    c = d_z/max(d_z, 0.2)
         T = |A|/axis_z      M = J w' + w × (J w + h e3) + D_w w
 
-    A is the demanded force as in the law for all rotors, with the gains kx and kv; d is the opposite direction, in the
-    body. Roll and pitch rates follow from s' and s'', exactly at every yaw rate [2, section IV]. Yaw is not controlled.
-    The axis is that of the relaxed hover [1]. There the rotor opposite the lost one gives a fraction of the thrust of
-    the other rotors, so its thrust can rise and fall. c is 1 except for a body on its side or upside down. Without c
-    the mirror image of the axis would be stable too: a tipped craft would spin there, and fall. Rates and direction are
-    predicted by `lead`, because the spinning body turns while links and rotors lag.
+    A is the demanded force as in `nominal`, with the gains kx and kv. d is the direction of -A in body axes. The roll
+    and pitch accelerations in w' follow from the wanted d'', exactly at every yaw rate [2, section IV]. Yaw is not
+    controlled. The axis is that of the relaxed hover [1]: the rotor opposite the lost one gives a fraction of the
+    thrust of the others, so its thrust can rise and fall. c is 1 except for a body on its side or upside down. Without
+    c the mirror image of the axis would be stable too: a tipped craft would spin about it, and fall. Rates and
+    direction are predicted over the time `lead`, because the body turns during the delay of links and rotors.
 
     A rotor that turns slower than `idle` for `patience` counts as lost for the rest of the run. The allocation never
     commands a working rotor below `idle`. The law handles the loss of one rotor, not of a second. After the loss the
-    reference stays where it was, because three rotors that carry the craft have little thrust left for a path.
+    reference stays at its last position, because three rotors that carry the craft have little thrust left to follow a
+    path.
 
     Frames:  W north-east-down, B body; `axes` points down in B.
     Valid:   a quadrotor whose rotors' speeds are measured. Not modelled: two lost rotors; drag of the body's motion.
-    Source:  [1] section III for the axis; [2] section IV for the inversion; its gains are chosen.
+    Source:  [1] section III for the axis; [2] section IV for the inversion. The gains are our own choice.
     """
 
     nominal: GeometricTracking = part("Law used while all rotors work.", default=GeometricTracking())
@@ -90,7 +91,7 @@ class RotorLossTracking:
 
     @property
     def reference(self) -> Any:
-        """Return the reference position of the law for all rotors."""
+        """Return the reference of the law `nominal`, which is used while all rotors work."""
         return self.nominal.reference
 
     def init(self, key: Key) -> RotorLossState:
@@ -98,7 +99,7 @@ class RotorLossTracking:
         return RotorLossState(np.float64(0.0), np.zeros(np.size(self.nominal.craft.rotors.spins)))
 
     def step(self, t: Any, state: RotorLossState, estimate: Estimate) -> tuple[RotorLossState, RotorLossOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         x, dt = flyable_state(estimate), estimate.dt
         known = jnp.any(state.slow >= self.patience)
         slow = jnp.where(known, state.slow, jnp.where(jnp.abs(x.rotor_speed) < self.idle, state.slow + dt, 0.0))
@@ -120,7 +121,7 @@ class RotorLossTracking:
         return RotorLossState(jnp.where(lost, state.time, state.time + dt), slow), output
 
     def _spin(self, wanted: SpatialPoint, x: Any, gone: Any) -> tuple[RotorDemand, Any]:
-        """Return the demand without the first lost rotor, and 1 - cos of the angle between spin axis and d."""
+        """Return the demand after the loss of a rotor, and 1 - cos of the angle between spin axis and d."""
         craft = self.nominal.craft
         axis = jnp.asarray(self.axes)[jnp.argmax(gone)]
         ahead, yaw = self._look_ahead(x)
@@ -131,9 +132,9 @@ class RotorLossTracking:
         d, w = -(R.T @ A) / size, ahead.rate
         d_rate = jnp.cross(d, w)
         s = d - axis
-        rest = -self.kd * d_rate - jnp.cross(d_rate, w)  # x and y of d'' = d' × w + d × w' give roll and pitch
+        rest = -self.kd * d_rate - jnp.cross(d_rate, w)  # x, y of d'' = d' × w + d × w' give roll and pitch
         dz = jnp.where(jnp.abs(d[2]) < LEAST_COSINE, jnp.where(d[2] < 0, -LEAST_COSINE, LEAST_COSINE), d[2])
-        pull = self.ks / jnp.maximum(d[2], LEAST_COSINE)  # attracts to the axis even upside down, not to its mirror
+        pull = self.ks / jnp.maximum(d[2], LEAST_COSINE)  # to the axis even if upside down, not to its mirror image
         roll = -pull * s[1] + (rest[1] + d[0] * yaw) / dz
         turn = jnp.stack([roll, pull * s[0] + (d[1] * yaw - rest[0]) / dz, yaw])
         J, spin = jnp.asarray(craft.inertia), craft.rotors.angular_momentum(x.rotor_speed)

@@ -19,8 +19,8 @@ FREE = 1e9
 
 
 class _Neighbours(NamedTuple):
-    """Velocity limit of each neighbour (n,). room: lower bound of (a/2)(|q - q_j| - D), m/s.  north, east: unit vector
-    from j to q.
+    """Velocity limit that each of n neighbours imposes. room: lower bound of (a/2)(|q - q_j| - D), m/s.  north, east:
+    unit vector from j to q.
 
     doubt: bound of the error of this unit vector.  others: False for the craft itself.
     """
@@ -34,15 +34,15 @@ class _Neighbours(NamedTuple):
 
 @record
 class Separation:
-    """Barrier that limits the velocity of a reference point, so that it stays clear of points known with delay.
+    """Barrier that limits the velocity of a reference point, so that it stays clear of other points, known with delay.
 
-        h_ij = |q_i - q_j| - D  is to stay >= 0.    Every point keeps |u| <= V.
-        A message of j, `age` old, has q^: q_j is within V age of q^.     rho = |q_i - q^|,  e^ = (q_i - q^)/rho
+        h_ij = |q_i - q_j| - D  must stay >= 0.     Every point keeps |u| <= V.
+        A message of j, `age` old, has q^.   |q_j - q^| <= V age.         rho = |q_i - q^|,  e^ = (q_i - q^)/rho
         h^ = rho - V age - D <= h_ij                 |e^ - e| <= s = 2 sin(theta/2),  sin theta = V age/rho
         allowed:  e^.u_i >= s |u_i| - (a/2) max(h^, 0)     for each j                                           (*)
 
-    u = 0 is always allowed. It is the only velocity allowed by a neighbour that may be anywhere: one without a message,
-    or with V age >= rho. The wanted velocity is first moved, three times, to the limit of the most restrictive
+    u = 0 is always allowed. A neighbour that may be anywhere allows no other velocity: one without a message, or with
+    V age >= rho. The wanted velocity is first moved, three times, to the limit of the most restrictive
     neighbour, and by `swerve` times as much to starboard, so that two craft that meet both turn right. Then it is
     shortened until (*) holds for all.
 
@@ -51,10 +51,11 @@ class Separation:
              points, and dt a step with a dt <= 1. A norm is convex, so d(t + dt) >= d + dt e.(u_i - u_j). By (*)
              e.u_i >= e^.u_i - s |u_i| >= -(a/2) max(h^, 0) >= -(a/2) h_ij, for h^ <= h_ij and 0 <= h_ij; likewise
              -e.u_j. So h_ij(t + dt) >= (1 - a dt) h_ij(t) >= 0. (docs page, tests)
-    Assumes: messages are true at their time stamps; clocks agree to within a slot's margin; no other vehicle is there.
+    Assumes: messages are true at their time stamps; clocks agree to within a slot's margin; all vehicles nearby are in
+             the swarm.
     Not proven: that the body stays near its point, which is measured; that every craft reaches its target.
-    Source:  own derivation. Half of the rate for each of two: L. Wang, A. Ames, M. Egerstedt, IEEE Trans. Robotics 33
-             (2017) 661; barriers in discrete time: A. Agrawal, K. Sreenath, RSS 2017.
+    Source:  own derivation. Each of two craft may use half of the rate a: L. Wang, A. Ames, M. Egerstedt, IEEE Trans.
+             Robotics 33 (2017) 661; barriers in discrete time: A. Agrawal, K. Sreenath, RSS 2017.
     """
 
     distance: Scalar = quantity("m", "Minimum distance D between two reference points.", default=1.8, above=0)
@@ -97,7 +98,7 @@ class Separation:
         reach = self.speed * age
         known = heard & (reach < rho) & (square > 0)
         sine = jnp.where(known, reach / rho, 0.0)
-        # 2 sin(theta/2) = sin theta/cos(theta/2), which keeps its digits, and has a derivative, at 0
+        # 2 sin(theta/2) = sin theta/cos(theta/2): this form is accurate, and differentiable, at 0
         doubt = jnp.where(known, sine / jnp.sqrt((1 + jnp.sqrt(1 - sine * sine)) / 2), 2.0)
         h = rho - reach - self.distance
         room = self.rate / 2 * jnp.maximum(jnp.where(known, h, 0.0), 0.0)

@@ -17,7 +17,7 @@ from trimtab.laws.velocity import READS, VelocityOutput, ZeroVelocity
 from trimtab.vehicles.hovercraft import Hovercraft
 
 BRAKE, SPIN = 0, 1
-"""Modes of SupervisedSpin."""
+"""Indices of the modes of SupervisedSpin."""
 
 
 @record
@@ -47,7 +47,7 @@ class ConstantSpin:
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         s = estimate.state
         FY = -self.k2 * (s.sway_velocity - self.model.arm * (s.yaw_rate - self.reference))
         return state, VelocityOutput(PlanarForce(-self.k1 * s.surge_velocity, FY), self.lyapunov(s))
@@ -64,7 +64,7 @@ def lyapunov(model: Hovercraft, s: Any, reference: Any) -> Any:
 
 
 def limit_point_value(model: Hovercraft, reference: Any) -> Any:
-    """Return W (J) at the bad limit point, (J + D) reference^2/2. From a smaller W the good limit point is reached.
+    """Return W (J) at the bad limit point, (J + D) reference^2/2. Every start with a smaller W reaches the good one.
 
     Source: [1] section 2.2.6.
     """
@@ -95,9 +95,9 @@ def safe_reference_bound(model: Hovercraft, W: Any, reference: Any) -> Any:
     """Return the yaw rate (rad/s, >= 0) above which a new reference of the same sign keeps ConstantSpin safe.
 
     The bound is (sqrt(2 W/J) + |reference|) / (1 + sqrt(1 + D/J)), where W (J) is computed with the present reference.
-    It is below |reference| exactly while W < limit_point_value. Then the bound is tight, and any larger reference is
-    safe too. After a disturbance it may be above |reference|, and then it does not suffice. The bound never covers a
-    change of sign: brake first.
+    The bound is below |reference| exactly while W < limit_point_value. Then it is tight, and any larger reference is
+    safe too. After a disturbance the bound may be above |reference|. Then a reference above the bound need not be safe.
+    The bound never covers a change of sign: brake first.
 
     Source: [1] eq. 2.69, reconstructed (docs Errata); the middle sign of [1, eq. 2.66] is +.
     """
@@ -109,7 +109,7 @@ def safe_reference_bound(model: Hovercraft, W: Any, reference: Any) -> Any:
 class SpinSupervisorState:
     """State of the law SupervisedSpin. Source: [1] section 2.2.6."""
 
-    mode: Scalar = quantity("1", "Mode: brake or spin.", kind="mode", modes=("brake", "spin"))
+    mode: Scalar = quantity("1", "Active mode of the law: brake or spin.", kind="mode", modes=("brake", "spin"))
     switches: Scalar = quantity("1", "Number of switches from brake to spin: 0 or 1.", kind="count")
 
 
@@ -118,7 +118,7 @@ class SupervisedSpinOutput:
     """Demand and signals of SupervisedSpin. Source: [1] section 2.2.6."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    mode: Scalar = quantity("1", "Mode: brake or spin.", kind="mode", modes=("brake", "spin"))
+    mode: Scalar = quantity("1", "Active mode of the law: brake or spin.", kind="mode", modes=("brake", "spin"))
     switches: Scalar = quantity("1", "Number of switches from brake to spin: 0 or 1.", kind="count")
     lyapunov: Scalar = quantity("J", "Lyapunov function: V in the mode brake, W in the mode spin.")
 
@@ -130,7 +130,7 @@ class SupervisedSpin:
     Modes:   brake (ZeroVelocity) -> spin (ConstantSpin) once V < eps(reference). The law never brakes again, and does
              not switch while the estimate is not valid.
     Stable:  globally, on an ideal vehicle: V falls below any eps > 0 in finite time, and V < eps implies
-             W < limit_point_value. A reference of 0 keeps braking.
+             W < limit_point_value. With a reference of 0 the law brakes for ever.
     Source:  [1] section 2.2.6 and eq. 2.48.
     """
 
@@ -138,7 +138,7 @@ class SupervisedSpin:
 
     braking: ZeroVelocity = part("Law used in the mode brake.", default=ZeroVelocity())
     spinning: ConstantSpin = part(
-        "Law used in the mode spin. Its parameter reference is the commanded yaw rate.", default=ConstantSpin()
+        "Law used in the mode spin. Its parameter `reference` is the commanded yaw rate.", default=ConstantSpin()
     )
     threshold: str = option(
         "Energy at which the law switches: as published, or sharp (1.74 times as large for the default model).",
@@ -147,13 +147,13 @@ class SupervisedSpin:
     )
 
     def init(self, key: Any) -> SpinSupervisorState:
-        """Return the initial state: mode brake."""
+        """Return the initial state, in the mode brake."""
         return SpinSupervisorState(mode=np.asarray(BRAKE, np.int32), switches=np.asarray(0, np.int32))
 
     def step(
         self, t: Any, state: SpinSupervisorState, estimate: Estimate
     ) -> tuple[SpinSupervisorState, SupervisedSpinOutput]:
-        """Update the mode, and return the demand at integer time t."""
+        """Update the mode, and return the demand at time t (unit: 100 ns)."""
         _, brake = self.braking.step(t, (), estimate)
         _, spin = self.spinning.step(t, (), estimate)
         limit = switching_energy if self.threshold == "published" else switching_energy_sharp

@@ -1,6 +1,7 @@
 """Tracking of altitude and speed by exact inversion, around the bounded internal motion that the command requires.
 
-Before a run the law rejects commands that do not end in level flight, and tables for other commands.
+Before a run the law rejects a command that does not begin and end in level flight, and a table that was made for
+another command.
 
 [1] is "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206.
@@ -26,11 +27,11 @@ from trimtab.laws.path_inversion import InputLimits, internal_rates, invert_path
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 INTERNAL_SIZES = (1e-2, 1e-2, 1.0, 10.0, 1.0, 10.0)
-"""Typical sizes of the internal states (alpha, Q, eta1, eta1', eta2, eta2')."""
+"""Typical sizes of the internal states (alpha, Q, eta1, eta1', eta2, eta2'), each in its own unit."""
 SOLVED = 1e-4
-"""Largest error of a table's rates, in typical sizes per second, for which the table counts as exact."""
+"""Largest error of a table's rates for which the table counts as exact, in INTERNAL_SIZES per second."""
 LAST = 1e5
-"""Time (s) at which every command is assumed to have ended."""
+"""Time (s) by which every command is assumed to have reached its final values."""
 STEPS = 8
 K_FLOWN = (
     (0.0893010, 0.688045, -0.355907, 1742.964, 536.101, -0.581358, -0.140480, -1.351494, -0.363934),
@@ -83,7 +84,7 @@ class StableInversionOutput:
 
 @record
 class FitRange:
-    """Range for which the vehicle's curves were fitted. Source: docs page, Hypersonic vehicle: valid range."""
+    """Flight conditions for which the vehicle model was fitted. Source: docs page, Hypersonic vehicle: valid range."""
 
     h: Any = quantity("ft", "Minimum and maximum altitude of the fitted range.", default=(80000.0, 95000.0), shape=(2,))
     V: Any = quantity("ft/s", "Minimum and maximum speed of the fitted range.", default=(7000.0, 9000.0), shape=(2,))
@@ -99,13 +100,14 @@ class FitRange:
 
 @record
 class StableInversion:
-    """Law that inverts altitude and speed, with state feedback around the ideal internal dynamics of the command.
+    """Law that inverts the dynamics of altitude and speed, with state feedback around the ideal internal dynamics.
 
         v = yd^(r) + K e + Ki integral(e_h, e_V) + u_h + u_s            u = inversion(v)
         e = (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') - wanted
 
     Altitude and speed are a non-minimum-phase output: under inversion alone the internal motion diverges with a time
-    constant of 0.3 s. `internal` gives the bounded motion that the command requires, which begins before the command.
+    constant of 0.3 s. `internal` computes the bounded motion that the command requires. This motion begins before the
+    command.
 
     Frames:  those of the vehicle, in its units.
     Stable:  locally, proved by `design.certificate`, as long as the input does not saturate.
@@ -113,7 +115,8 @@ class StableInversion:
     """
 
     internal: Any = part(
-        "Method for the reference internal motion: a record of laws.internal_states.", default=QuasiStaticInternal()
+        "Method that computes the reference internal motion: a record of laws.internal_states.",
+        default=QuasiStaticInternal(),
     )
     craft: Hypersonic = part("Vehicle model used by the law.", default=Hypersonic())
     command: Any = part("Command of altitude and speed.", default=FilteredClimb())
@@ -158,7 +161,7 @@ class StableInversion:
     def step(
         self, t: Any, state: StableInversionState, estimate: Estimate
     ) -> tuple[StableInversionState, StableInversionOutput]:
-        """Return the demanded fuel ratio and elevator angle at integer time t."""
+        """Return the demanded fuel ratio and elevator angle at time t (unit: 100 ns)."""
         x, now = estimate.state, to_seconds(t)
         dt = jnp.where(state.started, to_seconds(t - state.t), 0.0)
         want: PathPoint = self.command.at(now)
@@ -199,9 +202,9 @@ class StableInversion:
     def _rescale_internal_states(self, x: Any, zeta: Any) -> Any:
         """Return the reference internal states for the estimated frequencies of the modes.
 
-        A load bends a mode by N/w^2, so a frequency error enters the reference squared. An estimator with the same
-        frequency error has the same error, so the feedback sees no difference. An estimator that estimates the
-        frequency corrects the reference.
+        The static displacement of a mode is N/w^2, so an error in w scales the reference by its square. An estimator
+        with the same wrong w has the same error in its states, so the feedback sees no difference. An estimator that
+        estimates w corrects the reference.
         """
         frequencies = optional_member(x, "frequencies")
         if isinstance(frequencies, tuple):
@@ -246,7 +249,7 @@ def check_internal_table(craft: Any, command: Any, table: InternalTable, limits:
 
 
 def _check_input_limits(limits: InputLimits, u: Any, where: list[str]) -> None:
-    """Raise InputError if u, fuel ratio and elevator angle (2, n), exceeds a limit. where: texts for the message."""
+    """Raise InputError if a fuel ratio or elevator angle in u (2, n) exceeds a limit. where: n texts for the error."""
     low, high = (np.array([*pair]) for pair in limits.bounds())
     for value, least, most, what in zip(u, low, high, ("fuel ratio", "elevator (rad)"), strict=True):
         beyond = np.maximum(least - value, value - most)
@@ -271,7 +274,7 @@ def _level_flight_at_ends(craft: Any, command: Any) -> Any:
 def _table_residual(craft: Any, command: Any, t: Any, nodes: Any, rates: Any) -> tuple[Any, Any]:
     """Return the error of a table's rates (n, 6) against the internal dynamics, as a fraction of INTERNAL_SIZES (n,).
 
-    The second result is the fuel ratio and elevator (rad) that the command needs there (2, n).
+    The second result is the fuel ratio and elevator angle (rad) that the command needs at the times t (2, n).
     """
     p: PathPoint = command.at(t)
     path = (p.h, p.h_rate, p.V)

@@ -1,4 +1,4 @@
-"""Linear compensator, designed elsewhere, used as a law: x(k+1) = A x(k) + B e(k), u = u0 + C x(k) + D e(k)."""
+"""Law that runs a linear compensator designed elsewhere: x(k+1) = A x(k) + B e(k), u = u0 + C x(k) + D e(k)."""
 
 from typing import Any
 
@@ -18,8 +18,8 @@ class StateSpaceState:
     """State of the law `StateSpaceLaw`. Source: this module."""
 
     x: Any = quantity("1", "State of the compensator.")
-    u: Any = quantity("1", "Last output of the compensator, which is added to the input at the trim.")
-    began: Scalar = quantity("100 ns", "Time at which the compensator's present period began.", kind="time")
+    u: Any = quantity("1", "Last output of the compensator, which is added to the trim input u0.")
+    began: Scalar = quantity("100 ns", "Time at which the present period of the compensator began.", kind="time")
 
 
 @record
@@ -36,9 +36,10 @@ class StateSpaceLaw:
 
         x(k+1) = A x(k) + B e(k)        u(k) = u0 + C x(k) + D e(k)        once per `period`, held between
 
-    The autopilot may step more often. `design.exchange` makes a compensator from an object of python-control or scipy.
+    The autopilot may run faster than `period`. `design.exchange` makes a compensator from an object of python-control
+    or scipy.
 
-    Frames:  those of the fields.    Valid: near (x0, u0).    Not modelled: limits of the inputs.
+    Frames:  those of the state fields.    Valid: near (x0, u0).    Not modelled: limits of the inputs.
     Source:  K. J. Åström, B. Wittenmark, "Computer-controlled systems", Prentice Hall 1997, chapters 2 and 8.
     """
 
@@ -49,15 +50,17 @@ class StateSpaceLaw:
     B: Any = quantity("1", "Matrix B of the compensator (k, n), for n errors.", default=np.zeros((1, 4)))
     C: Any = quantity("1", "Matrix C of the compensator (m, k), for m inputs.", default=np.zeros((2, 1)))
     D: Any = quantity("1", "Matrix D of the compensator (m, n).", default=np.zeros((2, 4)))
-    x0: Any = quantity("1", "Trim state x0: the numbers of all fields, one after another.", default=np.zeros(4))
-    u0: Any = part("Input u0 at the trim, as the vehicle's record of inputs.", default=PlanarForce(0.0, 0.0))
+    x0: Any = quantity(
+        "1", "Trim state x0: the values of the fields in `reads`, concatenated in this order.", default=np.zeros(4)
+    )
+    u0: Any = part("Trim input u0, a record of the vehicle's input type.", default=PlanarForce(0.0, 0.0))
     period: int = period("Sample period for which A, B, C and D are designed.", default=ms(1))
 
     def check(self) -> None:
         """Raise InputError if the shapes of the matrices do not match."""
         A, B, C, D = (np.shape(M) for M in (self.A, self.B, self.C, self.D))
         if not (len(A) == len(B) == len(C) == len(D) == 2) or not (A[0] == A[1] == B[0] == C[1] and (C[0], B[1]) == D):
-            problem = f"A {A}, B {B}, C {C}, D {D} do not match"
+            problem = f"the shapes of A {A}, B {B}, C {C} and D {D} do not match each other"
             raise InputError(
                 "StateSpaceLaw.A",
                 problem,
@@ -69,7 +72,7 @@ class StateSpaceLaw:
         return StateSpaceState(jnp.zeros(np.shape(self.A)[0]), jnp.zeros(np.shape(self.C)[0]), np.int64(NEVER))
 
     def step(self, t: Any, state: StateSpaceState, estimate: Estimate) -> tuple[StateSpaceState, StateSpaceOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         e = state_error(estimate.state, self.reads, self.x0)
         began = t // self.period * self.period
         due = began != state.began

@@ -1,7 +1,7 @@
 """Conversion of the estimated state to the vector that a linear law multiplies, and of a vector to the input record.
 
-A field of four numbers without a unit is a quaternion. It counts as three numbers: the rotation from the set-point, in
-body axes.
+A field of four numbers without a unit is a quaternion. Its deviation has three elements: the rotation vector from the
+set-point, in body axes.
 """
 
 from collections.abc import Sequence
@@ -26,11 +26,11 @@ def state_error(
 
     Args:
         state: estimated state, a record.
-        names: names of the state's fields in order: numbers, vectors, a quaternion.
-        point: set-point (k,): the numbers of all fields, four for a quaternion.
+        names: names of the fields of the state, in the order of the result. Each is a number, a vector or a quaternion.
+        point: set-point (k,): the values of these fields, concatenated. A quaternion has four numbers.
         attitude: name of the quaternion field q_XB. Needed only if `turned` or `places` is not empty.
-        turned: fields in the frame X, such as velocities, that are compared in body axes: the state's value in the
-        state's body axes, minus the set-point's value in the set-point's body axes.
+        turned: vector fields in the frame X, such as velocities, that are compared in body axes. The deviation is the
+        state's value in the state's body axes, minus the set-point's value in the set-point's body axes.
         places: fields in the frame X whose deviation is taken in the body axes of the set-point.
     """
     wanted = _split_point(state, names, point)
@@ -55,7 +55,7 @@ def _has_no_unit(state: Any, name: str) -> bool:
 
 
 def add_to_input(trim: Any, change: Any) -> Any:
-    """Return the input record of a trim with a vector (m,) added to its numbers in the order of its fields."""
+    """Return the input record `trim` with the vector `change` (m,) added to its numbers, in the order of its fields."""
     values, tree = jax.tree.flatten(trim)
     new, begin = [], 0
     for own in values:

@@ -1,4 +1,4 @@
-"""Heading autopilot of a craft with a rudder: a reference model, and PID control about it."""
+"""Heading autopilot of a craft with a rudder: a reference model, and PID control of the deviation from it."""
 
 from typing import Any
 
@@ -38,7 +38,9 @@ class Steering:
     kd: Scalar = quantity("s", "Rate gain: rudder angle per yaw rate error.", default=0.9, low=0)
     ki: Scalar = quantity("1/s", "Integral gain: rudder angle per integral of the heading error.", default=0.05, low=0)
     speed: Scalar = quantity("m/s", "Speed U0 through the water for which the gains are given.", default=0.58, above=0)
-    slowest: Scalar = quantity("m/s", "Speed below which the gains are not increased further.", default=0.58, above=0)
+    slowest: Scalar = quantity(
+        "m/s", "Speed through the water below which the gains are not increased further.", default=0.58, above=0
+    )
     limit: Scalar = quantity("rad", "Maximum rudder angle.", kind="angle", default=0.6, above=0)
     frequency: Scalar = quantity("rad/s", "Natural frequency w of the reference model.", default=2.0, above=0)
     damping: Scalar = quantity("1", "Damping ratio z of the reference model.", default=1.0, above=0)
@@ -51,14 +53,14 @@ class Steering:
     def steer(
         self, state: SteeringState, asked: Any, heading: Any, yaw_rate: Any, speed: Any, dt: Any
     ) -> tuple[SteeringState, Any]:
-        """Return the rudder angle (rad) for a commanded heading, with the next state.
+        """Return the next state, and the rudder angle (rad) for a commanded heading.
 
         Args:
             state: state from the previous step.
             asked: commanded heading (rad).
-            heading: heading (rad).
-            yaw_rate: rate of turn (rad/s).
-            speed: forward speed through the water (m/s).
+            heading: estimated heading (rad).
+            yaw_rate: estimated yaw rate (rad/s).
+            speed: estimated forward speed through the water (m/s).
             dt: time since the previous step (s).
         """
         first = SteeringState(jnp.asarray(True), heading, yaw_rate, jnp.zeros_like(heading))

@@ -21,7 +21,9 @@ SWING, BALANCE = range(2)
 class SwingUpState:
     """State of the law `SwingUp`: its active mode. Source: this module."""
 
-    mode: Scalar = quantity("1", "Mode: swing or balance.", kind="mode", modes=MODES, default=np.int32(SWING))
+    mode: Scalar = quantity(
+        "1", "Active mode of the law: swing or balance.", kind="mode", modes=MODES, default=np.int32(SWING)
+    )
 
 
 @record
@@ -29,7 +31,7 @@ class SwingUpOutput:
     """Demand and signals of the law `SwingUp`. Source: this module."""
 
     demand: CartForce = part("Demanded force on the cart.")
-    mode: Scalar = quantity("1", "Mode: swing or balance.", kind="mode", modes=MODES)
+    mode: Scalar = quantity("1", "Active mode of the law: swing or balance.", kind="mode", modes=MODES)
     energy: Scalar = quantity("J", "Energy of the pole relative to the pole upright at rest.")
     lean: Scalar = quantity("rad", "Angle of the pole from upright, wrapped to ±pi.", kind="angle")
 
@@ -41,12 +43,12 @@ class SwingUp:
         swing:    a = clip(k E q' cos q, ±n g) - k_x x - k_v x'      so that E' = -m l a q' cos q leads E to 0
         balance:  F = -K (x, x', q, q')
 
-    The law switches to balance at an angle below `catch` from upright, where the regulator needs little force, and back
-    to swing at an angle above `release`. The centring terms, which [1] lacks, keep the cart near the middle of its
-    rail.
+    The law switches to balance at an angle below `catch` from upright, where the regulator needs little force. It
+    switches back to swing at an angle above `release`. The centring terms, which [1] lacks, keep the cart near the
+    middle of its rail.
 
-    Frames:  those of the cart-pole.    Valid: forces of up to some 10 N. Not modelled: the rail's ends.
-    Source:  [1] eqs. 7 and 8; K: design.lqr with weights (1, 1, 10, 1) and 0.1, see the test.
+    Frames:  those of the cart-pole.    Valid: forces of up to about 10 N. Not modelled: the rail's ends.
+    Source:  [1] eqs. 7 and 8; K: design.lqr with state weights (1, 1, 10, 1) and input weight 0.1.
     """
 
     craft: CartPole = part("Model of the cart-pole used by the law.", default=CartPole())
@@ -58,7 +60,7 @@ class SwingUp:
     k_v: Scalar = quantity("1/s", "Centring gain k_v of the cart's speed in the mode swing.", default=0.6, low=0)
     K: Any = quantity(
         "1",
-        "Balance gain K (N) of position (m), speed (m/s), angle (rad) and angle rate (rad/s).",
+        "Gain K in F = -K x of the mode balance. x: position (m), speed (m/s), angle (rad), angle rate (rad/s).",
         shape=(4,),
         default=np.array([-3.1623, -5.9155, -49.507, -12.844]),
     )
@@ -69,11 +71,11 @@ class SwingUp:
     reads: ClassVar[tuple[str, ...]] = ("position", "speed", "angle", "angle_rate")
 
     def init(self, key: Any) -> SwingUpState:
-        """Return the initial state: mode swing."""
+        """Return the initial state, in the mode swing."""
         return SwingUpState()
 
     def step(self, t: Any, state: SwingUpState, estimate: Estimate) -> tuple[SwingUpState, SwingUpOutput]:
-        """Return the demanded force at integer time t."""
+        """Return the demanded force at time t (unit: 100 ns)."""
         x = estimate.state
         lean, energy = wrap(x.angle), self.craft.energy(x)
         nearly = (abs(lean) < self.catch) & (abs(x.angle_rate) < self.catch_rate)

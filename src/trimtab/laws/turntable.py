@@ -24,8 +24,8 @@ class Turntable:
 
         constant:  rate min(1, t/ramp)      square:  rate sign(sin(2 pi t/T))      sine:  rate sin(2 pi t/T)
 
-    t is the time since the start of the run. Nothing is commanded before the first valid estimate, so a ramp that is
-    over by then has no effect. The estimate is not read.
+    t is the time since the start of the run. Nothing is commanded before the first valid estimate, so a ramp that ends
+    before this time has no effect. The values of the estimate are not used.
 
     Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
              section 6.2.1: constant rates, and a square wave.
@@ -33,8 +33,12 @@ class Turntable:
 
     reads: ClassVar[tuple[str, ...]] = ()
 
-    rate: Scalar = quantity("rad/s", "Amplitude of the rate of turn, with its sign.", default=math.radians(-115))
-    ramp: Scalar = quantity("s", "Time in which the constant rate is reached; 0: at once.", default=1.0, low=0)
+    rate: Scalar = quantity(
+        "rad/s", "Amplitude of the rate of turn. A negative amplitude reverses the turn.", default=math.radians(-115)
+    )
+    ramp: Scalar = quantity(
+        "s", "Time in which the rate rises from 0 to its constant value; 0: at once.", default=1.0, low=0
+    )
     cycle: Scalar = quantity("s", "Period T of the square wave or sine.", default=2.0, above=0)
     waveform: str = option(
         "Waveform of the commanded rate: constant, square or sine.",
@@ -47,11 +51,11 @@ class Turntable:
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], TurntableOutput]:
-        """Return the commanded rate at integer time t."""
+        """Return the commanded rate at time t (unit: 100 ns)."""
         return state, TurntableOutput(PlatformDrive(rate=self.rate * self.share(to_seconds(t))))
 
     def share(self, s: Any) -> Any:
-        """Return the rate at a time s (s), divided by the amplitude."""
+        """Return the commanded rate at a time s (s), divided by the amplitude."""
         if self.waveform == "constant":
             return jnp.where(s < self.ramp, s / jnp.where(self.ramp > 0, self.ramp, 1.0), 1.0)
         phase = s / self.cycle - jnp.floor(s / self.cycle)

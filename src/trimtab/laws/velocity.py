@@ -1,4 +1,4 @@
-"""Laws that drive the hovercraft's velocity to a constant: zero, forward or backward.
+"""Laws that control the hovercraft's velocity to a constant: zero, forward or backward.
 
 Sway has no actuator of its own, so the heading is free. Each law controls the velocity in body axes, and no law holds a
 heading.
@@ -25,7 +25,7 @@ class VelocityOutput:
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     lyapunov: Scalar = quantity(
-        "J", "Lyapunov function of the law, or a distance from the equilibrium if the law has none."
+        "J", "Lyapunov function of the law; for ReverseMomentum the energy of the velocity error, which may grow."
     )
 
 
@@ -62,7 +62,7 @@ class ZeroVelocity:
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         s = estimate.state
         demand = PlanarForce(-self.k1 * s.surge_velocity, -self.k2 * (s.sway_velocity - self.model.arm * s.yaw_rate))
         return state, VelocityOutput(demand, self.lyapunov(s))
@@ -119,7 +119,7 @@ class ForwardMomentum:
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         s, model = estimate.state, self.model
         FX = -self.k1 * (s.surge_velocity - self.reference / model.mass)
         FY = -self.k2 * (s.sway_velocity - model.arm * s.yaw_rate)
@@ -163,7 +163,7 @@ class ForwardMomentumMatched:
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         s, model = estimate.state, self.model
         k2 = self.reference / (2 * model.arm)
         FX = -self.k1 * (s.surge_velocity - self.reference / model.mass)
@@ -225,7 +225,7 @@ class ReverseMomentum:
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
-        """Return the demand at integer time t."""
+        """Return the demand at time t (unit: 100 ns)."""
         s, model = estimate.state, self.model
         FX = -self.k1 * (s.surge_velocity - self.reference / model.mass)
         FY = self.k2 * (s.sway_velocity + self.theta * model.arm * s.yaw_rate)

@@ -20,9 +20,9 @@ from trimtab.core.signals import Estimate
 from trimtab.vehicles.dubins_car import CarTurn, DubinsCar
 
 SLOW = 0.05
-"""Minimum speed (m/s) along a path. A lower speed is raised to this value, so that the target cannot get stuck."""
+"""Minimum speed (m/s) along a path. A lower speed of the path is raised to this value, so that the target moves."""
 REST = 1e-12
-"""Speed (m/s) along a path below which the path has no direction."""
+"""Speed (m/s) along a path below which the path counts as at rest and has no direction."""
 BEGIN = 0.02
 """Path parameter (s) at which the target starts."""
 STEP = 0.02
@@ -35,7 +35,7 @@ class VirtualTargetState:
 
     progress: Scalar = quantity(
         "s",
-        "Path parameter: time in the path's definition that the target has reached; below 0 before its beginning.",
+        "Path parameter of the target: time argument of the path. It is negative before the path's beginning.",
         default=0.0,
     )
     tangent: Scalar = quantity("rad", "Direction of the path at the target.", kind="angle", frame="W", default=0.0)
@@ -52,14 +52,14 @@ class VirtualTargetOutput:
         "rad", "Heading error: heading minus the path's direction, wrapped to ±pi.", kind="angle"
     )
     lyapunov: Scalar = quantity("m^2", "Lyapunov function V of the law.")
-    saturated: Scalar = quantity("1", "True if the law needs a tighter turn than the car can make.", kind="flag")
+    saturated: Scalar = quantity("1", "True if the law demands a tighter turn than the car can make.", kind="flag")
     north_reference: Scalar = quantity("m", "Position of the target, north.", frame="W")
     east_reference: Scalar = quantity("m", "Position of the target, east.", frame="W")
-    progress: Scalar = quantity("s", "Path parameter: time in the path's definition that the target has reached.")
+    progress: Scalar = quantity("s", "Path parameter of the target: time argument of the path.")
 
 
 class _Tangent(NamedTuple):
-    """Path at the target: place (2,) (m), heading (rad), curvature (1/m), pace (m/s); rests: True if the path rests."""
+    """Path at the target: place (2,) (m), heading (rad), curvature (1/m), pace (m/s), True if the path is at rest."""
 
     place: Any
     heading: Any
@@ -79,15 +79,16 @@ class VirtualTarget:
     heading minus the path's direction; kappa: the path's curvature, positive to the right.
 
     Stable: V = (a^2 + e^2)/2 + q^2/(2 g) has V' = -k1 a^2 - k2 q^2/g for any path and any start, while the turn rate is
-    not limited. On a straight path, linear: e'' + k2 e' + g V^2 e = 0.
+    not limited. On a straight path, linearised: e'' + k2 e' + g V^2 e = 0.
 
-    Frames:  W; angles clockwise.    Valid: paths that bend less than the car can turn, which `check_duration` checks.
+    Frames:  W; angles clockwise.    Valid: paths with bends wider than the car's minimum turn radius, as
+             `check_duration` checks.
     Source:  [2], without its approach angle; the turn rate is that of [1], where the target is the nearest point.
     """
 
     reads: ClassVar[tuple[str, ...]] = ("north", "east", "heading")
 
-    reference: Any = part("Path to be followed.", default=Circle(ease=0.0))
+    reference: Any = part("Path that the car follows.", default=Circle(ease=0.0))
     craft: DubinsCar = part("Model of the car used by the law.", default=DubinsCar())
     k1: Scalar = quantity("1/s", "Gain k1: rate at which the along-track error decays.", default=2.0, above=0)
     k2: Scalar = quantity("1/s", "Gain k2: turn rate per heading error.", default=2.5, above=0)
@@ -107,13 +108,13 @@ class VirtualTarget:
             raise InputError("reference", problem, fix=fix)
 
     def init(self, key: Any) -> VirtualTargetState:
-        """Return the initial state: the target at the path's beginning."""
+        """Return the initial state, with the target at the beginning of the path."""
         return VirtualTargetState(progress=BEGIN)
 
     def step(
         self, t: Any, state: VirtualTargetState, estimate: Estimate
     ) -> tuple[VirtualTargetState, VirtualTargetOutput]:
-        """Return the demanded turn rate at integer time t. The target does not move while the estimate is not valid."""
+        """Return the demanded turn rate at time t (unit: 100 ns). The target rests while the estimate is not valid."""
         x, V = estimate.state, self.craft.speed
         target = self._tangent(state.progress, state.tangent)
         c, s = jnp.cos(target.heading), jnp.sin(target.heading)
@@ -138,10 +139,10 @@ class VirtualTarget:
         return tree_where(estimate.valid, new, state), output
 
     def _tangent(self, progress: Any, heading: Any) -> _Tangent:
-        """Return the path at a path parameter (s), extended straight before its beginning. heading: direction of a path
-        at rest.
+        """Return the path at a path parameter (s). heading: direction (rad) to use where the path is at rest.
 
-        The path is evaluated from `BEGIN` on, where a path that starts from rest has a direction.
+        Before its beginning the path is extended in a straight line. The path is evaluated from `BEGIN` on, where a
+        path that starts from rest has a direction.
         """
         at = jnp.maximum(progress, BEGIN)
         point = self.reference.at(at)

@@ -53,7 +53,7 @@ class AirData:
              x-z plane, positive nose up.
     Not modelled: pressure loss of an inclined tube, icing, lag of tubes and vanes.
     Source:  Gracey, "Measurement of aircraft speed and altitude", NASA RP-1046, 1980; NACA report 1135, eqs. 44 and
-             100. The sizes of the errors are chosen.
+             100. The sizes of the errors are our own choice.
     """
 
     pressure_noise: Scalar = imperfection(
@@ -73,7 +73,7 @@ class AirData:
     )
     upwash: Scalar = imperfection(
         "1",
-        "Relative error k of the vane angles, because the body deflects the flow.",
+        "Relative error k of the vane angles, caused by the deflection of the flow at the body.",
         "air-data-upwash",
         default=0.05,
         low=None,
@@ -99,7 +99,7 @@ class AirData:
         return _reading(q_c, around, jnp.arctan2(v[2], v[0]), beta)
 
     def step(self, t: Any, state: AirDataState, motion: Motion) -> tuple[AirDataState, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true, z = self.measure(motion), normals(state.key, t // self.period, 3)
         around = standard_atmosphere(surrounding_air(motion).height)
         q_c = true.impact_pressure + state.pressure_offset + self.pressure_noise * z[0]

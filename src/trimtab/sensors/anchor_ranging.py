@@ -31,7 +31,7 @@ class AnchorRangingState:
 
     key: Key = part("Key of the random noise.")
     bias: Any = quantity("m", "Range bias of each anchor (n,) in this run.")
-    last: Any = quantity("m", "Last range of each anchor (n,).")
+    last: Any = quantity("m", "Last received range of each anchor (n,).")
 
 
 @record
@@ -40,14 +40,14 @@ class AnchorRanging:
 
         z_i = | p + R_WB l - a_i | + b_i + w + e_i
 
-    b_i is a bias of each anchor (antenna delays) and w is white noise. The error e_i is exponentially distributed and
+    b_i is the bias of anchor i (antenna delays) and w is white noise. The error e_i is exponentially distributed and
     occurs occasionally, when the first signal to arrive is a reflected one. Anchors out of reach are not received, and
     other anchors are lost at random.
 
     Frames:  anchors a_i in W, lever arm l of the antenna in B.
     Not modelled: anchors that answer in turn (`sensors.ultrasonic_ranging` has slots); reflections that persist.
     Source:  Mueller, Hamer, D'Andrea, "Fusing ultra-wideband range measurements with accelerometers and rate gyroscopes
-             for quadrocopter state estimation", ICRA 2015. The sizes of the errors are chosen.
+             for quadrocopter state estimation", ICRA 2015. The sizes of the errors are our own choice.
     """
 
     anchors: Any = quantity("m", "Positions of the anchors (n, 3): north, east, down.", frame="W", default=HALL)
@@ -74,7 +74,7 @@ class AnchorRanging:
         """Raise InputError if the shape of the anchors' positions is not (n, 3)."""
         shape = np.shape(self.anchors)
         if len(shape) != 2 or shape[1] != 3 or not shape[0]:
-            problem = f"shape {shape} must be (n, 3)"
+            problem = f"the positions must have shape (n, 3), got {shape}"
             raise InputError(
                 "anchors", problem, fix="give north, east, down of each anchor: ((0, 0, -3), (8, 0, -1), …)"
             )
@@ -92,7 +92,7 @@ class AnchorRanging:
         return AnchorRanges(range=ranges, received=ranges <= self.reach)
 
     def step(self, t: Any, state: AnchorRangingState, motion: Motion) -> tuple[AnchorRangingState, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true, k = self.measure(motion), t // self.period
         n = np.shape(self.anchors)[0]
         each = split(state.key.at("paths"), n)

@@ -14,12 +14,12 @@ from trimtab.core.signals import Bending, Motion, Sample, new_sample
 from trimtab.core.time import format_time, ms, to_seconds
 
 DELAYS = 16
-"""Number of samples in the delay line. The longest delay in periods is one less."""
+"""Number of samples in the delay line. The longest possible delay is one period less."""
 
 
 @record
 class AngularAccelerationReading:
-    """Sample of an angular accelerometer. Frames: about the body's y axis. Source: docs page of the sensor."""
+    """Sample of an angular accelerometer. Frames: about the body's y axis. Source: docs page, Angular accelerometer."""
 
     pitch_acceleration: Scalar = quantity("rad/s^2", "Pitch acceleration, nose up.", frame="B")
 
@@ -35,7 +35,8 @@ class AngularAccelerometer:
 
     Frames:  positive nose up.    Not modelled: bandwidth, bending at the sensor's position, saturation.
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
-             flight vehicle", Aerospace 2022, 9(4), 206. Its noise is not printed: chosen here, see docs page.
+             flight vehicle", Aerospace 2022, 9(4), 206. [1] prints no noise, so the noise is our own choice (docs
+             page).
     """
 
     noise: Scalar = imperfection(
@@ -60,7 +61,7 @@ class AngularAccelerometer:
         return AngularAccelerationReading(pitch_acceleration=motion.alpha_WB_B[1])
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         w, _ = normal2(state, t // self.period)
         output = (1 + self.scale_factor) * self.measure(motion).pitch_acceleration + self.offset + self.noise * w
         return state, new_sample(t, AngularAccelerationReading(pitch_acceleration=output))
@@ -91,7 +92,8 @@ class AngularAccelerometerUnit:
     where the modes are assumed to be clamped.
 
     Frames:  positive nose up.    Not modelled: saturation, effects of linear acceleration and temperature.
-    Source:  IEEE Std 671-1985 (inertial sensors) for the errors' names; sizes are chosen (docs, What it needs).
+    Source:  IEEE Std 671-1985 (inertial sensors) for the names of the errors. Their sizes are our own
+             choice (docs, What it needs).
     """
 
     noise: Scalar = imperfection(
@@ -112,10 +114,16 @@ class AngularAccelerometerUnit:
     )
     delay: Scalar = imperfection("s", "Delay from the motion to the sensor's output.", "angular-accelerometer-delay")
     slope1: Scalar = imperfection(
-        "1/(slug ft)^1/2", "Slope of bending mode 1 at the sensor.", "angular-accelerometer-place", low=None
+        "1/(slug ft)^1/2",
+        "Slope of the mode shape of bending mode 1 at the sensor.",
+        "angular-accelerometer-place",
+        low=None,
     )
     slope2: Scalar = imperfection(
-        "1/(slug ft)^1/2", "Slope of bending mode 2 at the sensor.", "angular-accelerometer-place", low=None
+        "1/(slug ft)^1/2",
+        "Slope of the mode shape of bending mode 2 at the sensor.",
+        "angular-accelerometer-place",
+        low=None,
     )
     period: int = period("Time between samples.", default=ms(5))
 
@@ -128,7 +136,7 @@ class AngularAccelerometerUnit:
             )
             raise InputError("bandwidth", problem, fix=f"set bandwidth below {0.5 / tick:g} Hz, or to 0 for no limit")
         if not self.delay <= (DELAYS - 1) * tick:
-            problem = f"{self.delay:g} s is longer than the {DELAYS - 1} samples that the sensor keeps"
+            problem = f"the delay of {self.delay:g} s is longer than {DELAYS - 1} periods, the length of the delay line"
             raise InputError("delay", problem, fix=f"give at most {(DELAYS - 1) * tick:g} s")
 
     def init(self, key: Key) -> AngularAccelerometerState:
@@ -152,7 +160,7 @@ class AngularAccelerometerUnit:
     def step(
         self, t: Any, state: AngularAccelerometerState, motion: Motion
     ) -> tuple[AngularAccelerometerState, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         felt, tick = self.measure(motion).pitch_acceleration, to_seconds(self.period)
         section = low_pass(jnp.where(self.bandwidth > 0, self.bandwidth, 0.1 / tick), math.sqrt(0.5), tick)
         before = tree_where(state.started, state.band, steady_state(section, felt))

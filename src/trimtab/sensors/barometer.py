@@ -37,12 +37,13 @@ class Barometer:
 
         z = Q( L(p(h) + e q) + b + w ),   b = b_turn_on + walk
 
-    with q the dynamic pressure, e the static port's error, L a lag of first order, w white noise, Q the converter.
+    with q the dynamic pressure, e the static port's error, L a lag of first order, w white noise, Q the quantisation.
 
     Frames:  height above sea level from `motion.air`, or -down if the vehicle has no air model.
     Not modelled: weather (an offset of some hundred Pa can represent it), temperature deviation, position of the port.
     Source:  U.S. Standard Atmosphere 1976; Gracey, "Measurement of aircraft speed and altitude", NASA RP-1046, 1980,
-             for the form of the errors. Default sizes are chosen, typical of data sheets of micromachined barometers.
+             for the form of the errors. The default sizes are our own choice, typical of data sheets of micromachined
+             barometers.
     """
 
     noise: Scalar = imperfection(
@@ -53,11 +54,11 @@ class Barometer:
     )
     drift: Scalar = imperfection("Pa/s^0.5", "Random walk density of the zero error.", "barometer-drift", default=0.2)
     lag: Scalar = imperfection(
-        "s", "Time constant of the pressure's lag in the port and its tube.", "barometer-lag", default=0.05
+        "s", "Time constant of the pressure lag in the static port and its tube.", "barometer-lag", default=0.05
     )
     static_error: Scalar = imperfection(
         "1",
-        "Fraction of the dynamic pressure that is added at the static port.",
+        "Error of the static port: fraction of the dynamic pressure that is added to the static pressure.",
         "static-port-error",
         default=0.02,
         low=None,
@@ -77,7 +78,7 @@ class Barometer:
         return _reading(standard_atmosphere(surrounding_air(motion).height).pressure)
 
     def step(self, t: Any, state: BarometerState, motion: Motion) -> tuple[BarometerState, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         air, dt = surrounding_air(motion), to_seconds(self.period)
         around = standard_atmosphere(air.height)
         through = motion.v_WB_B - air.velocity

@@ -13,7 +13,7 @@ from trimtab.core.record import Scalar, option, quantity, record
 from trimtab.core.rng import Key, uniform2
 
 FIRST, AGAIN = 100, 101
-"""Numbers of the random streams of a station's first wait and of its later waits."""
+"""Numbers of two random streams: for the first wait of a station, and for its later waits."""
 ATTEMPTS = 256
 """Maximum number of random draws in one exchange, so that the counters of different exchanges do not overlap."""
 
@@ -36,7 +36,9 @@ class CarrierSense:
     longest_wait: Scalar = quantity(
         "1", "Longest random wait of a station, in byte times.", default=64.0, low=1, source="[1] section 5.5.1"
     )
-    blind_time: Scalar = quantity("s", "Time during which a new carrier is not detected.", default=0.9 / 2400, low=0)
+    blind_time: Scalar = quantity(
+        "s", "Time after the start of a message during which no other station detects it.", default=0.9 / 2400, low=0
+    )
     attempts: int = option(
         "Number of random draws simulated in one exchange, over all stations; at most 256.", default=48
     )
@@ -55,8 +57,9 @@ def simulate_exchange(sense: CarrierSense, key: Key, number: Any, ready: Any, sp
     """Simulate one exchange, in which stations reply over one shared channel.
 
     Args:     number: number of the exchange, an integer. Each number gives different random draws.
-              ready: when each station starts to wait (s), shape (n,).    speaks: True for each station that has a
-              message (n,). window: time at which the exchange ends (s). Messages that have not ended by then are lost.
+              ready: time at which each station starts to wait (s), shape (n,).    speaks: True for each station that
+              has a message (n,). window: time at which the exchange ends (s). Messages that have not ended by then are
+              lost.
     Returns:  an Exchange, fields of shape (n,).
     """
     n = ready.shape[0]

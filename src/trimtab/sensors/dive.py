@@ -62,7 +62,7 @@ class DiveSensor:
         return DiveReading(motion.p_WB[2], roll, pitch, heading, motion.v_WB_B[0], rates[1], rates[2])
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         x, k = self.measure(motion), t // self.period
         (w0, w1), (w2, w3), (w4, w5), (w6, _) = (normal2(state, k, stream) for stream in range(4))
         reading = DiveReading(

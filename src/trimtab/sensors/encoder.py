@@ -61,7 +61,7 @@ class Encoder:
         return AngleReading(angle=motion.attitude[2] - self.zero, count=jnp.asarray(0, np.int32))
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true = self.measure(motion).angle
         shifted = true + self.eccentricity * jnp.sin(true)
         coarse = self.counts > 0
@@ -78,7 +78,7 @@ BESSEL4 = ((1.4301715599939, 0.5219345817), (1.6033574829, 0.8055382818))
 
 @record
 class RateReading:
-    """Sample of a tachometer. Frames: clockwise from above. Source: docs page, Tachometer."""
+    """Sample of a tachometer. Frames: positive clockwise from above. Source: docs page, Tachometer."""
 
     yaw_rate: Scalar = quantity("rad/s", "Yaw rate, positive clockwise from above.", frame="B")
 
@@ -111,7 +111,7 @@ class Tachometer:
 
     where s and b are the scale and zero errors that remain after calibration, L is the low-pass and w white noise.
 
-    Frames:  positive as the yaw rate, clockwise from above.    Not modelled: commutator ripple by angle.
+    Frames:  positive as the yaw rate, clockwise from above.    Not modelled: commutator ripple.
     Source:  [1] section 6.2.1. Noise: reconstructed to reproduce the rate comparison of [1], see docs Errata.
     """
 
@@ -152,7 +152,7 @@ class Tachometer:
         return RateReading(yaw_rate=motion.w_WB_B[2])
 
     def step(self, t: Any, state: TachometerState, motion: Motion) -> tuple[TachometerState, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true, dt = self.measure(motion).yaw_rate, to_seconds(self.period)
         narrow = self.bandwidth > 0
         sections = bessel4(jnp.where(narrow, self.bandwidth, 0.1 / dt), dt)

@@ -24,14 +24,14 @@ CHANNELS = (
     "normal",
     "side",
 )
-"""Names of the measured values. Each value has an error of its own."""
+"""Names of the measured values. Each value has its own bias and noise."""
 
 
 @record
 class FlightInstrumentsReading:
     """Sample of the flight instruments. Frames: W and B as in `Motion`. Source: docs page, Flight instruments."""
 
-    speed: Scalar = quantity("m/s", "Airspeed; equal to the speed over the ground, as there is no wind.")
+    speed: Scalar = quantity("m/s", "Airspeed. It equals the speed over the ground, because wind is not modelled.")
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
     beta: Scalar = quantity("rad", "Sideslip angle.", kind="angle")
     altitude: Scalar = quantity("m", "Altitude above the origin of W.", frame="W")
@@ -46,7 +46,7 @@ class FlightInstrumentsReading:
 
 @record
 class FlightInstrumentsState:
-    """State of the instruments. Source: this module."""
+    """State of the flight instruments. Source: this module."""
 
     key: Key = part("Key of the random noise.")
     bias: Any = quantity(
@@ -62,7 +62,7 @@ class FlightInstruments:
 
     Frames:  as in `Motion`; the accelerometers are at `lever_arm` from the centre of mass.
     Not modelled: wind, lags of the probes, position error of the static port, drift of the gyros.
-    Source:  docs page, Flight instruments. The sizes of the errors are chosen.
+    Source:  docs page, Flight instruments. The sizes of the errors are our own choice.
     """
 
     lever_arm: Any = quantity(
@@ -143,7 +143,7 @@ class FlightInstruments:
         )
 
     def step(self, t: Any, state: FlightInstrumentsState, motion: Motion) -> tuple[FlightInstrumentsState, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true = self.measure(motion)
         noise = self._sizes("noise") * normals(state.key, t // self.period, len(CHANNELS))
         e = noise + self._sizes("bias") * state.bias

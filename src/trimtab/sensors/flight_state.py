@@ -17,11 +17,11 @@ from trimtab.vehicles.hypersonic import HypersonicState
 
 @record
 class FlightReading:
-    """Measured flight state in the vertical plane. Frames: path in W, rate in B. Source: docs page, Flight state."""
+    """Measured flight state in the vertical plane. Frames: W, pitch rate in B. Source: docs page, Flight state."""
 
     altitude: Scalar = quantity("m", "Altitude above the origin of W.", frame="W")
     climb: Scalar = quantity("m/s", "Climb rate.", frame="W")
-    speed: Scalar = quantity("m/s", "Speed along the path; equal to the airspeed, as there is no wind.")
+    speed: Scalar = quantity("m/s", "Speed along the path. It equals the airspeed, because wind is not modelled.")
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
     pitch_rate: Scalar = quantity("rad/s", "Pitch rate, nose up.", frame="B")
 
@@ -32,7 +32,7 @@ class FlightStateSensor:
 
         z = (h, h', V, alpha, Q) + w
 
-    [1] assumes that these five are measured without error. Only the bending modes have no sensor.
+    [1] assumes that these five values are measured without error. Only the bending modes have no sensor.
 
     Frames:  W north-east-down, altitude is -down; alpha from the body's x axis to the velocity.
     Not modelled: wind, lags, position errors of the probes.
@@ -73,7 +73,7 @@ class FlightStateSensor:
         )
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true, k = self.measure(motion), t // self.period
         w0, w1 = normal2(state, k, 0)
         w2, w3 = normal2(state, k, 1)
@@ -112,7 +112,7 @@ class ActingInput:
         return u
 
     def step(self, t: Any, state: tuple[()], u: Any) -> tuple[tuple[()], Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         return state, new_sample(t, self.measure(u))
 
 
@@ -137,13 +137,13 @@ class TrueState:
         return x
 
     def step(self, t: Any, state: tuple[()], x: Any) -> tuple[tuple[()], Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         return state, new_sample(t, self.measure(x))
 
 
 @record
 class FlexibleTruthReading:
-    """True flight state and bending modes of the hypersonic vehicle. Source: [1] eq. 4, order of its errors e."""
+    """True flight state and bending modes of the hypersonic vehicle. Source: [1] eq. 4 (e, in this order)."""
 
     h: Scalar = quantity("ft", "Altitude.", frame="W")
     h_rate: Scalar = quantity("ft/s", "Climb rate.", frame="W")
@@ -178,5 +178,5 @@ class FlexibleTruth:
         return FlexibleTruthReading(x.h, climb, x.V, x.alpha, x.q, x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
 
     def step(self, t: Any, state: tuple[()], x: HypersonicState) -> tuple[tuple[()], Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         return state, new_sample(t, self.measure(x))

@@ -1,4 +1,4 @@
-"""Satellite receiver that gives fixes: position and velocity of its antenna, at intervals and with latency."""
+"""Satellite receiver that outputs fixes: position and velocity of its antenna, at intervals and with latency."""
 
 from typing import Any, ClassVar
 
@@ -38,7 +38,7 @@ class Outages:
     )
 
     def is_blocked(self, t: Any) -> Any:
-        """Return True if nothing is received at integer time t."""
+        """Return True if nothing is received at time t (unit: 100 ns)."""
         since = t - self.start
         within = jnp.where(self.interval > 0, since % jnp.maximum(self.interval, 1), since)
         return (since >= 0) & (within < self.length)
@@ -73,14 +73,15 @@ class Gnss:
 
         z_p = p + R_WB l + e + w_p,    z_v = R_WB (v + w × l) + w_v,    e: first-order Gauss–Markov process
 
-    The white noise w has one standard deviation horizontally and another one vertically, because satellites are only
-    above. A fix describes the antenna at the time of measurement and arrives after the latency. `TangentPlane.from_ned`
-    converts the position of a fix to geodetic coordinates.
+    The white noise w has one standard deviation horizontally and another one vertically, because all satellites are
+    above the receiver. A fix describes the antenna at the time of measurement and arrives after the latency.
+    `TangentPlane.from_ned` converts the position of a fix to geodetic coordinates.
 
     Frames:  lever arm l in B from the centre of mass; position and velocity in W.
     Not modelled: steps of e when satellites rise or set; multipath as a separate error; the receiver's own filter.
     Source:  Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., sections
-             9.3, 9.4.2 and 14.3. Sizes are chosen, typical of a single-frequency receiver with corrections.
+             9.3, 9.4.2 and 14.3. The sizes of the errors are our own choice, typical of a single-frequency receiver
+             with corrections.
     """
 
     noise: Scalar = imperfection(
@@ -97,14 +98,16 @@ class Gnss:
     )
     correlated: Scalar = imperfection(
         "m",
-        "Standard deviation of the correlated position error in each direction.",
+        "Standard deviation of the time-correlated position error along each axis.",
         "gnss-correlated-error",
         default=0.0,
     )
     correlation_time: Scalar = quantity(
-        "s", "Correlation time of the correlated position error.", default=100.0, above=0
+        "s", "Correlation time of the time-correlated position error.", default=100.0, above=0
     )
-    lever_arm: Any = quantity("m", "Position of the antenna.", frame="B", default=ARM, shape=(3,))
+    lever_arm: Any = quantity(
+        "m", "Position of the antenna in B, relative to the centre of mass.", frame="B", default=ARM, shape=(3,)
+    )
     timing: LateFix = part(
         "Timing of the fixes: interval, latency and time stamp.",
         default=FIVE_HERTZ,
@@ -120,7 +123,7 @@ class Gnss:
         self.timing.check_period(self.period)
 
     def init(self, key: Key) -> GnssState:
-        """Return the initial state, before any fix. The error e is drawn from its stationary distribution."""
+        """Return the initial state. The time-correlated error is drawn from its stationary distribution."""
         three = np.zeros(3)
         late = self.timing.initial_state(GnssReading(three, three))
         return GnssState(key.at("white"), late, self.correlated * normals(key.at("first"), 0, 3))
@@ -130,7 +133,7 @@ class Gnss:
         return GnssReading(*antenna(motion, self.lever_arm))
 
     def step(self, t: Any, state: GnssState, motion: Motion) -> tuple[GnssState, Sample]:
-        """Return the newest fix that has arrived at integer time t."""
+        """Return the newest fix that has arrived at time t (unit: 100 ns)."""
         true, w = self.measure(motion), normals(state.key, self.timing.measurement_number(t), 9)
         of_position = jnp.stack([self.noise, self.noise, self.noise_down])
         of_velocity = jnp.stack([self.velocity_noise, self.velocity_noise, self.velocity_noise_down])

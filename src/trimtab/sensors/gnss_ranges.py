@@ -1,4 +1,4 @@
-"""Satellite receiver that gives its raw measurements: pseudoranges, and their rates from Doppler."""
+"""Satellite receiver that outputs raw measurements: pseudoranges, and their rates from Doppler."""
 
 import math
 from typing import Any, ClassVar
@@ -46,7 +46,7 @@ AZIMUTHS = np.array([20.0, 75.0, 130.0, 170.0, 215.0, 265.0, 310.0, 350.0]) * DE
 ELEVATIONS = np.array([65.0, 25.0, 50.0, 15.0, 35.0, 70.0, 20.0, 40.0]) * DEG
 COURSES = np.array([0.0, 50.0, 110.0, 160.0, 200.0, 250.0, 300.0, 340.0]) * DEG
 PLACES, VELOCITIES = sky(AZIMUTHS, ELEVATIONS, COURSES)
-"""Default positions and velocities (8, 3) of eight satellites above the horizon: a typical sky, chosen here."""
+"""Default positions and velocities (8, 3) of eight satellites above the horizon: our choice of a typical sky."""
 
 
 @record
@@ -56,7 +56,7 @@ class GnssRangesReading:
     pseudorange: Any = quantity(
         "m", "Pseudorange to each satellite: distance plus clock error; 0 if the satellite is not received."
     )
-    range_rate: Any = quantity("m/s", "Rate of each pseudorange, from Doppler.")
+    range_rate: Any = quantity("m/s", "Rate of each pseudorange, from the Doppler shift.")
     received: Any = quantity("1", "True for each satellite that is received.", kind="flag")
     satellites: Any = quantity(
         "m", "Positions of the satellites as a flat list (3 n,): north, east, down of each.", frame="W"
@@ -120,7 +120,9 @@ class GnssRanges:
         "m/s^0.5", "White noise density of the rate of the clock bias.", "gnss-clock", default=0.1
     )
     drift_walk: Scalar = imperfection("m/s^1.5", "Random walk density of the clock drift.", "gnss-clock", default=0.05)
-    lever_arm: Any = quantity("m", "Position of the antenna.", frame="B", default=ARM, shape=(3,))
+    lever_arm: Any = quantity(
+        "m", "Position of the antenna in B, relative to the centre of mass.", frame="B", default=ARM, shape=(3,)
+    )
     timing: LateFix = part(
         "Timing of the measurements: interval, latency and time stamp.",
         default=FIVE_HERTZ,
@@ -139,11 +141,11 @@ class GnssRanges:
         self.timing.check_period(self.period)
         shape = np.shape(self.satellites)
         if len(shape) != 2 or shape[1] != 3 or np.shape(self.velocities) != shape:
-            problem = f"places {shape} and velocities {np.shape(self.velocities)} must both have shape (n, 3)"
+            problem = f"satellites {shape} and velocities {np.shape(self.velocities)} must both have shape (n, 3)"
             raise InputError("satellites", problem, fix="give north, east, down of each satellite for both")
 
     def init(self, key: Key) -> GnssRangesState:
-        """Return the initial state, before any measurement. Each e_i is drawn from its stationary distribution."""
+        """Return the initial state. The time-correlated errors are drawn from their stationary distribution."""
         n = np.shape(self.satellites)[0]
         none, places = np.zeros(n), np.zeros(3 * n)
         late = self.timing.initial_state(GnssRangesReading(none, none, np.zeros(n, bool), places, places))
@@ -156,7 +158,7 @@ class GnssRanges:
         return self._observe(motion, jnp.zeros(2), jnp.zeros(()), jnp.zeros(()))
 
     def step(self, t: Any, state: GnssRangesState, motion: Motion) -> tuple[GnssRangesState, Sample]:
-        """Return the newest measurement that has arrived at integer time t."""
+        """Return the newest measurement that has arrived at time t (unit: 100 ns)."""
         n = np.shape(self.satellites)[0]
         w = normals(state.key, self.timing.measurement_number(t), 3 * n + 2)
         noise = state.correlated + self.noise * w[:n]

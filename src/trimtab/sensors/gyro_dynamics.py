@@ -41,7 +41,7 @@ class IdentifiedGyro:
         return Section(b0=1 + self.a1 + self.a2 if self.normalised else self.b0, a1=self.a1, a2=self.a2)
 
     def start(self, u: Any) -> SectionState:
-        """Return the filter state after a constant rate u for all time."""
+        """Return the steady filter state for a constant rate u."""
         return steady_state(self.section(), u)
 
     def respond(self, state: SectionState, u: Any) -> tuple[SectionState, Any]:
@@ -65,8 +65,8 @@ class DelayedGyro:
 
     It runs as a difference equation, whose gain (and phase in rad) is within 0.006 of this formula up to 50 Hz.
 
-    Reconstructed: the gain is within 0.05 of [1, table 6.5] at all its frequencies. The phase agrees at 5 and 15 Hz,
-    but lags too much above (by 0.3 rad at 20 Hz). Use the model below 20 Hz only.
+    Reconstructed: the gain is within 0.05 of [1, table 6.5] at all frequencies of this table. The phase agrees at 5 and
+    15 Hz, but lags too much above 15 Hz (by 0.3 rad at 20 Hz). Use the model below 20 Hz only.
 
     Source:  [1] table 6.5 (fit reconstructed, see docs Errata).
     """
@@ -80,7 +80,7 @@ class DelayedGyro:
         return _fit_weights(self.samples, self.bandwidth, to_seconds(self.sampling))
 
     def start(self, u: Any) -> DelayedGyroState:
-        """Return the state after a constant rate u for all time."""
+        """Return the steady state for a constant rate u."""
         u = jnp.asarray(u)
         return DelayedGyroState(u=jnp.stack([u] * (self.samples + 2)), y=jnp.stack([u, u]))
 
@@ -94,7 +94,7 @@ class DelayedGyro:
 
 @functools.lru_cache(maxsize=16)
 def _fit_weights(samples: int, bandwidth: float, T: float) -> tuple[Any, Any]:
-    """Return the weights of rates and outputs. The poles are mapped by e^{sT}; the rates' weights are least squares."""
+    """Return the weights of rates and outputs. Poles are mapped by e^{sT}; weights of rates are a least-squares fit."""
     pole = math.tau * bandwidth * complex(-math.sqrt(0.5), math.sqrt(0.5))
     z = np.exp(pole * T)
     a = np.array([-2 * z.real, abs(z) ** 2])

@@ -32,7 +32,7 @@ class HeadingSensor:
     It represents the heading computed from two ultrasonic units, without modelling their geometry.
 
     Frames:  heading of B in W.    Not modelled: errors correlated in time.
-    Source:  [1] section 6.2.1. Latency reconstructed, see docs Errata.
+    Source:  [1] section 6.2.1. The latency is reconstructed, see docs Errata.
     """
 
     noise: Scalar = imperfection(
@@ -60,7 +60,7 @@ class HeadingSensor:
         return HeadingReading(heading=motion.attitude[2])
 
     def step(self, t: Any, state: LateSensorState, motion: Motion) -> tuple[LateSensorState, Sample]:
-        """Return the newest heading that has arrived at integer time t."""
+        """Return the newest heading that has arrived at time t (unit: 100 ns)."""
         w, _ = normal2(state.key, self.timing.measurement_number(t))
         true = self.measure(motion)
         late, sample = self.timing.deliver(t, state.late, HeadingReading(true.heading + self.noise * w))
@@ -73,7 +73,7 @@ class Compass:
 
         z = atan2( (b × w)_z, b · w )
 
-    where b is the measured field and w the known field of the earth, both in their horizontal components.
+    where b is the measured field and w the known field of the earth. Only their horizontal components count.
 
     Frames:  heading of B in W.    Not modelled: tilt compensation; a tilt shifts the heading by up to tilt tan(dip).
     Source:  [1] eqs. 3.43-3.44, with the arc cosine replaced (docs page, Errata).
@@ -97,7 +97,7 @@ class Compass:
         return self._heading(self.magnetometer.measure(motion).field)
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         state, sample = self.magnetometer.step(t, state, motion)
         return state, new_sample(t, self._heading(sample.value.field))
 

@@ -4,7 +4,7 @@ The output z of a triad follows from its noise-free input h by
 
     z = quantised( clip( (I + S + M) L(h) + b + w ) ),   b = b0 + b_turn_on + walk
 
-S: scale factors (diagonal); M: misalignments (off the diagonal); L: low-pass of the bandwidth; w: white noise. The
+S: scale factors (diagonal); M: misalignments (off the diagonal); L: low-pass filter; w: white noise. The
 noise is added after the low-pass, so its density is that of the output.
 """
 
@@ -25,7 +25,7 @@ from trimtab.environment.geodetic import STANDARD
 from trimtab.sensors.gyro_dynamics import TICK
 
 UNIT_DRAWS = 12
-"""Number of standard normals of a triad per run: 3 turn-on biases, 3 scale factors, 6 misalignments."""
+"""Number of standard normal draws for a triad in one run: 3 turn-on biases, 3 scale factors, 6 misalignments."""
 OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 ZERO = (0.0, 0.0, 0.0)
 SOURCE = "IEEE Std 952-1997, annex C"
@@ -46,13 +46,17 @@ class AccelerometerErrors:
         "m/s^2/Hz^0.5", "White noise density of the accelerometers: velocity random walk N.", "imu-noise", source=SOURCE
     )
     bias: Any = quantity(
-        "m/s^2", "Constant bias, the same in every run.", default=ZERO, shape=(3,), off={"imu-turn-on-bias": ZERO}
+        "m/s^2",
+        "Constant bias of the accelerometers, the same in every run.",
+        default=ZERO,
+        shape=(3,),
+        off={"imu-turn-on-bias": ZERO},
     )
     turn_on_bias: Scalar = imperfection(
         "m/s^2", "Standard deviation of the turn-on bias, drawn for each run.", "imu-turn-on-bias"
     )
     bias_walk: Scalar = imperfection(
-        "m/s^2/s^0.5", "Random walk density K of the bias.", "imu-bias-walk", source=SOURCE
+        "m/s^2/s^0.5", "Random walk density K of the accelerometer bias.", "imu-bias-walk", source=SOURCE
     )
     scale_factor: Scalar = imperfection(
         "1", "Standard deviation of the scale error of each axis, drawn for each run.", "imu-scale-factor"
@@ -66,7 +70,7 @@ class AccelerometerErrors:
     resolution: Scalar = imperfection(
         "m/s^2", "Quantisation step of the converter; 0: no quantisation.", "imu-quantisation"
     )
-    range: Scalar = imperfection("m/s^2", "Largest output of an axis, either sign; 0: no limit.", "imu-saturation")
+    range: Scalar = imperfection("m/s^2", "Largest magnitude of the output of an axis; 0: no limit.", "imu-saturation")
     response: Any = part(RESPONSE, default=None, off={"imu-bandwidth": None})
 
 
@@ -84,13 +88,17 @@ class GyroErrors:
         "rad/s/Hz^0.5", "White noise density of the gyros: angle random walk N.", "imu-noise", source=SOURCE
     )
     bias: Any = quantity(
-        "rad/s", "Constant bias, the same in every run.", default=ZERO, shape=(3,), off={"imu-turn-on-bias": ZERO}
+        "rad/s",
+        "Constant bias of the gyros, the same in every run.",
+        default=ZERO,
+        shape=(3,),
+        off={"imu-turn-on-bias": ZERO},
     )
     turn_on_bias: Scalar = imperfection(
         "rad/s", "Standard deviation of the turn-on bias, drawn for each run.", "imu-turn-on-bias"
     )
     bias_walk: Scalar = imperfection(
-        "rad/s/s^0.5", "Random walk density K of the bias: rate random walk.", "imu-bias-walk", source=SOURCE
+        "rad/s/s^0.5", "Random walk density K of the gyro bias: rate random walk.", "imu-bias-walk", source=SOURCE
     )
     scale_factor: Scalar = imperfection(
         "1", "Standard deviation of the scale error of each axis, drawn for each run.", "imu-scale-factor"
@@ -104,7 +112,7 @@ class GyroErrors:
     resolution: Scalar = imperfection(
         "rad/s", "Quantisation step of the converter; 0: no quantisation.", "imu-quantisation"
     )
-    range: Scalar = imperfection("rad/s", "Largest output of an axis, either sign; 0: no limit.", "imu-saturation")
+    range: Scalar = imperfection("rad/s", "Largest magnitude of the output of an axis; 0: no limit.", "imu-saturation")
     response: Any = part(RESPONSE, default=None, off={"imu-bandwidth": None})
 
 
@@ -169,7 +177,7 @@ def digitise(output: Any, most: Any, resolution: Any) -> tuple[Any, Any]:
 
 
 def _limit_bandwidth(errors: TriadErrors, state: TriadState, true: Any, dt: float) -> tuple[Any, Any]:
-    """Return state and output of the low-pass or response model. It starts in the steady state of its first sample."""
+    """Return state and output of low-pass or response model, which starts in the steady state of its first sample."""
     if errors.response is not None:
         rest = errors.response.start(true)
         memory = tree_where(state.started, state.memory, rest)
@@ -191,7 +199,7 @@ class InertialReading:
     specific_force: Any = quantity(
         "m/s^2", "Specific force: acceleration minus gravity; at rest it points up.", frame="B", shape=(3,)
     )
-    angular_rate: Any = quantity("rad/s", "Angular velocity.", frame="B", shape=(3,))
+    angular_rate: Any = quantity("rad/s", "Angular velocity measured by the gyros.", frame="B", shape=(3,))
     accelerometer_saturated: Scalar = quantity("1", "True if an accelerometer is at its limit.", kind="flag")
     gyro_saturated: Scalar = quantity("1", "True if a gyro is at its limit.", kind="flag")
 
@@ -223,17 +231,17 @@ class Imu:
     accelerometer: AccelerometerErrors = part("Errors of the accelerometers.", default=AccelerometerErrors())
     gyro: GyroErrors = part("Errors of the gyros.", default=GyroErrors())
     lever_arm: Any = quantity(
-        "m", "Position of the unit relative to the centre of mass, in B.", frame="B", default=ZERO, shape=(3,)
+        "m", "Position of the inertial unit relative to the centre of mass, in B.", frame="B", default=ZERO, shape=(3,)
     )
     mounting: Any = quantity(
         "rad",
-        "Mounting of the unit: roll, pitch, yaw in B.",
+        "Orientation of the inertial unit in B: roll, pitch, yaw.",
         default=ZERO,
         kind="angle",
         shape=(3,),
         off={"imu-mounting": ZERO},
     )
-    gravity: Any = quantity("m/s^2", "Gravity.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
+    gravity: Any = quantity("m/s^2", "Acceleration of gravity.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
     earth_rate: Any = quantity(
         "rad/s",
         "Rotation rate of the earth; 0 also switches off Coriolis acceleration.",
@@ -245,7 +253,7 @@ class Imu:
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Imu":
-        """Return the inertial unit of the hovercraft of [1]. settings: fields with other values.
+        """Return the inertial unit of the hovercraft of [1]. settings: fields to change, as name=value.
 
         Printed in [1]: ranges of ±1.7 g (ADXL103) and ±300 deg/s, and the sampling period. Manufacturer's figures, as
         transcribed in public code: noise 0.4 m/s/√h and 3.5 deg/√h, biases 10 mg and 0.7 deg/s, 16-bit words of 8.5 g
@@ -316,7 +324,7 @@ class Imu:
         )
 
     def step(self, t: Any, state: ImuState, motion: Motion) -> tuple[ImuState, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true, dt = self.measure(motion), to_seconds(self.period)
         z = normals(state.key, t // self.period, 12)
         a, force, a_full = corrupt_triad(

@@ -1,4 +1,4 @@
-"""Measurements made at intervals that arrive with latency, stamped with the time of measurement or of arrival."""
+"""Measurements at intervals, which arrive with latency and are stamped with the time of measurement or of arrival."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ from trimtab.core.time import FOREVER, UNITS_PER_SECOND, format_time, ms, to_sec
 
 @record
 class LateState:
-    """State of a delayed measurement: the one in transit, and the last one that arrived. Source: this module."""
+    """State of delayed measurements: the measurement in transit, and the last one that arrived. Source: this module."""
 
     coming: Any = part("Measurement in transit.")
     made: Scalar = quantity("100 ns", "Time at which the measurement in transit was made.", kind="time")
@@ -41,9 +41,9 @@ class LateFix:
     the time of measurement uses the time of arrival. `stamped="arrival"` models this; it causes a position error of
     latency times velocity.
 
-    Valid:   latency at most the interval: one measurement is in transit at a time.
+    Valid:   for a latency of at most the interval, so that only one measurement is in transit at a time.
     Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-             section 6.2.1: its fixes had no time stamp. Latencies reconstructed, see docs Errata.
+             section 6.2.1: its fixes had no time stamp. The latencies are reconstructed, see docs Errata.
     """
 
     latency: Scalar = quantity("s", "Latency from measurement to arrival.", default=0.0, low=0)
@@ -72,14 +72,14 @@ class LateFix:
             raise InputError("period", f"{problem}: measurements would be missed", fix="set period to '1 ms'")
 
     def measurement_number(self, t: Any) -> Any:
-        """Return the number of the last measurement at integer time t.
+        """Return the number of the last measurement at time t (unit: 100 ns).
 
         The number selects the measurement's random draws.
         """
         return (t - self.offset) // self.interval
 
     def is_made(self, t: Any) -> Any:
-        """Return True if a measurement is made at integer time t."""
+        """Return True if a measurement is made at time t (unit: 100 ns)."""
         return (t % self.interval) == self.offset
 
     def initial_state(self, like: Any) -> LateState:
@@ -88,7 +88,7 @@ class LateFix:
         return LateState(coming=none, made=zero, due=np.int64(FOREVER), held=none, stamp=zero, any=np.bool_(False))
 
     def deliver(self, t: Any, state: LateState, value: Any, *, received: Any = True) -> tuple[LateState, Sample]:
-        """Return the newest sample that has arrived by integer time t.
+        """Return the newest sample that has arrived by time t (unit: 100 ns).
 
         value: measurement at time t.    received: False if a measurement made at time t is lost.
         """

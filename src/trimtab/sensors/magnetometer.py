@@ -73,13 +73,15 @@ class RunningMotor:
         """Raise InputError if the numbers of duties and instants differ, or the instants do not increase."""
         instants, duty = np.asarray(self.instants), np.asarray(self.duty)
         if instants.ndim != 1 or instants.shape != duty.shape or not instants.size:
-            problem = f"got instants of shape {instants.shape} and duties of shape {duty.shape}"
+            problem = f"instants and duty must have the same shape (n,), got {instants.shape} and {duty.shape}"
             raise InputError("RunningMotor.duty", problem, fix="give one duty for each instant")
         if (np.diff(instants) <= 0).any():
-            raise InputError("RunningMotor.instants", f"{instants.tolist()} must increase", fix="sort the instants")
+            raise InputError(
+                "RunningMotor.instants", f"the times must increase, got {instants.tolist()}", fix="sort the instants"
+            )
 
     def field(self, motion: Motion, place: Any) -> Any:
-        """Return the magnetic field (3,) (T) in B at a position (3,) (m) in B."""
+        """Return the magnetic field of the motor (3,) (T) in B at a position (3,) (m) in B."""
         begun = jnp.sum(motion.t >= jnp.asarray(self.instants))
         duty = jnp.where(begun > 0, jnp.asarray(self.duty)[jnp.maximum(begun - 1, 0)], 0.0)
         away = jnp.asarray(place) - jnp.asarray(self.position)
@@ -103,7 +105,7 @@ class FloorSteel:
     size: Scalar = quantity("m", "Radius of the magnetised steel.", default=0.1, above=0)
 
     def field(self, motion: Motion, place: Any) -> Any:
-        """Return the magnetic field (3,) (T) in B at a position (3,) (m) in B."""
+        """Return the magnetic field of the steel (3,) (T) in B at a position (3,) (m) in B."""
         R_WB = from_euler(*motion.attitude)
         away = motion.p_WB + R_WB @ jnp.asarray(place) - jnp.asarray(self.position)
         return R_WB.T @ dipole_field(jnp.asarray(self.moment), away, self.size)
@@ -144,11 +146,13 @@ class Magnetometer:
     resolution: Scalar = imperfection(
         "T", "Quantisation step of the converter; 0: no quantisation.", "magnetometer-quantisation"
     )
-    range: Scalar = imperfection("T", "Largest output of an axis, either sign; 0: no limit.", "magnetometer-saturation")
+    range: Scalar = imperfection(
+        "T", "Largest magnitude of the output of an axis; 0: no limit.", "magnetometer-saturation"
+    )
     position: Any = quantity("m", "Position of the sensor on the vehicle, in B.", frame="B", default=ZERO, shape=(3,))
     mounting: Any = quantity(
         "rad",
-        "Mounting of the unit: roll, pitch, yaw in B.",
+        "Orientation of the magnetometer in B: roll, pitch, yaw.",
         default=ZERO,
         kind="angle",
         shape=(3,),
@@ -161,7 +165,7 @@ class Magnetometer:
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Magnetometer":
-        """Return the magnetometer of the hovercraft of [1]. settings: fields with other values.
+        """Return the magnetometer of the hovercraft of [1]. settings: fields to change, as name=value.
 
         The noise reproduces the heading variance of [1], 1.6e-4 rad², in the default field. Its standard deviation is
         0.0126 rad times the horizontal field. The 16-bit words of 2 gauss full scale are taken from public code for the
@@ -181,7 +185,7 @@ class Magnetometer:
         return FieldReading(field=field, saturated=jnp.asarray(False))
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         near = jnp.zeros(3)
         for disturbance in self.disturbances:
             near = near + disturbance.field(motion, self.position)

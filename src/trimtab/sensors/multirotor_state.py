@@ -21,7 +21,8 @@ class MultirotorStateSensor:
     The attitude noise is a small rotation about a random axis, so the measured quaternion has unit length.
 
     Frames:  those of the state.    Not modelled: biases, filter lags, cameras that lose sight of the vehicle.
-    Source:  docs page, Multirotor state. The sizes of the errors are chosen, typical of a motion capture system.
+    Source:  docs page, Multirotor state. The sizes of the errors are our own choice, typical of a motion capture
+             system.
     """
 
     position_noise: Any = imperfection(
@@ -52,7 +53,7 @@ class MultirotorStateSensor:
         return MultirotorState(x.position, x.velocity, quaternion.normalise(x.attitude), x.rate, x.rotor_speed)
 
     def step(self, t: Any, state: Key, x: MultirotorState) -> tuple[Key, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true = self.measure(x)
         n = jnp.shape(x.rotor_speed)[0]
         noise = normals(state, t // self.period, 12 + n)

@@ -35,7 +35,7 @@ class PlanarNavigation:
         return planar_state(motion)
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         return state, new_sample(t, self.measure(motion))
 
 
@@ -55,7 +55,7 @@ READINGS: dict[str, tuple[float, float, float]] = {
     "B": (math.sqrt(2.5) * CM, 1.0 * DEG, math.sqrt(0.5) * DEG),
     "C": (math.sqrt(0.025), math.sqrt(0.01745), math.sqrt(0.00873)),
 }
-"""Standard deviations of accelerometer bias (m/s^2), gyro bias and gyro noise (rad/s), per interpretation of [1]."""
+"""Standard deviations of accelerometer bias (m/s^2), gyro bias and gyro noise (rad/s), by interpretation of [1]."""
 
 
 @record
@@ -67,7 +67,8 @@ class NavigationErrors:
     The biases bX, bY, bg are drawn again every `redraw`, when the integrals restart from zero. The noise w is drawn for
     every sample. All draws are zero-mean, normal and independent, and depend only on the time and the random key.
 
-    Frames:  velocity errors are added in B.    Not modelled: position, and the filter that makes these errors.
+    Frames:  velocity errors are added in B.    Not modelled: position, and the navigation filter that causes these
+             errors.
     Source:  [1] section 6.1 and fig. 6.2. Units of the printed numbers: reconstructed (reading C), see docs Errata.
     """
 
@@ -125,7 +126,7 @@ class NavigationErrors:
         return self._express_heading(planar_state(motion))
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         truth, tau = planar_state(motion), to_seconds(t % self.redraw)
         bX, bY = normal2(state, t // self.redraw, 0)
         bg, _ = normal2(state, t // self.redraw, 1)

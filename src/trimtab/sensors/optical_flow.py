@@ -53,7 +53,7 @@ class OpticalFlow:
     Frames:  B; the ground is the plane at `ground` in W.
     Valid:   level ground, tilt below 84°. Not modelled: texture, light, vibration, exposure time, lever arm.
     Source:  Honegger et al., "An open source and open hardware embedded metric optical flow CMOS camera", ICRA 2013.
-             The sizes of the errors are chosen.
+             The sizes of the errors are our own choice.
     """
 
     noise: Scalar = imperfection(
@@ -92,7 +92,7 @@ class OpticalFlow:
         return self._reading(jnp.stack([-u / d - q, -v / d + p]), d, jnp.stack([p, q]), d)
 
     def step(self, t: Any, state: FlowState, motion: Motion) -> tuple[FlowState, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true, z = self.measure(motion), normals(state.key, t // self.period, 5)
         flow = (1 + self.scale_factor) * true.flow + self.noise * z[:2]
         gyro = motion.w_WB_B[:2] + state.gyro_offset + self.gyro_noise * z[2:4]

@@ -48,7 +48,7 @@ class PlanarPose:
         )
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         return state, new_sample(t, self.measure(motion))
 
 
@@ -60,7 +60,7 @@ class NoisyPlanarPose:
 
     Frames:  velocity and yaw rate in B; heading of B in W, unwrapped; position in W.
     Not modelled: errors correlated in time, such as those of a system that is corrected at intervals.
-    Source:  own derivation. The sizes of the errors are chosen.
+    Source:  own derivation. The sizes of the errors are our own choice.
     """
 
     position_noise: Scalar = imperfection(
@@ -86,7 +86,7 @@ class NoisyPlanarPose:
         return PlanarPose().measure(motion)
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         x, k = self.measure(motion), t // self.period
         (u, v), (r, psi), (n, e) = (normal2(state, k, stream) for stream in range(3))
         noisy = PlanarPoseState(

@@ -34,7 +34,7 @@ class PositionSensor:
     It represents the position fixes of an ultrasonic network, without modelling its ranges.
 
     Frames:  lever arm in B, position in W.    Not modelled: errors correlated in time or in space.
-    Source:  [1] section 6.2.1. Latency reconstructed, see docs Errata.
+    Source:  [1] section 6.2.1. The latency is reconstructed, see docs Errata.
     """
 
     noise: Scalar = imperfection(
@@ -67,7 +67,7 @@ class PositionSensor:
         return PositionReading(north=p[0], east=p[1])
 
     def step(self, t: Any, state: LateSensorState, motion: Motion) -> tuple[LateSensorState, Sample]:
-        """Return the newest position that has arrived at integer time t."""
+        """Return the newest position that has arrived at time t (unit: 100 ns)."""
         true, (wn, we) = self.measure(motion), normal2(state.key, self.timing.measurement_number(t))
         reading = PositionReading(true.north + self.noise * wn, true.east + self.noise * we)
         late, sample = self.timing.deliver(t, state.late, reading)
@@ -85,7 +85,7 @@ class EncoderPosition:
     Source:  [1] section 6.2.1.
     """
 
-    encoder: Encoder = part("Encoder on the shaft.", default=Encoder(zero=math.pi / 2, period=seconds(1)))
+    encoder: Encoder = part("Encoder on the shaft of the arm.", default=Encoder(zero=math.pi / 2, period=seconds(1)))
     arm: Scalar = quantity(
         "m", "Length of the arm, from the shaft to the body.", default=0.3048, low=0, source="[1] 12 in"
     )
@@ -104,7 +104,7 @@ class EncoderPosition:
         return self._arm_end(self.encoder.measure(motion).angle)
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         state, sample = self.encoder.step(t, state, motion)
         return state, new_sample(t, self._arm_end(sample.value.angle))
 

@@ -18,7 +18,8 @@ from trimtab.vehicles.cart_pole import CartPoleState
 class RailEncoders:
     """Encoders of the cart's position and the hinge angle, with quantisation, and ideal tachometers for both rates.
 
-    Frames:  the rail points north in W; the hinge angle is zero with the pole upright, and is minus the pole's pitch.
+    Frames:  the rail points north in W. The hinge angle is minus the pitch angle of the pole, zero if the pole is
+             upright.
     Not modelled: noise of the tachometers, a tilted hinge axis.
     Source:  docs page, Cart-pole.
     """
@@ -42,7 +43,7 @@ class RailEncoders:
         return CartPoleState(position=motion.p_WB[0], speed=speed, angle=-pitch, angle_rate=-motion.w_WB_B[1])
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """Return the sample at integer time t."""
+        """Return the sample at time t (unit: 100 ns)."""
         true = self.measure(motion)
         reading = CartPoleState(
             position=_round_to(true.position, self.position_step),

@@ -48,10 +48,10 @@ class StarTracker:
     Stars are not recognised while the body turns faster than `rate_limit`, or the sun is within `exclusion` of the
     boresight.
 
-    Frames:  W; S is the camera frame, its z axis is the boresight; `mounting` is its roll, pitch, yaw in B.
+    Frames:  W, B and the camera frame S, whose z axis is the boresight. `mounting`: roll, pitch, yaw of S in B.
     Not modelled: rotation of W relative to the stars, distortion, radiation, aberration, exposure time.
     Source:  Liebe, "Accuracy performance of star trackers: a tutorial", IEEE Trans. AES 38 (2002): the roll error is
-             some 6 to 16 times the cross-boresight error. The sizes of the errors are chosen.
+             about 6 to 16 times the cross-boresight error. The sizes of the errors are our own choice.
     """
 
     cross_noise: Scalar = imperfection(
@@ -90,7 +90,11 @@ class StarTracker:
         "1", "Vector towards the sun in W, of any length.", frame="W", default=(1.0, 0.0, 0.0), shape=(3,)
     )
     mounting: Any = quantity(
-        "rad", "Mounting of the unit: roll, pitch, yaw in B.", default=(np.pi, 0.0, 0.0), kind="angle", shape=(3,)
+        "rad",
+        "Orientation of the camera frame in B: roll, pitch, yaw.",
+        default=(np.pi, 0.0, 0.0),
+        kind="angle",
+        shape=(3,),
     )
     timing: LateFix = part(
         "Timing of the measurements: interval, latency and time stamp.",
@@ -116,7 +120,7 @@ class StarTracker:
         return AttitudeReading(quaternion.from_euler(*motion.attitude), self.sees(motion))
 
     def sees(self, motion: Motion) -> Any:
-        """Return True if the unit turns slowly enough and looks far enough from the sun."""
+        """Return True if stars are recognised: the body turns slowly enough, and the sun is far from the boresight."""
         w = motion.w_WB_B
         boresight = from_euler(*motion.attitude) @ from_euler(*jnp.asarray(self.mounting))[:, 2]
         sun = jnp.asarray(self.sun)
@@ -124,7 +128,7 @@ class StarTracker:
         return (w @ w <= self.rate_limit * self.rate_limit) & (from_sun | (self.exclusion == 0))
 
     def step(self, t: Any, state: StarTrackerState, motion: Motion) -> tuple[StarTrackerState, Sample]:
-        """Return the newest attitude that has arrived at integer time t."""
+        """Return the newest attitude that has arrived at time t (unit: 100 ns)."""
         true, z = self.measure(motion), normals(state.key, self.timing.measurement_number(t), 3)
         q_BS = quaternion.from_euler(*jnp.asarray(self.mounting))
         noise = jnp.stack([self.cross_noise, self.cross_noise, self.roll_noise]) * z

@@ -18,9 +18,9 @@ from trimtab.core.signals import Motion
 from trimtab.environment.acoustics import CONE, Air, off_axis_angle, range_ratio, speed_of_sound
 
 SURVEY, CRYSTAL, NOISE, STRAY, ECHO = 110, 113, 120, 121, 122
-"""Numbers of the random streams: survey errors, timers' errors, noise, stray ranges, echoes."""
+"""Numbers of the random streams: survey errors, timer errors, noise, stray ranges, echoes."""
 CEILING = 2.7048
-"""Height (m) of beacons above the vehicle's units in the thesis's calibration. [1] table 5.2."""
+"""Height (m) of the beacons above the vehicle's units in the calibration of [1] (table 5.2)."""
 CEILING_SQUARE = np.array([[1.5, 1.5, -CEILING], [1.5, -1.5, -CEILING], [-1.5, -1.5, -CEILING], [-1.5, 1.5, -CEILING]])
 """Positions (4, 3) in W of four beacons at the ceiling, at the corners of a 3 m square."""
 
@@ -65,7 +65,7 @@ class Beacons:
     )
 
     def check(self) -> None:
-        """Raise InputError if the map's shape is not (n, 3), or a fault is not given for n beacons."""
+        """Raise InputError if the map's shape is not (n, 3), or the shape of a fault does not match it."""
         shape = np.shape(self.map)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
             raise InputError(
@@ -75,7 +75,7 @@ class Beacons:
             )
         for name, value, per_beacon in (("moved", self.moved, shape), ("dead", self.dead, shape[:1])):
             if np.shape(value) not in ((), per_beacon):
-                problem = f"has shape {np.shape(value)} for {shape[0]} beacons"
+                problem = f"has shape {np.shape(value)}, which does not match the map of {shape[0]} beacons"
                 raise InputError(f"Beacons.{name}", problem, fix=f"give one number, or an array of shape {per_beacon}")
 
 
@@ -91,7 +91,7 @@ class RangeErrors:
     stray_probability: Scalar = imperfection(
         "1", "Probability of a stray range, unrelated to the distance.", "stray-ranges", high=1
     )
-    stray_size: Scalar = quantity("m", "Largest error of a stray range, either sign.", default=3.0, low=0)
+    stray_size: Scalar = quantity("m", "Largest magnitude of the error of a stray range.", default=3.0, low=0)
     echo_probability: Scalar = imperfection(
         "1", "Probability that an echo is measured instead of the direct sound.", "echoes", high=1
     )
@@ -123,14 +123,14 @@ def unit_velocity(motion: Motion, lever: Any) -> Any:
 
 
 def distances(positions: Any, unit: Any) -> tuple[Any, Any]:
-    """Return the distances (n,) (m) from beacons (n, 3) to a unit (3,), and its angles (n,) (rad) off their axes."""
+    """Return distances (n,) (m) from beacons (n, 3) to a unit (3,), and its angles (n,) (rad) off the beacons' axes."""
     line = unit - positions
     distance = jnp.sqrt(jnp.sum(line * line, axis=1))
     return distance, off_axis_angle(line[:, 2], distance)
 
 
 def measured_range(positions: Any, unit: Any, cone_error: bool = True) -> Any:
-    """Return noise-free ranges (n,) with the cone error: too long off a beacon's axis. Source: [1] section 5.5.4.
+    """Return noise-free ranges (n,), too long off a beacon's axis (cone error). Source: [1] section 5.5.4.
 
     Args:     positions: positions of the beacons (n, 3).    unit: position of the ultrasonic unit (3,), or one position
               for each beacon (n, 3).    cone_error: False for exact ranges.

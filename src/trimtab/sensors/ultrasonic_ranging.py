@@ -73,7 +73,7 @@ class UnitClock:
     sync: int = period("Time between two settings of the clock.", default=seconds(1))
 
     def error(self, key: Key, t: Any, unit: Any) -> Any:
-        """Return the delay (s) of a unit's actual slot start after the nominal start at integer time t."""
+        """Return the delay (s) from the nominal start of a slot, at integer time t, to its start by a unit's clock."""
         drift, _ = normal2(key, unit, DRIFT)
         residual, _ = normal2(key, t // self.sync * 16 + unit, SYNC)
         tick, _ = uniform2(key, t // self.sync * 16 + unit, TICK)
@@ -97,7 +97,7 @@ class RangingState:
 class UltrasonicRanging:
     """Ultrasonic units on the vehicle that ping in turn, one in each slot. The beacons reply with their ranges.
 
-        k = t div slot;   client of slot k = k mod clients, which is the vehicle's unit of that number if it exists
+        k = t div slot;   client of slot k = k mod clients: the unit with this index, or a client on another vehicle
         range = distance / ratio(beta) * c_assumed / c + errors;   a reply waits until the channel is free
 
     The sample of a ping has the time of the ping. It is available when the last reply has arrived, or at the end of the
@@ -109,7 +109,7 @@ class UltrasonicRanging:
     """
 
     beacons: Beacons = part(
-        "Beacons: positions and errors.",
+        "Positions and errors of the ultrasonic beacons.",
         default=Beacons(),
         off={"clock-error": lambda sensor: replace(sensor.beacons, crystal=0.0)},
     )
@@ -121,9 +121,10 @@ class UltrasonicRanging:
     medium: Medium = part("Air that carries the sound.", default=Medium())
     clock: UnitClock = part("Clock of an ultrasonic unit on the vehicle.", default=UnitClock())
     clients: int = option(
-        "Number of clients that take turns; those beyond the vehicle's units belong to other vehicles.", default=1
+        "Number of clients that take turns. Clients beyond this vehicle's units are on other vehicles.",
+        default=1,
     )
-    cone_error: bool = switch("Model the cone error: ranges are too long off a beacon's axis.", "cone-error")
+    cone_error: bool = switch("Model the cone error: a range measured off a beacon's axis is too long.", "cone-error")
     collisions: bool = switch("Allow replies to be lost in collisions.", "collisions")
     slot: int = period("Length of the slot of one client.", default=ms(100))
     period: int = period("Time between checks for replies.", default=ms(1))
@@ -131,7 +132,7 @@ class UltrasonicRanging:
     LATE: ClassVar[bool] = True
 
     def check(self) -> None:
-        """Raise InputError if the units' shape is not (m, 3), m > `clients`, or `period` does not divide `slot`."""
+        """Raise InputError if `units` is not (m, 3), `clients` not m to 10, or `slot` not a multiple of `period`."""
         shape = np.shape(self.units)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
             raise InputError(
@@ -140,9 +141,7 @@ class UltrasonicRanging:
                 fix="give one row (x, y, z) for each unit",
             )
         if not shape[0] <= self.clients <= 10:
-            problem = (
-                f"got {self.clients} clients for {shape[0]} units; at least one per unit and at most 10 are needed"
-            )
+            problem = f"the number of clients must be from {shape[0]}, the number of units, to 10, got {self.clients}"
             raise InputError(
                 "UltrasonicRanging.clients", problem, fix=f"set clients to at least {shape[0]}, at most 10"
             )
@@ -159,13 +158,13 @@ class UltrasonicRanging:
         return RangingState(key=key, coming=none, pinged=zero, due=never, held=none, measured=zero, any=np.bool_(False))
 
     def pinging_unit(self, t: Any) -> tuple[Any, Any]:
-        """Return True if a unit of this vehicle pings at integer time t, and the index of the slot's unit."""
+        """Return True if a unit of this vehicle pings at time t (unit: 100 ns), and the index of the unit."""
         client = (t // self.slot) % self.clients
         m = np.shape(self.units)[0]
         return (t % self.slot == 0) & (client < m), jnp.minimum(client, m - 1).astype(np.int32)
 
     def measure(self, motion: Motion) -> Ranges:
-        """Return the ranges h(x) from the mapped beacons to the unit that pings now, with only the cone error."""
+        """Return the ranges h(x) from the beacons in the map to the unit that pings now, with only the cone error."""
         _, unit = self.pinging_unit(motion.t)
         at = unit_position(motion, jnp.asarray(self.units)[unit])
         positions = jnp.asarray(self.beacons.map)
@@ -174,7 +173,7 @@ class UltrasonicRanging:
         return Ranges(range=jnp.where(arrived, exact, 0.0), arrived=arrived, unit=unit)
 
     def ping(self, t: Any, key: Key, motion: Motion) -> tuple[Ranges, Any]:
-        """Return the replies to a ping in the slot of integer time t, and the delay (s) of the last one."""
+        """Return the replies to a ping in the slot of time t (unit: 100 ns), and the delay (s) of the last one."""
         _, unit = self.pinging_unit(t)
         number = t // self.slot
         lever = jnp.asarray(self.units)[unit]
@@ -195,7 +194,7 @@ class UltrasonicRanging:
         return Ranges(range=jnp.where(arrived, ranges, 0.0), arrived=arrived, unit=unit), jnp.minimum(last, window)
 
     def step(self, t: Any, state: RangingState, motion: Motion) -> tuple[RangingState, Sample]:
-        """Return the newest ranges whose replies have arrived at integer time t."""
+        """Return the newest ranges whose replies have arrived at time t (unit: 100 ns)."""
         t = jnp.asarray(t, np.int64)
         fresh = state.due <= t
         held = tree_where(fresh, state.coming, state.held)

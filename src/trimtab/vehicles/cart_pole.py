@@ -52,7 +52,7 @@ class CartPole:
     gravity: Scalar = quantity("m/s^2", "Gravitational acceleration g.", default=9.8, above=0, source="[1]")
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def angle_acceleration(self, x: CartPoleState, a: Any) -> Any:
         """Return the pole's angular acceleration (rad/s^2) for an acceleration a of its hinge (m/s^2)."""
@@ -75,7 +75,7 @@ class CartPole:
         return CartPoleState(x.speed, a, x.angle_rate, self.angle_acceleration(x, a))
 
     def motion(self, t: Any, x: CartPoleState, u: CartForce) -> Motion:
-        """Return the motion of a sensor on the pole at the hinge; t: integer time (100 ns)."""
+        """Return the motion of the pole at its hinge, for sensors; t: time (unit: 100 ns)."""
         rate, zero = self.dynamics(t, x, u), 0.0 * x.angle
         cosine, sine = jnp.cos(x.angle), jnp.sin(x.angle)
 

@@ -13,18 +13,18 @@ from trimtab.environment.geodetic import STANDARD
 from trimtab.vehicles.rotating_platform import PlatformDrive
 
 MIDDLE = -jnp.pi / 2
-"""Reference yaw (rad) for unwrapping: the middle of the yaw range of a figure of eight, which is below a full turn."""
+"""Yaw (rad) about which the yaw angle is unwrapped: the middle of its range, which is below a full turn."""
 
 
 @record
 class ClosedPathState:
-    """State of a body on a closed path: angle along the path, its rate, and the motion that follows from them.
+    """State of a body on a closed path: angle along the path, its rate, and the motion that follows from both.
 
     Only angle and rate determine the motion. The other fields are integrated too, so that a log contains the true value
     of every navigation estimate. `ClosedPath.at` returns a consistent state. Source: this module.
     """
 
-    angle: Scalar = quantity("rad", "Angle along the path: a lap is a full turn; unwrapped.", kind="angle")
+    angle: Scalar = quantity("rad", "Angle along the path, unwrapped. One lap is a full turn.", kind="angle")
     rate: Scalar = quantity("rad/s", "Rate of the angle along the path.")
     position: Any = quantity("m", "Position: north, east, down.", frame="W", shape=(3,))
     velocity: Any = quantity("m/s", "Velocity: north, east, down.", frame="W", shape=(3,))
@@ -56,11 +56,11 @@ class ClosedPath:
         "rad/s", "Rate of the path angle for which the bank angle gives a coordinated turn.", default=0.3, low=0
     )
     time_constant: Scalar = quantity(
-        "s", "Time constant of the lag from the commanded rate to the rate.", default=0.5, above=0
+        "s", "Time constant of the lag from the commanded rate to the actual rate.", default=0.5, above=0
     )
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def place(self, angle: Any) -> Any:
         """Return the position p (3,) (m, in W) at a path angle (rad)."""
@@ -110,7 +110,7 @@ class ClosedPath:
         )
 
     def motion(self, t: Any, x: ClosedPathState, u: PlatformDrive) -> Motion:
-        """Return the motion of a sensor, computed from angle, rate and command; t: integer time (100 ns)."""
+        """Return the motion of the body, for sensors, from angle, rate and command; t: time (unit: 100 ns)."""
         acceleration = (u.rate - x.rate) / self.time_constant
         R_WB, along = self.rotation(x.angle), self.tangent(x.angle)
         turn, change = jax.jvp(self.turn, (x.angle,), (jnp.ones_like(x.angle),))

@@ -1,4 +1,4 @@
-"""Dubins' car, which drives forward at constant speed with a smallest turning radius. A vehicle for tutorials.
+"""Dubins' car, which drives forward at constant speed with a minimum turning radius. A vehicle for tutorials.
 
 [1] is L. E. Dubins, "On curves of minimal length with a constraint on average curvature, and with prescribed initial
 and terminal positions and tangents", American Journal of Mathematics 79 (1957) 497-516.
@@ -37,14 +37,14 @@ class DubinsCar:
     Frames:  W north, east; B forward, right, down.
     Valid:   any turn rate; rates beyond V/R are limited to V/R. Not modelled: slip, steering lag, reverse driving, with
              which other paths are shortest (Reeds and Shepp, 1990).
-    Source:  [1]; speed and radius are chosen.
+    Source:  [1]; speed and radius are our own choice.
     """
 
     speed: Scalar = quantity("m/s", "Speed V of the car.", default=1.0, above=0)
-    radius: Scalar = quantity("m", "Smallest turning radius R.", default=0.8, above=0)
+    radius: Scalar = quantity("m", "Minimum turning radius R.", default=0.8, above=0)
 
     MAV_TYPE: ClassVar[str] = "GROUND_ROVER"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def limit(self, turn_rate: Any) -> Any:
         """Return the turn rate of the car (rad/s): the commanded rate, limited to V/R."""
@@ -58,7 +58,7 @@ class DubinsCar:
         )
 
     def motion(self, t: Any, x: DubinsCarState, u: CarTurn) -> Motion:
-        """Return the motion of a sensor on the car; t: integer time (100 ns)."""
+        """Return the motion of the car, for sensors; t: time (unit: 100 ns)."""
         rate, zero = self.limit(u.turn_rate), 0.0 * x.heading
         nothing = jnp.stack([zero, zero, zero])
         return Motion(

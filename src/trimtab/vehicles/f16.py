@@ -67,7 +67,7 @@ class F16:
     )
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def in_gust(self, gust: Gust) -> "F16":
         """Return the aeroplane with this gust added to the wind."""
@@ -82,7 +82,7 @@ class F16:
         return self.body.dynamics(t, x, self.wrench(self.flight(t, x), u))
 
     def motion(self, t: Any, x: RigidBodyState, u: F16Controls) -> Motion:
-        """Return the motion of a sensor at the centre of mass; t: integer time (100 ns)."""
+        """Return the motion of the centre of mass, for sensors; t: time (unit: 100 ns)."""
         return self.body.motion(t, x, self.wrench(self.flight(t * 1e-7, x), u))
 
     def wrench(self, flight: FlightCondition, u: F16Controls) -> Wrench:
@@ -136,14 +136,14 @@ def engine_thrust(throttle: Any, mach: Any, height: Any) -> Any:
 
 
 def interpolate_line(x: Any, grid: Any, values: Any) -> Any:
-    """Interpolate values (n, k) on a uniform grid at x: linear inside, constant beyond. Return an array (k,)."""
+    """Interpolate values (n, k) on a uniform grid at x: linear inside, constant outside. Return an array (k,)."""
     i, part = _cell(x, grid)
     ends = lax.dynamic_slice(jnp.asarray(values), (i, np.uint32(0)), (2, values.shape[1]))
     return ends[0] * (1 - part) + ends[1] * part
 
 
 def interpolate_plane(y: Any, x: Any, rows: Any, columns: Any, values: Any) -> Any:
-    """Interpolate values (rows, columns, k) on a uniform grid at y, x: bilinear, constant beyond.
+    """Interpolate values (rows, columns, k) on a uniform grid at y, x: bilinear inside, constant outside.
 
     Return an array (k,).
     """

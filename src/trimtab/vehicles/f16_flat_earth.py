@@ -25,7 +25,7 @@ RANKINE = 5 / 9
 GAS_CONSTANT = 1716.3 * FOOT**2 / RANKINE
 """Gas constant of air (J/(kg K))."""
 GEAR_KNEE = 0.77
-"""Throttle at military power."""
+"""Throttle at which the engine command reaches military power."""
 
 
 @record
@@ -66,7 +66,7 @@ class Loads(NamedTuple):
 
 @record
 class F16FlatEarth:
-    """F-16 with its tables, over a flat earth that does not rotate, by the equations of [1].
+    """F-16 over a flat earth that does not rotate, with the tables and the equations of [1].
 
         m (v' + w × v) = F + m R_WB' g        J w' + w × (J w + h) = M        h: angular momentum of the engine
         power' = (wanted - power)/T(power, wanted)        wanted: `engine_command` of the throttle
@@ -85,7 +85,7 @@ class F16FlatEarth:
     )
     inertia: Any = quantity(
         "kg m^2",
-        "Moments of inertia Jx, Jy, Jz.",
+        "Moments of inertia Jx, Jy, Jz about the axes of B.",
         frame="B",
         shape=(3,),
         default=np.array([9496.0, 55814.0, 63100.0]) * INERTIA,
@@ -103,7 +103,7 @@ class F16FlatEarth:
     gravity: Scalar = quantity("m/s^2", "Acceleration of gravity.", default=GRAVITY, source="[1] fig. 3.5-1, GD")
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def check(self) -> None:
         """Raise InputError for moments and products of inertia that are physically impossible."""
@@ -165,7 +165,7 @@ class F16FlatEarth:
         )
 
     def motion(self, t: Any, x: F16State, u: F16Controls) -> Motion:
-        """Return the motion of a sensor at the centre of mass; t: integer time (100 ns)."""
+        """Return the motion of the centre of mass, for sensors; t: time (unit: 100 ns)."""
         f = self.loads(x, u)
         return Motion(
             t=t,

@@ -69,7 +69,7 @@ class FixedFanHovercraft:
     )
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def check(self) -> None:
         """Raise InputError unless every fan has a position, a direction and both coefficients of its thrust curve."""
@@ -105,5 +105,5 @@ class FixedFanHovercraft:
         return planar_rates(x, *self.accelerations(x, u))
 
     def motion(self, t: Any, x: HovercraftState, u: FanThrottles) -> Motion:
-        """Return the motion of a sensor on the vehicle; t: integer time (100 ns)."""
+        """Return the motion of the vehicle, for sensors; t: time (unit: 100 ns)."""
         return planar_motion(t, x, *self.accelerations(x, u))

@@ -1,4 +1,4 @@
-"""Vehicle from another tool as a functional mock-up unit (FMU): a description, and a program that steps the vehicle.
+"""Vehicle from another tool as a functional mock-up unit (FMU): a description and a program that steps the vehicle.
 
 Reading the description runs no code. The program runs with all rights of the user, so it is loaded only if the user
 declares that it is trusted.
@@ -25,7 +25,7 @@ from trimtab.core.suggestions import closest
 KINDS = {"Float64": "real", "Float32": "real", "Real": "real", "Boolean": "flag", "UInt32": "word"}
 KINDS |= dict.fromkeys(("Int8", "UInt8", "Int16", "UInt16", "Int32", "Integer", "Enumeration"), "count")
 KINDS |= dict.fromkeys(("Int64", "UInt64"), "real")
-"""Kind of quantity for each type of an FMU's variable. 64-bit integers are exact up to 2**53."""
+"""Kind of quantity for each type of FMU variable. 64-bit integers are exact up to 2**53."""
 
 
 class FmuSignal(NamedTuple):
@@ -63,29 +63,27 @@ class FmuInterface(NamedTuple):
 
 @record
 class FmuVehicle:
-    """FMU as a vehicle. The state consists of the FMU's outputs and the input of the FMU's inputs, by their names.
+    """FMU as a vehicle. The state record contains the FMU's outputs, the input record contains the FMU's inputs.
 
     Frames:  those of the FMU's author. `motion_of` assigns outputs to the fields of a `Motion`.
-    Valid:   as stated by the FMU's author. Not modelled: anything except the FMU's outputs. The state has no
-             derivative, so the vehicle cannot be linearised.
+    Valid:   as stated by the FMU's author. Only the FMU's outputs are modelled. The derivative of the state is
+             unknown, so the vehicle cannot be linearised.
     Source:  docs page, FMU.
     """
 
-    file: str = option("Path of the FMU.", default="")
+    file: str = option("Path of the FMU file.", default="")
     trust_code: bool = option(
         "True: the program in the FMU is trusted and may run with your rights.", default=False, choices=(True, False)
     )
     motion_of: tuple[tuple[str, str], ...] = option(
-        'Outputs of the FMU that give the motion, e.g. (("v_WB_B[0]", "speed"),). All other numbers are zero.',
+        'Pairs (component of the motion, output of the FMU), e.g. (("v_WB_B[0]", "speed"),). Other components are 0.',
         default=(),
     )
     settings: tuple[tuple[str, float], ...] = option(
         "Names and values of the FMU's parameters, set before the FMU starts.", default=()
     )
     digest: str = option("SHA-256 of the FMU file, recorded in logs.", default="")
-    is_stepped: bool = option(
-        "True: the program around the loop steps the FMU, so the loop doesn't integrate it.", default=False
-    )
+    is_stepped: bool = option("True: the host program steps the FMU, so the loop does not integrate it.", default=False)
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
 
@@ -159,12 +157,12 @@ def load(
 
 
 def first_state(vehicle: FmuVehicle) -> Any:
-    """Return the record of the FMU's outputs, with the start values of its description, or zero."""
+    """Return the record of the FMU's outputs, with the start values in its description, or zero if it has none."""
     return _signal_record("FmuState", read_interface(vehicle.file).outputs)
 
 
 def neutral_input(vehicle: FmuVehicle) -> Any:
-    """Return the record of the FMU's inputs, with the start values of its description, or zero."""
+    """Return the record of the FMU's inputs, with the start values in its description, or zero if it has none."""
     return _signal_record("FmuInput", read_interface(vehicle.file).inputs)
 
 
@@ -269,7 +267,9 @@ def _check_component(component: str) -> None:
     vectors = [n for n in ("p_WB", "attitude", "v_WB_B", "w_WB_B", "a_WB_B", "alpha_WB_B") if hasattr(motion, n)]
     if name not in vectors or index is None or index > 2:
         choices = [f"{n}[{i}]" for n in vectors for i in range(3)]
-        raise InputError("FMU motion", f"there is no {component!r}", choices=choices, fix='motion_of={"v_WB_B[0]": …}')
+        raise InputError(
+            "FMU motion", f"a Motion has no component {component!r}", choices=choices, fix='motion_of={"v_WB_B[0]": …}'
+        )
 
 
 class FmuInstance:
@@ -316,7 +316,7 @@ class FmuInstance:
             at += s.size
 
     def step(self, h: int) -> bool:
-        """Step the FMU by integer time h with constant inputs.
+        """Step the FMU by a time h (unit: 100 ns) with constant inputs.
 
         Return True if the FMU requests the end of the simulation. Raise InputError if the step fails.
         """
@@ -358,6 +358,6 @@ class FmuInstance:
 
 
 TERMINATED = 3
-"""Value of fmi2StatusKind in FMI 2.0. With it, the status tells if the FMU requests the end of the simulation."""
+"""Value of fmi2StatusKind in FMI 2.0 that asks whether the FMU requests the end of the simulation."""
 _REAL = ("Float64", "Float32", "Real")
 _PLATFORM_FIX = "use an FMU with a binary for this machine, and parameter values that the FMU accepts"

@@ -42,7 +42,7 @@ def planar_rates(x: HovercraftState, ax: Any, ay: Any, turn: Any) -> HovercraftS
 
 
 def planar_motion(t: Any, x: HovercraftState, ax: Any, ay: Any, turn: Any) -> Motion:
-    """Return the motion of a vehicle on a level floor from the accelerations of its centre of mass; t: integer time."""
+    """Return the motion of a vehicle on a level floor from its accelerations; t: time (unit: 100 ns)."""
     o = jnp.zeros_like(ax)
     stack = jnp.stack
     return Motion(
@@ -62,17 +62,18 @@ class Friction:
 
     F = -(c0 tanh(|v|/v0) + c1 |v| + c2 |v|^2) v/|v|. The torque has the same form with the yaw rate.
 
-    Not in:  the model of the thesis (Kulis 2006). Rotational friction explains the slow spin, the sway bias and the
-             early stop there together, but contradicts the moment of inertia measured there (docs page, Errata).
+    Not in:  the model of the thesis (Kulis 2006). Rotational friction explains three observations of the thesis (slow
+             spin, sway bias and early stop), but contradicts the moment of inertia that the thesis measured (docs page,
+             Errata).
     Source:  Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994), section 2, for the form.
     """
 
-    force_coulomb: Scalar = quantity("N", "Coefficient c0: dry friction force.", default=0.0, low=0)
+    force_coulomb: Scalar = quantity("N", "Coefficient c0: magnitude of the dry friction force.", default=0.0, low=0)
     force_viscous: Scalar = quantity("N s/m", "Coefficient c1: viscous drag per speed.", default=0.0, low=0)
     force_quadratic: Scalar = quantity(
         "N s^2/m^2", "Coefficient c2: quadratic drag per speed squared.", default=0.0, low=0
     )
-    torque_coulomb: Scalar = quantity("N m", "Dry friction torque.", default=0.0, low=0)
+    torque_coulomb: Scalar = quantity("N m", "Magnitude of the dry friction torque.", default=0.0, low=0)
     torque_viscous: Scalar = quantity("N m s", "Viscous friction torque per yaw rate.", default=0.0, low=0)
     torque_quadratic: Scalar = quantity(
         "N m s^2", "Quadratic friction torque per yaw rate squared.", default=0.0, low=0
@@ -98,7 +99,7 @@ class Friction:
 
 @record
 class Hovercraft:
-    """Planar hovercraft with a vectored fan at the tail; sway is unactuated.
+    """Planar hovercraft with a vectored fan at the tail. Sway has no actuator.
 
         u' =  v r + FX/m      v' = -u r + FY/m      r' = -d FY/J          [1, eq. 2.10, divided by m and J]
         north' = u cos psi - v sin psi    east' = u sin psi + v cos psi    psi' = r     [1, eq. 2.11]
@@ -114,12 +115,10 @@ class Hovercraft:
     arm: Scalar = quantity(
         "m", "Distance d from the centre of mass to the rudder pivot.", default=0.32, above=0, source="[1] 12.6 in"
     )
-    friction: Any = part(
-        "Friction of skirt and air. None: no friction, as in the thesis.", default=None, optional=Friction()
-    )
+    friction: Any = part("Friction of skirt and air. None: no friction, as in [1].", default=None, optional=Friction())
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def dynamics(self, t: Any, x: HovercraftState, u: PlanarForce) -> HovercraftState:
         """Return the time derivative of the state x (SI) under the force u at the rudder pivot."""
@@ -135,7 +134,7 @@ class Hovercraft:
         return FX / self.mass, FY / self.mass, torque / self.inertia
 
     def motion(self, t: Any, x: HovercraftState, u: PlanarForce) -> Motion:
-        """Return the motion of a sensor on the vehicle; t: integer time (100 ns)."""
+        """Return the motion of the vehicle, for sensors; t: time (unit: 100 ns)."""
         return planar_motion(t, x, *self.accelerations(x, u))
 
     @property
@@ -145,5 +144,5 @@ class Hovercraft:
         return self.inertia / (self.mass * self.arm)
 
     def energy(self, x: HovercraftState) -> Any:
-        """Return kinetic energy (J), V in [1, eq. 2.17]."""
+        """Return the kinetic energy (J), which is V in [1, eq. 2.17]."""
         return self.mass * (x.surge_velocity**2 + x.sway_velocity**2) / 2 + self.inertia * x.yaw_rate**2 / 2

@@ -1,4 +1,4 @@
-"""Air-breathing hypersonic vehicle, longitudinal, with two bending modes; in slug, foot and second, as published."""
+"""Air-breathing hypersonic vehicle in the vertical plane with two bending modes; in slug, foot, second as published."""
 
 from typing import Any, ClassVar
 
@@ -40,7 +40,7 @@ class HypersonicInput:
     """Inputs of the hypersonic vehicle: engine and elevator. Source: [1] eq. 2, u = (Phi, delta_e)."""
 
     Phi: Scalar = quantity("1", "Fuel equivalence ratio.")
-    delta_e: Scalar = quantity("rad", "Elevator, trailing edge down.", kind="angle")
+    delta_e: Scalar = quantity("rad", "Elevator angle, trailing edge down.", kind="angle")
 
 
 @record
@@ -56,7 +56,9 @@ class Disturbance:
     along: Scalar = quantity("lbf/ft", "Disturbance force along the flight path, positive forward.", default=0.0)
     normal: Scalar = quantity("lbf/ft", "Disturbance force normal to the flight path, positive up.", default=0.0)
     start: Scalar = quantity("s", "Start of the disturbance.", default=0.0)
-    duration: Scalar = quantity("s", "Duration of the disturbance; by default a permanent step.", default=1e9, low=0)
+    duration: Scalar = quantity(
+        "s", "Duration of the disturbance. The default is a permanent step.", default=1e9, low=0
+    )
 
     def activation(self, t: Any) -> Any:
         """Return 1.0 while the disturbance acts at time t (s), else 0.0.
@@ -84,8 +86,8 @@ class Hypersonic:
 
     Frames:  W north-east-down, B at the centre of mass, x forward, y starboard; pitch is nose up.
     Valid:   near 85 000 ft and 7 700 ft/s (about 80-95 kft, 7-9 kft/s, alpha 0-4 deg), where the curves were fitted.
-    Not modelled: round earth, mean wind, angular rates of a gust, its delay from nose to tail, aerodynamic effects of
-             the bending, lags of engine and elevator.
+    Not modelled: round earth, mean wind, angular rates of a gust, delay of a gust from nose to tail, aerodynamic
+             effects of the bending, lags of engine and elevator.
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
              flight vehicle", Aerospace 2022, 9(4), 206; [2] Parker et al., Journal of Guidance, Control, and Dynamics
              30(3), 2007. Differences from [1]: docs page.
@@ -101,10 +103,10 @@ class Hypersonic:
     forces: RigidForces = part("Models of air density, aerodynamics and propulsion.", default=RigidForces())
     modes: FlexibleModes = part("Bending modes and their coupling.", default=FlexibleModes())
     disturbance: Any = part("External disturbance; None: no disturbance.", default=None)
-    gust: Any = part("Gust added to still air; set by a world with turbulence.", default=None)
+    gust: Any = part("Gust added to still air. A world with turbulence sets it. None: no gust.", default=None)
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def dynamics(self, t: Any, x: HypersonicState, u: HypersonicInput) -> HypersonicState:
         """Return the time derivative of the state x at time t (s) under fuel ratio and elevator."""
@@ -164,7 +166,7 @@ class Hypersonic:
         return self.modes.solve_accelerations(self.Iyy, M, N1 + back1, N2 + back2)
 
     def motion(self, t: Any, x: HypersonicState, u: HypersonicInput) -> Motion:
-        """Return the motion of a rigid sensor at the centre of mass, in SI units; t: integer time.
+        """Return the motion of the centre of mass, for sensors, in SI units; t: time (unit: 100 ns).
 
         The model has no horizontal position, so north and east stay zero.
         """

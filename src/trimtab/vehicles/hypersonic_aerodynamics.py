@@ -58,7 +58,7 @@ class Aerodynamics:
         D = qbar S (CD_a2 al^2 + CD_a al + CD_d2 de^2 + CD_d de + CD_0)
         M = qbar S c (CM_a2 al^2 + CM_a al + CM_0 + ce de)                without the moment of the thrust
 
-    None of them depends on the bending modes.
+    Lift, drag and moment do not depend on the bending modes.
 
     Source:  [1] eqs. 2-3; [2].
     """
@@ -255,13 +255,13 @@ class FlexibleModes:
         return N1, N2
 
     def restoring_forces(self, eta1: Any, eta1_rate: Any, eta2: Any, eta2_rate: Any) -> tuple[Any, Any]:
-        """Return the restoring forces -2 zeta_i w_i eta_i' - w_i^2 eta_i of both modes."""
+        """Return the restoring and damping forces -2 zeta_i w_i eta_i' - w_i^2 eta_i of both modes."""
         one = -2 * self.zeta1 * self.w1 * eta1_rate - self.w1**2 * eta1
         two = -2 * self.zeta2 * self.w2 * eta2_rate - self.w2**2 * eta2
         return one, two
 
     def static_displacements(self, alpha: Any, delta_e: Any) -> tuple[Any, Any]:
-        """Return N_i/w_i^2: the displacements at which both modes rest while the pitch rate does not change."""
+        """Return N_i/w_i^2: the displacements at which both modes are at rest while the pitch rate is constant."""
         N1, N2 = self.forcing(alpha, delta_e)
         return N1 / self.w1**2, N2 / self.w2**2
 

@@ -2,12 +2,13 @@
 
 Order of the errors: (h, h', V, alpha, Q, eta1, eta1', eta2, eta2'); virtual inputs (h'', V'); slug, foot, second.
 
-**Do not control a vehicle with these matrices.** Signs are lost, one coefficient is used twice, an inertia once too
-often, and neither sign of the gain stabilises the vehicle. `emulate_linearisation` repeats the errors and reproduces 32
-of the 34 numbers in rows 4, 5, 7 and 9 in magnitude. Row 9 of B agrees with none of the variants that were tried.
+**Do not control a vehicle with these matrices.** Signs are lost, one coefficient is used twice, an inertia is divided
+by once too often, and neither sign of the gain stabilises the vehicle. `emulate_linearisation` repeats the errors and
+reproduces 32 of the 34 numbers in rows 4, 5, 7 and 9 in magnitude. Row 9 of B agrees with none of the variants that
+were tried.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, the numbers of its simulation.
+vehicle", Aerospace 2022, 9(4), 206, parameters of its simulation.
 """
 
 import math
@@ -23,7 +24,7 @@ ORDER = ("h", "h_rate", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_ra
 """Order of the errors in the printed matrices. It differs from the order of the vehicle's state."""
 QUOTED_H, QUOTED_V = 85000.0, 7702.0808
 QUOTED_ALPHA, QUOTED_ELEVATOR = math.radians(1.5153), math.radians(11.4635)
-"""Point of the published linearisation. It trims the model to which the curves were fitted, not the curves."""
+"""Point of the published linearisation: a trim of the model to which the curves were fitted, but not of the curves."""
 A_PRINTED = np.array(
     [
         [0, 1, 0, 0, 0, 0, 0, 0, 0],

@@ -15,9 +15,11 @@ from trimtab.core.rotation import DEG
 from trimtab.core.signals import Motion
 
 SURGE = (-184, -110, -215, -899, 18, -95, -190, 798, 93, 93)
-"""1e5 times the coefficients of the surge force X for u, u^2, u^3, v^2, r^2, d^2, u d^2, r v, v d, u v d."""
+"""1e5 times the coefficients of the surge force X for u, u^2, u^3, v^2, r^2, d^2, u d^2, r v, v d, u v d. d is the
+rudder angle."""
 SWAY = (-1160, -499, -8078, 15356, -1160, -499, 278, -90, 556, 278, -4, 1190, -4, -8, -4)
-"""1e5 times the coefficients of Y for v, r, v^3, v^2 r, u v, u r, d, d^3, u d, u^2 d, v d^2, v^2 d, 1, u, u^2."""
+"""1e5 times the coefficients of the sway force Y for v, r, v^3, v^2 r, u v, u r, d, d^3, u d, u^2 d, v d^2, v^2 d, 1,
+u, u^2. d is the rudder angle."""
 YAW = (-264, -166, 1636, -5483, -264, -166, -139, 45, -278, -139, 13, -489, 3, 6, 3)
 """1e5 times the coefficients of the yaw moment N, for the same terms as in SWAY."""
 
@@ -27,7 +29,9 @@ class MarinerControls:
     """Command of the steering gear. Source: [1]."""
 
     rudder: Scalar = quantity(
-        "rad", "Commanded rudder angle; positive pushes the stern to starboard: a turn to port.", kind="angle"
+        "rad",
+        "Commanded rudder angle; positive pushes the stern to starboard, so the ship turns to port.",
+        kind="angle",
     )
 
 
@@ -61,7 +65,7 @@ class Mariner:
     Frames:  W north-east-down; B amidships, x forward, y starboard. `motion` describes the centre of mass.
     Valid:   near its service speed, rudder to 40 degrees, deep and still water. Not modelled: the screw's speed, waves,
              wind, roll.
-    Source:  [1]; the numbers as in Fossen's toolbox MSS.
+    Source:  [1]; the values of the coefficients as in Fossen's toolbox MSS.
     """
 
     length: Scalar = quantity("m", "Length between perpendiculars.", default=160.93, above=0, source="[1]")
@@ -106,7 +110,7 @@ class Mariner:
     rudder_lag: Scalar = quantity("s", "Time constant of the steering gear.", default=1.0, above=0)
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def input_limits(self) -> dict[str, tuple[Any, Any]]:
         """Return the limits of the rudder angle (rad)."""
@@ -144,7 +148,7 @@ class Mariner:
         )
 
     def motion(self, t: Any, x: MarinerState, u: MarinerControls) -> Motion:
-        """Return the motion of a sensor at the centre of mass; t: integer time (100 ns)."""
+        """Return the motion of the centre of mass, for sensors; t: time (unit: 100 ns)."""
         du, dv, dr = self.accelerations(x)
         arm, r, o = self.centre * self.length, x.yaw_rate, jnp.zeros_like(du)
         stack = jnp.stack

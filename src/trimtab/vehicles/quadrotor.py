@@ -13,7 +13,7 @@ from trimtab.core.signals import Motion
 from trimtab.environment.wind import Wind
 
 SHORTEST_LAG = 0.005
-"""Smallest time constant (s) of the state `rotor_speed`. If `lag` is 0, the commanded rotor speeds act at once."""
+"""Smallest time constant (s) used for the state `rotor_speed`. If `lag` is 0, commanded rotor speeds act at once."""
 
 
 @record
@@ -28,7 +28,9 @@ class MultirotorState:
     position: Any = quantity("m", "Position of the centre of mass.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
     velocity: Any = quantity("m/s", "Velocity of the centre of mass.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
     attitude: Any = quantity("1", "Quaternion q_WB, scalar first.", frame="WB", shape=(4,), default=(1.0, 0, 0, 0))
-    rate: Any = quantity("rad/s", "Angular velocity.", frame="B", shape=(3,), default=(0.0, 0.0, 0.0))
+    rate: Any = quantity(
+        "rad/s", "Angular velocity of the body relative to W.", frame="B", shape=(3,), default=(0.0, 0.0, 0.0)
+    )
     rotor_speed: Any = quantity("rad/s", "Speed of each rotor (n,); negative in reverse.", default=(0.0, 0.0, 0.0, 0.0))
 
 
@@ -61,7 +63,7 @@ class Rotors:
     Frames:  positions in B from the centre of mass; s = +1 for rotation about +z: clockwise from above.
     Valid:   near hover. Not modelled: inflow, ground effect, flapping (except for its drag), interference of wakes.
     Source:  [1] T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010,
-             section II and V for places, signs and c. The thrust coefficient is chosen.
+             sections II and V for positions, directions of rotation and c. The thrust coefficient is our own choice.
     """
 
     places: Any = quantity(
@@ -127,7 +129,8 @@ class Multirotor:
         J w' = M - w × (J w + h e3) - D_w w      w_i' = (u_i - w_i)/lag
 
     T, M are thrust and moment of the rotors, h is their angular momentum. The defaults are the quadrotor of [1], which
-    has no drag, no lag and no angular momentum of the rotors. The torque ratio c printed there gives little yaw moment.
+    has no drag, no lag and no angular momentum of the rotors. The torque ratio c printed in [1] gives little yaw
+    moment.
 
     Frames:  W north-east-down, flat ground; B at the centre of mass, x forward, y starboard, z down.
     Valid:   constant gravity and air density. Not modelled: ground, reaction torque of a change of rotor speed.
@@ -140,7 +143,7 @@ class Multirotor:
     mass: Scalar = quantity("kg", "Mass of the craft.", default=4.34, above=0, source="[1] section V")
     inertia: Any = quantity(
         "kg m^2",
-        "Moments of inertia about x, y, z.",
+        "Moments of inertia about the body's x, y and z axes.",
         frame="B",
         shape=(3,),
         default=np.array([0.0820, 0.0845, 0.1377]),
@@ -170,7 +173,7 @@ class Multirotor:
     wind: Wind = part("Wind velocity over the ground.", default=Wind(), off={"wind": Wind()})
 
     MAV_TYPE: ClassVar[str] = "QUADROTOR"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def acting_speed(self, x: MultirotorState, u: RotorSpeeds) -> Any:
         """Return the rotor speeds that act (n,) (rad/s): those of the state, or the commanded speeds if the lag is
@@ -207,7 +210,7 @@ class Multirotor:
         return MultirotorState(x.position, x.velocity, quaternion.normalise(x.attitude), x.rate, x.rotor_speed)
 
     def motion(self, t: Any, x: MultirotorState, u: RotorSpeeds) -> Motion:
-        """Return the motion of a sensor on the vehicle; t: integer time (100 ns)."""
+        """Return the motion of the vehicle, for sensors; t: time (unit: 100 ns)."""
         acceleration, turn = self.accelerations(x, u)
         R = quaternion.to_matrix(x.attitude)
         return Motion(

@@ -109,7 +109,7 @@ class BluntBody:
     yaw_damping: Scalar = quantity("1", "Yaw damping coefficient Cnr; negative if it damps.", default=0.0)
 
     def wrench(self, flow: Airflow) -> Wrench:
-        """Return force and moment of the air; zero at zero airspeed."""
+        """Return force and moment of the air. Both are zero at zero airspeed."""
         moves = flow.speed > 0
         qS_over_V = flow.air.density * flow.speed / 2 * self.area
         lengths = jnp.stack([self.span, self.chord, self.span]) * jnp.ones(3)
@@ -130,14 +130,18 @@ class RigidBody:
 
     Frames:  I inertial and E earth-fixed, which coincide at time zero; W north-east-down, fixed to the earth
              at `origin`; B at the centre of mass, x forward, y starboard, z down.
-    Valid:   a rigid body with one mass, anywhere outside the earth. Not modelled: fuel, sloshing, ground.
+    Valid:   a rigid body with constant mass, anywhere outside the earth. Not modelled: fuel, sloshing, ground.
     Source:  Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., eq. 1.7-21; compared with
              simulations of NASA in the study nesc2015.
     """
 
     mass: Scalar = quantity("kg", "Mass of the body.", default=1.0, above=0)
     inertia: Any = quantity(
-        "kg m^2", "Moments of inertia Jx, Jy, Jz.", frame="B", shape=(3,), default=np.array([0.1, 0.1, 0.1])
+        "kg m^2",
+        "Moments of inertia Jx, Jy, Jz about the axes of B.",
+        frame="B",
+        shape=(3,),
+        default=np.array([0.1, 0.1, 0.1]),
     )
     products: Any = quantity(
         "kg m^2",
@@ -152,10 +156,10 @@ class RigidBody:
     origin: TangentPlane = part(
         "Origin of the local frame W: latitude, longitude and height on the earth.", default=TangentPlane(0.0, 0.0)
     )
-    gust: Any = part("Gust added to the wind; set by a world with turbulence.", default=None)
+    gust: Any = part("Gust added to the wind. A world with turbulence sets it. None: no gust.", default=None)
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
     QUATERNIONS: ClassVar[tuple[str, ...]] = ("attitude",)
     """Quaternion fields of the state, for an integration on the rotation group."""
 
@@ -173,7 +177,7 @@ class RigidBody:
         return jnp.stack([jnp.stack([jnp.asarray(e, float) for e in row]) for row in rows])
 
     def in_gust(self, gust: Gust) -> "RigidBody":
-        """Return the body with this gust added to the wind."""
+        """Return the rigid body with this gust added to the wind."""
         return replace(self, gust=gust)
 
     def flight(self, t: Any, x: RigidBodyState) -> FlightCondition:
@@ -218,7 +222,7 @@ class RigidBody:
         return quaternion.to_matrix(x.attitude) @ force / self.mass, turn
 
     def motion(self, t: Any, x: RigidBodyState, u: Wrench) -> Motion:
-        """Return the motion of a sensor on the body in the tangent plane at `origin`; t: integer time (100 ns)."""
+        """Return the motion of the body, for sensors, in the tangent plane at `origin`; t: time (unit: 100 ns)."""
         seconds = to_seconds(t)
         R_EI = self.earth.to_inertial(seconds).T
         plane = self.origin

@@ -1,4 +1,4 @@
-"""Motor-driven rotating platform with an arm, on which the thesis (Kulis 2006) tested navigation."""
+"""Motor-driven rotating platform with an arm, with which the thesis (Kulis 2006) tested navigation."""
 
 from typing import Any, ClassVar
 
@@ -21,7 +21,7 @@ class PlatformDrive:
 
 @record
 class PlatformState:
-    """State of the platform: angle, rate, and the motion of the body at the arm's end that follows from them.
+    """State of the platform: heading, rate, and the motion of the body at the arm's end that follows from both.
 
     Only heading and yaw_rate determine the motion. The other fields are integrated too, so that a log contains the true
     value of every navigation estimate. `RotatingPlatform.rest_state` returns a consistent state. Source: this module.
@@ -47,8 +47,8 @@ class RotatingPlatform:
         v_B = (R W, 0, 0)          a_B = (R W', R W^2, 0)
 
     al is the arm's direction, R its length, and T the rotation that tilts the axis. The tilt is fixed in the world, so
-    the component of gravity in the platform's plane rotates in the body once per revolution. An accelerometer bias
-    cannot explain this.
+    the component of gravity in the platform's plane rotates in the body once per revolution. An accelerometer bias has
+    no such effect, because it is constant in the body.
 
     Frames:  W north-east-down, origin on the axis; B at the arm's end, x tangential, y inward, z along the axis.
     Not modelled: backlash, elasticity, the motor's torque limit.
@@ -64,7 +64,7 @@ class RotatingPlatform:
         source="[1] 12 in",
     )
     time_constant: Scalar = quantity(
-        "s", "Time constant of the lag from the commanded rate to the rate.", default=0.1, above=0
+        "s", "Time constant of the lag from the commanded rate to the actual rate.", default=0.1, above=0
     )
     tilt: Scalar = quantity("rad", "Angle of the spin axis from the vertical.", default=0.0, low=0, high=0.5)
     lean: Scalar = quantity(
@@ -72,7 +72,7 @@ class RotatingPlatform:
     )
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def dynamics(self, t: Any, x: PlatformState, u: PlatformDrive) -> PlatformState:
         """Return the time derivative of the state x (SI) under the commanded rate."""
@@ -90,7 +90,7 @@ class RotatingPlatform:
         )
 
     def motion(self, t: Any, x: PlatformState, u: PlatformDrive) -> Motion:
-        """Return the motion of a sensor at the arm's end, from heading, yaw rate and command; t: integer (100 ns)."""
+        """Return the motion of the arm's end, for sensors, from heading, rate and command; t: time (unit: 100 ns)."""
         angle = x.heading - QUARTER
         acceleration = (u.rate - x.yaw_rate) / self.time_constant
         o = jnp.zeros_like(acceleration)

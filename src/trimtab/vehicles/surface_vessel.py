@@ -51,7 +51,7 @@ class VesselState:
 
 @record
 class HullDamping:
-    """Damping forces of the water on a moving hull, about the origin of [1]: -D(nu) nu.
+    """Damping forces of the water on a moving hull, about the reference point amidships: -D(nu) nu.
 
         X = Xu u + Xuu |u| u + Xuuu u^3
         Y = (Yv + Yvv |v| + Yrv |r|) v + (Yr + Yvr |v| + Yrr |r|) r        N has the same form
@@ -120,11 +120,11 @@ class HullDamping:
 class TwinScrew:
     """Two propellers side by side with equal speed, each with a rudder in its slipstream.
 
-        T = Tnn |n| n - Tnu |n| u        n in turns per second; other coefficients astern; T = 0 in between
-        U = u + k (sqrt(8 T/(pi rho d^2) + u^2) - u)      past the rudder; U = u where u < 0
+        T = Tnn |n| n - Tnu |n| u        n in turns per second; other coefficients astern; T never opposes n
+        U = u + k (sqrt(8 T/(pi rho d^2) + u^2) - u)      flow past the rudder; U = u where u < 0
         L = (Ld delta - Ldd |delta| delta) |U| U          other coefficients where U < 0
 
-    Not modelled: drag of the rudders, the bow thruster of [1], which is at rest.
+    Not modelled: drag of the rudders; the bow thruster of [1], which stands still.
     Source:  [1]; thrust coefficients of its table 2. Reconstructed: the propeller's diameter and k, from public
              programs of [1].
     """
@@ -184,7 +184,7 @@ class TwinScrew:
         return jnp.where(past < 0, astern, ahead) * jnp.abs(past) * past
 
     def wrench(self, rudder: Any, shaft_speed: Any, u: Any) -> tuple[Any, Any, Any]:
-        """Return X, Y (N) and N (N m) of both propellers and both rudders, about the origin of [1]."""
+        """Return X, Y (N) and N (N m) of both propellers and both rudders, about the reference point amidships."""
         T = self.thrust(shaft_speed, u)
         L = self.lift(rudder, T, u)
         return 2 * T, 2 * L, -2 * self.rudder_arm * L
@@ -192,19 +192,19 @@ class TwinScrew:
 
 @record
 class WindLoad:
-    """Force of the wind on the part of the vessel above the water, about the origin of [1].
+    """Force of the wind on the part of the vessel above the water, about the reference point amidships.
 
         (X, Y, N) = rho V^2/2 (cx A cos(g), cy B sin(g), cn B L sin(2 g))      g: angle from x to the direction in which
         the relative wind blows
 
     Source:  Fossen, "Handbook", 2021, section 10.1, for a vessel symmetric to port and starboard. Areas and
-             coefficients are chosen, the coefficients in the middle of the ranges given there.
+             coefficients are our own choice, the coefficients in the middle of the ranges given in the handbook.
     """
 
     wind: Wind = part("Wind velocity over the ground, just above the water.", default=Wind())
     frontal_area: Scalar = quantity("m^2", "Area A of the vessel exposed to wind from ahead.", default=0.04, low=0)
     lateral_area: Scalar = quantity("m^2", "Area B of the vessel exposed to wind from the side.", default=0.16, low=0)
-    length: Scalar = quantity("m", "Length L of the vessel over all.", default=1.255, above=0, source=TABLE_1)
+    length: Scalar = quantity("m", "Overall length L of the vessel.", default=1.255, above=0, source=TABLE_1)
     cx: Scalar = quantity("1", "Wind coefficient of the force along the hull.", default=0.7, low=0)
     cy: Scalar = quantity("1", "Wind coefficient of the force across the hull.", default=0.85, low=0)
     cn: Scalar = quantity("1", "Wind coefficient of the yaw moment.", default=0.1)
@@ -229,7 +229,7 @@ class WindLoad:
 
 @record
 class SurfaceVessel:
-    """Manoeuvring model of a vessel in the plane, CyberShip II by default; sway has no actuator.
+    """Manoeuvring model of a vessel in the plane, CyberShip II by default. Sway has no actuator.
 
         M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau        nu_r = nu - nu_c: through the water         [1]
         delta' = limit((delta_c - delta)/T_d, rate)        n' = (n_c - n)/T_n
@@ -241,7 +241,7 @@ class SurfaceVessel:
     Valid:   calm water without waves; no roll, pitch or heave. Rudders to 35 degrees.
     Not modelled: waves, shallow water, the propellers' side force.
     Source:  [1]; current and relative velocity as in Fossen, "Handbook of marine craft hydrodynamics and motion
-             control", 2nd ed., 2021, section 10.3. Rates and lags of the actuators are chosen.
+             control", 2nd ed., 2021, section 10.3. Rates and lags of the actuators are our own choice.
     """
 
     mass: Scalar = quantity("kg", "Total mass.", default=23.8, above=0, source=TABLE_1)
@@ -268,7 +268,7 @@ class SurfaceVessel:
     shaft_lag: Scalar = quantity("s", "Time constant of the shafts' drive.", default=0.3, above=0)
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def input_limits(self) -> dict[str, tuple[Any, Any]]:
         """Return the limits of the rudder angle (rad) and of the propeller speed (rad/s)."""
@@ -308,7 +308,10 @@ class SurfaceVessel:
         return X / m11 + r * across, dv + self.centre * dr, dr
 
     def wrench(self, x: VesselState, u: Any, v: Any) -> tuple[Any, Any, Any]:
-        """Return X, Y (N) and N (N m) of all forces about the origin of [1] at velocities u, v through the water."""
+        """Return X, Y (N) and N (N m) of all forces about the reference point amidships.
+
+        u, v: velocities of this point through the water (m/s).
+        """
         forces = [self.damping.wrench(u, v, x.yaw_rate), self.propulsion.wrench(x.rudder, x.shaft_speed, u)]
         if self.wind is not None:
             forces.append(self.wind.wrench(x))
@@ -316,7 +319,7 @@ class SurfaceVessel:
         return X, Y, N
 
     def motion(self, t: Any, x: VesselState, u: VesselControls) -> Motion:
-        """Return the motion of a sensor at the centre of mass; t: integer time (100 ns)."""
+        """Return the motion of the centre of mass, for sensors; t: time (unit: 100 ns)."""
         du, dv, dr = self.accelerations(x)
         o, r = jnp.zeros_like(du), x.yaw_rate
         stack = jnp.stack

@@ -18,7 +18,7 @@ from trimtab.environment.current import Current
 
 TABLES = "[1] appendix B"
 RPM = np.pi / 30
-"""Angular speed of one turn per minute (rad/s)."""
+"""One revolution per minute, in rad/s."""
 CRUISE = 1500 * RPM
 """Shaft speed at which [1] gives thrust and torque (rad/s)."""
 DOWN = np.array([0.0, 0.0, 1.0])
@@ -46,7 +46,9 @@ class TorpedoState:
     attitude: Any = quantity(
         "1", "Attitude: quaternion q_WB, scalar first.", frame="WB", shape=(4,), default=np.array([1.0, 0.0, 0.0, 0.0])
     )
-    velocity: Any = quantity("m/s", "Velocity: surge, sway, heave.", frame="B", shape=(3,), default=np.zeros(3))
+    velocity: Any = quantity(
+        "m/s", "Velocity over the ground: surge, sway, heave.", frame="B", shape=(3,), default=np.zeros(3)
+    )
     rate: Any = quantity(
         "rad/s", "Angular velocity: roll, pitch, yaw rate.", frame="B", shape=(3,), default=np.zeros(3)
     )
@@ -71,7 +73,7 @@ class TorpedoHull:
     Xudot: Scalar = quantity("kg", "Added mass along the body's x axis.", default=-0.93, source=TABLES)
     Yvdot: Scalar = quantity(
         "kg",
-        "Added mass along the body's y axis; the added mass along z is equal (Zwdot = Yvdot).",
+        "Added mass along the body's y axis. The added mass along z is equal (Zwdot = Yvdot).",
         default=-35.5,
         source=TABLES,
     )
@@ -104,7 +106,7 @@ class TorpedoHull:
     )
     Ypq: Scalar = quantity("kg m", "Coefficient of the sway force per p q: added mass.", default=1.93, source=TABLES)
     Yuudr: Scalar = quantity(
-        "kg/(m rad)", "Coefficient of the sway force due to the rudder.", default=9.64, source=TABLES
+        "kg/(m rad)", "Coefficient of the sway force per u^2 and rudder angle.", default=9.64, source=TABLES
     )
     Zww: Scalar = quantity(
         "kg/m", "Coefficient of the heave force per |w| w: cross-flow drag.", default=-131.0, source=TABLES
@@ -121,7 +123,7 @@ class TorpedoHull:
     Zvp: Scalar = quantity("kg", "Coefficient of the heave force per v p: added mass.", default=-35.5, source=TABLES)
     Zrp: Scalar = quantity("kg m", "Coefficient of the heave force per r p: added mass.", default=1.93, source=TABLES)
     Zuuds: Scalar = quantity(
-        "kg/(m rad)", "Coefficient of the heave force due to the stern planes.", default=-9.64, source=TABLES
+        "kg/(m rad)", "Coefficient of the heave force per u^2 and stern plane angle.", default=-9.64, source=TABLES
     )
     Kpp: Scalar = quantity(
         "kg m^2", "Coefficient of the roll moment per |p| p: rolling drag.", default=-0.130, source=TABLES
@@ -146,7 +148,7 @@ class TorpedoHull:
         "kg m^2", "Coefficient of the pitch moment per r p: added mass.", default=4.86, source=TABLES
     )
     Muuds: Scalar = quantity(
-        "kg/rad", "Coefficient of the pitch moment due to the stern planes.", default=-6.15, source=TABLES
+        "kg/rad", "Coefficient of the pitch moment per u^2 and stern plane angle.", default=-6.15, source=TABLES
     )
     Nvv: Scalar = quantity(
         "kg", "Coefficient of the yaw moment per |v| v: cross-flow drag.", default=-3.18, source=TABLES
@@ -165,7 +167,9 @@ class TorpedoHull:
     )
     Nwp: Scalar = quantity("kg m", "Coefficient of the yaw moment per w p: added mass.", default=-1.93, source=TABLES)
     Npq: Scalar = quantity("kg m^2", "Coefficient of the yaw moment per p q: added mass.", default=-4.86, source=TABLES)
-    Nuudr: Scalar = quantity("kg/rad", "Coefficient of the yaw moment due to the rudder.", default=-6.15, source=TABLES)
+    Nuudr: Scalar = quantity(
+        "kg/rad", "Coefficient of the yaw moment per u^2 and rudder angle.", default=-6.15, source=TABLES
+    )
 
     def wrench(self, velocity: Any, rate: Any, rudder: Any, stern: Any) -> tuple[Any, Any]:
         """Return force (3,) (N) and moment (3,) (N m) of the water, without the added mass terms that contain
@@ -200,7 +204,7 @@ class Torpedo:
     Not modelled: waves, the surface, stall of the fins, inflow to the propeller.
     Source:  [1]; current as in Fossen, "Handbook of marine craft hydrodynamics and motion control", 2nd ed., 2021,
              section 10.3. Lags and rates of the actuators, and the gravity that converts the weight of [1] to a mass,
-             are chosen.
+             are our own choice.
     """
 
     weight: Scalar = quantity(
@@ -229,11 +233,11 @@ class Torpedo:
     shaft_lag: Scalar = quantity("s", "Time constant of the shaft's drive.", default=0.3, above=0)
 
     MAV_TYPE: ClassVar[str] = "SUBMARINE"
-    """Vehicle type reported to ground stations, see `wire.telemetry`."""
+    """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     @property
     def mass(self) -> Any:
-        """Mass of the vehicle (kg)."""
+        """Return the mass of the vehicle (kg)."""
         return self.weight / 9.81
 
     def input_limits(self) -> dict[str, tuple[Any, Any]]:
@@ -285,7 +289,7 @@ class Torpedo:
         return force + self.thrust * ahead, moment + self.torque * ahead
 
     def _solve(self, force: Any, moment: Any) -> tuple[Any, Any]:
-        """Return the accelerations v' (3,), w' (3,). With added mass, (u, w, q) and (v, p, r) are solved separately."""
+        """Return the accelerations v' (3,), w' (3,). The equations of (u, w, q) and of (v, p, r) are independent."""
         m, h, mz = self.mass, self.hull, self.mass * self.lowered
         (Ix, Iy, Iz), o = self.inertia, 0.0
         across = m - h.Yvdot
@@ -304,7 +308,7 @@ class Torpedo:
         return replace(x, attitude=quaternion.normalise(x.attitude))
 
     def motion(self, t: Any, x: TorpedoState, u: TorpedoControls) -> Motion:
-        """Return the motion of a sensor at the centre of mass; t: integer time (100 ns)."""
+        """Return the motion of the centre of mass, for sensors; t: time (unit: 100 ns)."""
         dv, dw = self.accelerations(x)
         return Motion(
             t=t,
