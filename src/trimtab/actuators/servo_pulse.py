@@ -17,9 +17,10 @@ SHORTEST, LONGEST = 0.8e-3, 2.2e-3
 class ServoPulse:
     """Pulse of a servo or of a motor's speed controller: a value is converted to a pulse width and back.
 
-        ServoPulse(values=(-0.44, 0.0, 0.44), widths=(2e-3, 1.52e-3, 1e-3))     a servo with a reversed horn    Use it
-        as the first stage of a field in an ActuatorBank. Values beyond the table are limited to its ends. Pulse widths
-        are rounded to the timer's resolution. The firmware uses the same table (docs page, Servo pulses).
+        ServoPulse(values=(-0.44, 0.0, 0.44), widths=(2e-3, 1.52e-3, 1e-3))     a servo with a reversed horn
+
+    Use it as the first stage of a field in an ActuatorBank. Values beyond the table are limited to its ends. Pulse
+    widths are rounded to the timer's resolution. The firmware uses the same table (docs page, Servo pulses).
 
     Frames:  those of the actuated value.    Not modelled: the frame in which pulses are sent; use a ServoFrame for it.
     Source:  pulses of radio control servos: 1.5 ms in the middle, 1 and 2 ms at the ends.

@@ -25,7 +25,7 @@ from trimtab.scenarios.recorded_choices import FILE_ARGUMENTS, check_recorded_ch
 COMPARED_PATHS = ("autopilot", "world.sensors")
 """Paths of the parts that must have the recorded settings and classes, because a replay runs only these.
 
-Differences in the rest of the world are accepted.
+Differences in other parts of the scenario are accepted.
 """
 SETTING = "a setting"
 

@@ -1,7 +1,8 @@
-"""World for the hypersonic vehicle that is harder than the paper's: servos, turbulence, accelerometer with errors.
+"""World of the hypersonic vehicle with more disturbances than in the paper: servos, turbulence, accelerometer errors.
 
 Source: form of the servos from Bolender, Doman, "Nonlinear longitudinal dynamical model of an air-breathing hypersonic
-vehicle", Journal of Spacecraft and Rockets 44(2), 2007; turbulence MIL-F-8785C; sizes chosen (docs, What it needs).
+vehicle", Journal of Spacecraft and Rockets 44(2), 2007; turbulence MIL-F-8785C; sizes: our choice (docs, What it
+needs).
 """
 
 from typing import Any
