@@ -67,9 +67,9 @@ class PredictiveFeedback(NamedTuple):
         return F
 
     def poles(self, delay: float | None = None) -> Any:
-        """Return the poles of the sampled loop, by falling size.
+        """Return the poles of the sampled loop, by falling magnitude.
 
-        At the design delay, they are the poles of the loop without delay, and zeros for the commands in transit.
+        At the design delay, they are the poles of the loop without delay, and poles at 0 for the commands in transit.
         """
         poles = sorted_poles(self.loop_matrix(delay))
         return poles[np.argsort(-np.abs(poles), kind="stable")]

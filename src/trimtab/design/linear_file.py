@@ -1,4 +1,4 @@
-"""Text files of linear models, without loss of digits: matrices, names, operating point and origin."""
+"""Text files of linear models, without loss of digits: matrices, names, operating point, and origin of the model."""
 
 import json
 from pathlib import Path

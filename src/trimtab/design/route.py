@@ -1,4 +1,4 @@
-"""Smooth, timed route between obstacles for a craft of some width.
+"""Smooth, timed route between obstacles for a craft of given width.
 
 A route is searched on a grid and shortened by straight lines. Its corners are rounded as far as obstacles allow. Speeds
 follow from limits of speed and acceleration. If no route exists, the error reports the width of the widest passage.

@@ -9,11 +9,11 @@ from trimtab.scenarios.build import CALIBRATION, LINKS
 from trimtab.scenarios.catalogue import GAIN
 
 FILE_ARGUMENTS = (*LINKS, CALIBRATION, GAIN)
-"""Arguments whose value is a file name. A log must not contain them, so that it cannot make a program open them."""
+"""Arguments whose value is a file name. A log must not contain them."""
 
 
 class _FieldRule(NamedTuple):
-    """Rule for the type of a field. kind: type in words.  holds: function that returns True for a value of this type."""
+    """Rule for the type of a field. kind: type in words.  holds: function, returns True for a value of this type."""
 
     kind: str
     holds: Callable[[Any], bool]
