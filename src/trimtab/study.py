@@ -146,7 +146,7 @@ def within(
 def band(
     id: str, what: str, printed: Any, computed: Any, citation: str, *, low: float, high: float, **about: Any
 ) -> Row:
-    """Return a row that holds if `computed` lies between `low` and `high`. For a value that is printed as "about"."""
+    """Return a row that holds if `computed` lies in low..high, for a value that the publication gives as "about"."""
     return Row(id, what, printed, float(computed), citation, "band", (low, high), **about)
 
 

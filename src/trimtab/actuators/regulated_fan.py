@@ -46,8 +46,8 @@ class RegulatedFan:
         current of the motor -> battery -> voltage of the next step
 
     Frames:  positive speed pushes forward.    Not modelled: the servo frame of the duty's pulses, 20 ms.
-    Source:  [1] chapter 4 (PI regulator in the firmware; encoder). Values of the parts that are reconstructed are named
-             in their docstrings.
+    Source:  [1] chapter 4 (PI regulator in the firmware; encoder). The docstrings of the parts name the reconstructed
+             values.
     """
 
     regulator: SpeedRegulator = part("Speed regulator of the firmware.", default=SpeedRegulator())

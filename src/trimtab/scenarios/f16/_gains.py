@@ -30,8 +30,6 @@ WEIGHTS = {
 }
 """Weights of the LQR design, by name: longitudinal, then lateral. A surface deflection of one degree has weight 1.
 
-
-
 Longitudinal states: angle of attack (1/rad²), pitch rate, integral of load factor (1/s²). Lateral states: sideslip,
 roll rate, yaw rate, integral of roll rate, integral of side load with yaw rate.
 

@@ -63,7 +63,7 @@ AeroBenchVV has a roll gain of 4, a roll damping of 2, and no limit of the deman
 
 
 def scenario(start: Start = "dive", gains: Gains = "actuators", navigation: Navigation = "instruments") -> Scenario:
-    """Return the scenario. The two starts are those of AeroBenchVV; the sensor errors and actuator limits are not."""
+    """Return the scenario. The two starts are those of AeroBenchVV; sensor errors and actuator limits are ours."""
     law = FOR_ACTUATORS if gains == "actuators" else GroundAvoidance()
     control = law.control
     trim = F16Controls(elevator=control.trim_elevator, aileron=0.0, rudder=0.0, throttle=control.throttle)

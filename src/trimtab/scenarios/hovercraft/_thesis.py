@@ -74,8 +74,9 @@ class Equipment(NamedTuple):
     with the statistics of [1, table 5.1]; "none", no link in the loop, as with processing on board [1, chapter 7].
     navigation: the navigation system, see `_navigation`.  supervisor: "automatic" flies as soon as all checks pass, and
     limits the speeds. If the navigation estimates the position, it also limits the area, to the floor and 5 m around
-    the floor. bus: with "slave", a slow bus on the vehicle carries the ultrasonic samples to the radio. craft, fan:
-    vehicle and thrust fan of the thesis, or those that its chapter 7 proposes.
+    the floor.
+    bus: with "slave", a slow bus on the vehicle carries the ultrasonic samples to the radio.
+    craft, fan: vehicle and thrust fan of the thesis, or those that its chapter 7 proposes.
     """
 
     links: Links
@@ -100,10 +101,14 @@ def hovercraft_scenario(
     """Return a scenario with a law and the thesis's vehicle, actuators, radio and navigation errors.
 
     Args:
-        name: name in the catalogue. law: the law. Its vehicle model is set to the chosen craft. x: initial state.
-        duration_s: duration of the flight (s). targets: desired values of signals, for the metrics. equipment: the
-        chosen equipment. errors: error model of navigation "errors". None: that of the thesis. floor: south, north,
-        west and east limit of the floor (m). Navigation systems that use beacons have them above this floor.
+        name: name in the catalogue.
+        law: the law. Its vehicle model is set to the chosen craft.
+        x: initial state.
+        duration_s: duration of the flight (s).
+        targets: desired values of signals, for the metrics.
+        equipment: the chosen equipment.
+        errors: error model of navigation "errors". None: that of the thesis.
+        floor: south, north, west and east limit of the floor (m). Beacons, if the navigation uses any, are above it.
     """
     downlink, uplink = _choose_links(equipment.links)
     sensors, estimator = choose_navigation(equipment.navigation, errors, floor, equipment.bus)

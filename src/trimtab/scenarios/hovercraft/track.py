@@ -56,7 +56,6 @@ def scenario(
 ) -> Scenario:
     """Return the scenario. Path and law are our choice.
 
-
     The craft starts at rest at the beginning of the path, with its nose along the path.
     """
     path = (

@@ -1,6 +1,5 @@
 """Design of the hypersonic vehicle's gain and filter at its trim, and the certificate of their stability.
 
-
 On a grid over the flight envelope, the module also checks that the inversion is well-posed, and bounds the inversion's
 error for an uncertain plant. The tracking error e is (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') minus the desired
 values. The input of the error model is v = (h'', V').

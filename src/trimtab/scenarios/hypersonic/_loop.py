@@ -61,7 +61,7 @@ def _model_of_filter(kept: FlexibleModeFilter) -> Any:
 
 
 def rest_state(plant: Hypersonic, believed: Hypersonic, at: LevelTrim) -> Any:
-    """Return the loop's state (20,) in level flight: the plant at its static bending, the filter at the model's."""
+    """Return the loop's state (20,) in level flight: plant at its static bending, filter at that of its model."""
     x = plant.level_state(at.h, at.V, at.zeta[0], at.u.delta_e)
     e1, e2 = believed.modes.static_displacements(at.zeta[0], at.u.delta_e)
     chi = [at.h, 0.0, at.V, at.zeta[0], 0.0]

@@ -52,12 +52,11 @@ def industrial_imu() -> Imu:
 def scenario(gnss: Aiding = "fixes") -> Scenario:
     """Return the scenario. Its parameters are our choice.
 
-
     A lap takes 20 s. The inertial unit has 1 kHz. The receiver gives five fixes per second, each 120 ms old, and has an
     outage of 4 s.
     """
     path = ClosedPath(coordinated=LAP)
-    first = jax.tree.map(lambda number: np.round(number, 12), path.at(0.0, LAP))  # the same bits everywhere
+    first = jax.tree.map(lambda number: np.round(number, 12), path.at(0.0, LAP))  # the same bits on each machine
     receiver = Gnss(outages=OUTAGE, correlated=CORRELATED)
     if gnss == "ranges":
         receiver = GnssRanges(outages=OUTAGE, correlated=CORRELATED)

@@ -31,7 +31,6 @@ START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
 BELIEVED_NOISE = replace(NOISE, position_constant=0.008, heading_constant=0.012)
 """Noise that the loosely coupled filter assumes. It includes constant errors of fixes due to survey and temperature.
 
-
 The tightly coupled filter models these errors itself.
 """
 

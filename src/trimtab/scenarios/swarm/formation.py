@@ -42,7 +42,6 @@ TICK, PERIOD = ms(5), ms(20)
 def scenario(craft: Craft = "5", route: Route = "circle", start: Start = "rows") -> Scenario:
     """Return the scenario. Its parameters are our choice.
 
-
     The radio has slots of 5 ms, a latency of 20 ms, and loses a tenth of all messages.
     """
     n = int(craft)
