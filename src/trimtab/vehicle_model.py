@@ -28,7 +28,7 @@ def trim(vehicle: str | Scenario, at: At | None = None, *, settings: Mapping[str
         at: name of a state, input or output -> number in the vehicle's unit, text with a unit, "free", "fixed" or
             "LOW..HIGH". A name with ' is the time derivative: {"yaw'": 0.3}. The same values can follow
             ``trimtab trim --at``.
-        settings: path -> value, as after ``--set``. They require a vehicle given by name.
+        settings: path -> value, in the notation of ``--set``. They require a vehicle given by name.
 
     Raises: InputError for an unknown name. If no trim exists, no error is raised; the result's field `why` contains the
         reasons.

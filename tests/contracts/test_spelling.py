@@ -53,7 +53,7 @@ def test_no_text_of_the_library_has_an_option_of_the_command_line():
         f"{file.relative_to(SOURCE)}:{line}: {said}"
         for file in LIBRARY
         for line, said in option_texts(file.read_text("utf-8"))
-        if not said.startswith(("--target=wasm32", "-Wl", "Faults, in the notation of --fault"))
+        if not said.startswith(("--target=wasm32", "-Wl", "Faults, written as after --fault"))
     ]
     assert not wrong, "say argument(…), core/errors.py:\n" + "\n".join(wrong)
 

@@ -58,7 +58,10 @@ class RegulatedFan:
         """Raise InputError if the periods of regulator, motor and battery do not match."""
         step, tick, other = self.motor.period, self.regulator.period, self.battery.period
         if tick % step or other != step:
-            problem = f"regulator {format_time(tick)}, motor {format_time(step)}, battery {format_time(other)}"
+            problem = (
+                f"the periods do not match: regulator {format_time(tick)}, motor {format_time(step)}, "
+                f"battery {format_time(other)}"
+            )
             fix = "set motor and battery to equal periods, and the regulator's period to a multiple of theirs"
             raise InputError("RegulatedFan.period", problem, fix=fix)
         self.battery.check()

@@ -70,7 +70,8 @@ def build(
     Args:
         name: a name in the catalogue, or ``file.py:function``, or a scenario file, ``file.toml``
             (`scenarios.toml_file`). `settings` override the settings in a file.
-        settings: text or number by path, as after ``--set``. These names are not paths: "uplink" or "downlink" gives
+        settings: text or number by path, in the notation of ``--set``. These names are not paths: "uplink" or
+        "downlink" gives
             the file of a recording that the link repeats; "uplink.delay", "uplink.jitter", "uplink.loss" and the same
             for the downlink set the latency (`loop.link_latency`); "mismatch" names vehicle models in the autopilot
             that may differ from each other (`loop.beliefs`); "calibration" gives a file of `trimtab calibrate`;
@@ -79,7 +80,7 @@ def build(
             value such as ``steps(0 s: 1, 5 s: 2)`` changes in flight (`loop.setpoint_schedule`). Settings override a
             calibration.
         without: imperfections to switch off.
-        faults: faults to inject, as after ``--fault``.
+        faults: faults to inject, in the notation of ``--fault``.
         calibration: a calibration that is not in a file.
         in_virtual_time: True if the flight ends after the scenario's duration, so that a later fault is an error.
         gain: a gain that is not in a file.

@@ -104,7 +104,7 @@ def scenario_schema() -> dict[str, Any]:
         "base": {**text, "description": "Scenario of the catalogue, or another scenario file."},
         "name": {**text, "description": "Name of the scenario in logs and plots."},
         "without": {"type": "array", "items": text, "description": "Imperfections to switch off."},
-        "faults": {"type": "array", "items": text, "description": "Faults, in the notation of --fault."},
+        "faults": {"type": "array", "items": text, "description": "Faults, written as after --fault."},
         "choices": {
             "type": "object",
             "description": "Arguments of the base, and settings that are not paths: predictor, uplink, reference …",

@@ -1,4 +1,4 @@
-"""Navigation of the F-16: instruments that measure all values, or a filter with IMU, GNSS receiver and air-data probes.
+"""Navigation of the F-16: instruments for all values that the law reads, or a filter with IMU, GNSS and air data.
 
 The positions of the sensors and the sizes of their errors are our assumptions, without a source.
 """

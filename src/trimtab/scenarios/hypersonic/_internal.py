@@ -50,10 +50,11 @@ SCALES = np.array(INTERNAL_SIZES)
 BEYOND = 8.0
 """Time (s) by which the computed solution extends beyond the end of a table.
 
-In this time, the effect of an error in the final boundary value decays by e^-26, backwards to the end of the table.
+In this time, the effect of an error in the final boundary value decays by the factor e^-26, backwards to the end of the
+table.
 """
 LEAST_BEYOND = 3.0
-"""Minimum time (s) by which the solution must extend beyond the end of a table. A boundary error decays by e^-10."""
+"""Minimum time (s) by which the solution must extend beyond the end of a table. In it, errors decay by e^-10."""
 
 
 class LevelTrim(NamedTuple):
