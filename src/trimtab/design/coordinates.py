@@ -76,7 +76,7 @@ def trim_model(vehicle: Any, x: Any, u: Any, *, t: float = 0.0) -> StateSpaceMod
     angle of attack, sideslip and climb angle.
 
     Args:
-        vehicle: anything with `dynamics(t, x, u)`.
+        vehicle: object with `dynamics(t, x, u)`.
         x: a state record; its values are the model's point.
         u: an input record; its values are the model's point.
         t: time (s).

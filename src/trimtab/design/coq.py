@@ -53,7 +53,7 @@ Fixpoint reduce_row (before a c : Z) (r s : list Z) : option (list Z) :=
   | _, _ => None
   end.
 
-(* Rows below the pivot's, their first entries, which must be those of cs, taken off. *)
+(* Reduce the rows below the pivot row. Remove their first entries, which must equal cs. *)
 Fixpoint reduce (before a : Z) (r cs : list Z) (rows : list (list Z)) : option (list (list Z)) :=
   match cs, rows with
   | [], [] => Some []

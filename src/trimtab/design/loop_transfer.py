@@ -152,8 +152,8 @@ def loop_of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> FeedbackLo
     switches between modes, the result is the loop of one mode.
 
     Args:
-        vehicle: anything with `dynamics(t, x, u)` whose input is the law's demand.
-        law: anything with `step(t, state, estimate)` -> (state, output), where output.demand is a record like the
+        vehicle: object with `dynamics(t, x, u)` whose input is the law's demand.
+        law: object with `step(t, state, estimate)` -> (state, output), where output.demand is a record like the
             vehicle's input.
         x: state record, e.g. `law.equilibrium()`.
         state: internal state of the law; default: the state from `law.init`.

@@ -67,7 +67,7 @@ class TurbulenceScales(NamedTuple):
 
 @record
 class TurbulenceState:
-    """States of the shaping filters, each of variance about one. Frames: B. Source: this module."""
+    """States of the shaping filters, each with a variance of about one. Frames: B. Source: this module."""
 
     key: Key = part("Random key of the noise.")
     begun: Scalar = quantity("1", "True once a first gust has been computed.", kind="flag")
@@ -219,7 +219,7 @@ def _output(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
 
 
 def _steady_root(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
-    """Return a root (n, n) of a filter's stationary state covariance under white noise of intensity one."""
+    """Return a square root (n, n) of a filter's stationary covariance under white noise of intensity one."""
     A = _system(filter)
     n = len(A)
     B = np.zeros((n, n))

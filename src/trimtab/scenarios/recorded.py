@@ -100,7 +100,7 @@ def _build_candidates(name: str, choices: Mapping[str, Any]) -> Iterator[Scenari
 
 
 def _add_live_variants(candidates: Iterator[Scenario], side: Any) -> Iterator[Scenario]:
-    """Yield each candidate, then its variant as flown in a live flight.
+    """Yield each candidate, then the variant of this candidate that a live flight uses.
 
     `fly` adds sensors for the pilot's requests and the stick. `vehicle` adds an inactive fault to every part.
 

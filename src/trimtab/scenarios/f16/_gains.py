@@ -31,7 +31,7 @@ WEIGHTS = {
 """Weights of the LQR design, by name: longitudinal, then lateral. A surface deflection of one degree has weight 1.
 
 Longitudinal states: angle of attack (1/rad²), pitch rate, integral of load factor (1/s²). Lateral states: sideslip,
-roll rate, yaw rate, integral of roll rate, integral of side load with yaw rate.
+roll rate, yaw rate, integral of roll rate, integral of the sum of side load and yaw rate.
 
 published: longitudinal weights of AeroBenchVV, BuildLongitudinalLqrCtrl. The lateral weights are computed from that
 program's lateral gains by Q = K'R K, with weights on the integrals only, and rounded. Its own lateral weights, 1200 and

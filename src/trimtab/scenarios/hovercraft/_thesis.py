@@ -151,7 +151,7 @@ def _choose_links(links: Links) -> tuple[Any, Any]:
 
 
 def _choose_fan(fan: Fan) -> tuple[FanDrive, ThrustVectorAllocation]:
-    """Return drive and allocation. With a variable-pitch propeller, a negative speed stands for a negative pitch."""
+    """Return drive and allocation. With a variable-pitch propeller, a negative speed means a negative pitch."""
     if fan == "reversible":
         return FanDrive(), ThrustVectorAllocation()
     even = replace(Thruster(), reverse_ratio=np.array([0.0, 0.0, 0.0, 1.0]))

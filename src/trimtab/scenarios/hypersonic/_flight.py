@@ -58,7 +58,7 @@ term u_s with a smoothed sign function. sign: u_s with the exact sign function.
 Truth = Literal["paper", "plane"]
 """World model: that of the paper, or "plane" with lags of engine and elevator, turbulence and accelerometer errors."""
 TICK = ms(5)
-"""Control period. [1] does not print one."""
+"""Control period. It is not printed in [1]."""
 
 
 def hypersonic_scenario(
@@ -82,7 +82,7 @@ def hypersonic_scenario(
         name: name in the catalogue.
         climb: command of altitude and speed.
         duration_s: duration of the flight (s).
-        plant: the vehicle that flies. Default: the vehicle model `believed`.
+        plant: the simulated vehicle. Default: the vehicle model `believed`.
         believed: the vehicle model used by law, gain, filter and the table of internal states.
         filter: settings of the filter that estimates the modes.
         internal: source of the desired internal states.

@@ -42,7 +42,7 @@ def sampled_loop(plant: Hypersonic, kept: FlexibleModeFilter, K: Any, at: LevelT
     The filter uses its steady-state gain, and w is the noise of the accelerometer. n is 20, or 22 with integrals.
 
     Args:
-        plant: the vehicle that flies.
+        plant: the simulated vehicle.
         kept: the filter; its vehicle model is also that of the law.
         K: gain (2, 9), or (2, 11) with the integrals of the errors of h and V.
         at: level flight of the vehicle model.
@@ -73,7 +73,7 @@ def step_period(plant: Any, kept: Any, K: Any, P: Any, at: Any, z: Any, w: Any) 
     """Return the loop's state (20,), or (22,) with integrals, after one period. Compute in the same order as in flight.
 
     Args:
-        plant: the vehicle that flies.
+        plant: the simulated vehicle.
         kept: the filter.
         K: gain (2, 9), or (2, 11) with the integrals of the errors of h and V.
         P: steady covariance of the filter before an update (4, 4).
@@ -104,7 +104,7 @@ def continuous_loop(plant: Hypersonic, believed: Hypersonic, K: Any, L: Any, at:
     parameters are constant.
 
     Args:
-        plant: the vehicle that flies.
+        plant: the simulated vehicle.
         believed: the vehicle model of filter and law.
         K: gain (2, 9), or (2, 11) with the integrals of the errors of h and V.
         L: gain of the filter (4, 1).
