@@ -81,7 +81,7 @@ class CertifiedSystem(NamedTuple):
 
     @property
     def A_eta(self) -> Any:
-        """Return the block A_eta (k, k) of A, for the estimated states. All other effects on these states are known."""
+        """Return the block A_eta (k, k) of A for the estimated states. The filter knows all other effects on them."""
         at = self.estimated_indices()
         return self.A[np.ix_(at, at)]
 

@@ -1,4 +1,7 @@
-"""Check of the choices in a log's metadata, before a scenario is built from them. A log must not name files to open."""
+"""Check of the choices in a log's metadata, before a scenario is built from them.
+
+A file that only a log names is never opened.
+"""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -9,7 +12,7 @@ from trimtab.scenarios.build import CALIBRATION, LINKS
 from trimtab.scenarios.catalogue import GAIN
 
 FILE_ARGUMENTS = (*LINKS, CALIBRATION, GAIN)
-"""Arguments whose value is a file name. A log must not contain them."""
+"""Arguments whose value is a file name. A file that only a log names is never opened."""
 
 
 class _FieldRule(NamedTuple):
@@ -71,7 +74,7 @@ def check_recorded_choices(log: Log) -> None:
             raise _field_error(f"choices.{name}", "is missing")
     for name in choices["arguments"]:
         if name in FILE_ARGUMENTS:
-            raise _field_error(f"choices.arguments.{name}", "is a file name, which a log must not contain")
+            raise _field_error(f"choices.arguments.{name}", "is a file name, which this field must not contain")
     for name in (CALIBRATION, GAIN):
         if choices.get(name) is not None and not _is_text(choices[name].get("content")):
             raise _field_error(f"choices.{name}.content", "must be a text")
