@@ -3,7 +3,7 @@
     z(j+1) = A_j z(j) + B_j v(j)        c(j) = C_j z(j)        j = 0 … N-1, then again
 
 v = c closes the loop. Poles are those of the map over one period. Margins are the gain between c and v, or the delay in
-whole instants, that the loop tolerates. They are computed exactly from the poles. The response is that of the
+whole instants, that the loop tolerates. The margins are computed exactly from the poles. The response is that of the
 fundamental: the component exp(jwt) of c(t) for v(t) = exp(jwt). Components that sampling folds to other frequencies are
 left out. `run.loop_linearisation` makes the map of a scenario.
 

@@ -113,7 +113,7 @@ STEPS = [(a, b, GRID * float(np.hypot(a, b))) for a, b in itertools.product((-1,
 
 
 def _search(grid: _Grid, start: tuple[int, int], goal: tuple[int, int], room: float) -> "list[tuple[int, int]] | None":
-    """Return the cells of a shortest route, or None. Its clearance is at least `room`, except at start and goal."""
+    """Return the cells of a shortest route with a clearance of at least `room`, except at start and goal; or None."""
     free = grid.clearance >= room
     free[start] = free[goal] = True
     best, came = {start: 0.0}, {start: start}

@@ -126,7 +126,7 @@ def reverse(
 ) -> LawTheorem:
     """Return the theorem that ReverseMomentum reaches its momentum from a region of initial states.
 
-    It also states that the linearised loop is stable for all gains above their bounds.
+    The theorem also states that the linearised loop is stable for all gains above their bounds.
     """
     about = {"k1": k1, "k2": k2, "theta": theta, "reference": reference}
     model, craft = _numeric_craft(mass, inertia, arm)

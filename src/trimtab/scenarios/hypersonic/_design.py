@@ -5,8 +5,8 @@ error for an uncertain plant. The tracking error e is (h, h', V, alpha, Q, eta1,
 values. The input of the error model is v = (h'', V').
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, assumption 1 for the envelope. It does not print its weights, so these are our
-choice.
+vehicle", Aerospace 2022, 9(4), 206, assumption 1 for the envelope. The paper does not print its weights, so the weights
+here are our choice.
 """
 
 import itertools

@@ -1,8 +1,8 @@
 """Common parts of the hypersonic vehicle's scenarios: plant, measurements, filter of the modes, law.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206. It does not print commands, filters, noise and limits. These are our choice: docs
-page.
+vehicle", Aerospace 2022, 9(4), 206. The paper does not print commands, filters, noise and limits. Their values here are
+our choice: docs page.
 """
 
 from typing import Any, Literal

@@ -21,7 +21,7 @@ ENGINE, ELEVATOR = 20.0, 100.0
 ELEVATOR_RATE = 100 * DEG
 """Maximum rate of the elevator (rad/s)."""
 SEVERE = 1e-5
-"""Probability of exceedance of the turbulence intensity. It gives 5.1 ft/s at 80 000 ft and above.
+"""Probability of exceedance of the turbulence intensity. This probability gives 5.1 ft/s at 80 000 ft and above.
 
 The figure in the specification ends at 80 000 ft.
 """
