@@ -82,7 +82,7 @@ def hypersonic_scenario(
         name: name in the catalogue.
         climb: command of altitude and speed.
         duration_s: duration of the flight (s).
-        plant: the simulated vehicle. Default: the vehicle model `believed`.
+        plant: the simulated vehicle. Default: equal to the law's vehicle model.
         believed: the vehicle model used by law, gain, filter and the table of internal states.
         filter: settings of the filter that estimates the modes.
         internal: source of the desired internal states.
