@@ -46,7 +46,7 @@ HOMES = {
     "compile": "compiler.compiled_function",
     "export_c": "export.export_c",
 }
-"""Public name -> its module; ``module:name`` if the object has another name in the module."""
+"""Module of each public name; ``module:name`` if the object has another name in its module."""
 
 
 __all__ = [*HOMES]  # pyright: ignore[reportUnsupportedDunderAll]
@@ -71,7 +71,7 @@ OTHER_NAMES = {
     "codegen": "export_c",
     "budget": "error_budget",
 }
-"""Other common names, and verbs of the command line -> the public name."""
+"""Public name for each other common name, and for each subcommand of the command line."""
 
 
 def __getattr__(name: str) -> object:

@@ -1,7 +1,7 @@
 """Guidance, navigation and control of vehicles that are hard to steer.
 
 \b
-trimtab demo                                     first flight: a table and a picture
+trimtab demo                                     fly a first scenario: a table and a picture
 trimtab list                                     every scenario
 trimtab list hovercraft/spin                     all settings of one scenario, with unit and meaning
 trimtab new vehicle my_bike                      a template of your own vehicle, with test and page; also law, sensor …
@@ -22,7 +22,7 @@ trimtab linearise hypersonic --output h --output V     trim, poles, modes and ze
 trimtab design hypersonic --out gain.json        a gain, and a certificate that proves its stability
 trimtab plan examples/hall.toml --out plan.csv   a feasible path between obstacles
 trimtab vehicle hovercraft/forward --listen udp://:14550           a simulated vehicle behind a real link
-trimtab fly hovercraft/forward --link udp://127.0.0.1:14550        its autopilot, in real time
+trimtab fly hovercraft/forward --link udp://127.0.0.1:14550        the autopilot for it, in real time
 trimtab console hovercraft/pilot                 fly a simulated craft from a page in a browser
 trimtab replay here/flight.mcap                  replay a log's frames; the result is bit-identical
 trimtab plot here/flight.mcap truth.yaw_rate     signals of a log, by their paths

@@ -1,4 +1,4 @@
-"""Studies: recomputed publications. A row compares a value printed in a publication with the computed one.
+"""Studies recompute publications. Each row of a study compares a value printed in a publication with the computed one.
 
 A study is a package of Python files: a folder of `studies/` in a clone of trimtab, or a folder of your own. Each file
 with a function ``rows`` is a group of the study. The first line of the file's docstring is the group's title,
@@ -30,9 +30,9 @@ BASES: dict[str, str] = {
     "axis": "read off the axis or a curve of one of the publication's plots",
     "reference": "computed from the publication's numbers, by a program in tests/oracles without code of this package",
     "own": "an earlier result of this package: a regression test, not evidence about the publication",
-    "input": "an input of the computation: shows that it was used correctly",
+    "input": "an input of the computation; the row shows that this input was used correctly",
 }
-"""Sources of the value that a row is compared with. The first three are the publication itself."""
+"""Possible sources of the `printed` value of a row. The first three are the publication itself."""
 PUBLISHED: tuple[Basis, ...] = ("printed", "text", "axis")
 
 
@@ -49,7 +49,7 @@ class Row:
     accepted: accepted range (low, high); infinite on an open side.
     unit: unit of printed, computed and accepted.
     basis: source of `printed`, one of BASES.
-    must_hold: True if the study fails without this row.
+    must_hold: True if the study fails when this row does not hold.
     note: remark; for a row that need not hold, the reason.
     """
 
@@ -66,7 +66,7 @@ class Row:
     note: str = ""
 
     def __post_init__(self) -> None:
-        """Raise ValueError if a row has no id, description or citation, or need not hold but states no reason."""
+        """Raise ValueError if a row has no id, description or citation, or need not hold but has no note."""
         if not (self.id and self.what and self.citation):
             raise ValueError(f"row {self.id!r} needs an id, a description and a citation")
         if not self.must_hold and not self.note:
@@ -137,7 +137,7 @@ def within(
     relative: float = 0.0,
     **about: Any,
 ) -> Row:
-    """Return a row: computed equals printed within `tolerance` (in the unit) plus `relative` (fraction of printed)."""
+    """Return a row that holds if `computed` equals `printed` within `tolerance` plus `relative` times |printed|."""
     off = tolerance + relative * abs(printed)
     accepted = printed - off, printed + off
     return Row(id, what, printed, float(computed), citation, "within", accepted, **about)
@@ -146,23 +146,26 @@ def within(
 def band(
     id: str, what: str, printed: Any, computed: Any, citation: str, *, low: float, high: float, **about: Any
 ) -> Row:
-    """Return a row: computed lies in a band around the printed value, which the publication gives as "about"."""
+    """Return a row that holds if `computed` lies in low..high, for a value that the publication gives as "about"."""
     return Row(id, what, printed, float(computed), citation, "band", (low, high), **about)
 
 
 def at_most(id: str, what: str, printed: Any, computed: Any, citation: str, *, high: float, **about: Any) -> Row:
-    """Return a row: computed is at most `high`."""
+    """Return a row that holds if `computed` is at most `high`."""
     return Row(id, what, printed, float(computed), citation, "at most", (-INFINITY, high), **about)
 
 
 def inside(id: str, what: str, axis: tuple[float, float], computed: Any, citation: str, **about: Any) -> Row:
-    """Return a row: the minimum and maximum of a run lie within a plot's axis."""
+    """Return a row that holds if the minimum and maximum of a run, `computed`, lie within the axis of a plot."""
     pair = float(computed[0]), float(computed[1])
     return Row(id, what, axis, pair, citation, "inside", axis, **{"basis": "axis", **about})
 
 
 def overlaps(id: str, what: str, interval: tuple[float, float], computed: Any, citation: str, **about: Any) -> Row:
-    """Return a row: the range of a maximum or minimum over many runs overlaps the band given by a plot's axis."""
+    """Return a row that holds if two intervals overlap.
+
+    computed: lowest and highest value of a maximum (or minimum) over many runs. interval: band read off a plot's axis.
+    """
     pair = float(computed[0]), float(computed[1])
     return Row(id, what, interval, pair, citation, "overlaps", interval, **{"basis": "axis", **about})
 
@@ -178,15 +181,15 @@ def direction(
     below: float = INFINITY,
     **about: Any,
 ) -> Row:
-    """Return a row for a statement in the text: computed lies above or below the stated limits.
+    """Return a row for a statement in the text. The row holds if `computed` lies between `above` and `below`.
 
-    printed: words or number of the publication; "stated" if the study words the statement differently.
+    printed: words or number of the publication; "stated" if the study puts the statement into its own words.
     """
     return Row(id, what, printed, float(computed), citation, "direction", (above, below), **{"basis": "text", **about})
 
 
 def same(id: str, what: str, printed: Any, computed: Any, citation: str, **about: Any) -> Row:
-    """Return a row: computed equals printed exactly, as for counts, shapes and verdicts."""
+    """Return a row that holds if `computed` equals `printed` exactly, as for counts, shapes and verdicts."""
     return Row(id, what, printed, computed, citation, "same", **about)
 
 
@@ -340,7 +343,7 @@ def _read_section(node: ast.stmt) -> str:
 
 
 def _sort_key(group: StudyGroup) -> tuple[list[float], str]:
-    """Return a sort key from the numbers of the section or equation; a group without any comes last."""
+    """Return a sort key from the numbers of the section or equation; a group without numbers comes last."""
     return [float(n) for n in re.findall(r"\d+", group.section)] or [math.inf], group.name
 
 

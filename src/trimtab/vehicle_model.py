@@ -26,8 +26,9 @@ def trim(vehicle: str | Scenario, at: At | None = None, *, settings: Mapping[str
     Args:
         vehicle: a scenario, or the name of a scenario or of a model, or ``file.py:function``.
         at: name of a state, input or output -> number in the vehicle's unit, text with a unit, "free", "fixed" or
-            "LOW..HIGH". A name with ' is the time derivative: {"yaw'": 0.3}. Values are as after ``trimtab trim --at``.
-        settings: path -> value, as after ``--set``. They require a vehicle given by name.
+            "LOW..HIGH". A name with ' is the time derivative: {"yaw'": 0.3}. The same values can follow
+            ``trimtab trim --at``.
+        settings: path -> value, in the notation of ``--set``. They require a vehicle given by name.
 
     Raises: InputError for an unknown name. If no trim exists, no error is raised; the result's field `why` contains the
         reasons.
@@ -45,7 +46,7 @@ def linearise(
     outputs: Iterable[str] = (),
     settings: Mapping[str, str] | None = None,
 ) -> LinearModel:
-    """Return the linear model A, B, C, D of a vehicle about a trim, with the names of its signals and `modes()`.
+    """Return the linear model A, B, C, D of a vehicle about a trim. It has signal names and a method `modes()`.
 
     >>> from trimtab import linearise
     >>> linear = linearise("hovercraft/forward", {"surge_velocity": "1 m/s"}, states=["surge_velocity", "yaw_rate"])

@@ -145,7 +145,7 @@ def test_other_readings_of_the_coupling_work_too():
 @pytest.mark.parametrize(
     ("climb", "settings", "text"),
     [
-        (CLIMB, {"beyond": 1.0}, "computed only 1 s beyond its end"),
+        (CLIMB, {"beyond": 1.0}, "extends only 1 s beyond the table"),
         (CLIMB, {"beyond": 0.0}, "needs more of the future"),
         (CLIMB, {"keep": 0.0123}, "0.0123 s between nodes, and a step of 0.005 s"),
         (CLIMB, {"dt": 0.0}, "a step of 0 s"),

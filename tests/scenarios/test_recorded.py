@@ -160,8 +160,8 @@ CHANGED = {
         ({"choices": CHANGED | {"without": "imu-noise"}}, r"choices\.without must be a list of texts"),
         ({"choices": CHANGED | {"calibration": []}}, r"choices\.calibration must be a table"),
         ({"choices": CHANGED | {"gain": {"content": 3}}}, r"choices\.gain\.content must be a text"),
-        ({"choices": CHANGED | {"arguments": {"uplink": "/dev/zero"}}}, r"choices\.arguments\.uplink names a file"),
-        ({"choices": CHANGED | {"arguments": {"gain": "x"}}}, r"choices\.arguments\.gain names a file"),
+        ({"choices": CHANGED | {"arguments": {"uplink": "/dev/zero"}}}, r"choices\.arguments\.uplink is a file name"),
+        ({"choices": CHANGED | {"arguments": {"gain": "x"}}}, r"choices\.arguments\.gain is a file name"),
     ],
 )
 def test_metadata_of_the_wrong_kind_is_refused_by_field(tmp_path, builds, metadata, field):

@@ -25,8 +25,8 @@ class ThrustVectorAllocation:
         theta = offset - ratio psi, limited to the stops      n = table(theta, f)
 
     If the rudder cannot reach the direction of the demand, the rudder goes to its stop and the magnitude of the force
-    is kept. The thrust then changes sign with FX. With FX = 0 the fan turns forward. Within the dead zone the fan speed
-    is 0, but the rudder still follows. Demands above the fan's maximum thrust give the maximum fan speed.
+    is kept. The thrust always has the sign of FX. With FX = 0 the fan turns forward. Within the dead zone the fan speed
+    is 0, but the rudder still follows the demand. Demands above the fan's maximum thrust give the maximum fan speed.
 
     If the imperfection "lookup-table" or "saturation" is off, n is computed from the thruster's formula, as in the
     drive.
@@ -113,13 +113,13 @@ class DirectOutput:
 
 @record
 class DirectActuation:
-    """Actuators that apply the commanded value at once, and the neutral input without a valid command.
+    """Actuators that apply a valid command at once. Without a valid command they apply the neutral input.
 
     Frames:  those of the vehicle's input.    Source:  docs page, Direct.
     """
 
     neutral_input: Any = part(
-        "Neutral input of the vehicle, used without a valid command. A record of the class of the command's value.",
+        "Neutral input of the vehicle, used without a valid command. It is a record of the same class as the command.",
         default=PlanarForce(0.0, 0.0),
     )
     period: int = period("Period at which the input of the vehicle is updated.", default=ms(1))

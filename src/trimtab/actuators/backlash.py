@@ -23,7 +23,8 @@ class Backlash:
 
     The result is exact for a command that moves in one direction within a period.
 
-    Frames:  those of its field.    Valid: a load that friction holds in place.    Not modelled: impact, load inertia.
+    Frames:  those of the actuated value.    Valid: a load that friction holds in place.
+    Not modelled: impact, load inertia.
     Source:  [1], friction-controlled backlash.
     """
 
@@ -45,10 +46,10 @@ class Backlash:
 class DeadBand:
     """Dead band: commands with a magnitude up to `half_width` have no effect.
 
-    Larger commands are reduced by `half_width`, as in a valve with overlap. With `cuts` they pass unchanged, as in a
-    motor with static friction.
+    Larger commands are reduced by `half_width`, as in a valve with overlap. If `cuts` is True, they pass unchanged, as
+    in a motor with static friction.
 
-    Frames:  those of its field.    Source:  [1].
+    Frames:  those of the actuated value.    Source:  [1].
     """
 
     half_width: Scalar = quantity(

@@ -39,7 +39,7 @@ class ActuatorBank:
     """
 
     neutral_input: Any = part(
-        "Neutral input of the vehicle, used without a valid command. A record of the class of the command's value.",
+        "Neutral input of the vehicle, used without a valid command. It is a record of the same class as the command.",
         default=PlanarForce(0.0, 0.0),
     )
     stages: Any = part(
@@ -50,7 +50,7 @@ class ActuatorBank:
     def __post_init__(self) -> None:
         if isinstance(
             self.stages, Mapping
-        ):  # allows a single stage instead of a tuple; false while JAX rebuilds the record
+        ):  # a single stage need not be in a tuple; no mapping while JAX rebuilds the record
             rows = {name: (row if isinstance(row, tuple) else (row,)) for name, row in self.stages.items()}
             object.__setattr__(self, "stages", rows)
 

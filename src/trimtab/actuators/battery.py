@@ -52,7 +52,7 @@ class Battery:
     )
     period: int = period("Time step of the battery model.", default=ms(1))
     sags: bool = switch(
-        "True: the voltage falls with current and charge. False: the voltage is constant.", "battery-sag"
+        "True: the voltage falls with the current and the charge drawn. False: it is constant.", "battery-sag"
     )
 
     def check(self) -> None:

@@ -121,8 +121,8 @@ class FanDriveState:
     Frames:  none. Source: this module.
     """
 
-    rudder_pulse: Scalar = quantity("s", "Pulse width latched in the last servo frame.")
-    commanded_rpm: Scalar = quantity("rpm", "Speed latched in the last servo frame.")
+    rudder_pulse: Scalar = quantity("s", "Pulse width of the rudder servo, latched in the last servo frame.")
+    commanded_rpm: Scalar = quantity("rpm", "Commanded fan speed, latched in the last servo frame.")
     controller: SpeedControllerState = part("State of the speed controller.")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan.")
     fan: RegulatedFanState | None = part(
@@ -153,7 +153,7 @@ class FanDrive:
 
         every servo frame: latch the command
         pulse -> theta (servo table, stops)
-        commanded speed -> brake -> n (lag, if any); with a fan: -> regulator -> duty -> brake -> motor -> n
+        commanded speed -> brake -> n (lag, if any); with a regulated fan: -> regulator -> duty -> brake -> motor -> n
         f = table(theta, n)    psi = (offset - theta)/ratio    FX = f cos psi    FY = -f sin psi
 
     If the imperfection "lookup-table" or "saturation" is off, f is computed from the thruster's formula. The allocation
@@ -175,7 +175,7 @@ class FanDrive:
     )
     effectiveness: Scalar = quantity("1", "Factor on the thrust, e.g. below 1 for a weak fan.", default=1.0, low=0)
     fan: RegulatedFan | None = part(
-        "Regulator, motor and battery of the fan. None: the fan speed follows the command, as in the thesis.",
+        "Regulator, motor and battery of the fan. None: the fan speed follows the command, as in Kulis (2006).",
         default=None,
         optional=RegulatedFan(),
     )
@@ -245,7 +245,7 @@ class FanDrive:
 
     def _turn(self, t: Any, state: FanDriveState, commanded: Any) -> tuple[SpeedControllerState, Any, Any, Any]:
         """Return the speed controller's state, the fan speed (rpm), and the regulated fan's state and output (None
-        without one)."""
+        without a regulated fan)."""
         if self.fan is None or state.fan is None:
             controller, wanted = self.controller.step(t, state.controller, commanded)
             return controller, self.thruster.follow_speed(state.speed_rpm, wanted, to_seconds(self.period)), None, None
@@ -278,6 +278,6 @@ class FanDrive:
 def _neutral_angle(drive: FanDrive) -> Any:
     """Return the neutral rudder angle.
 
-    Compiled as one program, because outside a run JAX compiles each operation alone.
+    It is compiled as one program, because JAX would otherwise compile each operation separately.
     """
     return drive._rudder_angle(drive.rudder.neutral_pulse)

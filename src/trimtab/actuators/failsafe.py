@@ -94,27 +94,27 @@ class Failsafe:
 
     Without a good command for `timeout`, the safe value acts at once, and the lift fan stops `lift_delay` later. The
     failsafe stays tripped until the next request to arm. It also trips if the vehicle leaves its fence or envelope.
-    Once armed, the safety pilot can take over at any time, independent of link, latch and limits. Nothing acts before
-    arming, and commands from before the arming are ignored. A good command is new, valid, finite, between `low` and
-    `high`, and at most `age_max` old. Other commands are counted and ignored, but an invalid command stops the vehicle
-    at once.
+    Once armed, the safety pilot can take over at any time, even without a link, after a trip, or outside fence and
+    envelope. No command acts before arming, and commands received before arming are ignored. A good command is new,
+    valid and finite, lies between `low` and `high`, and is at most `age_max` old. Other commands are counted and
+    ignored, but an invalid command stops the vehicle at once.
 
     The failsafe works for any command: `safe`, `low` and `high` are records of the same class as the command's value.
     The docs page lists all rules.
 
-    Frames:  those of the commands.    Not modelled: the sources of requests.
+    Frames:  those of the commands.    Not modelled: where requests come from.
     Source:  [1] chapter 5 (safety pilot's takeover, on the vehicle); time-outs are reconstructed: docs page.
     """
 
     safe: Any = part("Command at which the vehicle stands still.")
     low: Any = part("Smallest accepted value of each number of a command.")
     high: Any = part("Largest accepted value of each number of a command.")
-    timeout: int = period("Longest accepted time without a good command; then the failsafe trips.", default=ms(250))
+    timeout: int = period("Longest accepted time without a good command. After it the failsafe trips.", default=ms(250))
     lift_delay: int = period(
         "Delay from the trip of the failsafe to the stop of the lift fan.", default=seconds(1), low=0
     )
     patience: int = period(
-        "Longest time from arming to the first command; then the vehicle disarms.", default=seconds(10)
+        "Longest time from arming to the first command. After it the vehicle disarms.", default=seconds(10)
     )
     age_max: Scalar = quantity("s", "Maximum age of an accepted command, by the vehicle's clock.", default=0.5, above=0)
 

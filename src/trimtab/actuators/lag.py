@@ -27,10 +27,10 @@ class FirstOrderLag:
 
         x' = (command - x)/time_constant    |x'| <= rate_limit    low <= x <= high
 
-    The lag is solved in closed form over each period: first the part at the rate limit, then the exponential. With a
+    The lag is solved in closed form over each period: first the motion at the rate limit, then the exponential. With a
     time constant of zero it is only a rate limiter.
 
-    Frames:  those of its field.    Not modelled: a load that drives the actuator.
+    Frames:  those of the actuated value.    Not modelled: a load that drives the actuator.
     Source:  [1], the lag of an F-16's surfaces with both limits: 20.2 1/s, 60°/s, ±25° of the elevator.
     """
 
@@ -74,7 +74,7 @@ class FirstOrderLag:
 
 @record
 class SecondOrderLagState:
-    """State of a second-order lag: position and rate. Frames: those of its field. Source: this module."""
+    """State of a second-order lag: position and rate. Frames: those of the actuated value. Source: this module."""
 
     x: Any = quantity("1", "Position of the actuator, in the unit of the actuated value.")
     rate: Any = quantity("1", "Rate of the actuator's position.")
@@ -90,7 +90,7 @@ class SecondOrderLag:
     left. At a stop the rate is zero. If the rate limit is reached and left again within one period, only the rate at
     the end of the period is limited.
 
-    Frames:  those of its field.    Not modelled: a load that drives the actuator, bouncing at a stop.
+    Frames:  those of the actuated value.    Not modelled: a load that drives the actuator, bouncing at a stop.
     Source:  [1]; the common second-order actuator model.
     """
 

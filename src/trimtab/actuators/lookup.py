@@ -32,7 +32,7 @@ class BilinearTable:
     column_step: Scalar = quantity("column", "Step of the table's second coordinate from column to column.", above=0)
     values: Any = quantity("value", "Values of the table (rows, columns), at least (2, 2).")
     origin: str = option(
-        "Origin of the values. With `formula`, a run is refused if the values differ from the thruster's formula.",
+        "Origin of the values. With `formula`, runs are refused if the values differ from those of the formula.",
         default="measured",
         choices=("measured", "formula"),
     )
@@ -91,13 +91,13 @@ def thrust_table(thruster: Thruster, step_rpm: float = 100.0) -> BilinearTable:
 
 
 def check_speed_table(table: BilinearTable, thruster: Thruster) -> None:
-    """Raise InputError for a table of origin 'formula' whose values differ from this thruster's formula."""
+    """Raise InputError for a speed table of origin 'formula' whose values differ from this thruster's formula."""
     if table.origin == "formula":
         _check_same(table, _speeds(thruster, table))
 
 
 def check_thrust_table(table: BilinearTable, thruster: Thruster) -> None:
-    """Raise InputError for a table of origin 'formula' whose values differ from this thruster's formula."""
+    """Raise InputError for a thrust table of origin 'formula' whose values differ from this thruster's formula."""
     if table.origin == "formula":
         _check_same(table, thruster.force(table.columns(), table.rows()))
 

@@ -1,4 +1,4 @@
-"""Brushed motor with propeller and encoder, supplied by a battery that sags: the plant of a speed regulator.
+"""Brushed motor with propeller and encoder, supplied by a battery whose voltage sags: the plant of a speed regulator.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -35,7 +35,7 @@ class MotorState:
     speed: Scalar = quantity("rad/s", "Speed of the motor shaft.", default=np.float64(0.0))
     turned: Scalar = quantity(
         "1",
-        "Position of the encoder in counts, with fractions; wraps with the encoder's counter.",
+        "Encoder position in counts, including the fraction of a count. It wraps with the encoder's counter.",
         default=np.float64(0.0),
     )
 
@@ -75,7 +75,7 @@ class Motor:
     )
     nominal_voltage: Scalar = quantity(
         "V",
-        "Nominal voltage, at which stall torque and no-load speed hold.",
+        "Nominal voltage, to which stall torque and no-load speed refer.",
         default=7.2,
         above=0,
         source="[1] chapter 4",

@@ -24,7 +24,7 @@ class RegulatedFanState:
     motor: MotorState = part("State of motor and encoder.")
     battery: BatteryState = part("State of the battery.")
     count: Scalar = quantity("1", "Value of the encoder's counter.", kind="count", default=np.int32(0))
-    duty: Scalar = quantity("1", "Duty that the regulator requests.", default=np.float64(0.0))
+    duty: Scalar = quantity("1", "Duty of the motor that the regulator requests.", default=np.float64(0.0))
     fault: Scalar = quantity("1", "True if the encoder is faulty.", kind="flag", default=np.bool_(False))
 
 
@@ -46,7 +46,8 @@ class RegulatedFan:
         current of the motor -> battery -> voltage of the next step
 
     Frames:  positive speed pushes forward.    Not modelled: the servo frame of the duty's pulses, 20 ms.
-    Source:  [1] chapter 4 (PI regulator in the firmware; encoder). The sources of the parts name reconstructed values.
+    Source:  [1] chapter 4 (PI regulator in the firmware; encoder). The docstrings of the parts name the reconstructed
+             values.
     """
 
     regulator: SpeedRegulator = part("Speed regulator of the firmware.", default=SpeedRegulator())
@@ -57,8 +58,11 @@ class RegulatedFan:
         """Raise InputError if the periods of regulator, motor and battery do not match."""
         step, tick, other = self.motor.period, self.regulator.period, self.battery.period
         if tick % step or other != step:
-            problem = f"regulator {format_time(tick)}, motor {format_time(step)}, battery {format_time(other)}"
-            fix = "set motor and battery to equal periods, and the regulator's period to a multiple of it"
+            problem = (
+                f"the periods do not match: regulator {format_time(tick)}, motor {format_time(step)}, "
+                f"battery {format_time(other)}"
+            )
+            fix = "set motor and battery to equal periods, and the regulator's period to a multiple of theirs"
             raise InputError("RegulatedFan.period", problem, fix=fix)
         self.battery.check()
 
@@ -73,7 +77,9 @@ class RegulatedFan:
         return RegulatedFanOutput(duty=0.0, encoder_fault=np.bool_(False), battery=power)
 
     def regulate(self, t: Any, state: RegulatedFanState, wanted_rpm: Any) -> RegulatedFanState:
-        """Return the state with the duty for a wanted speed. It changes only at multiples of the regulator's period."""
+        """Return the state with the duty for a wanted speed. The duty changes only when t is a multiple of
+        `regulator.period`.
+        """
         given = SpeedRegulatorInput(wanted_rpm=wanted_rpm, count=state.count)
         regulator, out = self.regulator.step(t, state.regulator, given)
         due = t % self.regulator.period == 0

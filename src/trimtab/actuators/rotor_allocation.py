@@ -19,7 +19,8 @@ from trimtab.core.time import ms
 from trimtab.vehicles.quadrotor import Multirotor, RotorDemand, RotorSpeeds
 
 EFFORT = 1e-6
-"""Weight of the rotor thrusts relative to the demand: small, so that it only selects among equally good solutions."""
+"""Weight of the rotor thrusts relative to the errors in the demand. As it is small, it only selects between solutions
+with the same errors."""
 
 
 @record
@@ -28,9 +29,9 @@ class RotorAllocation:
 
         minimise  |W (B T - v)|^2 + e |T - T0|^2    with  least <= T <= most,    T = 0 for a failed rotor
 
-    v = (thrust, moments), each as a fraction of the maximum that half of the rotors can give. T0 distributes the thrust
-    evenly. Roll and pitch have priority over thrust, and thrust over yaw. More than four working rotors share a demand
-    in a way that keeps them within their limits.
+    v = (thrust, moments), each divided by the maximum that half of the rotors can produce. T0 distributes the thrust
+    evenly. Roll and pitch have priority over thrust, and thrust over yaw. If more than four rotors work, they share a
+    demand in such proportions that each rotor stays within its limits.
 
     Frames:  B.
     Valid:   if 2 n + 2 steps of the active-set solver suffice; tests count the unsolved cases.
@@ -38,11 +39,11 @@ class RotorAllocation:
     """
 
     craft: Multirotor = part("Vehicle model whose rotors the allocation uses.", default=Multirotor())
-    least: Scalar = quantity("N", "Thrust of an idling rotor.", default=0.3, low=0)
+    least: Scalar = quantity("N", "Minimum thrust of a working rotor, at idle.", default=0.3, low=0)
     most: Scalar = quantity("N", "Maximum thrust of a rotor.", default=30.0, above=0)
     weights: Any = quantity(
         "1",
-        "Weights of the errors in thrust, roll, pitch and yaw.",
+        "Weights of the errors in thrust, and in the roll, pitch and yaw moments.",
         shape=(4,),
         default=np.array([100.0, 1000, 1000, 1]),
         above=0,
@@ -95,7 +96,7 @@ class RotorDrive:
     Source:  docs page, Rotor allocation.
     """
 
-    least: Scalar = quantity("rad/s", "Minimum speed of a rotor that has a valid command.", default=40.0, low=0)
+    least: Scalar = quantity("rad/s", "Minimum speed of a rotor whose commanded speed is not 0.", default=40.0, low=0)
     most: Scalar = quantity("rad/s", "Maximum speed of a rotor.", default=615.0, above=0)
     resolution: Scalar = imperfection("rad/s", "Resolution of the commanded speeds.", "speed-steps", default=0.3)
     saturation: bool = switch("True: the commanded speeds are limited.", "saturation")
@@ -115,7 +116,7 @@ class RotorDrive:
         return ()
 
     def step(self, t: Any, state: tuple[()], command: Sample) -> tuple[tuple[()], RotorDriveOutput]:
-        """Return the commanded speeds that act from integer time t on; zero until a command is valid."""
+        """Return the commanded speeds that act from integer time t on. Without a valid command they are 0."""
         speed = command.value.speed
         if self.saturation:
             told = speed != 0

@@ -21,9 +21,12 @@ SERVO_FRAME = "servo-frame"
 
 @record
 class ServoFrameState:
-    """State of a servo frame: the command of the last pulse. Frames: those of its field. Source: this module."""
+    """State of a servo frame: the command of the last pulse.
 
-    held: Any = quantity("1", "Command held since the last pulse.")
+    Frames: those of the actuated value. Source: this module.
+    """
+
+    held: Any = quantity("1", "Command of the last pulse, held until the next pulse.")
     t: Scalar = quantity("100 ns", "Time since the start of the present servo frame.", kind="time", default=np.int64(0))
 
 
@@ -35,7 +38,7 @@ class ServoFrame:
 
     The mean delay is half a frame. Before the first pulse the servo is at rest.
 
-    Frames:  those of its field.    Not modelled: the duration of the pulse itself; drift of the frame.
+    Frames:  those of the actuated value.    Not modelled: the duration of the pulse itself; drift of the frame.
     Source:  [1]; frames of radio control servos.
     """
 

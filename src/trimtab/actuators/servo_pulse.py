@@ -19,10 +19,10 @@ class ServoPulse:
 
         ServoPulse(values=(-0.44, 0.0, 0.44), widths=(2e-3, 1.52e-3, 1e-3))     a servo with a reversed horn
 
-    It is the first stage of a field in an ActuatorBank. Values beyond the table are limited to its ends. Values inside
-    are rounded to the timer's resolution. Firmware sends the pulses by the same table (docs page, Servo pulses).
+    Use it as the first stage of a field in an ActuatorBank. Values beyond the table are limited to its ends. Pulse
+    widths are rounded to the timer's resolution. The firmware uses the same table (docs page, Servo pulses).
 
-    Frames:  those of its field.    Not modelled: the frame in which pulses are sent; use a ServoFrame for it.
+    Frames:  those of the actuated value.    Not modelled: the frame in which pulses are sent; use a ServoFrame for it.
     Source:  pulses of radio control servos: 1.5 ms in the middle, 1 and 2 ms at the ends.
     """
 
@@ -33,7 +33,7 @@ class ServoPulse:
     )
     widths: Any = quantity(
         "s",
-        "Pulse width at each value of the table (n,), increasing or decreasing.",
+        "Pulse width at each value of the table (n,), strictly monotonic.",
         default=np.array([1e-3, 2e-3]),
         low=0,
     )
@@ -53,10 +53,10 @@ class ServoPulse:
             )
         steps = np.diff(widths)
         if not ((steps > 0).all() or (steps < 0).all()):
-            problem = f"widths must increase or decrease, got {widths.tolist()}"
+            problem = f"widths must be strictly monotonic, got {widths.tolist()}"
             raise InputError("widths", problem, fix="give widths that only increase or only decrease")
         if widths.min() < SHORTEST or widths.max() > LONGEST:
-            problem = f"{widths.min() * 1e3:g} to {widths.max() * 1e3:g} ms"
+            problem = f"{widths.min() * 1e3:g} to {widths.max() * 1e3:g} ms is outside the accepted range"
             raise InputError(
                 "widths", problem, fix=f"give widths from {SHORTEST * 1e3:g} to {LONGEST * 1e3:g} ms, in seconds"
             )
@@ -89,7 +89,7 @@ def linear_pulse(low: Any, high: Any) -> ServoPulse:
 
 
 def _read_table(x: Any, y: Any, at: Any) -> Any:
-    """Return y at a position, interpolated linearly over the points x, constant beyond. x must increase or decrease."""
+    """Return y at x = `at`, interpolated linearly, constant beyond the ends of x. x must be strictly monotonic."""
     x, y = jnp.asarray(x), jnp.asarray(y)
     share = jnp.clip((jnp.asarray(at)[..., None] - x[:-1]) / (x[1:] - x[:-1]), 0.0, 1.0)
     return y[0] + jnp.sum(share * (y[1:] - y[:-1]), axis=-1)

@@ -25,7 +25,7 @@ class SpeedRegulatorState:
     """State of the speed regulator. Frames: as for its input. Source: docs page, Speed regulator."""
 
     count: Scalar = quantity("1", "Encoder counter at the previous tick.", kind="count", default=np.int32(0))
-    integral: Scalar = quantity("1", "Integral part of the duty.", default=np.float64(0.0))
+    integral: Scalar = quantity("1", "Integral term of the duty.", default=np.float64(0.0))
     still: Scalar = quantity(
         "1",
         "Number of consecutive ticks on which the fan was driven but did not turn in the driven direction.",
@@ -80,7 +80,7 @@ class SpeedRegulator:
     limit: Scalar = quantity("1", "Maximum magnitude of the duty.", default=1.0, above=0, high=1)
     stall: Scalar = quantity(
         "s",
-        "Time for which the fan may be driven without turning. After it the encoder counts as broken.",
+        "Time for which the fan may be driven without turning. After this time the encoder counts as broken.",
         default=0.5,
         above=0,
     )

@@ -63,7 +63,7 @@ class Thruster:
     )
     time_constant: Scalar = quantity(
         "s",
-        "Time constant of the lag from the commanded speed to the fan speed; 0: no lag, as in the thesis.",
+        "Time constant of the lag from the commanded speed to the fan speed; 0: no lag, as in Kulis (2006).",
         default=0.0,
         low=0,
     )

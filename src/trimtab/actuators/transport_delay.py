@@ -19,7 +19,7 @@ from trimtab.core.time import format_time, to_seconds
 
 @record
 class TransportDelayState:
-    """State of a transport delay: the values in transit. Frames: those of its field. Source: this module."""
+    """State of a transport delay: the values in transit. Frames: those of the actuated value. Source: this module."""
 
     ring: Any = quantity("1", "Input values of the last periods. The leading axis is the slot of the ring buffer.")
     slot: Scalar = quantity("1", "Slot of the ring buffer to which the next value is written.", kind="count")
@@ -31,10 +31,10 @@ class TransportDelay:
 
         delay = (n + f) period:    y[k] = (1 - f) u[k - n] + f u[k - n - 1]
 
-    The output is the mean over a period of the delayed held command, so the integral of the command is conserved. It is
-    exact for a command that changes at a constant rate.
+    The output of a period is the mean of the delayed command over that period, so the integral of the command is
+    conserved. The output is exact for a command that changes at a constant rate.
 
-    Frames:  those of its field.    Source:  [1].
+    Frames:  those of the actuated value.    Source:  [1].
     """
 
     delay: Scalar = quantity("s", "Delay from input to output.", default=0.01, low=0, off={"actuator-delay": 0.0})

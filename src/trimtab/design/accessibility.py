@@ -1,10 +1,10 @@
 """Accessibility by Lie brackets, and a sufficient condition for small-time local controllability.
 
 Model: x' = f(x) + sum g_j(x) u_j about an equilibrium. If the brackets of f and the g_j span all directions, the states
-reached in any short time fill a set with inner points (accessible). A bracket is bad if it contains f an odd number of
-times and each g_j an even number. If in addition every bad bracket is a combination of brackets of lower degree, these
-states fill a neighbourhood of the point (small-time locally controllable, STLC). The second condition is sufficient,
-not necessary. This code runs offline.
+reached in any short time fill a set with interior points (accessible). A bracket is bad if it contains f an odd number
+of times and each g_j an even number of times. If in addition every bad bracket is a combination of brackets of lower
+degree, these states fill a neighbourhood of the point (small-time locally controllable, STLC). The second condition is
+sufficient, not necessary. This code runs offline.
 
 Source: [1] A. Isidori, "Nonlinear Control Systems", Springer 1995, chapter 2; [2] H. J. Sussmann, "A general theorem on
 local controllability", SIAM J. Control Optim. 25 (1987), theorem 7.3, with all weights 1.
@@ -41,7 +41,7 @@ class LieBracket(NamedTuple):
     """Lie bracket and its value at the equilibrium.
 
     name: e.g. "[FY, [f, FY]]".  degree: number of vector fields in the bracket.  value: (n,).  is_bad: True if it
-    contains f an odd number of times and each input an even number.
+    contains f an odd number of times and each input an even number of times.
     """
 
     name: str

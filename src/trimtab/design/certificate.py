@@ -30,7 +30,7 @@ class ObserverPart(NamedTuple):
 
     estimated: names of the k estimated states.  A: A_eta (k, k).  C: (p, k).  Q: Q_eta (k, k).  R: (p, p).  P:
     P_eta (k, k). L: (k, p).  weight: weight of the observer's part of the Lyapunov function.  least_weight: lambda*;
-    inequality (15) holds for larger weights.  poles: of A - L C (k,).
+    inequality (15) holds for larger weights.  poles: poles of A - L C (k,).
     """
 
     estimated: tuple[str, ...]
@@ -78,7 +78,7 @@ class Certificate(NamedTuple):
         return composite.Feedback(self.A, self.B, self.K, self.P, self.Qe, np.linalg.inv(self.Re))
 
     def estimated_indices(self) -> Any:
-        """Indices of the estimated states in e (k,)."""
+        """Return the indices of the estimated states in e (k,)."""
         return np.array([self.states.index(n) for n in self.observer.estimated] if self.observer else [], int)
 
     def observer_matrices(self, o: ObserverPart) -> composite.Observer:

@@ -50,7 +50,7 @@ def prove_certificate(
     Args:
         certificate: from `design_certificate` or from a file.
         system: the system that the certificate names, built again from code.
-        written: digest in the file, if the file contains one.
+        written: digest that the file contains; None without a file.
     """
     lines = [*compare_with_system(certificate, system), *feedback_lines(certificate)]
     if certificate.observer is not None:
@@ -107,7 +107,7 @@ def _hurwitz_condition(c: Certificate) -> ProofCondition:
 
 
 def _also_positive(condition: ProofCondition, P: Any) -> ProofCondition:
-    """Return the condition. If P is not positive definite, mark the condition as failed: it then proves nothing."""
+    """Return the condition. If P is not positive definite, mark it as failed, because it then proves nothing."""
     if condition.holds and not exact.prove_definite(P).holds:
         return condition._replace(holds=False, why="the Lyapunov matrix itself is not positive definite")
     return condition
@@ -194,7 +194,7 @@ def rational_observer(c: Certificate, o: ObserverPart) -> composite.Observer:
 
 
 def _poles_condition(now: Any, then: Any) -> ProofCondition:
-    """Pair each computed pole with one recorded pole, and compare the two.
+    """Pair each computed pole with a recorded pole, and compare the poles of each pair.
 
     Each deviation is relative to the pole's own size, so that errors of slow poles are not hidden by fast poles.
     """

@@ -42,7 +42,7 @@ class LimitedNumber(NamedTuple):
 
     @property
     def is_inside(self) -> bool:
-        """True if the number is within its limits."""
+        """Return True if the number is within its limits."""
         return self.low <= self.value < self.high
 
 
@@ -81,12 +81,12 @@ class CertifiedSystem(NamedTuple):
 
     @property
     def A_eta(self) -> Any:
-        """Block of A from estimated states to estimated states (k, k). The filter knows all other effects on them."""
+        """Return the block A_eta (k, k) of A for the estimated states. The filter knows all other effects on them."""
         at = self.estimated_indices()
         return self.A[np.ix_(at, at)]
 
     def estimated_indices(self) -> Any:
-        """Indices of the estimated states in e (k,)."""
+        """Return the indices of the estimated states in e (k,)."""
         return np.array([self.states.index(name) for name in self.estimated], int)
 
 

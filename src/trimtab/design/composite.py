@@ -7,8 +7,8 @@ E selects the estimated states. The weight of the observer in V is a free parame
     z(weight) = [Q_e, W E/2; E'W/2, weight Pi] > 0     W = P B R_e^-1 B'P     Pi = P_eta^-1 Q_eta P_eta^-1 + C'R^-1 C
 
 is (15) of [1], corrected and with a weight. The second condition is `decrease_matrix` > 0, which is -dV/dt > 0 for any
-gain. Both use coordinates w with e_eta = P_eta w. These keep the sign of both conditions, and need no inverse of P_eta.
-All functions accept float arrays, or arrays of fractions for exact results.
+gain. Both use coordinates w with e_eta = P_eta w. These coordinates keep the sign of both conditions, and need no
+inverse of P_eta. All functions accept float arrays, or arrays of fractions for exact results.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 14, 15; corrections: docs page.

@@ -1,9 +1,9 @@
-"""Coordinates of a vehicle in space: twelve numbers, with three for the attitude instead of a quaternion's four.
+"""Coordinates of three-dimensional motion: twelve numbers, with three instead of four for the attitude.
 
 A quaternion q_XB is recognised by its frame of two letters and its shape (4,). Vectors in the frame X are converted to
 body axes, so that steady flight (a turn or a climb) is an equilibrium.
 
-    trim_model     roll, pitch, yaw; velocities in body axes; positions unchanged: coordinates for stating a point
+    trim_model     roll, pitch, yaw; velocities in body axes; positions unchanged; for points that users state
     error_model    q = q_r exp(e): attitude and position relative to a reference that continues the steady flight
 
 A vehicle without a quaternion keeps its own states in both models. This code runs offline.
@@ -30,7 +30,7 @@ EULER = ("roll", "pitch", "yaw")
 TURN = ("x", "y", "z")
 """Names of the components of a body's rotation relative to steady flight, about the body's axes."""
 DERIVED = ("speed", "angle_of_attack", "sideslip", "climb")
-"""Extra outputs of a vehicle that moves in space: airspeed (m/s) and angles (rad)."""
+"""Extra outputs of a vehicle that moves in three dimensions: airspeed (m/s) and angles (rad)."""
 STANDS = 1e-6
 """Limit below which flow and path angles are undefined: speed (m/s), or an angle's distance from 90 degrees (rad)."""
 SAME = 1e-9
@@ -72,11 +72,11 @@ def state_from_trim(state: Any, values: Mapping[str, float]) -> Any:
 def trim_model(vehicle: Any, x: Any, u: Any, *, t: float = 0.0) -> StateSpaceModel:
     """Build the vehicle's model in the coordinates in which the user states a point of steady flight.
 
-    Outputs are the states. A vehicle with a velocity in space also has the outputs DERIVED: airspeed in still air,
+    Outputs are the states. A vehicle with a 3-D velocity also has the outputs DERIVED: airspeed in still air,
     angle of attack, sideslip and climb angle.
 
     Args:
-        vehicle: anything with `dynamics(t, x, u)`.
+        vehicle: object with `dynamics(t, x, u)`.
         x: a state record; its values are the model's point.
         u: an input record; its values are the model's point.
         t: time (s).
@@ -307,7 +307,7 @@ def _from_error(r: Any, fields: tuple[_StateField, ...], z: Any) -> Any:
 
 
 def _derived_outputs(fields: tuple[_StateField, ...]) -> Any:
-    """Return the function from a state record to the DERIVED outputs (4,), or None without a velocity in space."""
+    """Return the function from a state record to the DERIVED outputs (4,), or None without a 3-D velocity."""
     moving = [leaf for leaf in fields if leaf.form in ("velocity", "body velocity")]
     if not moving:
         return None

@@ -1,8 +1,8 @@
 """Certificates as files for the proof assistant Coq: positive definiteness and Lyapunov's inequality, as theorems.
 
-The file holds an integer checker (Bareiss' elimination, each division tested), the proof that the checker is sound for
-all real vectors, and the certificate's floats as exact integers times a power of two. `coqc FILE.v` accepts or rejects
-the file without relying on this package or on float arithmetic.
+The file contains an integer checker (Bareiss' elimination, in which each division is tested), the proof that the
+checker is sound for all real vectors, and the certificate's floats as exact integers times a power of two. `coqc
+FILE.v` accepts or rejects the file without relying on this package or on float arithmetic.
 
 Source: [1] E. H. Bareiss, "Sylvester's identity and multistep integer-preserving Gaussian elimination", Math. Comp. 22
 (1968); [2] The Coq Proof Assistant, reference manual 8.16.
@@ -53,7 +53,7 @@ Fixpoint reduce_row (before a c : Z) (r s : list Z) : option (list Z) :=
   | _, _ => None
   end.
 
-(* Rows below the pivot's, their first entries, which must be those of cs, taken off. *)
+(* Reduce the rows below the pivot row. Remove their first entries, which must equal cs. *)
 Fixpoint reduce (before a : Z) (r cs : list Z) (rows : list (list Z)) : option (list (list Z)) :=
   match cs, rows with
   | [], [] => Some []

@@ -2,9 +2,10 @@
 
     x' = A x + B u(t - delay)     u(t) = K z(t)     z(t) = e^(A delay) x(t) + integral of e^(A s) B u(t - s), s < delay
 
-z is the predicted state at the arrival of the current command. It obeys z' = A z + B u, without delay. The loop
-therefore has the poles of A + B K for any delay, and even a plant that is faster than the delay can be stabilised. The
-command is held over a period. The delay need not be a whole number of periods. This code runs offline and uses LAPACK.
+z is the predicted state at the arrival of the current command. The predicted state obeys z' = A z + B u, without delay.
+The loop therefore has the poles of A + B K for any delay, and even a plant that is faster than the delay can be
+stabilised. The command is held over a period. The delay need not be a whole number of periods. This code runs offline
+and uses LAPACK.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, eq. 5.1;
 [2] A. Manitius, A. Olbrot, "Finite spectrum assignment problem for systems with delays", IEEE Trans. Automatic Control
@@ -67,9 +68,9 @@ class PredictiveFeedback(NamedTuple):
         return F
 
     def poles(self, delay: float | None = None) -> Any:
-        """Return the poles of the sampled loop, by falling size.
+        """Return the poles of the sampled loop, by falling magnitude.
 
-        At the design delay, they are the poles of the loop without delay, and zeros for the commands in transit.
+        At the design delay, they are the poles of the loop without delay, and poles at 0 for the commands in transit.
         """
         poles = sorted_poles(self.loop_matrix(delay))
         return poles[np.argsort(-np.abs(poles), kind="stable")]

@@ -65,7 +65,7 @@ def dilution_map(
     reach: float = REACH,
     common_error: bool = False,
 ) -> DilutionMap:
-    """Compute the dilution over a grid of places on the floor.
+    """Compute the dilution over a grid of positions on the floor.
 
     Args:
         beacons: positions in W (m), shape (n, 3).

@@ -156,7 +156,7 @@ def _arc(angle: float) -> float:
 
 
 def _straight(signs: Any, between: Any) -> list[tuple[float, float, float]]:
-    """Return the heading (rad) at the start and, equal, at the end of the line between two circles, and its length.
+    """Return the heading (rad) of the line between two circles, twice, for its start and its end, and its length.
 
     between: vector from the first circle's centre to the last (2,). Lengths are in radii. The line is a tangent of both
     circles, and an inner tangent if the turns differ.

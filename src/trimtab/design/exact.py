@@ -56,7 +56,7 @@ def exact_inverse(M: Any) -> Any:
 
 
 def prove_definite(M: Any) -> DefinitenessProof:
-    """Check exactly if a symmetric matrix of floats or Fractions is positive definite.
+    """Check exactly whether a symmetric matrix of floats or Fractions is positive definite.
 
     Raises: ValueError if the matrix is not symmetric.
 

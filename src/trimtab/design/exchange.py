@@ -61,7 +61,7 @@ def system_matrices(system: Any) -> tuple[Any, Any, Any, Any, float]:
     p, m = matrices[3].shape
     A, B, C, D = (M.reshape(shape) for M, shape in zip(matrices, ((n, n), (n, m), (p, n), (p, m)), strict=True))
     if not all(np.isfinite(M).all() for M in (A, B, C, D)):
-        raise InputError("system", "its matrices are not all finite", fix="give finite numbers")
+        raise InputError("system", "all entries of its matrices must be finite", fix="give finite numbers")
     dt = getattr(system, "dt", None)
     return A, B, C, D, 0.0 if dt is None or dt is False else float(dt)
 

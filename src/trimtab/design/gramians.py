@@ -23,8 +23,8 @@ from trimtab.design.zero_dynamics import scale_system
 class WeakestDirection(NamedTuple):
     """Least controllable or least observable direction of the state.
 
-    size: smallest eigenvalue of the Gramian, relative to the largest.  direction: scaled (n,).  words: the direction as
-    text, e.g. "0.8 FX - 0.6 FY".
+    size: smallest eigenvalue of the Gramian, relative to the largest.  direction: (n,), of unit length, in states
+    divided by their sizes.  words: the direction as text, e.g. "0.8 FX - 0.6 FY".
     """
 
     size: float
@@ -35,8 +35,8 @@ class WeakestDirection(NamedTuple):
 class Gramians(NamedTuple):
     """Gramians of a linear model, and the weakest directions.
 
-    controllability, observability: matrices (n, n), in units of the states' sizes (n,).  hardly_moved: least
-    controllable direction.  hardly_seen: least observable direction.
+    controllability, observability: matrices (n, n), for states divided by their sizes.  hardly_moved: least
+    controllable direction.  hardly_seen: least observable direction.  sizes: size of each state (n,).
     """
 
     controllability: Any

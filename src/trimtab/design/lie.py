@@ -1,6 +1,6 @@
 """Lie derivatives, relative degree and decoupling matrix of any model, by automatic differentiation.
 
-An output is differentiated along x' = f(x, u), with the input held, until the input appears. For a system affine in the
+An output is differentiated along x' = f(x, u), with constant input, until the input appears. For a system affine in the
 inputs, f(x) + g(x) u, the k-th derivative is L_f^k h, and the decoupling matrix consists of L_g L_f^(r-1) h. If the
 system is not affine, the matrix is dv/du at the point, with v the highest derivatives. This code runs offline.
 
@@ -22,10 +22,10 @@ from trimtab.design.model import Function, StateSpaceModel, find_indices, format
 ROUNDING = 1e-10
 """A sum counts as zero up to this fraction of the sum of its terms' magnitudes."""
 WEAK = 1e-13
-"""Relative influence of a state on a function, near the point, below which the function counts as independent of it."""
+"""Relative influence of a state on a function, near the point, below which the influence counts as zero."""
 VANISHES = 1e-8
 """Limit below which a matrix row counts as zero, as a fraction of its size nearby. The same limit, as a fraction of the
-largest singular value, holds for singular values."""
+largest singular value, applies to singular values."""
 Field = Callable[[Any], Any]
 """Function from x (n,) to a vector, traceable by jax."""
 
@@ -37,7 +37,7 @@ class RelativeDegree(NamedTuple):
     decoupling matrix d(highest derivatives)/du at the point (p, m); L_g L_f^(r-1) h for affine systems.  condition:
     condition number of the matrix after rows and columns are scaled to size 1, which removes the units.  determinant:
     determinant of the matrix; NaN if the matrix is not square.  margin: output -> size of its row of the matrix at the
-    point, relative to the largest size near the point.  total: sum of the degrees.  defined: True if the vector
+    point, relative to the largest size near the point.  total: sum of the degrees.  is_defined: True if the vector
     relative degree is well defined at the point.  why: reasons, as text, if it is not.
     """
 
@@ -148,8 +148,8 @@ def relative_degree(
 
     Args:
         model: the system; its outputs are differentiated.
-        x: state: vector, record, or changes to the model's own point.
-        u: input, likewise.
+        x: state, as a vector, a record, or changes to the model's own point.
+        u: input, in the same forms.
         radius: distance of the samples from the point: entry name -> half width, or one number relative to
             max(1, |value|). Default: 0.1.
         samples: number of samples.
@@ -171,7 +171,7 @@ def relative_degree(
 
 
 def _derivative_rows(model: StateSpaceModel, outputs: list[int], order: int, points: tuple[Any, Any]) -> Any:
-    """Return the slopes by u of the outputs' derivatives of one order, at all points (s, p, m), free of rounding."""
+    """Return the slopes by u of the outputs' derivatives of one order, at all points (s, p, m), without rounding."""
     picked = np.array(outputs)
     if order == 0:
         slope = jax.jacfwd(lambda a, b: model.h(a, b)[picked], argnums=1)

@@ -1,4 +1,4 @@
-"""Text files of linear models, without loss of digits: matrices, names, operating point and origin."""
+"""Text files of linear models, without loss of digits: matrices, names, operating point, and origin of the model."""
 
 import json
 from pathlib import Path
@@ -41,5 +41,5 @@ def read_linear(file: Path) -> tuple[LinearModel, dict[str, Any]]:
         raise InputError(str(file), f"cannot be read as a linear model: {error}", fix=fix) from None
     bad = [k for k, value in numbers.items() if not np.isfinite(value).all()]
     if bad:
-        raise InputError(str(file), f"{', '.join(bad)}: not all finite", fix=fix)
+        raise InputError(str(file), f"all entries of {', '.join(bad)} must be finite", fix=fix)
     return LinearModel(**numbers, **names), data.get("about", {})

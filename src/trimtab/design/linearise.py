@@ -16,9 +16,9 @@ from trimtab.design.model import StateSpaceModel, find_indices
 from trimtab.design.poles import balance_matrix, participation, sorted_poles
 
 ROUNDING = 1e-10
-"""Real or imaginary parts of a pole up to this fraction of the largest entry of the scaled A count as zero."""
+"""Largest real or imaginary part of a pole that counts as zero, as a fraction of the largest entry of the scaled A."""
 POLE_DISTANCE_MIN = 1e-6
-"""Distance of two poles, relative to the largest entry of the scaled A, below which they share participations."""
+"""Distance of two poles, relative to the largest entry of the scaled A, below which they have common participations."""
 
 
 class Eigenmode(NamedTuple):
@@ -94,7 +94,7 @@ class LinearModel(NamedTuple):
         outputs: Iterable[str] | None = None,
     ) -> "LinearModel":
         """Return the model with only the named states, inputs and outputs, in the given order. The deviations of all
-        others are taken as zero."""
+        other signals are taken as zero."""
         i = find_indices(argument_name("states"), self.states if states is None else states, self.states)
         j = find_indices(argument_name("inputs"), self.inputs if inputs is None else inputs, self.inputs)
         k = find_indices(argument_name("outputs"), self.outputs if outputs is None else outputs, self.outputs)
@@ -158,8 +158,8 @@ def linearise(model: StateSpaceModel, x: Any = None, u: Any = None) -> LinearMod
 
     Args:
         model: the system.
-        x: state: vector, record, or changes to the model's own point.
-        u: input, likewise.
+        x: state, as a vector, a record, or changes to the model's own point.
+        u: input, in the same forms.
 
     Source: [1] section 3.7, with derivatives instead of differences.
     """

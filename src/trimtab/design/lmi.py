@@ -71,7 +71,7 @@ class SemidefiniteSolution(NamedTuple):
 
     @property
     def is_solved(self) -> bool:
-        """True if the solver reports a solution, to its full or to its reduced tolerance."""
+        """Return True if the solver reports a solution, to its full or to its reduced tolerance."""
         return self.status in ("Solved", "AlmostSolved")
 
 

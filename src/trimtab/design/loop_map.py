@@ -3,7 +3,7 @@
     z(j+1) = A_j z(j) + B_j v(j)        c(j) = C_j z(j)        j = 0 … N-1, then again
 
 v = c closes the loop. Poles are those of the map over one period. Margins are the gain between c and v, or the delay in
-whole instants, that the loop tolerates. They are computed exactly from the poles. The response is that of the
+whole instants, that the loop tolerates. The margins are computed exactly from the poles. The response is that of the
 fundamental: the component exp(jwt) of c(t) for v(t) = exp(jwt). Components that sampling folds to other frequencies are
 left out. `run.loop_linearisation` makes the map of a scenario.
 
@@ -19,7 +19,7 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 DEADBEAT = 1e-6
-"""Magnitude below which a pole of the discrete-time map over a period counts as zero: the period clears its memory."""
+"""Magnitude below which a pole of the map over one period counts as zero: its state is cleared within the period."""
 ROUNDING = 1e-12
 """Magnitude below which a pole is a rounding error, for maps whose period is long enough to clear all memory."""
 STABLE = 1e-6
@@ -68,7 +68,7 @@ class LoopMap(NamedTuple):
         return whole
 
     def poles(self) -> Any:
-        """Return the eigenvalues of the closed loop's map over one period, by falling size, without idle states."""
+        """Return the closed loop's eigenvalues over one period, by falling magnitude, without idle states."""
         poles = np.linalg.eigvals(self.transition())
         return poles[np.lexsort((-poles.imag, -np.abs(poles).round(12)))]
 
@@ -78,7 +78,7 @@ class LoopMap(NamedTuple):
         return ROUNDING if len(self.A) > 4 * int((~self.idle).sum()) else DEADBEAT
 
     def growth(self, gain: Any = 1.0, delay: int = 0) -> float:
-        """Return the size of the largest pole of the map over one period; the loop is stable if it is below 1."""
+        """Return the magnitude of the largest pole of the map over one period. Below 1, the loop is stable."""
         return float(np.abs(np.linalg.eigvals(self.transition(gain, delay))).max(initial=0.0))
 
     def response(self, w: Any) -> Any:

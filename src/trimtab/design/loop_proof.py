@@ -70,7 +70,7 @@ def prove_boxes(boxes: Sequence[Any], size: Any, rate: float, names: Sequence[st
     """Return the condition that the loop is stable for all plants in the given boxes, with one Lyapunov matrix per box.
 
     Args:
-        boxes: for each box, the loop's matrices at its vertices (2^k, n, n), the last parameter changing fastest;
+        boxes: for each box, the loop's matrices at the box's vertices (2^k, n, n), the last parameter changing fastest;
             between the vertices they are affine in each parameter.
         size: sizes of the states (n,), in which the Lyapunov matrices are found.
         rate: decay rate to be proved (1/s).

@@ -49,11 +49,11 @@ class FeedbackLoop(NamedTuple):
         return self.C @ np.linalg.solve(shifted, np.broadcast_to(self.B, (len(w), *self.B.shape))) + self.D
 
     def complementary_sensitivity(self) -> "FeedbackLoop":
-        """Return T = (I + L)^-1 L, the response from a disturbance of the demand to minus the loop's reaction."""
+        """Return T = (I + L)^-1 L. It maps a disturbance of the demand to minus the loop's reaction."""
         try:
             F = np.linalg.inv(np.eye(len(self.D)) + self.D)
         except np.linalg.LinAlgError as error:
-            fix = "give a loop whose direct part is not -1"
+            fix = "give a loop whose matrix D does not have the eigenvalue -1"
             raise InputError("loop", "I + D has no inverse, so the loop can't be closed", fix=fix) from error
         return FeedbackLoop(self.A - self.B @ F @ self.C, self.B @ F, F @ self.C, F @ self.D, self.period)
 
@@ -152,8 +152,8 @@ def loop_of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> FeedbackLo
     switches between modes, the result is the loop of one mode.
 
     Args:
-        vehicle: anything with `dynamics(t, x, u)` whose input is the law's demand.
-        law: anything with `step(t, state, estimate)` -> (state, output), where output.demand is a record like the
+        vehicle: object with `dynamics(t, x, u)` whose input is the law's demand.
+        law: object with `step(t, state, estimate)` -> (state, output), where output.demand is a record like the
             vehicle's input.
         x: state record, e.g. `law.equilibrium()`.
         state: internal state of the law; default: the state from `law.init`.

@@ -1,4 +1,4 @@
-"""Margins of a loop against the link that closes it: constant delay, varying delay, lost packets.
+"""Margins of a loop that is closed over a link, against constant delay, varying delay, and lost packets.
 
 `delay_margin`: the largest constant delay. This is the smallest ratio of phase margin to crossover frequency over all
 crossovers.

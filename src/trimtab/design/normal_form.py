@@ -1,4 +1,4 @@
-"""Normal form of a system with a relative degree: external coordinates, internal dynamics, and the input for a given v.
+"""Normal form of a system with a relative degree: external coordinates, internal dynamics, and the input for given v.
 
     xi = (y1, y1', …, y1^(r1-1), y2, …)        y_i^(r_i) = v_i        zeta' = Psi(xi, zeta, v)
 
@@ -106,8 +106,8 @@ def normal_form(
 
     Args:
         model: model with as many outputs as inputs.
-        x: state: vector, record, or changes to the model's own point.
-        u: input, likewise.
+        x: state, as a vector, a record, or changes to the model's own point.
+        u: input, in the same forms.
         internal: names of the states that form zeta, or name -> function of x (n,). Default: the states that, together
             with xi, make the best conditioned coordinates.
         radius: as in `relative_degree`.
@@ -170,8 +170,8 @@ def _coordinate_functions(
 def _linearise_internal(
     model: StateSpaceModel, zeta: Any, labels: Any, slope: Any, slopes: Any, point: Any
 ) -> tuple[Any, float, Any]:
-    """Return dPsi/dzeta at the point, the condition number of the coordinates, and, for each internal coordinate, if
-    its derivative contains the inputs.
+    """Return dPsi/dzeta at the point, the condition number of the coordinates, and the internal coordinates whose
+    derivatives contain the inputs.
 
     slope: dxi/dx.  slopes: dv/dx and dv/du. With xi and v held, dx = S dzeta and du = -(dv/du)^-1 dv/dx dx.
     """
@@ -262,8 +262,8 @@ def linear_normal_form(
         model: model with as many outputs as inputs.
         degrees: output -> relative degree, from `relative_degree`; checked at the trim.
         internal: names of the internal states, which complete the coordinates.
-        x: a trim: vector, record, or changes to the model's own point.
-        u: the input at the trim, likewise.
+        x: a trim, as a vector, a record, or changes to the model's own point.
+        u: the input at the trim, in the same forms.
     """
     x0, u0 = model.point(x, u)
     labels = tuple(internal)

@@ -1,10 +1,10 @@
 """Floor with obstacles: distance of a place from the nearest obstacle, and the file that describes the floor.
 
-[floor]                              m; W, north and east
+[floor]                              limits in metres, in the world frame W
 north = [-4, 4]
 east = [-4, 4]
 [craft]
-radius = 0.4                         of the circle about its centre of mass that encloses it
+radius = 0.4                         radius of a circle about the centre of mass that encloses the craft
 [start]
 north = -3
 east = -3

@@ -1,4 +1,4 @@
-"""Output inversion: state and input for which a vehicle's outputs follow a course exactly, even if non-minimum phase.
+"""Output inversion: states and inputs for which outputs follow a course exactly, even if non-minimum phase.
 
 In the normal form the outputs and their derivatives are given. The internal dynamics zeta' = Psi(xi, zeta, v) are
 solved for their bounded solution. In this solution, stable modes depend on the past. Unstable modes depend on the
@@ -52,7 +52,7 @@ class InternalMode(NamedTuple):
 
 
 def internal_modes(form: NormalForm) -> tuple[tuple[str, ...], tuple[InternalMode, ...]]:
-    """Return the names of the places among a normal form's internal coordinates, and the modes of the others.
+    """Return the names of a normal form's internal coordinates that are places, and the modes of the other coordinates.
 
     Places are coordinates, e.g. north, on which no other derivative depends.
 
@@ -119,7 +119,7 @@ def invert_output(
         tolerance: as in `bounded_solution`.
 
     Raises: InputError if the model has no relative degree, or if the iteration does not converge.
-    Source: this module's.
+    Source: as for this module.
     """
     form = normal_form(model)
     internal_modes(form)

@@ -33,7 +33,7 @@ def balance_matrix(A: Any) -> Any:
     if not np.size(A):
         return np.asarray(A, float)
     balance: Any = get_lapack_funcs("gebal", (np.asarray(A, float),))
-    return balance(A, scale=1, permute=0)[0]  # matrix_balance would warn of scale factors above 2^63
+    return balance(A, scale=1, permute=0)[0]  # matrix_balance would warn about scale factors above 2^63
 
 
 def participation(A: Any, pole: complex, distance: float) -> Any:

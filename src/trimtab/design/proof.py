@@ -20,7 +20,7 @@ IDENTITY_ERROR_MAX = 1e-9
 
 
 class ProofCondition(NamedTuple):
-    """One condition of a proof, and its result.
+    """Condition of a proof, and its result.
 
     name: the condition.  holds: True if proved.  number: margin, deviation or value.  meaning: meaning of the number.
     how: method.  why: reason for failure, or a remark.

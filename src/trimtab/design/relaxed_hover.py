@@ -39,7 +39,7 @@ def find_relaxed_hover(craft: Multirotor, lost: int, ratio: float = 0.5) -> Rela
     Args:
         craft: a quadrotor.
         lost: index of the lost rotor.
-        ratio: thrust of the rotor opposite the lost one, relative to the thrust of each of the other two.
+        ratio: thrust of the rotor opposite the lost rotor, relative to the thrust of each of the other two rotors.
 
     Raises: InputError if the craft has no drag about z or does not have four rotors, or if no such spin is found.
     """

@@ -1,4 +1,4 @@
-"""Smooth, timed route between obstacles for a craft of some width.
+"""Smooth, timed route between obstacles for a craft of given width.
 
 A route is searched on a grid and shortened by straight lines. Its corners are rounded as far as obstacles allow. Speeds
 follow from limits of speed and acceleration. If no route exists, the error reports the width of the widest passage.
@@ -113,7 +113,7 @@ STEPS = [(a, b, GRID * float(np.hypot(a, b))) for a, b in itertools.product((-1,
 
 
 def _search(grid: _Grid, start: tuple[int, int], goal: tuple[int, int], room: float) -> "list[tuple[int, int]] | None":
-    """Return the cells of a shortest route, or None. Its clearance is at least `room`, except at start and goal."""
+    """Return the cells of a shortest route with a clearance of at least `room`, except at start and goal; or None."""
     free = grid.clearance >= room
     free[start] = free[goal] = True
     best, came = {start: 0.0}, {start: start}

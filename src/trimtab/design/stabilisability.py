@@ -192,7 +192,7 @@ def brockett(
     (i) The linearisation has no uncontrollable eigenvalue with positive real part. (ii) For every nearby state, some
     input drives the state to the origin. (iii) (x, u) -> f(x, u) reaches every small right-hand side. Condition (ii) is
     not checked. Condition (iii) is true if df/d(x, u) has rank n. Otherwise right-hand sides outside the range of
-    df/d(x, u), and some random ones, are tried.
+    df/d(x, u), and random right-hand sides, are tried.
 
     Args:
         f: (x (n,), u (m,)) -> (n,), traceable by jax.

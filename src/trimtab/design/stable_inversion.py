@@ -2,7 +2,7 @@
 
 `bounded_solution` solves zeta' = Psi(t, zeta) if the linearisation has stable and unstable poles. Forward integration
 would follow an unstable mode to infinity. In the bounded solution, stable modes depend on the past and unstable modes
-on the future, so that it moves before its cause. Picard's iteration: with A = dPsi/dzeta at one point, solve
+on the future, so that the motion begins before its cause. Picard's iteration: with A = dPsi/dzeta at one point, solve
 
     zeta' = A zeta + w(t)        w = Psi(t, previous zeta) - A (previous zeta)
 
@@ -15,13 +15,13 @@ exosystem.
 
     omega' = S omega        zeta' = A zeta + G omega        zeta = X omega is the solution without transients
 
-It depends only on the present omega. Therefore it is causal, for any signs of the poles of A. This code runs offline
-and uses LAPACK.
+The steady response depends only on the present omega. Therefore it is causal, for any signs of the poles of A. This
+code runs offline and uses LAPACK.
 
 Source: [1] S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
 Control 41(7), 1996, section III; [2] B. A. Francis, "The linear multivariable regulator problem", SIAM Journal on
-Control and Optimization 15(3), 1977; A. Isidori, "Nonlinear Control Systems", Springer 1995, section 8.4, for the
-equation's place in regulation.
+Control and Optimization 15(3), 1977; A. Isidori, "Nonlinear Control Systems", Springer 1995, section 8.4, for the use
+of this equation in regulation.
 """
 
 import math
@@ -39,7 +39,7 @@ ON_AXIS = 1e-9
 FADED = 1e-40
 """Size of the entries of a transition matrix below which its higher powers are ignored."""
 GROWN = 1e3
-"""Growth of the change per iteration, relative to the first change, at which the iteration is abandoned."""
+"""Largest change in an iteration, relative to the first change. Above it, the iteration is abandoned."""
 PLACE = 1e-12
 """Largest entry of the matrix A that counts as zero, as a fraction of the largest entry of A."""
 POLE_DISTANCE_MIN = 1e-9
@@ -96,7 +96,7 @@ def bounded_solution(
         left: zeta (k,) at the first instant; its stable part is used.
         right: zeta (k,) at the last instant; its unstable part is used.
         scales: (k,), natural size of each coordinate.
-        tolerance: the iteration ends when no coordinate changes by more than this share of its scale.
+        tolerance: the iteration ends when no coordinate changes by more than this fraction of its scale.
         most: maximum number of iterations.
 
     Source: [1] section III; the exponential integration is exact for w piecewise linear.

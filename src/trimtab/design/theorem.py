@@ -1,4 +1,4 @@
-"""Theorems about a closed loop: stability of the loop that a law's code makes, proved exactly by a Lyapunov function.
+"""Theorems about a closed loop, computed from the code of a law. Stability is proved exactly by a Lyapunov function.
 
 The closed loop is obtained by running the vehicle's and the law's own code on polynomials. The Lyapunov function,
 thresholds and equilibria also come from the law, if it has them. A certificate contains the Lyapunov function and sums

@@ -48,7 +48,7 @@ class ZeroDynamics(NamedTuple):
     are no such zeros, those with a real part within the tolerance.  zeros: invariant zeros of the linearisation.
     jacobian: Jacobian of the zero dynamics (k, k); None if the relative degree is not well defined.  poles: eigenvalues
     of the Jacobian.  internals: names of the internal coordinates.  tolerance: largest real part that counts as zero
-    (1/s).  why: remarks: offending zeros with their states, and the reason for a missing Jacobian.
+    (1/s).  why: remarks, e.g. offending zeros with their states, or the reason for a missing Jacobian.
     """
 
     verdict: str
@@ -106,7 +106,7 @@ def zero_dynamics(
 
     Args:
         model: model with as many outputs as inputs.
-        x: an equilibrium: vector, record, or changes to the model's own point.
+        x: an equilibrium, as a vector, a record, or changes to the model's own point.
         u: input at the equilibrium, in the same forms.
         internal: names of the states that form the internal coordinates, as in `normal_form`.
         loose: states that may change at the equilibrium, because no other derivative depends on them.
@@ -217,7 +217,7 @@ def _reduce_system(A: Any, B: Any, C: Any, D: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def _zero_direction(A: Any, B: Any, C: Any, D: Any, s: complex) -> Any:
-    """Return state and input for which the output stays zero as they change by exp(s t). They are real if s is real."""
+    """Return state and input for which motion proportional to exp(s t) keeps the output zero; real if s is real."""
     whole: Any = np.block([[A - s * np.eye(len(A)), B], [C, D]])
     v = np.linalg.svd(whole if s.imag else whole.real)[2][-1].conj()
     return v / v[np.abs(v).argmax()]

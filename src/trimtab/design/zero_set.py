@@ -32,7 +32,7 @@ class ZeroBranch(NamedTuple):
 
     @property
     def dimension(self) -> int:
-        """Dimension of the branch: 0 for a point, 1 for a line or curve."""
+        """Return the dimension of the branch: 0 for a point, 1 for a line or curve."""
         return len(self.free)
 
     def __str__(self) -> str:

@@ -61,7 +61,7 @@ def geopotential_height(height: Scalar) -> Any:
 
 
 def standard_atmosphere(height: Scalar) -> AirProperties:
-    """Return the properties of standard air at a height above sea level (m). Flight code, without branches."""
+    """Return the properties of standard air at a height above sea level (m), without branches, for flight code."""
     H = geopotential_height(height)
     i = jnp.sum(jnp.asarray(BASES[1:]) <= H)
     base, lapse, T0, p0 = (jnp.asarray(table)[i] for table in (BASES, LAPSES, TEMPERATURES, PRESSURES))
@@ -77,7 +77,7 @@ def standard_atmosphere(height: Scalar) -> AirProperties:
 
 
 def pressure_altitude(pressure: Scalar) -> Any:
-    """Return the height above sea level (m) of this pressure (Pa) in standard air, as on an altimeter. Flight code.
+    """Return the height above sea level (m) at which standard air has this pressure (Pa), for flight code.
 
     Source: eqs. 33a and 33b, and 18, solved for the height.
     """

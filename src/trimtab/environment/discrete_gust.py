@@ -44,7 +44,7 @@ class DiscreteGust:
         return (1 - jnp.cos(np.pi * s)) / 2
 
     def advance(self, seconds: Any, distance: Any, speed: Any, dt: Any) -> Any:
-        """Return the distance (m) into the gust after a step of dt (s) from a time (s), at a speed (m/s)."""
+        """Return the distance (m) into the gust, a time dt (s) after the time `seconds`, at a speed (m/s)."""
         inside = jnp.clip(seconds + dt - self.start, 0.0, dt)
         return distance + speed * inside
 

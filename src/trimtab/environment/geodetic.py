@@ -51,7 +51,9 @@ def to_ecef(
 def from_ecef(p: Any, *, semi_major: Any = SEMI_MAJOR, flattening: Any = FLATTENING) -> tuple[Any, Any, Any]:
     """Return latitude, longitude (rad) and height (m) of a position (3,) (m), not near the earth's centre.
 
-    Flight code, with a fixed number of steps and no branches. Source: Bowring, Survey Review 23 (1976), iterated.
+    The function has a fixed number of steps and no branches, so it can be used in flight code.
+
+    Source: Bowring, Survey Review 23 (1976), iterated.
     """
     across = jnp.sqrt(p[0] ** 2 + p[1] ** 2)
     eccentricity2 = flattening * (2 - flattening)

@@ -1,4 +1,4 @@
-"""Magnetic field of the earth, from a model evaluated before a run or from given values, and the magnetic heading.
+"""Magnetic field of the earth, from a model evaluated before a run or from given values, and heading from the field.
 
 Source: Chulliat et al., "The US/UK World Magnetic Model for 2020-2025", NOAA, 2020; coefficients and evaluation by the
 package pygeomag.
@@ -73,8 +73,8 @@ def magnetic_heading(field_B: Any, field_W: Any, roll: Any = 0.0, pitch: Any = 0
         psi = atan2((b × w)_z, b · w).
 
     This formula is exact at every angle, while an arc cosine of b · w loses half of its digits near 0 and pi. If a
-    projection vanishes (at a magnetic pole, or for a dead sensor), the heading is 0: check `strength_ratio`. Flight
-    code.
+    projection vanishes (at a magnetic pole, or for a dead sensor), the heading is 0. To detect this, check
+    `strength_ratio`. The function can be used in flight code.
 
     Source: [1] eqs. 3.43-3.44, with the arc cosine replaced (docs page, Errata).
     """
@@ -84,7 +84,7 @@ def magnetic_heading(field_B: Any, field_W: Any, roll: Any = 0.0, pitch: Any = 0
 
 
 def strength_ratio(field_B: Any, field_W: Any) -> Any:
-    """Return the ratio of measured to known field strength: not 1 near a motor or steel, 0 for a dead sensor."""
+    """Return the ratio of measured to known field strength. It is not 1 near a motor or steel, 0 for a dead sensor."""
     return jnp.sqrt((field_B @ field_B) / (field_W @ field_W))
 
 

@@ -4,7 +4,8 @@ The turbulence is frozen while the vehicle flies through it: a wave of length l 
 component is white noise through a shaping filter, discretised exactly, so its statistics do not depend on the step.
 
 [1] MIL-F-8785C, "Flying qualities of piloted airplanes", 1980, sections 3.7.1 to 3.7.3. [2] MIL-HDBK-1797, "Flying
-qualities of piloted aircraft", 1997, appendix A, 4.9 (the same lengths called 2 L; rational forms of von Kármán's).
+qualities of piloted aircraft", 1997, appendix A, 4.9 (calls the same lengths 2 L; gives rational forms of von
+Kármán's spectra).
 """
 
 from collections.abc import Mapping
@@ -24,7 +25,7 @@ from trimtab.environment.discrete_gust import DiscreteGust
 
 FOOT = 0.3048
 LOW, HIGH, GROUND = 1000 * FOOT, 2000 * FOOT, 10 * FOOT
-"""Heights (m). [1] has one model below LOW and one above HIGH, which are blended between. GROUND: smallest height."""
+"""Heights (m). [1] has one model below LOW and one above HIGH; in between, they are blended. GROUND: lowest height."""
 HIGH_LENGTHS: Mapping[str, float] = MappingProxyType({"dryden": 1750 * FOOT, "von-karman": 2500 * FOOT})
 """Scale length (m) of all three components of the turbulence at heights above HIGH. Source: [1] 3.7.2.1."""
 HEIGHTS = FOOT * np.array([500, 1750, 3750, 7500, 15e3, 25e3, 35e3, 45e3, 55e3, 65e3, 75e3, 80e3])
@@ -66,7 +67,7 @@ class TurbulenceScales(NamedTuple):
 
 @record
 class TurbulenceState:
-    """States of the shaping filters, each of variance about one. Frames: B. Source: this module."""
+    """States of the shaping filters, each with a variance of about one. Frames: B. Source: this module."""
 
     key: Key = part("Random key of the noise.")
     begun: Scalar = quantity("1", "True once a first gust has been computed.", kind="flag")
@@ -91,9 +92,9 @@ class Turbulence:
     severe).
 
     Frames:  B: x forward, y starboard, z down, at all heights (near the ground [1] takes the wind's horizontal axes).
-    Valid:   rms far below the airspeed; V of at least 1 m/s; period below 0.75 L/V; heights up to 80 000 ft, with the
-             values of this height above. The rational forms for von Kármán stay within 5 % of his law up to
-             L Omega = 10, and fall off faster beyond. Not modelled: patches, non-normal turbulence, thermals.
+    Valid:   rms far below the airspeed; V of at least 1 m/s; period below 0.75 L/V; heights up to 80 000 ft;
+             higher up the values of 80 000 ft are used. The rational forms stay within 5 % of von Kármán's law up to L
+             Omega = 10, and fall off faster beyond. Not modelled: patches, non-normal turbulence, thermals.
     Source:  [1] MIL-F-8785C; [2] MIL-HDBK-1797. The signs of q and r are those of the air's rotation, from the gradient
              along x.
     """
@@ -112,7 +113,7 @@ class Turbulence:
         low=1e-6,
         high=0.2,
     )
-    span: Scalar = quantity("m", "Wing span b, over which gusts are averaged in the rates.", default=10.0, above=0)
+    span: Scalar = quantity("m", "Wing span b. Angular rates of the air are averaged over it.", default=10.0, above=0)
     ground: Scalar = quantity("m", "Height of the ground above sea level.", default=0.0)
     discrete: DiscreteGust = part("Additional single gust.", default=DiscreteGust())
     period: int = period("Time between updates of the gust.", default=ms(5))
@@ -126,7 +127,7 @@ class Turbulence:
         return TurbulenceScales(mixed[0], self.intensity * mixed[1])
 
     def init(self, key: Key) -> TurbulenceState:
-        """Return the initial state: velocities and roll rate of stationary distribution, zero pitch and yaw rate."""
+        """Return the initial state: stationary random velocities and roll rate, and zero pitch and yaw rate."""
         along, across = FILTERS[self.form]["along"], FILTERS[self.form]["across"]
         n, m = len(along[1]) - 1, len(across[1]) - 1
         z = normals(key.at("first"), 0, n + 2 * m + 1)
@@ -218,7 +219,7 @@ def _output(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
 
 
 def _steady_root(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
-    """Return a root (n, n) of a filter's stationary state covariance under white noise of intensity one."""
+    """Return a square root (n, n) of a filter's stationary covariance under white noise of intensity one."""
     A = _system(filter)
     n = len(A)
     B = np.zeros((n, n))
@@ -246,6 +247,6 @@ def _advance(filter: Any, state: Any, frequency: Any, lag: Any, dt: Any, z: Any)
 
 
 def _roll_share(span: Any, length: Any) -> Any:
-    """Return the standard deviation of the roll rate (rad/s) over that of w (m/s). Source: [1] 3.7.5, integrated."""
+    """Return the ratio of the standard deviations of roll rate (rad/s) and w (m/s). Source: [1] 3.7.5, integrated."""
     corner = np.pi / (4 * span)
     return jnp.sqrt(0.4 * np.pi * corner ** (4 / 3) / length ** (2 / 3))

@@ -61,7 +61,7 @@ def build(
     in_virtual_time: bool = True,
     gain: "Certificate | None" = None,
 ) -> Scenario:
-    """Return the named scenario with these settings, checked. Its field `choices` records the arguments.
+    """Build the named scenario with these settings and check it. Its field `choices` records the arguments.
 
     >>> from trimtab import build
     >>> build("hovercraft/spin", {"links": "measured", "world.vehicle.mass": "3000 g"}).world.vehicle.mass
@@ -70,15 +70,17 @@ def build(
     Args:
         name: a name in the catalogue, or ``file.py:function``, or a scenario file, ``file.toml``
             (`scenarios.toml_file`). `settings` override the settings in a file.
-        settings: text or number by path, as after ``--set``. These names are not paths: "uplink" or "downlink" gives
+        settings: text or number by path, in the notation of ``--set``. These names are not paths: "uplink" or
+        "downlink" gives
             the file of a recording that the link repeats; "uplink.delay", "uplink.jitter", "uplink.loss" and the same
-            for the downlink set the latency (`loop.link_latency`); "mismatch" names copies of the vehicle that are
-            meant to differ (`loop.beliefs`); "calibration" gives a file of `trimtab calibrate`; "predictor" is "on" or
-            "off" (`loop.predictor`); "reference" is the path that the law follows (`loop.reference_text`); "gain"
-            gives a file of a gain that replaces the law (`scenarios.gain_file`). A value such as
-            ``steps(0 s: 1, 5 s: 2)`` changes in flight (`loop.setpoint_schedule`). Settings override a calibration.
+            for the downlink set the latency (`loop.link_latency`); "mismatch" names vehicle models in the autopilot
+            that may differ from each other (`loop.beliefs`); "calibration" gives a file of `trimtab calibrate`;
+            "predictor" is "on" or "off" (`loop.predictor`); "reference" is the path that the law follows
+            (`loop.reference_text`); "gain" gives a file of a gain that replaces the law (`scenarios.gain_file`). A
+            value such as ``steps(0 s: 1, 5 s: 2)`` changes in flight (`loop.setpoint_schedule`). Settings override a
+            calibration.
         without: imperfections to switch off.
-        faults: faults to inject, as after ``--fault``.
+        faults: faults to inject, in the notation of ``--fault``.
         calibration: a calibration that is not in a file.
         in_virtual_time: True if the flight ends after the scenario's duration, so that a later fault is an error.
         gain: a gain that is not in a file.
@@ -94,7 +96,7 @@ def build(
         name, {n: text for n, text in settings.items() if n != REFERENCE or not path}
     )
     if not isinstance(scenario, Scenario):
-        problem = f"the function gives {type(scenario).__name__}, not a Scenario"
+        problem = f"the function must return a Scenario, got {type(scenario).__name__}"
         raise InputError(f"scenario {name!r}", problem, fix="return Scenario(world=…, autopilot=…)")
     if "navigation" in rest:
         _refuse_navigation(name)
@@ -186,7 +188,7 @@ def _build_file(
 
 
 def _refuse_gaps(scenario: Scenario, settings: Iterable[str]) -> None:
-    """Raise InputError if a scenario without base lacks a part, or if a setting names no field of a scenario."""
+    """Raise InputError if a scenario without a base lacks a part, or if a setting is not a field of a scenario."""
     if scenario.world.vehicle is None:
         known = declarations(scenario)
         for path in [path for path in settings if path.partition(".")[0] not in known]:

@@ -23,9 +23,9 @@ from trimtab.core.suggestions import closest
 
 TOML = ".toml"
 BARE = "bare"
-"""Name of the base of a scenario file that names no base."""
+"""Name of the base scenario of a scenario file that does not name one."""
 GAIN = "gain"
-"""Setting that names the file of a gain."""
+"""Name of the setting whose value is the file of a feedback gain."""
 FOLDER = Path(__file__).parent
 
 
@@ -157,7 +157,7 @@ def _file_function(name: str) -> Callable[..., Any]:
 
 
 def load_function(name: str) -> Callable[..., Any]:
-    """Return a function outside the package: ``module:function``, or ``file.py:function``."""
+    """Return a function outside the package. Its name is ``module:function`` or ``file.py:function``."""
     where, _, attribute = name.rpartition(":")
     module = _load_file(name, Path(where)) if where.endswith(".py") else _load_module(name, where)
     build = getattr(module, attribute or "scenario", None)

@@ -1,4 +1,4 @@
-"""Scenario that contains only an FMU, for an FMU file given instead of a scenario. Its inputs are held or scheduled."""
+"""Scenario of a single FMU, for a user who gives an .fmu file as scenario. The inputs are constant or scheduled."""
 
 import math
 from collections.abc import Callable
@@ -21,7 +21,7 @@ Trust = Annotated[
     Literal["no", "yes"],
     {
         "no": "no program in the FMU is run",
-        "yes": "the program in the FMU runs with your rights; choose this only if you trust the author of the FMU",
+        "yes": "the program in the FMU runs with your permissions; choose this only if you trust the author of the FMU",
     },
 ]
 

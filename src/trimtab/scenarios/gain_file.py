@@ -35,7 +35,7 @@ VEHICLE = "world.vehicle."
 BAND = 0.2
 """Tolerance of a target, as a fraction of the state's limit in the design of the gain."""
 TURNING = "rad/s"
-"""Unit of angular rates, which have no targets in a flight."""
+"""Unit of angular rates. A flight has no targets for states with this unit."""
 
 
 def read_gain(file: str) -> Certificate:
@@ -58,12 +58,12 @@ def note_gain(certificate: Certificate) -> dict[str, str]:
 
 
 def vehicle_settings(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Return a vehicle's settings by path below the vehicle: ``mass=0.9`` and ``world.vehicle.mass=0.9`` are equal."""
+    """Return a vehicle's settings by path below the vehicle: ``mass=0.9`` means ``world.vehicle.mass=0.9``."""
     return {path.removeprefix(VEHICLE): text for path, text in pairs}
 
 
 def with_gain(name: str, scenario: Scenario, certificate: Certificate) -> Scenario:
-    """Return the scenario with a gain as its law. The targets of the flight are the gain's trim.
+    """Return the scenario with a gain as its law. The targets of the flight are the gain's trim values.
 
     Args:
         name: name of the scenario, as the user typed it.
@@ -110,7 +110,7 @@ def _refuse_other_vehicle(certificate: Certificate, own: dict[str, str]) -> None
     about, anew = certificate.about, "trimtab design SCENARIO --lqr … --out FILE.json"
     if "vehicle" not in about:
         problem = f"the file is a certificate of {certificate.system!r}, not a gain for the states of a vehicle"
-        raise InputError(argument_name("settings", GAIN), problem, fix=f"{anew}  makes a gain (docs, Gains in flight)")
+        raise InputError(argument_name("settings", GAIN), problem, fix=f"{anew}  (docs page, Gains in flight)")
     if about["vehicle"] != own["vehicle"]:
         problem = (
             f"the gain is for a {about['vehicle']} ({certificate.system}), but the scenario has a {own['vehicle']}"
@@ -131,7 +131,7 @@ def _refuse_unread(law: StateFeedback, estimate: Any, system: str) -> None:
         design_command = f"trimtab design {system} --lqr …"
         for name in lacking:
             design_command = f"{design_command} --fast {name}"
-        fix = f"{design_command}  removes states that settle by themselves from the feedback"
+        fix = f"{design_command}  designs a gain without feedback of states that settle by themselves"
         raise InputError(argument_name("settings", GAIN), problem, choices=given, fix=fix)
 
 
@@ -169,7 +169,7 @@ def _are_alike(a: Any, b: Any) -> bool:
 
 
 def _trim_targets(certificate: Certificate, law: StateFeedback, x: Any) -> tuple[Target, ...]:
-    """Return a target, the trim, for each state fed back except attitudes and angular rates.
+    """Return a target for each state that is fed back, except attitudes and angular rates. Its value is the trim.
 
     The tolerance is BAND times the limit used in the design.
     """

@@ -25,7 +25,7 @@ from trimtab.scenarios.recorded_choices import FILE_ARGUMENTS, check_recorded_ch
 COMPARED_PATHS = ("autopilot", "world.sensors")
 """Paths of the parts that must have the recorded settings and classes, because a replay runs only these.
 
-Differences in the rest of the world are accepted.
+Differences in other parts of the scenario are accepted.
 """
 SETTING = "a setting"
 
@@ -100,7 +100,7 @@ def _build_candidates(name: str, choices: Mapping[str, Any]) -> Iterator[Scenari
 
 
 def _add_live_variants(candidates: Iterator[Scenario], side: Any) -> Iterator[Scenario]:
-    """Yield each candidate, then its variant as flown in a live flight.
+    """Yield each candidate, then the variant of this candidate that a live flight uses.
 
     `fly` adds sensors for the pilot's requests and the stick. `vehicle` adds an inactive fault to every part.
 

@@ -1,4 +1,7 @@
-"""Check of the choices in a log's metadata, before a scenario is built from them. A log from anyone is only data."""
+"""Check of the choices in a log's metadata, before a scenario is built from them.
+
+A file that only a log names is never opened.
+"""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -9,11 +12,11 @@ from trimtab.scenarios.build import CALIBRATION, LINKS
 from trimtab.scenarios.catalogue import GAIN
 
 FILE_ARGUMENTS = (*LINKS, CALIBRATION, GAIN)
-"""Arguments that name a file. No file is opened because a log names it."""
+"""Arguments whose value is a file name. A file that only a log names is never opened."""
 
 
 class _FieldRule(NamedTuple):
-    """Rule for the type of a field. kind: type in words.  holds: function, True for a value of this type."""
+    """Rule for the type of a field. kind: type in words.  holds: function, returns True for a value of this type."""
 
     kind: str
     holds: Callable[[Any], bool]
@@ -60,7 +63,7 @@ REQUIRED_CHOICES = ("arguments", "settings", "without", "faults")
 
 
 def check_recorded_choices(log: Log) -> None:
-    """Raise InputError, which names the field, for metadata of the wrong type or for an argument that names a file."""
+    """Raise InputError, naming the field, if a value has the wrong type or if an argument is a file name."""
     _check_fields(log.metadata, RULES, "")
     choices = log.metadata.get("choices")
     if not choices:
@@ -71,7 +74,7 @@ def check_recorded_choices(log: Log) -> None:
             raise _field_error(f"choices.{name}", "is missing")
     for name in choices["arguments"]:
         if name in FILE_ARGUMENTS:
-            raise _field_error(f"choices.arguments.{name}", "names a file; no file is opened because a log names it")
+            raise _field_error(f"choices.arguments.{name}", "is a file name, which this field must not contain")
     for name in (CALIBRATION, GAIN):
         if choices.get(name) is not None and not _is_text(choices[name].get("content")):
             raise _field_error(f"choices.{name}.content", "must be a text")

@@ -19,7 +19,7 @@ SHOWN = 40
 
 
 class Setting(NamedTuple):
-    """One setting. unit: "1" for a dimensionless number, "" for a choice, "100 ns" for a period (a whole number)."""
+    """Setting of a scenario. unit: "1" for a dimensionless number, "" for a choice, "100 ns" for a period."""
 
     value: Any
     unit: str
@@ -41,7 +41,7 @@ class Setting(NamedTuple):
 
 
 class SettingsTable(Mapping[str, Setting]):
-    """Settings by path, in the order of the loop. The path of a part gives its settings: ``table["world.vehicle"]``."""
+    """Settings by path. The path of a part gives a table of its settings: ``table["world.vehicle"]``."""
 
     def __init__(self, name: str, settings: Mapping[str, Setting]) -> None:
         self.name, self._settings = name, dict(settings)

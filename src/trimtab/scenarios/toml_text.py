@@ -16,17 +16,17 @@ FEW = 16
 """Maximum length of a list whose values are written. For a longer list only the length is written, as a comment."""
 NOT_WRITTEN = ("name",)
 WHOLE = ("world", "autopilot")
-"""Paths of records that have no choice of class."""
+"""Paths of records whose class cannot be chosen."""
 
 
 def format_scenario(name: str, scenario: Any, choices: Mapping[str, tuple[str, ...]]) -> str:
-    """Return the text of a file that is based on a scenario of the catalogue and equals that scenario exactly.
+    """Return the text of a scenario file that is based on a scenario of the catalogue and gives the same scenario.
 
     choices: choices of each argument, the default first.
     """
     top = [(p, v, d) for p, v, d in leaves(scenario) if "." not in p and p not in NOT_WRITTEN]
     lines = [
-        f"# {name}. A deleted line takes its value from the base or from a choice. Fly it:  trimtab run FILE.toml",
+        f"# {name}. A deleted line's value comes from the base or a choice. To run the file:  trimtab run FILE.toml",
         "",
     ]
     lines += [f"base = {json.dumps(name)}", *(_format_line(*leaf) for leaf in top)]
@@ -56,7 +56,7 @@ def _format_line(key: str, value: Any, declared: Quantity | Option) -> str:
 
 
 def _format_value(value: Any, declared: Quantity | Option) -> tuple[str, str]:
-    """Return a value in TOML, or "" if the value is not written, and the text that precedes its meaning."""
+    """Return a value in TOML, or "" if the value is not written, and the text that precedes its description."""
     if isinstance(declared, Option):
         if declared.kind == "period":
             return json.dumps(format_time(value)), ""

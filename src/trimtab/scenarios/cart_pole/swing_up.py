@@ -26,7 +26,7 @@ Start = Annotated[
 
 
 def scenario(start: Start = "hanging") -> Scenario:
-    """Return the scenario. Masses: Barto's. Chosen for trimtab: a force of ±10 N from a motor with a lag of 20 ms."""
+    """Return the scenario. The masses are those of Barto (1983). Force limit and motor lag are our assumptions."""
     motor = FirstOrderLag(time_constant=0.02, low=-10.0, high=10.0)
     world = World(
         vehicle=CartPole(),

@@ -29,7 +29,8 @@ GOALS = {
     "RLR": (-1.0, -1.0, 180.0),
     "LRL": (0.0, 2.0, 135.0),
 }
-"""Goal pose for each path word: north, east (m) and heading (degrees). The path of this word is the shortest there."""
+"""Goal pose for each sequence of turns (L: left, S: straight, R: right): north, east (m) and heading (degrees). The
+shortest path to this goal has this sequence."""
 RADIUS = 1.0
 """Turning radius of the path (m). The car's minimum is 0.8 m, so in a turn the car can still correct to both sides."""
 Word = Annotated[
@@ -39,14 +40,14 @@ Word = Annotated[
 
 
 def scenario(word: Word = "LSR") -> Scenario:
-    """Return the scenario, with values chosen for trimtab. The car starts 30 cm to the right of the path.
+    """Return the scenario. Its parameters are our choice. The car starts 30 cm to the right of the path.
 
     The car does not stop at the goal.
     """
     car = DubinsCar()
     north, east, heading = GOALS[word]
     path = shortest_path((0.0, 0.0, 0.0), (north, east, np.deg2rad(heading)), RADIUS, float(car.speed))
-    path = replace(path, lengths=np.round(path.lengths, 9))  # the same numbers on every machine
+    path = replace(path, lengths=np.round(path.lengths, 9))  # rounded, for the same numbers on every machine
     steering = FirstOrderLag(time_constant=0.05, low=-1.25, high=1.25)
     world = World(
         vehicle=car,

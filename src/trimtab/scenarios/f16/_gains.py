@@ -28,21 +28,21 @@ WEIGHTS = {
     "published": ((1000.0, 0.0, 1500.0), (0.0, 0.0, 0.0, 115_000.0, 8_100.0)),
     "actuators": ((500.0, 100.0, 200.0), (1000.0, 0.0, 1000.0, 2000.0, 8_100.0)),
 }
-"""Weights of the LQR design, by name: longitudinal, then lateral. The surfaces have weight 1 in degrees.
+"""Weights of the LQR design, by name: longitudinal, then lateral. A surface deflection of one degree has weight 1.
 
 Longitudinal states: angle of attack (1/rad²), pitch rate, integral of load factor (1/s²). Lateral states: sideslip,
-roll rate, yaw rate, integral of roll rate, integral of side load with yaw rate.
+roll rate, yaw rate, integral of roll rate, integral of the sum of side load and yaw rate.
 
-published: longitudinal weights of AeroBenchVV, BuildLongitudinalLqrCtrl. The lateral weights are rounded and follow
-from its gains: with weights on the integrals only, Q = K'R K. The values 1200 and 3000 in that program do not belong to
-its gains. actuators: chosen for surfaces with lag and for a loop with delay.
+published: longitudinal weights of AeroBenchVV, BuildLongitudinalLqrCtrl. The lateral weights are computed from that
+program's lateral gains by Q = K'R K, with weights on the integrals only, and rounded. Its own lateral weights, 1200 and
+3000, do not give its gains. actuators: chosen for surfaces with lag and for a loop with delay.
 """
 
 
 class LoadFactorDesign(NamedTuple):
     """Result of the design. level: trim.  linear: model linearised at the trim.  along: gain of the elevator.
 
-    aside: gain of aileron and rudder. Both gains are of u = K x (rad).
+    aside: gain of aileron and rudder. Both gains are K in u = K x (rad).
     """
 
     level: Trim
@@ -111,9 +111,9 @@ def design_load_factor_control(weights: str = "published") -> LoadFactorDesign:
 
 
 def _regulator(A: Any, B: Any, C: Any, D: Any, weights: Any) -> Lqr:
-    """Return the regulator of the states extended by the integrals of the outputs.
+    """Return the LQR design for the states, extended by the integrals of the outputs.
 
-    weights: diagonal weights of the states and the integrals. The surfaces have weight 1 in degrees.
+    weights: diagonal weights of the states and the integrals. A surface deflection of one degree has weight 1.
     """
     n, k = len(A), len(C)
     longer = np.block([[A, np.zeros((n, k))], [C, np.zeros((k, k))]])

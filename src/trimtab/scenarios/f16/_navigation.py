@@ -1,6 +1,6 @@
-"""Navigation of the F-16: instruments that measure all values, or a filter with IMU, GNSS receiver and air-data probes.
+"""Navigation of the F-16: instruments for all values that the law reads, or a filter with IMU, GNSS and air data.
 
-Positions of the sensors and sizes of their errors are chosen here.
+The positions of the sensors and the sizes of their errors are our assumptions, without a source.
 """
 
 from typing import Annotated, Any, Literal
@@ -30,7 +30,7 @@ Navigation = Annotated[
 ]
 TICK = ms(10)
 STATION = (15 * FOOT, 0.0, 0.0)
-"""Distance of the accelerometers ahead of the centre of mass (m)."""
+"""Position of the accelerometers relative to the centre of mass, in body axes (m)."""
 ANTENNA = (10 * FOOT, 0.0, -4 * FOOT)
 """Position of the receiver's antenna, behind the cockpit, relative to the centre of mass, in body axes (m)."""
 OUTAGE = Outages(start=seconds(2), length=ms(2500))
@@ -51,7 +51,7 @@ INSTRUMENTS = FlightInstruments(
     load_bias=0.01,
     period=TICK,
 )
-"""Instruments of medium quality. The sizes of the errors are chosen here."""
+"""Instruments of medium quality. The error sizes are our assumptions, without a source."""
 
 
 def equipment(navigation: str, first: F16State) -> tuple[dict[str, Any], Any]:

@@ -34,7 +34,7 @@ Gains = Annotated[
     Literal["actuators", "published"],
     {
         "actuators": "gains designed for the lag of the control surfaces and the delay of the loop",
-        "published": "gains of AeroBenchVV, designed without the surfaces' lag, with which the roll loop is unstable",
+        "published": "gains of AeroBenchVV, designed without the surfaces' lag; with the lag the roll loop is unstable",
     },
 ]
 SURFACES = {"elevator": (25.0, 60.0), "aileron": (21.5, 80.0), "rudder": (30.0, 120.0)}
@@ -63,7 +63,7 @@ AeroBenchVV has a roll gain of 4, a roll damping of 2, and no limit of the deman
 
 
 def scenario(start: Start = "dive", gains: Gains = "actuators", navigation: Navigation = "instruments") -> Scenario:
-    """Return the scenario. The two starts are those of AeroBenchVV; the sensor errors and actuator limits are added."""
+    """Return the scenario. The two starts are those of AeroBenchVV; sensor errors and actuator limits are ours."""
     law = FOR_ACTUATORS if gains == "actuators" else GroundAvoidance()
     control = law.control
     trim = F16Controls(elevator=control.trim_elevator, aileron=0.0, rudder=0.0, throttle=control.throttle)
@@ -109,7 +109,7 @@ def surfaces(trim: F16Controls) -> ActuatorBank:
 
 
 def first_state(bank: float, pitch: float, altitude: float = 1000 * FOOT, speed: float = 540 * FOOT) -> F16State:
-    """Return the initial state of AeroBenchVV: heading north, its angle of attack and power, no rotation.
+    """Return an initial state that heads north without rotation, with the angle of attack and power of AeroBenchVV.
 
     Units: rad, m, m/s.
     """

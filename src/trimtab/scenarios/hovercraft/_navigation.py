@@ -1,8 +1,8 @@
 """Navigation of the hovercraft: the thesis's model of navigation errors, or the navigation system itself.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, sections
-5.4, 5.5 and 6.1. Reconstructed: the hall, the positions of beacons and ultrasonic units, and the errors of survey and
-temperature.
+5.4, 5.5 and 6.1. The hall, the positions of beacons and ultrasonic units, and the errors of survey and temperature are
+reconstructed.
 """
 
 from collections.abc import Mapping
@@ -41,7 +41,7 @@ Kind = Literal["errors", Positioning]
 Navigation = Annotated[
     Kind,
     {
-        "errors": "true state with errors, drawn from the thesis's model of navigation errors",
+        "errors": "true state with random errors from the thesis's model of navigation errors",
         "ins": "INS with IMU and ultrasonic fixes; dual filters, with feedback of the estimated errors",
         "ins-magnetometer": "INS as in ins, but with the heading from a magnetometer instead of two ultrasonic units",
         "ins-coupled": "INS with one filter for heading and motion, so that positions also correct the heading",
@@ -58,7 +58,7 @@ FORMS: dict[str, Any] = {
     "ins-feedforward": AidedInertialFeedforward,
     "ins-direct": AidedInertialDirect,
 }
-"""Form of the INS that processes the fixes, by name of the navigation system."""
+"""Class of the INS that processes the fixes, by name of the navigation system."""
 
 Bus = Literal["none", "slave"]
 """Bus between the ultrasonic units and the radio.
@@ -68,8 +68,8 @@ with the radio. none: the samples arrive without delay.
 """
 
 CEILING, SPACING = 4.0, 3.4
-"""Height of the beacons and distance between beacons (m). Everywhere on the floor, a unit receives three or more
-beacons, mostly four."""
+"""Height of the beacons and distance between beacons (m). Everywhere on the floor, a unit receives at least three
+beacons, and at most places four."""
 NOISE = InertialNoise(
     gyro=1.6e-4,
     gyro_walk=1e-6,
@@ -81,7 +81,8 @@ NOISE = InertialNoise(
 )
 """Noise of the IMU as the filter assumes it.
 
-The white noise is the maker's. The random walks also cover scale factor, misalignment and bandwidth in manoeuvres.
+The white noise is from the data sheet. The random walks also cover scale factor, misalignment and bandwidth in
+manoeuvres.
 """
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
 IMU = Imu.microstrain_3dm_gx1()
@@ -92,8 +93,8 @@ MESSAGE = 5 + 1 + 6 * 3
 """Size (bytes) of one measurement on the bus: header, unit, and number and range of each beacon that replied. At most
 six of these beacons reply."""
 SLAVE = SlaveBus(size=MESSAGE, queue=ms(40), capacity=42)
-"""Bus of the second microcontroller. A message takes at most 31 ms, and the next one is sent 100 ms later. So no
-message waits in the queue and none is dropped."""
+"""Bus of the second microcontroller. A message takes at most 31 ms, and the next message is sent 100 ms
+later. So no message waits in the queue or is dropped."""
 Floor = tuple[float, float, float, float]
 """Limits of a floor (m): south, north, west, east."""
 

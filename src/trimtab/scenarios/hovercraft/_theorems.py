@@ -1,4 +1,4 @@
-"""Theorems about the hovercraft's laws. Vehicle, laws and Lyapunov functions are those of the package's code.
+"""Theorems about the hovercraft's control laws. Vehicle, laws and Lyapunov functions are those of the package's code.
 
 Each function here returns a theorem for its settings. A theorem without settings holds for all positive gains, masses
 and references, because these are symbols in it.
@@ -35,7 +35,7 @@ NEARLY = 0.15
 NEAR = 1e-9
 """Relative margin of a sharp threshold, because of the rounding of floats.
 
-The proof uses a threshold that is lower by this margin, the counterexample one that is higher by it.
+The proof uses a threshold that is lower by this margin. The counterexample uses one that is higher by this margin.
 """
 
 
@@ -59,9 +59,9 @@ def zero_velocity_time(
 ) -> LawTheorem:
     """Return the theorem that bounds the time in which ZeroVelocity brakes the craft.
 
-    A heading law waits this long in its mode damp before a turn may begin.
+    Before a turn, a heading law waits for this time in its mode "damp".
 
-    V alone does not fall everywhere. W = V - slip_cross u (v - d r) r - turn_cross u r^2 does, as W' <= -rate V^2. So
+    V does not fall everywhere. W = V - slip_cross u (v - d r) r - turn_cross u r^2 does, because W' <= -rate V^2. So
     1/W grows by at least rate/(1 + NEARLY)^2 per second, which gives `settling_bound`.
     """
     model, craft = _numeric_craft(mass, inertia, arm)
@@ -103,7 +103,7 @@ def settling_bound(theorem: LawTheorem, start: float, end: float) -> float:
 
 
 def forward() -> LawTheorem:
-    """Return the theorem that ForwardMomentum reaches its momentum from every initial state, also with k2 < PXr/d."""
+    """Return the theorem that ForwardMomentum reaches its momentum from every initial state, even if k2 < PXr/d."""
     law = ForwardMomentum(k1=symbol("k1"), k2=symbol("k2"), reference=symbol("PXr"), model=_symbolic_craft())
     return _global_theorem("forward", law, ("k1", "k2", "PXr"))
 
@@ -126,7 +126,7 @@ def reverse(
 ) -> LawTheorem:
     """Return the theorem that ReverseMomentum reaches its momentum from a region of initial states.
 
-    It also states that the linearised loop is stable for all gains above their bounds.
+    The theorem also states that the linearised loop is stable for all gains above their bounds.
     """
     about = {"k1": k1, "k2": k2, "theta": theta, "reference": reference}
     model, craft = _numeric_craft(mass, inertia, arm)
@@ -167,7 +167,7 @@ def spin() -> LawTheorem:
 def spin_gate(*, mass: float = 2.6, inertia: float = 0.096, arm: float = 0.32) -> LawTheorem:
     """Return the theorem that ConstantSpin, started with V below the switching energy, reaches r = ref.
 
-    It holds for both switching energies. No larger threshold than the sharp one has this property.
+    The theorem holds for both switching energies, and for no threshold above the sharp switching energy.
     """
     model, craft = _numeric_craft(mass, inertia, arm)
     ref, x = symbol("ref"), _state()
@@ -201,7 +201,7 @@ def spin_gate(*, mass: float = 2.6, inertia: float = 0.096, arm: float = 0.32) -
 def spin_reference(*, mass: float = 2.6, inertia: float = 0.096, arm: float = 0.32) -> LawTheorem:
     """Return the theorem that ConstantSpin still reaches r = ref after a change to a reference above a bound.
 
-    The bound is safe_reference_bound. The theorem does not cover a reference of the other sign.
+    The bound is safe_reference_bound. The theorem does not cover a reference of opposite sign.
 
     Symbols: a is the old reference, b the new one, D = J (g^2 - 1), and h = b (1 + g) - a. If b is above the bound, h
     is above sqrt(2 W/J).
@@ -322,7 +322,7 @@ def _bound_line(model: Hovercraft) -> Line:
 
 
 def _sign_flip(model: Hovercraft) -> Counterexample:
-    """Return a counterexample: a reference of the other sign is not safe, even 1 % above the bound.
+    """Return a counterexample: a reference of opposite sign is not safe, even 1 % above the bound.
 
     The craft spins steadily at the old reference of 3 rad/s.
     """

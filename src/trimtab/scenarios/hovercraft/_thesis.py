@@ -31,7 +31,7 @@ Links = Annotated[
     {
         "chain": "constant delays, as in the thesis's simulation: 36 ms downlink, 40 ms uplink",
         "measured": "random latencies with the statistics of the thesis's Bluetooth measurements",
-        "none": "no radio link: the autopilot is on board",
+        "none": "no radio link: the autopilot is on board the vehicle",
     },
 ]
 Craft = Annotated[
@@ -60,7 +60,7 @@ PAIRING = "free2move/linksys 2.9/22.0"
 """Pair of Bluetooth radios used in the thesis's flights."""
 POUND = 0.45359237
 LIGHTER = 1 - 0.5 * POUND / float(Hovercraft().mass)
-"""Mass of the lighter craft relative to the thesis's craft, and equally its inertia.
+"""Mass of the lighter craft, and likewise its inertia, relative to the craft of the thesis.
 
 [1] chapter 7 expects to save half a pound of electronics. The position of this mass is not given. It is assumed
 (reconstructed) that the radius of gyration does not change.
@@ -73,7 +73,8 @@ class Equipment(NamedTuple):
     links: "chain", the constant delays of [1, fig. 6.1], 36 ms downlink and 40 ms uplink; "measured", random latencies
     with the statistics of [1, table 5.1]; "none", no link in the loop, as with processing on board [1, chapter 7].
     navigation: the navigation system, see `_navigation`.  supervisor: "automatic" flies as soon as all checks pass, and
-    limits the speeds and, if the navigation estimates the position, the area to the floor and 5 m around the floor.
+    limits the speeds. If the navigation estimates the position, it also limits the area, to the floor and 5 m around
+    the floor.
     bus: with "slave", a slow bus on the vehicle carries the ultrasonic samples to the radio.
     craft, fan: vehicle and thrust fan of the thesis, or those that its chapter 7 proposes.
     """
@@ -107,7 +108,7 @@ def hovercraft_scenario(
         targets: desired values of signals, for the metrics.
         equipment: the chosen equipment.
         errors: error model of navigation "errors". None: that of the thesis.
-        floor: south, north, west and east limit of the floor (m). The other navigation systems have beacons above it.
+        floor: south, north, west and east limit of the floor (m). Beacons, if the navigation uses any, are above it.
     """
     downlink, uplink = _choose_links(equipment.links)
     sensors, estimator = choose_navigation(equipment.navigation, errors, floor, equipment.bus)
@@ -150,7 +151,7 @@ def _choose_links(links: Links) -> tuple[Any, Any]:
 
 
 def _choose_fan(fan: Fan) -> tuple[FanDrive, ThrustVectorAllocation]:
-    """Return drive and allocation. With a variable-pitch propeller, a negative speed stands for a negative pitch."""
+    """Return drive and allocation. With a variable-pitch propeller, a negative speed means a negative pitch."""
     if fan == "reversible":
         return FanDrive(), ThrustVectorAllocation()
     even = replace(Thruster(), reverse_ratio=np.array([0.0, 0.0, 0.0, 1.0]))
@@ -159,7 +160,7 @@ def _choose_fan(fan: Fan) -> tuple[FanDrive, ThrustVectorAllocation]:
 
 
 def _flight_limits(navigation: Navigation, floor: Floor) -> tuple[Limit, ...]:
-    """Return the limits of the supervisor (reconstructed). They are far wider than these flights and safe in a hall."""
+    """Return the supervisor's limits (reconstructed). They are far beyond these flights, and safe in a hall."""
     speeds = (
         Limit(fields=("surge_velocity", "sway_velocity"), high=4.0, kind="envelope"),
         Limit(fields=("yaw_rate",), low=-12.0, high=12.0, kind="envelope"),
@@ -186,8 +187,8 @@ def heading_scenario(name: str, law: Any, initial: Initial, equipment: Equipment
 
     The turn from rest takes the shortest way. The turn from a slide is that of the thesis's fig. 6.11. The thesis does
     not give its initial state, which is reconstructed (docs page, Errata). As in the thesis, the heading error of this
-    flight is not wrapped, and the navigation gives a heading in [0, 2 pi). So the vehicle turns up to 5 rad and not the
-    short way down. With all imperfections, it makes whole turns in this flight.
+    flight is not wrapped, and the navigation gives a heading in [0, 2 pi). So the vehicle turns up to 5 rad, although
+    the way down would be shorter. With all imperfections, it makes whole turns in this flight.
     """
     if initial == "rest":
         x, target, errors = HovercraftState(), 1.0, None

@@ -46,7 +46,7 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario:
-    """Return the scenario, with values chosen for trimtab. Vehicle, radio and navigation are those of the thesis."""
+    """Return the scenario. Stick and law are our choice. Vehicle, radio and navigation are those of the thesis."""
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     name, law, initial, floor = "hovercraft/pilot", Piloted(), HovercraftState(), (-10, 20, -10, 20)
     if stick == "console":

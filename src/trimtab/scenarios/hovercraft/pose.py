@@ -34,7 +34,7 @@ SLOW = Pose(
 PoseLaw = Annotated[
     Literal["swing", "steps"],
     {
-        "swing": "law of trimtab: brake, aim, drive, then hold the pose by swinging the nose",
+        "swing": "trimtab's own law: brake, aim, drive, then hold the pose by swinging the nose",
         "steps": "the six steps of the thesis, repeated",
     },
 ]
@@ -49,7 +49,7 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario:
-    """Return the scenario of the thesis's section 2.3.1. Initial state and duration are chosen for trimtab."""
+    """Return the scenario of the thesis's section 2.3.1. Initial state and duration are our choice."""
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     chosen = SLOW if law == "swing" else PoseBySteps()
     initial = HovercraftState(north=-1.5, east=1.5, heading=60 * DEG)

@@ -54,7 +54,7 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario:
-    """Return the scenario, with values chosen for trimtab.
+    """Return the scenario. Path and law are our choice.
 
     The craft starts at rest at the beginning of the path, with its nose along the path.
     """

@@ -1,11 +1,12 @@
-"""Stability proof of the hypersonic vehicle's whole loop: as sampled, for uncertain plants, and within input limits.
+"""Stability proof of the hypersonic vehicle's whole loop: sampled, with uncertain plants, and within input limits.
 
-The plant that flies may differ from the model in law and filter: by its coefficients (UNCERTAINTY) or by its bending
-modes. Each of these two sets of plants is a box in parameters in which the loop's matrix is affine, see
+The simulated plant may differ from the vehicle model of law and filter: by its coefficients (UNCERTAINTY) or by its
+bending modes. Each of these two sets of plants is a box in parameters in which the loop's matrix is affine, see
 `_loop.continuous_loop`.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, assumptions 1 and 2. The paper contains no such proof. Sizes of the boxes: chosen.
+vehicle", Aerospace 2022, 9(4), 206, assumptions 1 and 2. The paper contains no such proof. The sizes of the boxes are
+our choice.
 """
 
 import itertools
@@ -59,11 +60,11 @@ FLOWN_FILTERS = {
     "accurate": FlexibleModeFilter.for_exact_model(),
     "printed": FlexibleModeFilter.from_publication(),
 }
-"""Filters of the modes used in flight, by name."""
+"""Filters that estimate the bending modes in flight, by name."""
 
 
 def prove_loop(craft: Hypersonic, at: LevelTrim, filter: str, uncertainty: float, mode_error: float) -> LoopLines:
-    """Return the certificate's lines for the whole loop: for the sampled loop, and for the plants of both boxes."""
+    """Return the function that yields the conditions on the sampled loop, and on the plants of both boxes."""
 
     @lru_cache(maxsize=4)
     def prove_one(K: bytes) -> ProofCondition:
@@ -108,7 +109,7 @@ def _coefficient_box(craft: Hypersonic, uncertainty: float) -> list[Hypersonic]:
 
 
 def _modal_boxes(craft: Hypersonic, error: float) -> Iterator[list[Hypersonic]]:
-    """Yield the boxes of (w1^2, w2^2, 2 zeta1 w1, 2 zeta2 w2) that cover the modes' error. A box is a list of plants.
+    """Yield boxes of (w1^2, w2^2, 2 zeta1 w1, 2 zeta2 w2) that cover the modes' errors. Each box is a list of plants.
 
     The plants are at the corners of the box. The range of the frequencies is divided into several boxes; the range of
     the damping is not divided.

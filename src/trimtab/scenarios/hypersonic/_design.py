@@ -1,11 +1,12 @@
-"""Design of gain and filter of the hypersonic vehicle at its trim, and their certificate.
+"""Design of the hypersonic vehicle's gain and filter at its trim, and the certificate of their stability.
 
-For a grid of the flight envelope, the module also checks that the inversion is well-posed, and computes bounds of its
+On a grid over the flight envelope, the module also checks that the inversion is well-posed, and bounds the inversion's
 error for an uncertain plant. The tracking error e is (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') minus the desired
 values. The input of the error model is v = (h'', V').
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, assumption 1 for the envelope. It does not print its weights; they are chosen here.
+vehicle", Aerospace 2022, 9(4), 206, assumption 1 for the envelope. The paper does not print its weights, so the weights
+here are our choice.
 """
 
 import itertools
@@ -43,11 +44,11 @@ MODES = INTERNAL[2:]
 SCALE = np.array(SIZES)
 """Typical sizes of the tracking errors, used to scale the equations."""
 ALLOWED = np.array([100.0, 20.0, 10.0, 0.05, 0.1, 1e3, 1e3, 1e3, 1e3])
-"""Tracking errors that cost 1 each: Q_e = diag(1/ALLOWED^2)."""
+"""Size of each tracking error at which its cost is 1: Q_e = diag(1/ALLOWED^2)."""
 ALLOWED_INPUT = np.array([10.0, 5.0])
-"""Accelerations (ft/s^2) that cost 1 each: R_e = diag(1/ALLOWED_INPUT^2)."""
+"""Size of each acceleration (ft/s^2) at which its cost is 1: R_e = diag(1/ALLOWED_INPUT^2)."""
 ALLOWED_INTEGRALS = np.array(INTEGRAL_SIZES)
-"""Integrals of the errors of h (ft s) and V (ft) that cost 1 each."""
+"""Sizes of the integrals of the errors of h (ft s) and V (ft) at which their cost is 1."""
 STRICT_FACTOR = 1.01
 """Ratio of the regulator's weight Q to the certified Q_e. A ratio above 1 makes inequality (14) of [1] strict."""
 FILTERS = {
@@ -58,7 +59,7 @@ FILTERS = {
 }
 """Noise densities of the filter, by name: diagonal of Q_eta, and R_eta (rad^2/s^3).
 
-tuned: as flown. equal: equal for both modes. accurate: for an exact model. printed: as in [1].
+tuned: as used in flight. equal: the same for both modes. accurate: for an exact model. printed: as in [1].
 """
 NOMINAL = Hypersonic()
 GRID = tuple(
@@ -100,8 +101,8 @@ def certified_system(
         kmode: interpretation of k_i, as `FlexibleModes.kmode`.
         h_ft: altitude (ft), inside the envelope.
         V_ft_per_s: speed (ft/s), inside the envelope.
-        uncertainty: uncertainty of the plant that flies, as a multiple of UNCERTAINTY.
-        mode_error: relative error of both modal frequencies in the plant that flies, in either direction.
+        uncertainty: uncertainty of the simulated plant, as a multiple of UNCERTAINTY.
+        mode_error: relative error of both modal frequencies of the simulated plant, in either direction.
     """
     _check_settings(integral, filter, kmode)
     for name, value, (low, high) in (("h_ft", h_ft, H_RANGE), ("V_ft_per_s", V_ft_per_s, V_RANGE)):
@@ -180,7 +181,7 @@ def error_model(craft: Hypersonic = NOMINAL, h: float = H, V: float = V) -> tupl
 
 
 def weights(*, integral: bool = False) -> tuple[Any, Any, Any]:
-    """Return Q_e, R_e and the sizes of the errors. With `integral`, include the integrals of the errors of h and V."""
+    """Return Q_e, R_e and typical sizes of the errors. With `integral`, include the integrals of the errors of h, V."""
     allowed = np.append(ALLOWED, ALLOWED_INTEGRALS) if integral else ALLOWED
     scale = np.append(SCALE, ALLOWED_INTEGRALS) if integral else SCALE
     return np.diag(allowed**-2.0), np.diag(ALLOWED_INPUT**-2.0), scale

@@ -1,7 +1,8 @@
 """Common parts of the hypersonic vehicle's scenarios: plant, measurements, filter of the modes, law.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206. It does not print commands, filters, noise and limits. They are chosen, docs page.
+vehicle", Aerospace 2022, 9(4), 206. The paper does not print commands, filters, noise and limits. Their values here are
+our choice: docs page.
 """
 
 from typing import Any, Literal
@@ -36,8 +37,8 @@ from trimtab.vehicles.hypersonic import Hypersonic
 Filter = Literal["tuned", "equal", "accurate", "printed", "none", "adaptive"]
 """Settings of the filter that estimates the bending modes.
 
-equal: the same process noise for both modes. accurate: for an exact model. printed: as in [1]. none: observer without
-measurements. adaptive: filter that also estimates the modal frequencies.
+equal: the same process noise for both modes. accurate: settings for an exact model. printed: settings of [1]. none:
+observer without measurements. adaptive: filter that also estimates the modal frequencies.
 """
 Internal = Literal["noncausal", "preview", "quasi-static", "sylvester", "linear"]
 """Source of the desired internal states along the command.
@@ -57,7 +58,7 @@ term u_s with a smoothed sign function. sign: u_s with the exact sign function.
 Truth = Literal["paper", "plane"]
 """World model: that of the paper, or "plane" with lags of engine and elevator, turbulence and accelerometer errors."""
 TICK = ms(5)
-"""Control period. [1] does not print one."""
+"""Control period. It is not printed in [1]."""
 
 
 def hypersonic_scenario(
@@ -81,15 +82,15 @@ def hypersonic_scenario(
         name: name in the catalogue.
         climb: command of altitude and speed.
         duration_s: duration of the flight (s).
-        plant: the vehicle that flies. Default: the model.
-        believed: the model used by law, gain, filter and the table of internal states.
+        plant: the simulated vehicle. Default: equal to the law's vehicle model.
+        believed: the vehicle model used by law, gain, filter and the table of internal states.
         filter: settings of the filter that estimates the modes.
         internal: source of the desired internal states.
         noise: "on" adds noise to the angular accelerometer, with a standard deviation of 0.01 rad/s^2 per sample.
         integral: "on" feeds back the integrals of the errors of h and V.
         robust: adaptive robust terms of the law.
         truth: world model.
-        K: gain (2, 9) that replaces the regulator's. Then integrals are not fed back.
+        K: gain (2, 9) that replaces the designed gain. With K, integrals are not fed back.
     """
     flown = plant or believed
     start = level_trim(believed, climb.h0, climb.V0)

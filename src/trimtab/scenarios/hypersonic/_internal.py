@@ -3,9 +3,9 @@
 The tables are computed before a run. They contain the bounded solution of the exact or of the linearised dynamics.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, eq. 7: the internal dynamics. Their linearisation here differs from the printed
-linearisation. The paper does not print the method for the tables, which is that of S. Devasia, D. Chen, B. Paden, IEEE
-Transactions on Automatic Control 41(7), 1996.
+vehicle", Aerospace 2022, 9(4), 206, eq. 7: the internal dynamics. The linearisation computed here differs from the
+printed linearisation. The paper does not print the method for the tables, which is that of S. Devasia, D. Chen, B.
+Paden, IEEE Transactions on Automatic Control 41(7), 1996.
 """
 
 import math
@@ -42,7 +42,7 @@ from trimtab.laws.stable_inversion import INTERNAL_SIZES
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
 SEARCH_ITERATIONS = 8
-"""Number of Newton steps that search the angle of attack before a run."""
+"""Number of Newton steps in the search for the angle of attack before a run."""
 FREE_VARIABLES = ("alpha", "theta", "eta1", "eta2", "Phi", "delta_e")
 ANGLES = {"alpha": (-0.1, 0.1), "theta": (-0.1, 0.1)}
 SCALES = np.array(INTERNAL_SIZES)
@@ -50,10 +50,11 @@ SCALES = np.array(INTERNAL_SIZES)
 BEYOND = 8.0
 """Time (s) by which the computed solution extends beyond the end of a table.
 
-In this time, the effect of an error in the final boundary value decays by e^-26, backwards to the end of the table.
+In this time, the effect of an error in the final boundary value decays by the factor e^-26, backwards to the end of the
+table.
 """
 LEAST_BEYOND = 3.0
-"""Minimum time (s) by which the solution must extend beyond the end of a table. A boundary error decays by e^-10."""
+"""Minimum time (s) by which the solution must extend beyond the end of a table. In it, errors decay by e^-10."""
 
 
 class LevelTrim(NamedTuple):
@@ -95,7 +96,7 @@ def find_trim(model: StateSpaceModel, limits: InputLimits, part: str) -> Trim:
 
 
 def _trim_bounds(limits: InputLimits) -> dict[str, tuple[float, float]]:
-    """Return the bounds for a trim: limits of the inputs, and the angles for which the vehicle's curves are valid."""
+    """Return the bounds for a trim: input limits, and the range of angles in which the vehicle's curves are valid."""
     return {**ANGLES, "Phi": (limits.Phi_low, limits.Phi_high), "delta_e": (limits.delta_low, limits.delta_high)}
 
 
@@ -152,8 +153,8 @@ class TableReport(NamedTuple):
     """Accuracy of a table. The errors are relative to SCALES.
 
     solution: whole solution, on the fine grid.  residual: largest difference between central differences and Psi (1/s).
-    left, right: difference between the solution and the level trim at the start and at the end. The difference at the
-    end is large if the climb is not over there.  interpolation: largest error between the nodes (6,).
+    left, right: difference between the solution and the level trim at the start and at the end. If the climb is not
+    over at the end, `right` is large.  interpolation: largest error between the nodes (6,).
     """
 
     solution: BoundedSolution
@@ -168,8 +169,8 @@ def noncausal_table(
 ) -> tuple[InternalTable, TableReport]:
     """Return a table of the bounded solution of the exact internal dynamics along a climb, from time 0 to `seconds`.
 
-    The boundary values are the trim at time 0 and the quasi-static solution at the end. The latter equals the trim
-    if the climb is over, and is more accurate than the trim otherwise.
+    The boundary values are the trim at time 0 and the quasi-static solution at the end. If the climb is over, the
+    quasi-static solution equals the trim; otherwise it is more accurate than the trim.
 
     Args:
         craft: the vehicle model.
@@ -228,7 +229,7 @@ def sylvester_internal(craft: Hypersonic, climb: FilteredClimb) -> SylvesterInte
 
 
 def preview_internal(craft: Hypersonic, at: LevelTrim, horizon: float = 4.0, intervals: int = 40) -> PreviewInternal:
-    """Return the solution for the internal states that previews the command in flight, with the modes of a trim."""
+    """Return the internal states computed in flight from the future command, with the modes of a trim."""
     A22 = internal_linear(craft, at).A22
     scaled = A22 * SCALES / SCALES[:, None]
     eigen: Any = np.linalg.eig(scaled)
@@ -277,7 +278,7 @@ def _time_grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float
         problem = f"got a duration of {seconds:g} s, {keep:g} s between nodes, and a step of {dt:g} s"
         raise InputError("internal table", problem, fix="give keep as a multiple of dt, and seconds of at least keep")
     if not beyond >= LEAST_BEYOND:
-        problem = f"the table is computed only {beyond:g} s beyond its end; the unstable mode needs more of the future"
+        problem = f"the solution extends only {beyond:g} s beyond the table; the unstable mode needs more of the future"
         raise InputError("internal table.beyond", problem, fix=f"give at least {LEAST_BEYOND:g} s")
     nodes = math.ceil(seconds / keep - 1e-9) * every
     t = dt * np.arange(nodes + math.ceil(beyond / dt) + 1)

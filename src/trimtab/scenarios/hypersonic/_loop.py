@@ -1,10 +1,10 @@
 """Matrix of the hypersonic vehicle's whole loop (plant, filter, law, inversion), in continuous time and sampled.
 
-The matrix is computed by automatic differentiation of the code that flies, at level flight of the law's vehicle model.
+The matrix is computed by automatic differentiation of the flight code, at level flight of the law's vehicle model.
 The plant may differ from this model.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, eqs. 6-13: the loop. The sampled loop has the order of computation in flight.
+vehicle", Aerospace 2022, 9(4), 206, eqs. 6-13: the loop. The sampled loop computes in the same order as in flight.
 """
 
 from functools import partial
@@ -39,10 +39,10 @@ SAMPLED_SIZES = np.array([*PLANT_SIZES, 0.2, 2.0, 0.2, 2.0, 100.0, 20.0, 20.0, 0
 def sampled_loop(plant: Hypersonic, kept: FlexibleModeFilter, K: Any, at: LevelTrim) -> tuple[Any, Any]:
     """Return F (n, n) and N (n,) of the sampled loop z' = F z + N w over one period of the filter.
 
-    The filter has its steady gain, and w is the noise of the accelerometer. n is 20, or 22 with integrals.
+    The filter uses its steady-state gain, and w is the noise of the accelerometer. n is 20, or 22 with integrals.
 
     Args:
-        plant: the vehicle that flies.
+        plant: the simulated vehicle.
         kept: the filter; its vehicle model is also that of the law.
         K: gain (2, 9), or (2, 11) with the integrals of the errors of h and V.
         at: level flight of the vehicle model.
@@ -61,7 +61,7 @@ def _model_of_filter(kept: FlexibleModeFilter) -> Any:
 
 
 def rest_state(plant: Hypersonic, believed: Hypersonic, at: LevelTrim) -> Any:
-    """Return the loop's state (20,) in level flight: the plant at its static bending, the filter at its model's."""
+    """Return the loop's state (20,) in level flight: plant at its static bending, filter at that of its model."""
     x = plant.level_state(at.h, at.V, at.zeta[0], at.u.delta_e)
     e1, e2 = believed.modes.static_displacements(at.zeta[0], at.u.delta_e)
     chi = [at.h, 0.0, at.V, at.zeta[0], 0.0]
@@ -73,7 +73,7 @@ def step_period(plant: Any, kept: Any, K: Any, P: Any, at: Any, z: Any, w: Any) 
     """Return the loop's state (20,), or (22,) with integrals, after one period. Compute in the same order as in flight.
 
     Args:
-        plant: the vehicle that flies.
+        plant: the simulated vehicle.
         kept: the filter.
         K: gain (2, 9), or (2, 11) with the integrals of the errors of h and V.
         P: steady covariance of the filter before an update (4, 4).
@@ -85,7 +85,7 @@ def step_period(plant: Any, kept: Any, K: Any, P: Any, at: Any, z: Any, w: Any) 
     before, held = RigidFlight(*z[CHI]), HypersonicInput(*z[U])
     chi = _measured_flight(x)
     model = kept.model()
-    still = jnp.append(z[ETA], 0.0)  # here the filter knows that the accelerometer's offset is zero
+    still = jnp.append(z[ETA], 0.0)  # the accelerometer's offset is zero, and the filter uses this value
     P = jnp.zeros((5, 5)).at[:4, :4].set(P)
     ahead, _ = kept.predict(model, still, P, before, held)
     felt = plant.coupled_accelerations(0.0, x, held)[0] + w
@@ -99,12 +99,12 @@ def step_period(plant: Any, kept: Any, K: Any, P: Any, at: Any, z: Any, w: Any) 
 def continuous_loop(plant: Hypersonic, believed: Hypersonic, K: Any, L: Any, at: LevelTrim) -> Any:
     """Return A (13, 13), or (15, 15) with integrals: z' = A z of plant, estimate and integrals, in level flight.
 
-    The loop is linearised at the level flight of the model, whichever plant flies. There, each entry of A is affine in
+    For every plant, the loop is linearised at the level flight of the model. There, each entry of A is affine in
     1/m, in each coefficient of lift, drag, moment and thrust, and in w^2 and 2 zeta w of each mode, if all other
     parameters are constant.
 
     Args:
-        plant: the vehicle that flies.
+        plant: the simulated vehicle.
         believed: the vehicle model of filter and law.
         K: gain (2, 9), or (2, 11) with the integrals of the errors of h and V.
         L: gain of the filter (4, 1).
@@ -145,7 +145,7 @@ def _measured_flight(x: HypersonicState) -> RigidFlight:
 
 
 def _integral_rates(K: Any, chi: RigidFlight, at: Any) -> Any:
-    """Return the rates of the integrals of the errors of h and V. They are empty if the gain has no such columns."""
+    """Return the rates of the integrals of the errors of h and V, or an empty array if the gain has no such columns."""
     return jnp.stack([chi.h - at.h, chi.V - at.V])[: K.shape[1] - 9]
 
 

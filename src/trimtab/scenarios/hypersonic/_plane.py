@@ -1,7 +1,8 @@
-"""World for the hypersonic vehicle that is harder than the paper's: servos, turbulence, accelerometer with errors.
+"""World of the hypersonic vehicle with more disturbances than in the paper: servos, turbulence, accelerometer errors.
 
 Source: form of the servos from Bolender, Doman, "Nonlinear longitudinal dynamical model of an air-breathing hypersonic
-vehicle", Journal of Spacecraft and Rockets 44(2), 2007; turbulence MIL-F-8785C; sizes chosen (docs, What it needs).
+vehicle", Journal of Spacecraft and Rockets 44(2), 2007; turbulence MIL-F-8785C; sizes: our choice (docs, What it
+needs).
 """
 
 from typing import Any
@@ -20,7 +21,7 @@ ENGINE, ELEVATOR = 20.0, 100.0
 ELEVATOR_RATE = 100 * DEG
 """Maximum rate of the elevator (rad/s)."""
 SEVERE = 1e-5
-"""Probability of exceedance of the turbulence intensity. It gives 5.1 ft/s at 80 000 ft and above.
+"""Probability of exceedance of the turbulence intensity. This probability gives 5.1 ft/s at 80 000 ft and above.
 
 The figure in the specification ends at 80 000 ft.
 """

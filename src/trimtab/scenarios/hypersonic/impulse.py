@@ -17,7 +17,7 @@ def scenario(
 ) -> Scenario:
     """Return the scenario: a pitch acceleration of 0.4 rad/s^2 for 50 ms, or a gust that adds 20 ft/s in 50 ms.
 
-    The paper lists such disturbances as future work. The sizes are chosen here.
+    The paper lists such disturbances as future work. Their sizes are our choice.
     """
     craft = Hypersonic()
     if kind == "moment":

@@ -20,7 +20,7 @@ def scenario(
 
 
 def off_nominal_plant(times: float = 1.0) -> Hypersonic:
-    """Return the plant. times: factor of its differences from the model."""
+    """Return the plant that differs from the model. times: factor on all differences."""
     craft = Hypersonic()
     air, engine = craft.forces.aerodynamics, craft.forces.propulsion
     lift, stiffness, drag = air.CL_a * (1 + 0.05 * times), air.CM_a * (1 - 0.05 * times), air.CD_0 * (1 + 0.10 * times)

@@ -11,7 +11,7 @@ Sign = Literal["minus", "plus"]
 
 
 def scenario(sign: Sign = "minus", filter: Filter = "printed") -> Scenario:
-    """Return the scenario with the paper's K: v = -K e, or v = +K e as in its eq. 13.
+    """Return the scenario with the paper's gain K. minus: v = -K e. plus: v = +K e, as in eq. 13 of the paper.
 
     `trimtab reproduce` shows why neither loop is stable.
     """

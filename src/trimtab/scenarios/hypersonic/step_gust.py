@@ -15,8 +15,8 @@ START = 20.0
 def scenario(kind: Kind = "lift", integral: Integral = "on", filter: Filter = "tuned", noise: Noise = "on") -> Scenario:
     """Return the scenario: a loss of lift of 2 % of the weight, 88 lbf/ft of drag, or 500 or 5000 lbf of moment.
 
-    The forces and moments are per foot of width. The paper lists such disturbances as future work. The sizes are chosen
-    here.
+    The forces and moments are per foot of width. The paper lists such disturbances as future work. Their sizes are our
+    choice.
     """
     craft = Hypersonic()
     felt = {

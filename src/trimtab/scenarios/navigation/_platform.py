@@ -40,14 +40,14 @@ ARM = 0.3048
 TILT = 0.49 * DEG
 """Tilt of the spin axis (rad), fitted to two figures.
 
-The axis leans to magnetic north, so that a compass without tilt compensation has no error. Another direction would add
-a constant to its heading.
+The axis leans to magnetic north, so that a compass without tilt compensation has no error. For another direction, the
+compass would have a constant error.
 """
 LEAN = math.atan2(COLLEGE_PARK[1], COLLEGE_PARK[0])
 FIX_INTERVAL = seconds(1)
-"""Time between position fixes (reconstructed). The thesis's simulation renews its navigation errors once a second."""
+"""Time between position fixes (reconstructed). The thesis's simulation draws new navigation errors once a second."""
 LEAK = (STANDARD * math.sin(TILT)) ** 2 * to_seconds(FIX_INTERVAL) / to_seconds(InertialNoise().tick)
-"""Variance of the force noise that covers the tilt, which the navigation does not know, between two fixes (m^2/s^4)."""
+"""Variance of the force noise (m^2/s^4) that covers the unknown tilt between two fixes."""
 
 
 def rig_scenario(

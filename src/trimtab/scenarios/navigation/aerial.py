@@ -41,7 +41,7 @@ CORRELATED = 0.3
 
 
 def industrial_imu() -> Imu:
-    """Return a good micromachined inertial unit with 1 kHz. The errors are chosen here, as large as in data sheets."""
+    """Return a good micromachined inertial unit with 1 kHz. Its errors are assumed, and typical of data sheets."""
     return Imu(
         accelerometer=AccelerometerErrors(noise=2e-3, turn_on_bias=0.05, bias_walk=2e-4, range=160.0),
         gyro=GyroErrors(noise=2e-4, turn_on_bias=0.3 * DEG, bias_walk=1e-5, range=35.0),
@@ -50,10 +50,10 @@ def industrial_imu() -> Imu:
 
 
 def scenario(gnss: Aiding = "fixes") -> Scenario:
-    """Return the scenario, with values chosen for trimtab.
+    """Return the scenario. Its parameters are our choice.
 
-    A lap takes 20 s. The inertial unit has 1 kHz, and the receiver gives five fixes per second that are 120 ms old. It
-    has an outage of 4 s.
+    A lap takes 20 s. The inertial unit has 1 kHz. The receiver gives five fixes per second, each 120 ms old, and has an
+    outage of 4 s.
     """
     path = ClosedPath(coordinated=LAP)
     first = jax.tree.map(lambda number: np.round(number, 12), path.at(0.0, LAP))  # the same bits on each machine

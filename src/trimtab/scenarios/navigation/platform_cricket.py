@@ -18,7 +18,7 @@ from trimtab.sensors.position import PositionSensor
 Rate = Literal["-115", "-57", "-230"]
 StampTime = Literal["arrival", "measurement"]
 HEADING_LATENCY, POSITION_LATENCY = 0.087, 0.120
-"""Latency of heading and of position (s), fitted to three figures of heading and two of position and velocity."""
+"""Latency of heading and of position (s), fitted to three figures of the heading and two of position and velocity."""
 FIX = 0.0044
 """Standard deviation of each coordinate of a fix (m). Half of the fixes are within 0.52 cm, [1] fig. 5.8."""
 BASE = 0.2032

@@ -29,7 +29,7 @@ NOISE = InertialNoise(gyro=1.6e-4, gyro_walk=1e-6, forward=6.8e-3, starboard=6.8
 misalignment and bandwidth."""
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
 BELIEVED_NOISE = replace(NOISE, position_constant=0.008, heading_constant=0.012)
-"""Noise that the loose coupling assumes. It includes constant errors of the fixes due to survey and air temperature.
+"""Noise that the loosely coupled filter assumes. It includes constant errors of fixes due to survey and temperature.
 
 The tightly coupled filter models these errors itself.
 """

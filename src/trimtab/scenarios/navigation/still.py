@@ -20,7 +20,7 @@ TICK = ms(5)
 
 
 def scenario() -> Scenario:
-    """Return the scenario. Five minutes give the white noise to a percent, and a rough value of the biases' walk."""
+    """Return the scenario. Five minutes give the white noise to 1 %, and the random walk of the biases roughly."""
     world = World(
         vehicle=Hovercraft(),
         sensors={"imu": Imu.microstrain_3dm_gx1(), "navigation": PlanarNavigation(period=TICK)},

@@ -29,7 +29,7 @@ Trajectory = Annotated[
     {
         "circle": "circle of radius 1.5 m, one lap in 5 s",
         "eight": "figure eight of 5 m by 1.5 m, one lap in 8 s",
-        "helix": "helix of the publication at half the speed, with the nose to the north",
+        "helix": "helix of Lee et al. (2010) at half the speed, with the nose to the north",
         "place": "hover at a position, from a start half a metre away",
         "recovery": "hover at a position, from a start upside down",
     },
@@ -41,13 +41,13 @@ MotorFault = Annotated[
 ]
 LawChoice = Annotated[
     Literal["geometric", "neural"],
-    {"geometric": "geometric law of the publication", "neural": "small neural network trained on the geometric law"},
+    {"geometric": "geometric law of Lee et al. (2010)", "neural": "small neural network trained on the geometric law"},
 ]
 PERIOD = ms(5)
 RATIO = 0.3
 """Thrust of the rotor opposite a lost rotor, as a fraction of the thrust of each of the other two rotors."""
 LONGEST = 25.0
-"""Limit (N) of the force that the law adds to weight and reference acceleration: rotors have a minimum thrust."""
+"""Maximum feedback force of the law (N). It is limited because the rotors have a minimum thrust."""
 HEIGHT = 3.0
 """Height of the paths (m)."""
 CRAFT = replace(
@@ -57,14 +57,14 @@ CRAFT = replace(
     drag=np.array([0.3, 0.3, 0.2]),
     turning_drag=np.array([0.01, 0.01, 0.04]),
 )
-"""Quadrotor of the publication. Its propellers have a ratio of torque to thrust of 0.026 m, which is typical of 15 inch
-propellers. Lag, drag and the rotors' inertia are chosen here."""
+"""Quadrotor of Lee et al. (2010). Its propellers have a ratio of torque to thrust of 0.026 m, which is typical of 15
+inch propellers. Lag, drag and the rotors' inertia are our assumptions."""
 
 
 def scenario(trajectory: Trajectory = "circle", motor: MotorFault = "works", law: LawChoice = "geometric") -> Scenario:
-    """Return the scenario. Mass, inertia, arms and gains are those of the publication.
+    """Return the scenario. Mass, inertia, arms and gains are those of Lee et al. (2010).
 
-    Sensors, radio, lag, drag and limits are chosen here.
+    Sensors, radio, lag, drag and limits are our assumptions.
     """
     if law == "neural" and motor != "works":
         raise InputError(
@@ -74,7 +74,7 @@ def scenario(trajectory: Trajectory = "circle", motor: MotorFault = "works", law
         )
     reference = make_reference(trajectory)
     tracking = GeometricTracking(craft=CRAFT, reference=reference, most=LONGEST)
-    axes = np.round(relaxed_axes(CRAFT, RATIO), 9)  # the same numbers on every machine
+    axes = np.round(relaxed_axes(CRAFT, RATIO), 9)  # rounded, for the same numbers on every machine
     flies: Any = RotorLossTracking(tracking, axes)
     if law == "neural":
         flies = NeuralPolicy(craft=CRAFT, reference=reference)

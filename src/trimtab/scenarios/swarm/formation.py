@@ -1,4 +1,4 @@
-"""Fly hovercraft in formation. Each craft knows its own state and receives messages of the others by a lossy radio."""
+"""Fly hovercraft in formation. Each craft knows its own state, and receives the others' messages over a lossy radio."""
 
 import math
 from typing import Annotated, Any, Literal
@@ -40,7 +40,7 @@ TICK, PERIOD = ms(5), ms(20)
 
 
 def scenario(craft: Craft = "5", route: Route = "circle", start: Start = "rows") -> Scenario:
-    """Return the scenario, with values chosen for trimtab.
+    """Return the scenario. Its parameters are our choice.
 
     The radio has slots of 5 ms, a latency of 20 ms, and loses a tenth of all messages.
     """
@@ -81,9 +81,9 @@ def scenario(craft: Craft = "5", route: Route = "circle", start: Start = "rows")
 
 
 def craft_step(t: Any, state: Any, own: Any, heard: Any, number: Any, north: Any, east: Any) -> tuple[Any, Any, Any]:
-    """Run the law and the allocation of one craft at integer time t. To flash it to each craft, export it by name.
+    """Run the law and the allocation of one craft at integer time t. Export it by name to flash it to each craft.
 
-    Args:     state: state of the law.    own: estimated PlanarPoseState.    heard: newest messages, (n,) each.
+    Args:     state: state of the law.    own: estimated PlanarPoseState.    heard: newest message of each of n craft.
               number: number of the craft.    north, east: its position in the formation, relative to craft 0 (m).
     Returns:  the state, a DriveCommand, and the PeerMessage to broadcast.
     """
@@ -108,7 +108,7 @@ example = {
 
 
 def hexagonal_places(n: int) -> Any:
-    """Return the n points of a hexagonal lattice nearest to the origin, (n, 2) (m). The first one is the origin."""
+    """Return the n points of a hexagonal lattice nearest to the origin, (n, 2) (m). The first point is the origin."""
     reach = math.isqrt(n) + 2
     i, j = (v.ravel() for v in np.meshgrid(range(-reach, reach + 1), range(-reach, reach + 1)))
     north, east = SPACING * math.sqrt(3) / 2 * i, SPACING * (j + i / 2)

@@ -37,12 +37,12 @@ LEVEL = TorpedoState(
     stern=-0.119350,
     shaft_speed=CRUISE * 1750 / 1500,
 )
-"""Trim at constant depth and 1750 rpm. The vehicle rolls 7 degrees by the propeller's torque and pitches 1.9 degrees
-nose down by buoyancy and fins."""
+"""Trim at constant depth and 1750 rpm. The propeller's torque rolls the vehicle by 7 degrees. Buoyancy and
+fins pitch it 1.9 degrees nose down."""
 
 
 def scenario(links: Links = "aboard") -> Scenario:
-    """Return the scenario. The vehicle is that of Prestero, 2001. Gains, links, noise and current are chosen here."""
+    """Return the scenario. The vehicle is that of Prestero, 2001. Gains, links, noise and current are our choice."""
     torpedo = Torpedo(current=Current(north=-0.2, east=0.2))
     drift = np.asarray(torpedo.current.in_body(quaternion.to_matrix(LEVEL.attitude).T))
     world = World(

@@ -26,8 +26,8 @@ Path = Annotated[
     Literal["waypoints", "circle", "eight"],
     {
         "waypoints": "three straight legs with corners of 53 degrees",
-        "circle": "radius 5 m",
-        "eight": "20 m by 12 m",
+        "circle": "circle of radius 5 m",
+        "eight": "figure eight of 20 m by 12 m",
     },
 ]
 Links = Annotated[
@@ -54,7 +54,7 @@ SPEED = 0.58
 def scenario(reference: Path = "waypoints", links: Links = "radio", weather: Weather = "current") -> Scenario:
     """Return the scenario. The vessel is that of Skjetne, Smogeli and Fossen, 2004.
 
-    Path, radio, weather and gains are chosen here. The vessel starts 1.5 m to starboard of the path, at 0.5 m/s.
+    Path, radio, weather and gains are our choice. The vessel starts 1.5 m to starboard of the path, at 0.5 m/s.
     """
     paths: dict[str, Any] = {
         "waypoints": straight_legs(PLACES, SPEED),
