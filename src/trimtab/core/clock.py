@@ -73,10 +73,10 @@ SYSTEM_CLOCK = SystemClock()
 
 
 def wait_until_ready(fd: int, mask: int, timeout: float) -> bool:
-    """Wait for a file descriptor. Return False if `timeout` seconds pass without an event. An error is an event, too.
+    """Wait for a file descriptor. Return False after `timeout` seconds without an event. An error counts as an event.
 
-    select() is accurate to a microsecond. poll() counts in milliseconds, which may be a whole control period, but
-    accepts any descriptor.
+    select() is used if possible, because it is accurate to a microsecond. poll() accepts any descriptor, but counts in
+    milliseconds, and a millisecond may be a whole control period.
 
     Args:
         fd: file descriptor.
