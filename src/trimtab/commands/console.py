@@ -54,7 +54,7 @@ POSITION = {"navigation": "ins"}
     multiple=True,
     metavar="PART=CHOICE",
     callback=parse_parts,
-    help="Replace estimator or law of a log, and show the replay beside the log, as in trimtab replay.",
+    help="Replay the log with another estimator or law, as trimtab replay does, and show both flights.",
 )
 @PLACE
 @click.pass_context
@@ -146,7 +146,7 @@ def _show_recorded(subjects: Sequence[str], parts: Mapping[str, str], address: C
 
 
 def _replay(file: Path, parts: Mapping[str, str]) -> "list[Recording]":
-    """Return the recording of a log, and that of its replay with other parts of the autopilot."""
+    """Return two recordings: the log, and the replay of the log with other parts of the autopilot."""
     from trimtab.console.recordings import load_recording, record_flight
 
     log = read_own_log(file)
@@ -166,7 +166,7 @@ def _choose(scenario: str, settings: Mapping[str, str]) -> dict[str, str]:
 
 
 def _duration(scenario: str, settings: Mapping[str, str]) -> list[str]:
-    """Return the option --duration for `trimtab fly`; empty, for the scenario's own, if a part ends before LONGEST."""
+    """Return the option --duration for `trimtab fly`. It is empty if the scenario cannot run for LONGEST."""
     built = build(scenario, settings)
     try:
         replace(built, duration=parse_time(LONGEST)).check()

@@ -50,14 +50,14 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
             "outputs",
             multiple=True,
             metavar="NAME",
-            help="Output that follows the course, with --inversion. May be repeated.",
+            help="With --inversion: output that follows the course. May be repeated.",
         ),
         click.option(
             "--input",
             "inputs",
             multiple=True,
             metavar="NAME",
-            help="Input to use, with --inversion; others keep their trim values. May be repeated.  [default: all]",
+            help="With --inversion: input to use. Others keep their trim values. May be repeated.  [default: all]",
         ),
         click.option(
             "--to",
@@ -87,7 +87,7 @@ def refuse_inversion_options(words: Mapping[str, Any]) -> None:
 def invert_vehicle(
     vehicle: str | None, words: Mapping[str, Any], settings: Mapping[str, str], out: Path | None, as_json: bool
 ) -> None:
-    """Compute an inversion of a vehicle's outputs, and print, write or draw it.
+    """Compute the states and inputs for which the outputs follow a course, and print, write or draw the result.
 
     words: values of the options of --lqr and of --inversion, as typed.  settings: settings of the scenario.
     """

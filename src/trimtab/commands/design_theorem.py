@@ -74,7 +74,7 @@ def run_theorem(
 
 
 def refuse_options(options: Mapping[str, Any], beside: str) -> None:
-    """Raise InputError for options that do not apply to a theorem."""
+    """Raise InputError for each given option, because it cannot be combined with `beside`."""
     for name, value in options.items():
         if value is not None:
             raise InputError(name, f"cannot be combined with {beside}", fix=f"leave {name} out")
@@ -89,7 +89,7 @@ def print_unwritten(files: Iterable[Path | None], proof: CertificateProof) -> No
 
 def print_conditions(title: str, proof: CertificateProof) -> None:
     """Print each condition of a certificate with its number and verdict."""
-    table = new_table("condition", "verdict", ">number", "of", "by", title=title)
+    table = new_table("condition", "verdict", ">number", "meaning", "method", title=title)
     for c in proof.conditions:
         number = f"{c.number:.4g}" if c.number == c.number else "-"
         cells = (c.name, "holds" if c.holds else "FAILS", number, c.meaning, c.how)
@@ -103,7 +103,7 @@ def print_conditions(title: str, proof: CertificateProof) -> None:
 def _build_theorem(name: str, settings: Mapping[str, Any]) -> LawTheorem:
     functions = theorem_functions()
     if name not in functions and ".py:" not in name:
-        problem, fix = f"unknown theorem {name!r}", "give its file:  trimtab design my_law.py:theorem --check FILE"
+        problem, fix = f"unknown theorem {name!r}", "name its file:  trimtab design my_law.py:theorem --check FILE"
         raise InputError("design", problem, choices=tuple(functions), fix=fix)
     function = functions.get(name) or load_function(name)
     theorem = function(**system_settings(function, settings, f"trimtab design {name}"))

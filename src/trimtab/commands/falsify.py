@@ -68,8 +68,8 @@ def command(
 ) -> None:
     """Search within given bounds for the parameters with which a scenario performs worst.
 
-    The bounds are those of the distributions. Exit code 1 if a failure was found, 0 if none was found. A search without
-    a failure does not prove that the scenario never fails.
+    The bounds are the limits of the given distributions. Exit code 1 if a failure was found, 0 if none was found. A
+    search without a failure does not prove that the scenario never fails.
 
     \b
     trimtab falsify hovercraft/zero-velocity --spread 'world.vehicle.mass=uniform(80%, 120%)' \\

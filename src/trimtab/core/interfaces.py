@@ -208,7 +208,7 @@ class InertialForm(Protocol):
         ...
 
     def propagate(self, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> Any:
-        """Return the node advanced by dt (s). imu_reading: (3,). untrusted: 1 for a gyro, accelerometer not to trust."""
+        """Return the node advanced by dt (s). imu_reading: (3,). untrusted: 1: distrust the gyro, accelerometer."""
         ...
 
     def correct_heading(self, node: Any, z: Any, variance: Any) -> Any:
