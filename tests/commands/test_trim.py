@@ -295,7 +295,7 @@ def test_the_f16_of_a_dive_is_trimmed_level():
     assert found["taken"] == {"speed": 540 * FOOT, "yaw": 0.0, "beta": 0.0, "roll": 0.0}
     assert found["undetermined"] == []
     text = " ".join(call("trim", "f16/gcas", "--at", "speed=150").output.split())
-    assert "assumed, as the vehicle cannot rest: yaw 0 deg, beta 0 deg, roll 0 deg" in text
+    assert "assumed, because the vehicle has no equilibrium at rest: yaw 0 deg, beta 0 deg, roll 0 deg" in text
     assert "--at yaw=free" in text
     turn = data("trim", "f16/gcas", "--at", "yaw'=6 deg/s")
     assert set(turn["taken"]) == {"speed", "yaw", "beta"}

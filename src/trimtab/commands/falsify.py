@@ -87,7 +87,7 @@ def command(
     files = [file for file in (out, plot) if file is not None]
     again = "" if out is None else _replay_command(out, options["seed"], worst)
     if out is not None:
-        conditions = "; ".join(options["success"]) or "each target reached for good"
+        conditions = "; ".join(options["success"]) or "each target reached and kept"
         about = (
             f"The worst run of {scenario} that a search found: margin {worst.margin:.6g}.\n\n"
             f"Wanted: {conditions}.\n{worst.flown_runs} runs were flown. To repeat it:\n\n    {again}"
@@ -133,7 +133,9 @@ def _worst_json(scenario: str, settings: dict[str, Any], worst: FalsificationRes
 
 def _print_worst(scenario: str, worst: FalsificationResult) -> None:
     after = f"{worst.first} run{'s' * (worst.first != 1)}"
-    verdict = f"FAILS, first failure after {after}" if worst.fails else "no failure found, which proves nothing"
+    verdict = (
+        f"FAILS, first failure after {after}" if worst.fails else "no failure found (not a proof that there are none)"
+    )
     click.echo(f"{scenario}: {verdict}")
     click.echo(f"margin of the worst run {worst.margin:.6g}; {worst.flown_runs} runs flown in {worst.wall_s:.1f} s")
     width = max(map(len, worst.values))

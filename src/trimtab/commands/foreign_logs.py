@@ -89,4 +89,4 @@ def check_choice(mapping: Path | None, scenario: str | None, estimator: str | No
             "--with", "applies to a replay of a trimtab log, without --map", fix="change the scenario: --set PATH=VALUE"
         )
     if settings and scenario is None:
-        raise InputError("--set", "needs a scenario", fix="name one with --scenario, or set the value in the factory")
+        raise InputError("--set", "needs a scenario", fix="add --scenario SCENARIO, or set the value in the factory")

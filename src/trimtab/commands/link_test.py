@@ -52,7 +52,7 @@ REQUESTS_MIN = 10
 @click.option(
     "--echo",
     is_flag=True,
-    help="Return every packet as the far end of the link, until Ctrl-C. Port 0 chooses a free port and prints it.",
+    help="Act as the far end: echo every packet until Ctrl-C. Port 0 chooses a free port and prints its number.",
 )
 @click.option(
     "--load",

@@ -238,7 +238,7 @@ def _print_map(diagram: StabilityMap, criteria: Criteria, why: str) -> None:
 def _boundary_hint(diagram: StabilityMap) -> str:
     """Return a hint for a map without a boundary."""
     if (diagram.share >= diagram.traced_boundary.threshold).all():
-        return "no boundary: it succeeds everywhere. Try a wider --x or --y, or a stricter --success"
+        return "no boundary: the scenario succeeds everywhere. Try a wider --x or --y, or a stricter --success"
     target = diagram.scenario.targets[0].path.removeprefix("truth.") if diagram.scenario.targets else "SIGNAL"
     what = f"--success 'error_rms:{target} <= 0.5', --swing 1, --without navigation-error, or other --x and --y"
-    return f"no boundary: it fails everywhere. Navigation errors alone can exceed a target's band. Try {what}"
+    return f"no boundary: the scenario fails everywhere. Navigation errors can exceed a target's band. Try {what}"

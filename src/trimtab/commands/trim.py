@@ -125,7 +125,7 @@ def _level_text(plant: Plant, point: Trim) -> str:
     name = next((n for n, v in point.taken.items() if v), next(iter(taken)))
     text = ", ".join(f"{n} {v}" for n, v in taken.items())
     other = f"change it with --at, e.g. --at {name}='{taken[name]}' or --at {name}=free"
-    return f"assumed, as the vehicle cannot rest: {text}; {other}"
+    return f"assumed, because the vehicle has no equilibrium at rest: {text}; {other}"
 
 
 def _rate_text(plant: Plant, name: str, rate: float) -> str:

@@ -208,7 +208,7 @@ class InertialForm(Protocol):
         ...
 
     def propagate(self, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> Any:
-        """Return the node advanced by dt (s). imu_reading: (3,). untrusted: 1: distrust the gyro, accelerometer."""
+        """Return the node advanced by dt (s). imu_reading: (3,). untrusted: flags; 1: distrust gyro, accelerometer."""
         ...
 
     def correct_heading(self, node: Any, z: Any, variance: Any) -> Any:

@@ -34,7 +34,7 @@ def interpolate_truth(log: Log, path: str, ticks: Any) -> Any:
 
 
 def plot_replay(log: Log, recorded: Log, replayed: Log, path: PicturePath = None, title: str = "Replay") -> "Figure":
-    """Draw the recorded signals with the replayed ones over them, and next to them the errors or the difference.
+    """Draw recorded and replayed signals in one column of panels, and their errors or difference in another column.
 
     Args:
         log: the whole log, which may have the truth.
