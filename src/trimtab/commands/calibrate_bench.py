@@ -182,7 +182,7 @@ def calibrate_inertia(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Calibrate the moment of inertia: DATA is a table of spin-ups, or the log of one with --force and --rudder.
+    """Calibrate the moment of inertia: DATA is a table of spin-ups, or with --force and --rudder the log of a spin-up.
 
     A table has columns rudder [deg], force [N] and slope [rad/s^2]. The log of a spin-up has columns time [s] and
     yaw_rate [deg/s]. It begins before the craft is released. The linear rise of the yaw rate is found automatically.

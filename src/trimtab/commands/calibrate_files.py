@@ -93,7 +93,7 @@ def add_to_file(out: Path | None, calibration: Calibration) -> tuple[Calibration
 
 
 def check_calibration_file(out: Path | None) -> None:
-    """Raise InputError if the path cannot be a calibration file."""
+    """Raise InputError if the file name does not end in .toml, or if writing would lose text of the user."""
     if out is not None:
         if out.suffix != ".toml":
             raise InputError(

@@ -182,7 +182,7 @@ def _ask_number(column: MeasuredColumn) -> str:
 
 
 def _stands_out(guide: GuidedProcedure, lines: Sequence[str]) -> bool:
-    """Return True if the last entry, against another of the same round and setting, breaks the order in `rises`."""
+    """Return True if the last entry and another entry of the same round are far from the order required by `rises`."""
     if guide.rises is None:
         return False
     names = [c.name for c in guide.columns]

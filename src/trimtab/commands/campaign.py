@@ -187,7 +187,7 @@ def command(
 
 
 def _expand_calibrations(scenario: str, plan: dict[str, Any]) -> list[str]:
-    """Replace a calibration file by distributions of its parameters; return notes on parameters left constant."""
+    """Replace calibration files in `plan` by distributions of their parameters; return notes on constant parameters."""
     notes: list[str] = []
     for file in [text for text in plan["spread"] if is_calibration(text)]:
         calibration = read_calibration(file)
@@ -305,7 +305,7 @@ def _result_json(
 
 
 def _rerun_row(campaign: Campaign, run: int, store: Path | None, out: Path | None, as_json: bool) -> bool:
-    """Repeat a run and record its whole log; return False if the run differs from its row in the store."""
+    """Repeat a run and record its whole log; return False if the results differ from those in the store."""
     scenario = campaign.scenario(run)
     log = campaign.rerun(run)
     row = campaign.row(run, log)

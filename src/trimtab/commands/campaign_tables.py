@@ -106,7 +106,7 @@ def print_sensitivity(campaign: Campaign, result: CampaignResult) -> None:
 
 
 def sensitivities(campaign: Campaign, result: CampaignResult) -> dict[str, Sensitivity | Morris]:
-    """Return the sensitivities of success and of each metric. A metric that is not finite is replaced by its ranks."""
+    """Return the sensitivities of success and of each metric. A metric with infinite values is replaced by ranks."""
     parameters = [f.text for f in campaign.ready.spread.factors]
     matters: dict[str, Any] = {}
     for name in [*metric_names(result), "success"]:

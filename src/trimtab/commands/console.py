@@ -113,7 +113,7 @@ def _end(number: int, _: object) -> NoReturn:
 
 
 def _show_recorded(subjects: Sequence[str], parts: Mapping[str, str], address: ConsoleAddress) -> bool:
-    """Serve a campaign's store or logs until interrupted; return False if the subjects are neither."""
+    """Serve a campaign's store or logs until interrupted; return False if the subjects are neither a store nor logs."""
     from trimtab.console.campaigns import CampaignFeed
     from trimtab.console.recordings import RecordingFeed, describe_recordings, load_recording
     from trimtab.console.server import serve_here
@@ -179,7 +179,7 @@ def _duration(scenario: str, settings: Mapping[str, str]) -> list[str]:
 def _vehicle(
     scenario: str, settings: Mapping[str, str], faults: Sequence[str], seed: int, out: Path | None
 ) -> Iterator[str]:
-    """Run a simulated vehicle in a process of its own, and yield the URI of the link to it."""
+    """Run a simulated vehicle in a process of its own, and yield the URI of the vehicle's link."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         link = f"udp://127.0.0.1:{free.getsockname()[1]}"

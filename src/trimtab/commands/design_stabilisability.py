@@ -31,7 +31,7 @@ def model_names() -> tuple[str, ...]:
 
 
 def print_stabilisability(system: str | None, as_json: bool) -> None:
-    """Print the verdicts of Brockett, of Byrnes and Isidori, and of Lie brackets on a vehicle or a model in a file."""
+    """Print the tests of Brockett, of Byrnes and Isidori, and by Lie brackets, for a vehicle or a model in a file."""
     model = _find_model(system)()
     if not isinstance(model, StateSpaceModel):
         problem = f"{system} returns a {type(model).__name__}, not a model"

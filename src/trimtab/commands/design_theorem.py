@@ -39,7 +39,7 @@ def theorem_functions() -> dict[str, TheoremFunction]:
 
 
 def is_theorem(system: str | None, check: Path | None) -> bool:
-    """Return True if the file's format or the system's name requests a theorem, not a gain."""
+    """Return True if the file, or else the name of the system, belongs to a theorem, not to a gain."""
     if check is not None:
         return check.is_file() and f'"format": "{FORMAT}"' in check.read_bytes()[:200].decode(errors="replace")
     return system is not None and (".py:" in system or system in theorem_functions())

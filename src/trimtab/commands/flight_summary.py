@@ -138,7 +138,7 @@ def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
 
 
 def assess_targets(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
-    """Return "on_target", True if a flight ended on its targets, and "says", the verdict in words.
+    """Return a dict with "on_target" (True if the flight ended on its targets) and "says" (the verdict in words).
 
     Return None for a scenario without targets. A diverged flight is never on target.
     """
@@ -227,7 +227,7 @@ def flag_times(log: Log) -> dict[str, dict[str, float]]:
 
 
 def worst_step(log: Log) -> dict[str, float | None] | None:
-    """Return the largest ratio of estimated error to tolerance of a step, and the first time the ratio exceeds 1.
+    """Return the largest ratio of an integration step's error to its tolerance, and the first time it exceeds 1.
 
     None if the integration does not estimate its error.
     """

@@ -1,4 +1,4 @@
-"""Reading of other systems' logs with a mapping, lists of their topics, and choice of the estimator to run on them."""
+"""Reading of other systems' logs with a mapping, lists of their topics, and choice of the estimator for a replay."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -96,7 +96,7 @@ def _pilot_line(pilot: PilotReport) -> str:
 
 
 def plain_runs(probability: float, width: float) -> float:
-    """Return the number of runs of a plain campaign for an interval of this half width, relative to the probability."""
+    """Return the number of runs of a plain campaign for an interval of half width `width` times the probability."""
     return 4 / (probability * width**2)
 
 

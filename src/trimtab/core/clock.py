@@ -22,7 +22,7 @@ class Waitable(Protocol):
 
 
 class Clock(Protocol):
-    """Clock of a process: its time, and the function by which code that runs in real time waits."""
+    """Clock of a process, with functions that read the time and a function that waits."""
 
     def monotonic_ns(self) -> int:
         """Return the monotonic time (ns)."""

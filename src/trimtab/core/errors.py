@@ -68,7 +68,7 @@ def argument(name: str, value: Any, path: str | None = None) -> str:
 
 
 def argument_name(name: str, of: str | None = None) -> str:
-    """Return the name of an argument as the user types it. of: path or text that selects one of its several values."""
+    """Return the name of an argument as the user types it. of: path or text that selects one value of several."""
     return _SPELLING.get()(name, None, of)
 
 

@@ -24,7 +24,7 @@ from trimtab.core.suggestions import closest
 from trimtab.core.units import find_sizes
 
 MIXED = "mixed units"
-"""Unit of a formula whose comparisons have different units. Its robustness then mixes numbers of these SI units."""
+"""Unit of a formula whose comparisons have different units. Its robustness combines values in different SI units."""
 _FACTOR = re.compile(r"([A-Za-z%]+)(?:\^(-?[0-9]+))?")
 Dimension = tuple[tuple[str, int], ...]
 """A unit as sorted pairs of symbol and power; () for a number without a unit."""

@@ -59,8 +59,8 @@ def rk4_with_error(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
 def rk4_with_doubling(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
     """Return the result of `rk4`, bit for bit, and its error estimated by two steps of half the length.
 
-    The estimate is 16/15 of the difference. For small steps it equals the error, which is proportional to h^5. The
-    estimate by an embedded formula would be larger: it is proportional to h^4.
+    The estimate is 16/15 of the difference between the two results. For small steps it equals the error, which is
+    proportional to h^5. The estimate by an embedded formula would be larger: it is proportional to h^4.
     Source: [1] section II.4.
     """
     x1 = rk4(f, t, x, h)

@@ -46,8 +46,8 @@ OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
 - any part: `check()` raises InputError if a value is invalid. `check_duration(seconds)` raises InputError if a value is
   invalid for a run of that length.
 - ActuatorStage: `check_period(period)` raises InputError if the period (100 ns) is not suitable.
-- Sensor: `FEELS`, a class variable: the input of step(). "motion"; "input": the vehicle's input since the last command;
-  "state": the vehicle's state, which no real sensor measures, but an ideal one may.
+- Sensor: `FEELS`, a class variable: the input of step(). "motion": the vehicle's motion; "input": the vehicle's input
+  since the last command; "state": the vehicle's state, which only an ideal sensor measures.
 - Sensor: `LATE`, a class variable: True if samples are output later than they were measured.
 - Sensor: `OBSERVES`, a class variable: True for an instrument outside the vehicle, which no autopilot reads. An ideal
   run keeps this sensor.
@@ -208,7 +208,10 @@ class InertialForm(Protocol):
         ...
 
     def propagate(self, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> Any:
-        """Return the node advanced by dt (s). imu_reading: (3,). untrusted: flags; 1: distrust gyro, accelerometer."""
+        """Return the node advanced by dt (s).
+
+        imu_reading: (3,).  untrusted: (2,), flags of gyro and accelerometer; 1: the sensor is not trusted.
+        """
         ...
 
     def correct_heading(self, node: Any, z: Any, variance: Any) -> Any:

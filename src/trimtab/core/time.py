@@ -110,7 +110,7 @@ class Instant(NamedTuple):
     always: frozenset[int] = frozenset()
 
     def due(self, period: int) -> Any:
-        """Return True if a block of this period is due now. The result is not a traced value if it is always due."""
+        """Return True if a block of this period is due now: as a traced value, or as a plain True if always due."""
         return True if period in self.always else self.t % period == 0
 
 

@@ -14,7 +14,7 @@ WIDTH, ROW_HEIGHT, BINS = 13.0, 2.6, 30
 
 
 def plot_link_delays(measured: Sequence[Delays], path: PicturePath = None, title: str = "Delays of a link") -> "Figure":
-    """Draw the share of packets per ms of delay, with the fitted distribution over up and down.
+    """Draw the share of packets per ms of delay, with the fitted distribution of the delays up and of the delays down.
 
     Args:
         measured: measured delays of each load. Each load has a row of panels.

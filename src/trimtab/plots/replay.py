@@ -1,4 +1,4 @@
-"""Plot of a replay: each estimated state and each command, recorded and replayed, and both errors.
+"""Plot of a replay: each estimated state and each command, recorded and replayed, and the errors of both.
 
 The rows depend on the paths in the logs.
 """

@@ -60,7 +60,7 @@ TITLE_POINTS, NOTE_POINTS, PANEL_POINTS = 6.2, 3.8, 300.0
 
 @dataclasses.dataclass(frozen=True)
 class Panel:
-    """One panel. kind: line, log, mode, age or flags.  demand_path: signal drawn behind, in grey."""
+    """One panel. kind: line, log, mode, age or flags.  demand_path: demanded signal, drawn in grey behind the curve."""
 
     title: str
     paths: tuple[str, ...]

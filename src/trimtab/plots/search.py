@@ -19,7 +19,7 @@ WORST = 60
 def plot_falsify(
     search: FalsificationResult, path: PicturePath = None, title: str = "Search for the worst case"
 ) -> "Figure":
-    """Draw the search.
+    """Draw the margins of all candidates of a search, and the coordinates of the worst candidates.
 
     Args:
         search: result of `falsify`.
@@ -58,7 +58,7 @@ def _draw_margins(axes: Any, search: FalsificationResult) -> None:
 
 
 def _draw_candidates(axes: Any, search: FalsificationResult, names: list[str]) -> None:
-    """Draw the coordinates of the worst candidates. A line joins those of the worst candidate."""
+    """Draw the coordinates of the worst candidates. A line joins the coordinates of the worst one."""
     _, once = np.unique(search.points, axis=0, return_index=True)
     worst = once[np.argsort(search.candidate_margins.min(axis=1)[once], kind="stable")][:WORST][::-1]
     rows = np.arange(len(names))
@@ -74,7 +74,7 @@ def _draw_candidates(axes: Any, search: FalsificationResult, names: list[str]) -
 
 
 def plot_tune(tuning: TuningResult, path: PicturePath = None, title: str = "Tuning") -> "Figure":
-    """Draw a tuning.
+    """Draw the cost and the gains over a tuning, and the change of the cost in training and in validation.
 
     Args:
         tuning: result of `tune`.

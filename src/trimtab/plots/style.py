@@ -26,9 +26,9 @@ PicturePath = str | os.PathLike[str] | None
 BINS = 600
 """Number of bins of a line, about the width of a panel in pixels. Each bin keeps its extremes."""
 COLUMNS, TURNS, SWINGS, STRETCH = 100, 4, (0.2, 0.5), 15
-"""Criterion of chatter. A line is cut into COLUMNS columns. It chatters if it reverses TURNS times in each of STRETCH
-adjacent columns, by the smaller of SWINGS (shares of its span) in all of them, and by the larger in half of them. A
-period is then at most some pixels wide.
+"""Criterion of chatter. A line is cut into COLUMNS columns. It chatters in STRETCH or more adjacent columns if it
+reverses at least TURNS times in each column, and if its range, as a fraction of the line's span, is at least the
+smaller of SWINGS in each column and at least the larger in half of the columns. A period is then a few pixels wide.
 """
 CHATTER = "chatter: range and mean"
 """Legend entry of a range that is drawn instead of a line."""
