@@ -190,8 +190,8 @@ def _read_samples(log: Log, path: str) -> Samples:
     if len(measured.ticks) < SAMPLES_MIN:
         seconds = len(measured.ticks) * measured.period
         problem = f"the log is too short: {len(measured.ticks)} samples, {seconds:.3g} s"
-        problem += f"; it has {measured.left_out}" if measured.left_out else ""
-        fix = f"log at least {SAMPLES_MIN} samples, or minutes for K: trimtab run navigation/still --out still"
+        problem += f"; the signal has {measured.left_out}" if measured.left_out else ""
+        fix = f"log at least {SAMPLES_MIN} samples (minutes for the walk K): trimtab run navigation/still --out still"
         raise InputError(f"signal {path!r}", problem, fix=fix)
     return measured
 

@@ -42,9 +42,7 @@ def command(file: Path, kind: str, out: Path, scenario: str | None, period: str,
     apart = parse_time(period)
     if kind == "ros2":
         if out.exists():
-            raise InputError(
-                "--out", f"{str(out)!r} already exists", fix="name a new folder; a bag is written as a whole"
-            )
+            raise InputError("--out", f"{str(out)!r} already exists", fix="name a new folder; a bag cannot be extended")
         check_folder("--out", out.parent)
     else:
         if out.suffix != ENDING:

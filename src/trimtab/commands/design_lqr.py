@@ -254,4 +254,4 @@ def _print_gain(certificate: Certificate, proof: CertificateProof) -> None:
     failed = [c for c in proof.conditions if not c.holds]
     click.echo(f"{len(proof.conditions) - len(failed)} of {len(proof.conditions)} conditions proved exactly")
     for c in failed:
-        click.echo(show_controls(f"  NOT: {c.name}: {c.number:.6g} {c.meaning}; {c.why}"))
+        click.echo(show_controls(f"  NOT proved: {c.name}: {c.number:.6g} {c.meaning}; {c.why}"))

@@ -57,7 +57,7 @@ def _find_model(system: str | None) -> Callable[[], Any]:
     if system not in model_names():
         near = closest(system or "", model_names(), 1) or model_names()[:1]
         problem = "no vehicle is named" if system is None else f"no model of {system!r}"
-        fix = f"trimtab design {near[0]} --stabilisability; your own:  my_boat.py:{FUNCTION}, which returns a model"
+        fix = f"trimtab design {near[0]} --stabilisability; your own:  my_boat.py:{FUNCTION}, which must return a model"
         raise InputError("--stabilisability", problem, choices=model_names(), fix=fix)
     return importlib.import_module(f"trimtab.scenarios.{system}._models").model
 

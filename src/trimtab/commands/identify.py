@@ -212,5 +212,5 @@ def _print_found(scenario: str, found: Identified, changes: dict[str, float]) ->
             click.echo(f"differs from the calibration: {name}, by {sigmas:.1f} standard errors; calibrate it again")
     if not found.estimate.converged:
         click.echo(
-            "not converged: the likelihood is not at its maximum; start nearer with --set, or fit fewer parameters"
+            "not converged: the likelihood is not at its maximum; change the start with --set, or fit fewer parameters"
         )

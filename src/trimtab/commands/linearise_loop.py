@@ -112,7 +112,7 @@ def _print_loop(name: str, loop: LoopMap, margins: LoopMargins | None) -> None:
     for command, crossings in margins.crossings.items():
         for frequency, phase in crossings:
             click.echo(
-                f"{command} alone: crosses 1 at {frequency:.4g} rad/s, phase margin {math.degrees(phase):.1f} deg"
+                f"{command} alone: gain crosses 1 at {frequency:.4g} rad/s, phase margin {math.degrees(phase):.1f} deg"
             )
 
 

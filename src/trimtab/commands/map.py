@@ -225,7 +225,7 @@ def _print_map(diagram: StabilityMap, criteria: Criteria, why: str) -> None:
         side = "succeeds" if first >= traced.threshold else "fails"
         unit, along = (f" {axis.unit}" if axis.unit not in ("", "1") else "" for axis in (diagram.y, diagram.x))
         passes = [f"{a:.4g} to {b:.4g}" for a, b in diagram.crossings(float(value))]
-        turns = f", boundary at {diagram.x.name} {', '.join(passes)}{along}" if passes else " along the whole line"
+        turns = f", boundary at {diagram.x.name} {', '.join(passes)}{along}" if passes else ", no boundary on this line"
         click.echo(f"  {diagram.y.name} {value:.4g}{unit}: {side} at {diagram.x.values[0]:.4g}{turns}")
     if len(traced.boundary_cells()) == 0:
         click.echo(_boundary_hint(diagram))

@@ -99,7 +99,7 @@ def print_point(plant: Plant, point: Trim) -> None:
     if point.taken:
         click.echo(_level_text(plant, point))
     for combination in point.undetermined_unknowns if point.is_found else ():
-        click.echo(f"not unique: {combination} may change; fix one of them with --at NAME=VALUE")
+        click.echo(f"not unique: {combination} may change; fix one of these variables with --at NAME=VALUE")
     for name, side in point.active.items() if point.is_found else ():
         click.echo(f"at its bound: {name}, {side}")
     for reason in point.why:

@@ -56,7 +56,7 @@ def check_new(option: str, *files: Path | None) -> None:
                 if option != "--out" or file.suffix
                 else file
             )
-            problem = f"{str(file)!r} already exists, and trimtab did not write it, or it was edited since"
+            problem = f"{str(file)!r} already exists; either trimtab did not write it, or it was edited since"
             raise InputError(option, problem, fix=f"another name, e.g. {other.name}, or --overwrite to replace it")
 
 

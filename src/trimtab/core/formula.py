@@ -129,7 +129,7 @@ class _Reader:
             rest = self.text[self.position :].lstrip()
             column = len(self.text) - len(rest) + 1
             if rest:
-                fix = f"write words: and, or, not, implies; e.g. {EXAMPLE}"
+                fix = f"write words for operators: and, or, not, implies; e.g. {EXAMPLE}"
                 refuse_column(self.text, column, f"{rest[0]!r} is not allowed in a formula", fix=fix)
             return Token("end", "", column)
         self.position = match.end()

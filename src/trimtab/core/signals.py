@@ -39,8 +39,8 @@ NO_GUST = Gust(np.zeros(3), np.zeros(3))
 class Bending:
     """Motion of a vehicle's bending modes, in the order of the modes in the state. Source: docs page, Hypersonic."""
 
-    rate: Any = quantity("1/s", "Rate of each bending mode (n,), in its own unit per second.")
-    acceleration: Any = quantity("1/s^2", "Acceleration of each bending mode (n,), in its own unit per second squared.")
+    rate: Any = quantity("1/s", "Rate of each bending mode (n,), in the unit of the mode per second.")
+    acceleration: Any = quantity("1/s^2", "Acceleration of each bending mode (n,), in the unit of the mode per s^2.")
 
 
 @record

@@ -85,8 +85,8 @@ def _axis_positions(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any,
     names, table = list(parameters), np.array([as_column(v, f"plot_parallel: {n}") for n, v in parameters.items()])
     if not names or table.shape[1] != runs or not np.isfinite(table).all():
         problem = (
-            f"got {len(names)} parameters of {table.shape[1:]} runs and success of {runs}, or "
-            "values that are not finite"
+            f"each run needs a finite value of each parameter, and success; got {len(names)} parameters of"
+            f" {table.shape[1:]} runs, and success of {runs}"
         )
         raise InputError("plot_parallel", problem, fix="give one finite number for each run and parameter")
     low, high = table.min(axis=1), table.max(axis=1)

@@ -78,7 +78,9 @@ def _draw_errors(axes: Any, recorded: Log, replayed: Log, name: str, truth: Any)
     errors = factor * (recorded[name] - truth), factor * (replayed[name] - truth)
     for off, colour, style in zip(errors, (BLUE, VERMILION), ("-", "--"), strict=True):
         axes.plot(*decimate(recorded.t, off), color=colour, lw=0.9, ls=style)
-    style_axes(axes, "estimate minus truth", f"rms {_rms(errors[0]):.3g}, replayed {_rms(errors[1]):.3g}", unit)
+    style_axes(
+        axes, "estimate minus truth", f"rms recorded {_rms(errors[0]):.3g}, replayed {_rms(errors[1]):.3g}", unit
+    )
 
 
 def _rms(values: Any) -> float:
