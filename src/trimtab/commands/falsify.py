@@ -134,7 +134,7 @@ def _worst_json(scenario: str, settings: dict[str, Any], worst: FalsificationRes
 def _print_worst(scenario: str, worst: FalsificationResult) -> None:
     after = f"{worst.first} run{'s' * (worst.first != 1)}"
     verdict = (
-        f"FAILS, first failure after {after}" if worst.fails else "no failure found (not a proof that there are none)"
+        f"FAILS, first failure after {after}" if worst.fails else "no failure found, which is not a proof of safety"
     )
     click.echo(f"{scenario}: {verdict}")
     click.echo(f"margin of the worst run {worst.margin:.6g}; {worst.flown_runs} runs flown in {worst.wall_s:.1f} s")
