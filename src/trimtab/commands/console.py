@@ -54,7 +54,7 @@ POSITION = {"navigation": "ins"}
     multiple=True,
     metavar="PART=CHOICE",
     callback=parse_parts,
-    help="Replay the log with another estimator or law, as trimtab replay does, and show both flights.",
+    help="Replace the estimator or the law of a log, as in trimtab replay, and show log and replay together.",
 )
 @PLACE
 @click.pass_context

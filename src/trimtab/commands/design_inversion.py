@@ -50,14 +50,14 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
             "outputs",
             multiple=True,
             metavar="NAME",
-            help="With --inversion: output that follows the course. May be repeated.",
+            help="Output that follows the course, with --inversion. May be repeated.",
         ),
         click.option(
             "--input",
             "inputs",
             multiple=True,
             metavar="NAME",
-            help="With --inversion: input to use. Others keep their trim values. May be repeated.  [default: all]",
+            help="Input to use with --inversion. Other inputs keep their trim values. May be repeated.  [default: all]",
         ),
         click.option(
             "--to",
