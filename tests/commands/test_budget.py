@@ -36,7 +36,7 @@ def test_numbers_as_json_and_a_picture(tmp_path):
 def test_a_table_for_people(wide_screen):
     result = call(NAME, *FEW)
     assert result.exit_code == 0, result.output
-    for text in ("navigation-error alone", "yaw rate (rad/s)", "Reduction of the mean square", "standard error"):
+    for text in ("navigation-error alone", "yaw rate (rad/s)", "Reduction of the mean square error", "standard error"):
         assert text in result.stdout
 
 

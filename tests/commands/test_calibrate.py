@@ -169,7 +169,7 @@ def test_a_log_that_is_too_short_or_moves_or_has_gaps_is_refused(folder, tmp_pat
     }
     seldom = slice(None, None, 4)
     cases = {
-        "short": (log.between(0, 5), "too short a log", "navigation/still"),
+        "short": (log.between(0, 5), "the log is too short", "navigation/still"),
         "moving": (Log(log.t, log.ticks, moved, log.declarations), "truth.yaw_rate reaches 3 rad/s", "at rest"),
         "gaps": (
             Log(log.t[seldom], log.ticks[seldom], {p: log[p][seldom] for p in log.paths}, log.declarations),

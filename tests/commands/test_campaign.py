@@ -80,7 +80,7 @@ def test_a_run_once_more_is_equal_to_its_row(kept):
     folder, _ = kept
     once = typed("--store", str(folder / "a.zarr"), "--rerun", "41", "--out", str(folder / "41"))
     assert once.exit_code == 0, once.output
-    assert "equal to its stored row, bit for bit" in once.stdout
+    assert "equal to the stored run, bit for bit" in once.stdout
     assert {f.name for f in (folder / "41").iterdir()} == {"run-41.mcap", "run-41.png"}
 
 

@@ -96,7 +96,7 @@ def test_choices_are_those_of_the_scenario(file):
     [
         ("estimator=gps", r"not a choice(.|\n)*ins-coupled"),
         ("estimator=nowhere:make", "nowhere"),
-        ("estimator=here/mine.py:make", r"name the module, from the folder that holds it: mine:make"),
+        ("estimator=here/mine.py:make", r"name the module, from the folder that contains it: mine:make"),
         (f"estimator={__name__}:number", "returns int, which is not a record"),
         ("law.spinning.k3=5", "no such setting"),
         ("estimator=ins", r"reads sensor 'imu', but this flight has samples only of(.|\n)*--navigation ins"),

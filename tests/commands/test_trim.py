@@ -126,7 +126,7 @@ def test_the_loop_of_the_cart(tmp_path):
     assert found["delay"] == pytest.approx(0.04)
     text = call("linearise", CART, "--closed-loop").output
     assert "delay of the command: 40 ms more is stable, 45 ms is not" in text
-    assert "force alone: crosses 1 at" in text
+    assert "force alone: gain crosses 1 at" in text
     grown = call("linearise", CART, "--closed-loop", "--set", "autopilot.law.K=[[1,1,1,1]]", "--settle", "0.05")
     assert "NOT stable" in grown.output or "does not come to rest" in grown.output
 
@@ -295,7 +295,7 @@ def test_the_f16_of_a_dive_is_trimmed_level():
     assert found["taken"] == {"speed": 540 * FOOT, "yaw": 0.0, "beta": 0.0, "roll": 0.0}
     assert found["undetermined"] == []
     text = " ".join(call("trim", "f16/gcas", "--at", "speed=150").output.split())
-    assert "assumed, as the vehicle cannot rest: yaw 0 deg, beta 0 deg, roll 0 deg" in text
+    assert "assumed, because the vehicle has no equilibrium at rest: yaw 0 deg, beta 0 deg, roll 0 deg" in text
     assert "--at yaw=free" in text
     turn = data("trim", "f16/gcas", "--at", "yaw'=6 deg/s")
     assert set(turn["taken"]) == {"speed", "yaw", "beta"}

@@ -80,7 +80,7 @@ def test_a_text_is_this_tree(text, tree):
         ("always[1 ns, 5 s](x > 0)", 8, "must be a whole number of 100 ns"),
         ("alwais(x > 0)", 1, "Fix: write always(…)"),
         ("x > 0 adn y > 0", 7, "Fix: write 'and'"),
-        ("x > 0 & y > 0", 7, "'&' is not allowed in a formula.\nFix: write words"),
+        ("x > 0 & y > 0", 7, "'&' is not allowed in a formula.\nFix: write words for operators"),
         ("x = 0", 3, "'=' is not allowed in a formula"),
         ("0 < x < 3", 7, "Fix: write 0 m < x and x < 3 m"),
         ("x", 1, "this is a number, but a formula needs a comparison"),

@@ -118,7 +118,7 @@ def test_another_time_goes_by_the_chain_rule():
         (lambda: pass_waypoints(CORNERS, 0.0), "must be above 0"),
         (lambda: interpolate_path([0.0, 1.0, 1.0], np.zeros((3, 2)), rests=True), "determine a smooth path"),
         (lambda: interpolate_path([0.0, 1.0], np.zeros((2, 2))), "at least 6"),
-        (lambda: PiecewisePath(np.array([0.0, 1.0, 0.5]), np.zeros((2, 6, 3))).check(), "times must rise"),
+        (lambda: PiecewisePath(np.array([0.0, 1.0, 0.5]), np.zeros((2, 6, 3))).check(), "times must increase"),
     ],
 )
 def test_what_is_no_path_is_refused(make, problem):

@@ -73,7 +73,7 @@ def test_a_foreign_log_without_a_mapping_is_listed(ulog):
     [
         ((), "none is given"),
         (("--scenario", "navigation/platform-encoder"), "no samples of 'heading'"),
-        (("--scenario", "hovercraft/forward", "--with", "law=x"), "applies to a replay of a trimtab log"),
+        (("--scenario", "hovercraft/forward", "--with", "law=x"), "cannot be combined with --map"),
         (("--estimator", "a:b", "--set", "navigation=ins"), "needs a scenario"),
         (("--estimator", "a:b", "--scenario", "hovercraft/forward"), "exclude each other"),
     ],

@@ -103,7 +103,7 @@ def test_the_verbs_take_it(tmp_path: Path) -> None:
         "IdentifiedGyro.b0 is not drawn: the world of this scenario has no such number"
     ]
     compared = runner.invoke(main, ["calibrate", "compare", str(file), str(file)])
-    assert compared.output.strip() == "the numbers are identical"
+    assert compared.output.strip() == "the parameters are identical"
     missing = runner.invoke(main, ["run", NAME, "--calibration", str(tmp_path / "none.toml")])
     assert missing.exit_code == 2
     assert "trimtab calibrate" in missing.output

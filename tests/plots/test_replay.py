@@ -43,7 +43,7 @@ def test_each_line_is_what_the_note_says(tmp_path):
     np.testing.assert_array_equal(lines[VERMILION.upper()], WAVE - 0.2)
     np.testing.assert_allclose(errors.lines[0].get_ydata(), 0.1, atol=1e-12)
     np.testing.assert_allclose(errors.lines[1].get_ydata(), -0.2, atol=1e-12)
-    assert errors.get_title("right") == "rms 0.1, replayed 0.2"
+    assert errors.get_title("right") == "rms recorded 0.1, replayed 0.2"
     assert demand.get_title("left") == "law.demand.FX"
     assert difference.get_title("right") == "rms 0"
     assert imread(tmp_path / "replay.png").std() > 0.05

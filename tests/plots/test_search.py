@@ -50,7 +50,7 @@ def test_steps_and_intervals_are_drawn(tmp_path, method):
     made = TuningResult(CampaignPlan("a"), method, {}, *gains, steps, [], seen, held, 320, 1.0)
     figure = plot_tune(made, tmp_path / "tune.png", title="a tuning")
     assert (tmp_path / "tune.png").stat().st_size > 5000
-    assert figure.get_suptitle() == "a tuning: does NOT help in runs not used for the tuning"
+    assert figure.get_suptitle() == "a tuning: NO significant improvement in runs not used for tuning"
     cost, gain, worth = figure.axes
     assert np.allclose(cost.lines[0].get_ydata(), [1, 1 / 2, 1 / 3, 1 / 4, 1 / 5])
     assert np.allclose(gain.lines[0].get_ydata(), [0.1, 0.2, 0.3, 0.4, 0.5])

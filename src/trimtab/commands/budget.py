@@ -47,9 +47,9 @@ def command(
 ) -> None:
     """Compute the cost of each imperfection of a scenario.
 
-    Flies the same flights with all imperfections, without each one, with each one alone, and with none. Reports the
+    Flies the same flights with all imperfections, with all except one, with only one, and with none. Reports the
     deviation from the targets and the navigation error in the second half of the flight. With --navigation ins there
-    are two dozen imperfections, and the first run takes some minutes. Use --only to select a few of them.
+    are two dozen imperfections, and the first run takes some minutes. Use --only to select a few imperfections.
 
     \b
     trimtab budget hovercraft/forward
@@ -100,7 +100,7 @@ def _budget_json(budget: ErrorBudget) -> dict[str, Any]:
 
 
 def _print_budget(title: str, budget: ErrorBudget) -> None:
-    """Print the share of each imperfection in the mean square errors, and the rms errors with it alone."""
+    """Print the rms errors with each imperfection alone, and the share of each in the mean square errors."""
     measures = list(budget.units)
     first, names = "imperfection", {m: m.replace("_", " ") for m in measures}
     headings = [f">{name} ({budget.units[m]})" for m, name in names.items()]
@@ -110,7 +110,7 @@ def _print_budget(title: str, budget: ErrorBudget) -> None:
     for cost in budget.costs:
         table.add_row(f"{cost.name} alone", *(_format_rms(*cost.alone[m]) for m in measures))
     print_table(table)
-    about = "Reduction of the mean square when the imperfection is switched off"
+    about = "Reduction of the mean square error when the imperfection is switched off"
     table = new_table(first, *(f">{name}" for name in names.values()), title=about, unwrapped=(first,))
     for cost in budget.costs:
         table.add_row(cost.name, *(f"{100 * cost_share(budget, cost, m):.1f} %" for m in measures))

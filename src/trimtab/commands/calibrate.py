@@ -13,8 +13,8 @@ from trimtab.commands.calibrate_noise import calibrate_noise
 def command() -> None:
     """Calibrate the parameters of a loop from measured data, with their uncertainty.
 
-    Each procedure reads a CSV file with units in its headings, and adds its results to a calibration file. Verbs that
-    simulate, analyse or fly a scenario use this file with --calibration.
+    Each procedure reads a CSV file with units in its headings, and adds its results to a calibration file. Commands
+    that simulate, analyse or fly a scenario use this file with --calibration.
 
     \b
     trimtab calibrate rudder servo.csv --out boat.toml       servo table, from pulses and angles

@@ -65,8 +65,8 @@ AMOUNTS = {"force": "N", "rudder": "rad", "arm": "m", "mass": "kg", "division": 
 def calibrate_rudder(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
     """Calibrate the servo: DATA has columns pulse [us] and angle [deg].
 
-    Measure 1.00, 1.05 … 2.00 ms upwards, and again downwards. A column way (1 and -1) marks the direction, so that the
-    play of the linkage is identified and does not count as scatter.
+    Measure at pulses of 1.00, 1.05 … 2.00 ms in rising order, then in falling order. A column way (1: rising, -1:
+    falling) gives the direction, so that the play of the linkage is identified and does not count as scatter.
     """
     rows = read_measurements(data, rudder.SERVO_COLUMNS)
     servo = rudder.fit_servo(rows)
@@ -89,7 +89,8 @@ def calibrate_rudder(data: Path, out: Path | None, plot: Path | None, as_json: b
 def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
     """Calibrate the force direction: DATA has columns rudder [deg] and hull [deg].
 
-    Let the craft pull on a string. The angle hull, from the nose to the string, is the angle of the force.
+    Tie the craft to a string, and let it pull. Column hull is the angle from the nose to the string, which is the
+    angle of the force.
     """
     rows = read_measurements(data, rudder.HULL_COLUMNS)
     hull = rudder.fit_hull_angle(rows)
@@ -124,7 +125,7 @@ def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: b
     if len(fit.angles) < 3:
         angles = ", ".join(f"{a / DEG:.0f}°" for a in fit.angles)
         text = (
-            f"the rudder was only at {angles}: the loss of thrust at other angles follows the formula and is not tested"
+            f"the rudder was only at {angles}: the loss of thrust at other angles is taken from the formula, untested"
         )
         report = report._replace(notes=(*report.notes, text))
     if not fit.follows_formula():
@@ -181,7 +182,7 @@ def calibrate_inertia(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Calibrate the moment of inertia: DATA is a table of spin-ups, or the log of one with --force and --rudder.
+    """Calibrate the moment of inertia: DATA is a table of spin-ups, or with --force and --rudder the log of a spin-up.
 
     A table has columns rudder [deg], force [N] and slope [rad/s^2]. The log of a spin-up has columns time [s] and
     yaw_rate [deg/s]. It begins before the craft is released. The linear rise of the yaw rate is found automatically.
@@ -275,7 +276,7 @@ def calibrate_gyro(data: Path, out: Path | None, plot: Path | None, as_json: boo
         FitPanel("Gyro and its model", "time (s)", "rate (rad/s)", [curve], note),
         FitPanel("Reference, and output of the inverse model", "time (s)", "rate (rad/s)", [inverse]),
     )
-    notes = (f"{note}; gain at rest {fit.gain():.4f}; valid up to {fit.highest:.3g} Hz, the end of the sweep",)
+    notes = (f"{note}; static gain {fit.gain():.4f}; valid up to {fit.highest:.3g} Hz, the end of the sweep",)
     report = CalibrationReport(rows.file, len(rows), (), panels, notes)
     finish_calibration("gyro", gyro_response.gyro_calibration(rows, fit), report, out, plot, as_json)
 
@@ -363,4 +364,6 @@ def _eta_panel(fit: thrust.ThrustFit, offset: float) -> FitPanel:
     line = np.linspace(fit.angles.min(), fit.angles.max(), 60)
     at_angles, at_line = (fit.coefficient * np.cos(a - offset) for a in (fit.angles, line))
     curve = FitCurve(fit.angles / DEG, fit.by_angle, at_angles, np.ones(len(fit.angles), bool), line / DEG, at_line)
-    return FitPanel("Loss of thrust with the rudder", "rudder (°)", "N/krpm²", [curve], f"chance {fit.chance:.2g}")
+    return FitPanel(
+        "Loss of thrust with the rudder", "rudder (°)", "force/speed² (N/krpm²)", [curve], f"p = {fit.chance:.2g}"
+    )

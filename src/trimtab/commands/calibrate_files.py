@@ -93,7 +93,7 @@ def add_to_file(out: Path | None, calibration: Calibration) -> tuple[Calibration
 
 
 def check_calibration_file(out: Path | None) -> None:
-    """Raise InputError if the path cannot be a calibration file."""
+    """Raise InputError if the file name does not end in .toml, or if writing would lose text of the user."""
     if out is not None:
         if out.suffix != ".toml":
             raise InputError(
@@ -106,7 +106,7 @@ def check_calibration_file(out: Path | None) -> None:
 
 def print_entries(title: str, calibration: Calibration) -> None:
     """Print each parameter of a calibration with its 95 % interval, unit and source."""
-    table = new_table("number", ">value", ">95 % interval", "unit", "from", title=title, unwrapped=("number",))
+    table = new_table("parameter", ">value", ">95 % interval", "unit", "source", title=title, unwrapped=("parameter",))
     flat, more = flat_entries(calibration), dict[str, int]()
     for name, (value, error, freedom) in flat.items():
         base = name.partition("[")[0]
@@ -155,9 +155,11 @@ def compare(a: Path, b: Path, scenario: str | None, seed: int, as_json: bool) ->
         return
     units = {n: e.unit for c in (one, two) for n, e in c.entries.items()}
     if not changes:
-        click.echo("the numbers are identical")
+        click.echo("the parameters are identical")
     else:
-        table = new_table("number", f">{a.name}", f">{b.name}", ">difference (sigma)", "unit", unwrapped=("number",))
+        table = new_table(
+            "parameter", f">{a.name}", f">{b.name}", ">difference (sigma)", "unit", unwrapped=("parameter",)
+        )
         for name, (x, y, apart) in changes.items():
             cells = ("-" if v is None else f"{v:.6g}" for v in (x, y))
             far = "-" if apart is None else f"{apart:.1f}"
@@ -177,7 +179,7 @@ def compare(a: Path, b: Path, scenario: str | None, seed: int, as_json: bool) ->
 @SEED
 @JSON
 def simulate_bench(folder: Path, seed: int, as_json: bool) -> None:
-    """Simulate bench measurements: write the data of every procedure, and the truth in truth.toml, to FOLDER.
+    """Simulate bench measurements. Write the data of every procedure, and the true values (truth.toml), to FOLDER.
 
     \b
     trimtab calibrate simulate bench --seed 3

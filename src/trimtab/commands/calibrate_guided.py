@@ -16,7 +16,7 @@ from trimtab.logs.measurements import TRIAL as TRIAL_COLUMN
 from trimtab.logs.measurements import MeasuredColumn, read_measurements
 
 FAR = 0.25
-"""Deviation from neighbouring entries, as a fraction of the largest entry, above which the user must confirm it."""
+"""Deviation of an entry, as a fraction of the largest entry, above which the user must confirm the entry."""
 
 
 class GuidedProcedure(NamedTuple):
@@ -52,7 +52,7 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
         1,
         [(theta, trial) for trial in (1, 2) for theta in range(-30, 31, 5)],
         (
-            "Tie a string to the tail's pivot and to something that does not move; fan on, moderate speed.",
+            "Tie a string to the pivot at the tail and to a fixed object; fan on, at moderate speed.",
             "When the hull is at rest, read the angle from its x axis to the string's line; clockwise is positive.",
             "In the first round push the hull a little to starboard first (way 1), in the second to port (way -1).",
         ),
@@ -79,8 +79,8 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
         1,
         [(-20 if trial % 2 else 25, trial) for trial in range(1, 7)],
         (
-            "Lift on, fan at more than 1 N, rudder over; hold the hull, start the log, let it go.",
-            "The slope is that of the yaw rate just after the release; clockwise is positive.",
+            "Lift on, fan at more than 1 N, rudder deflected; hold the hull, start the log, release the hull.",
+            "The slope is the rise of the yaw rate per second just after the release; clockwise is positive.",
         ),
     ),
 }
@@ -92,7 +92,7 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
 def measure(procedure: str, file: Path) -> None:
     """Guide a series of measurements: each is saved in FILE, and the next call continues where the last one stopped.
 
-    Type a number, u to undo the last line, or q to stop.
+    Type a number, u to undo the last measurement, or q to stop.
 
     \b
     trimtab calibrate measure thrust thrust.csv
@@ -171,9 +171,7 @@ def _ask_number(column: MeasuredColumn) -> str:
         try:
             value = float(text)
         except ValueError:
-            fix = (
-                f"write {text.replace(',', '.')}" if "," in text else "a number, u to undo the last line, or q to stop"
-            )
+            fix = f"write {text.replace(',', '.')}" if "," in text else "type a number, u (undo the last) or q (stop)"
             click.echo(f"  {text!r} is not a number: {fix}")
             continue
         if column.low <= value * factor <= column.high:
@@ -184,7 +182,7 @@ def _ask_number(column: MeasuredColumn) -> str:
 
 
 def _stands_out(guide: GuidedProcedure, lines: Sequence[str]) -> bool:
-    """Return True if the last entry is far out of order with another entry of the same round and setting."""
+    """Return True if the last entry and another entry of the same round are far from the order required by `rises`."""
     if guide.rises is None:
         return False
     names = [c.name for c in guide.columns]

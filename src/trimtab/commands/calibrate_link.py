@@ -44,8 +44,8 @@ def calibrate_link(data: Path, way: str, out: Path | None, plot: Path | None, as
     share = (np.arange(n) + 0.5) / n
     fitted = np.interp(ndtri(share), normal_scores(), table)
     curve = FitCurve(100 * share, 1e3 * received, 1e3 * fitted, np.ones(n, bool), 100 * share, 1e3 * fitted)
-    panel = FitPanel(f"{way}link", "of the packets (%)", "latency (ms)", [curve], f"{100 * model.loss:.2g} % lost")
-    notes = (*notes, "use it in a scenario with --set links=measured, if the scenario has that choice")
+    panel = FitPanel(f"{way}link", "share of packets (%)", "latency (ms)", [curve], f"{100 * model.loss:.2g} % lost")
+    notes = (*notes, "use this table in a scenario with --set links=measured, if the scenario has that choice")
     report = CalibrationReport(data.name, len(trace.lost), (), (panel,), notes)
     finish_calibration("link", calibration, report, out, plot, as_json)
 
@@ -55,7 +55,7 @@ def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
     received = trace.latency_s[~trace.lost]
     if len(received) < PACKETS_MIN:
         problem = f"{len(received)} packets arrived, too few for a distribution"
-        raise InputError(where, problem, fix=f"record at least {PACKETS_MIN}, preferably 300")
+        raise InputError(where, problem, fix=f"record at least {PACKETS_MIN} packets, preferably 300")
     if np.median(received) > LONGEST:
         problem = f"half of the packets took more than {np.median(received):.3g} s"
         raise InputError(where, problem, fix="check the unit: sent_s and latency_s are both in seconds")
@@ -69,9 +69,11 @@ def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
         return ()
     k = int(wild[np.argmax(trace.latency_s[wild])])
     calm = np.delete(trace.latency_s, wild)[~np.delete(trace.lost, wild)]
-    text = f"the packet sent at {trace.sent_s[k]:.6g} s took {trace.latency_s[k]:.3g} s, 99 % less than {most:.2g} s;"
-    text += f" {len(wild)} such packets make the deviation {np.std(received):.2g} s instead of {np.std(calm):.2g} s:"
-    return (f"{text} remove these lines if the delays are not real",)
+    text = (
+        f"the packet sent at {trace.sent_s[k]:.6g} s took {trace.latency_s[k]:.3g} s; 99 % took at most {most:.2g} s."
+    )
+    text += f" {len(wild)} such packets make the deviation {np.std(received):.2g} s instead of {np.std(calm):.2g} s."
+    return (f"{text} Remove their lines from the file if these delays are not real",)
 
 
 def _calibrate_link(file: str, way: str, trace: Trace, model: DelayModel) -> Calibration:

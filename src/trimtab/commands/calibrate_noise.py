@@ -77,7 +77,7 @@ def calibrate_noise(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Estimate white noise, flicker and random walk of a sensor at rest, with intervals, and a filter's Q and R.
+    """Estimate white noise, flicker and random walk of a sensor at rest, and Q and R for a filter.
 
     DATA is a log of `trimtab run … --out`, or a CSV file with a time column and units in its headings. Axes of an
     inertial unit are recognised by unit and name (gyro_z [deg/s], accel_x [g]), and are written as parameters of the
@@ -180,7 +180,7 @@ def _refuse_moving(log: Log) -> None:
 
 
 def _chosen_signals(log: Log, names: tuple[str, ...]) -> list[str]:
-    """Return the paths of the named signals, or without names, of all signals that change."""
+    """Return the paths of the named signals, or of all signals that change if no name is given."""
     return [p for n in names for p in _matching_signals(log, n)] if names else _candidate_signals(log)
 
 
@@ -189,9 +189,9 @@ def _read_samples(log: Log, path: str) -> Samples:
     measured = samples(log, path, longest=True)
     if len(measured.ticks) < SAMPLES_MIN:
         seconds = len(measured.ticks) * measured.period
-        problem = f"{len(measured.ticks)} samples, {seconds:.3g} s, are too short a log"
-        problem += f"; it has {measured.left_out}" if measured.left_out else ""
-        fix = f"log at least {SAMPLES_MIN} samples, for the walk K minutes: trimtab run navigation/still --out still"
+        problem = f"the log is too short: {len(measured.ticks)} samples, {seconds:.3g} s"
+        problem += f"; the signal has {measured.left_out}" if measured.left_out else ""
+        fix = f"log at least {SAMPLES_MIN} samples (minutes for the walk K): trimtab run navigation/still --out still"
         raise InputError(f"signal {path!r}", problem, fix=fix)
     return measured
 
@@ -213,7 +213,7 @@ def _left_out(log: Log) -> dict[str, str]:
 def _matching_signals(log: Log, name: str) -> list[str]:
     if name.removeprefix(f"{BLOCK}.") in _left_out(log):
         problem = _left_out(log)[name.removeprefix(f"{BLOCK}.")]
-        raise InputError(f"--signal {name}", problem, fix="write a number there, or leave the line out")
+        raise InputError(f"--signal {name}", problem, fix="write a number there, or remove the line from the file")
     name = f"{BLOCK}.{name}" if f"{BLOCK}.{name}" in log else name
     paths = [p for p in log.paths if p == name or p.startswith(f"{name}.")]
     if not paths:

@@ -98,7 +98,7 @@ def parse_correlations(context: click.Context, parameter: click.Parameter, value
     "--rerun",
     type=click.IntRange(0),
     metavar="RUN",
-    help="Repeat the run of this number and compare it with its stored row.",
+    help="Repeat the run with this number and compare its results with the store.",
 )
 @FLIGHT
 @WITHOUT
@@ -165,7 +165,7 @@ def command(
         sys.exit(0 if _rerun_row(campaign, rerun, store, out, as_json) else 1)
     requirements = [parse_requirement(text) for text in require]
     if campaign.plan.sampling in DESIGNS and (requirements or stop):
-        problem = f"rows of a {campaign.plan.sampling} design are not independent runs"
+        problem = f"the runs of a {campaign.plan.sampling} design are not independent"
         problem += ": they show sensitivities, not a success rate"
         raise InputError("--require, --stop", problem, fix="--sampling random")
     stops_at = _stopping_function(stop, campaign)
@@ -187,7 +187,7 @@ def command(
 
 
 def _expand_calibrations(scenario: str, plan: dict[str, Any]) -> list[str]:
-    """Replace a calibration file by distributions of its parameters; return notes on parameters left constant."""
+    """Replace calibration files in `plan` by distributions of their parameters; return notes on constant parameters."""
     notes: list[str] = []
     for file in [text for text in plan["spread"] if is_calibration(text)]:
         calibration = read_calibration(file)
@@ -305,7 +305,7 @@ def _result_json(
 
 
 def _rerun_row(campaign: Campaign, run: int, store: Path | None, out: Path | None, as_json: bool) -> bool:
-    """Repeat a run and record its whole log; return False if the run differs from its row in the store."""
+    """Repeat a run and record its whole log; return False if the results differ from those in the store."""
     scenario = campaign.scenario(run)
     log = campaign.rerun(run)
     row = campaign.row(run, log)
@@ -325,11 +325,11 @@ def _rerun_row(campaign: Campaign, run: int, store: Path | None, out: Path | Non
     _print_row(campaign, run, row)
     print_files(files)
     if differs is None:
-        click.echo("no stored row to compare with; name the campaign's store with --store")
+        click.echo("no stored run to compare with; name the campaign's store with --store")
     elif differs:
-        click.echo(f"DIFFERS from its stored row in {', '.join(differs)}")
+        click.echo(f"DIFFERS from the stored run in {', '.join(differs)}")
     else:
-        click.echo("equal to its stored row, bit for bit")
+        click.echo("equal to the stored run, bit for bit")
     return not differs
 
 

@@ -70,7 +70,7 @@ def print_campaign(
     print_table(table)
     conditions = [f"{c.metric} {c.compare} {c.bound:g}" for c in campaign.ready.success] or ["the state stays finite"]
     if result.plan.sampling in DESIGNS:
-        click.echo(f"success: {result.success.successes} of {n} rows of the design, which are not independent runs")
+        click.echo(f"success: {result.success.successes} of {n} runs of the design, which are not independent")
         print_sensitivity(campaign, result)
     else:
         click.echo(f"success: {result.success}, {result.success.successes} of {n}: {' and '.join(conditions)}")
@@ -106,7 +106,7 @@ def print_sensitivity(campaign: Campaign, result: CampaignResult) -> None:
 
 
 def sensitivities(campaign: Campaign, result: CampaignResult) -> dict[str, Sensitivity | Morris]:
-    """Return the sensitivities of success and of each metric; of its ranks if a metric is not finite in all runs."""
+    """Return the sensitivities of success and of each metric. A metric with infinite values is replaced by ranks."""
     parameters = [f.text for f in campaign.ready.spread.factors]
     matters: dict[str, Any] = {}
     for name in [*metric_names(result), "success"]:
@@ -137,7 +137,7 @@ def write_pictures(campaign: Campaign, result: CampaignResult, folder: Path) -> 
     files.append(folder / "convergence.png")
     plot_convergence(result.columns["success"], path=files[-1], title=title)
     spread = {path: result.columns[path] for path, _ in result.plan.spread}
-    if len(spread) > 1:  # one axis alone shows nothing
+    if len(spread) > 1:  # parallel coordinates with a single axis show nothing
         files.append(folder / "parallel-coordinates.png")
         declared = {path: d.unit for path, _, d in leaves(campaign.ready.scenario) if isinstance(d, Quantity)}
         units = {path: declared.get(path.partition("[")[0], "") for path in spread}

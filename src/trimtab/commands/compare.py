@@ -54,7 +54,7 @@ def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> 
         from trimtab.plots.signals import plot_signals
 
         paths = [signal.path for signal in difference.signals[:SHOWN]]
-        title = f"first different: {paths[0]}"
+        title = f"first signal that differs: {paths[0]}"
         logs = dict(zip(names, (first, second), strict=True))
         files = draw_plot(plot, lambda path: plot_signals(logs, paths, path, title=title))
     summaries = [summarise_run(log, ()) for log in (first, second)]
@@ -107,7 +107,7 @@ def _print_difference(names: tuple[str, str], difference: LogDifference, summari
         values = f"{first.one!r} in {names[0]}, {first.other!r} in {names[1]}"
         click.echo(f"DIFFERENT from {first.first_s:.4f} s on: {path} is {values}")
         click.echo(f"{len(difference.signals)} numbers differ, out of {of}")
-        table = new_table("signal", ">first (s)", ">largest difference", unwrapped=("signal",))
+        table = new_table("signal", ">differs from (s)", ">largest difference", unwrapped=("signal",))
         for signal in difference.signals[:SHOWN]:
             table.add_row(signal.path.replace("[", r"\["), f"{signal.first_s:.4f}", f"{signal.largest:.6g}")
         print_table(table)

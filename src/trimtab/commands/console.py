@@ -54,7 +54,7 @@ POSITION = {"navigation": "ins"}
     multiple=True,
     metavar="PART=CHOICE",
     callback=parse_parts,
-    help="Replace estimator or law of a log, and show the replay beside the log, as in trimtab replay.",
+    help="Replace the estimator or the law of a log, as in trimtab replay, and show log and replay together.",
 )
 @PLACE
 @click.pass_context
@@ -113,7 +113,7 @@ def _end(number: int, _: object) -> NoReturn:
 
 
 def _show_recorded(subjects: Sequence[str], parts: Mapping[str, str], address: ConsoleAddress) -> bool:
-    """Serve a campaign's store or logs until interrupted; return False if the subjects are neither."""
+    """Serve a campaign's store or logs until interrupted; return False if the subjects are neither a store nor logs."""
     from trimtab.console.campaigns import CampaignFeed
     from trimtab.console.recordings import RecordingFeed, describe_recordings, load_recording
     from trimtab.console.server import serve_here
@@ -146,7 +146,7 @@ def _show_recorded(subjects: Sequence[str], parts: Mapping[str, str], address: C
 
 
 def _replay(file: Path, parts: Mapping[str, str]) -> "list[Recording]":
-    """Return the recording of a log, and that of its replay with other parts of the autopilot."""
+    """Return two recordings: the log, and the replay of the log with other parts of the autopilot."""
     from trimtab.console.recordings import load_recording, record_flight
 
     log = read_own_log(file)
@@ -166,7 +166,7 @@ def _choose(scenario: str, settings: Mapping[str, str]) -> dict[str, str]:
 
 
 def _duration(scenario: str, settings: Mapping[str, str]) -> list[str]:
-    """Return the option --duration for `trimtab fly`; empty, for the scenario's own, if a part ends before LONGEST."""
+    """Return the option --duration for `trimtab fly`. It is empty if the scenario cannot run for LONGEST."""
     built = build(scenario, settings)
     try:
         replace(built, duration=parse_time(LONGEST)).check()
@@ -179,7 +179,7 @@ def _duration(scenario: str, settings: Mapping[str, str]) -> list[str]:
 def _vehicle(
     scenario: str, settings: Mapping[str, str], faults: Sequence[str], seed: int, out: Path | None
 ) -> Iterator[str]:
-    """Run a simulated vehicle in a process of its own, and yield the URI of the link to it."""
+    """Run a simulated vehicle in a process of its own, and yield the URI of the vehicle's link."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         link = f"udp://127.0.0.1:{free.getsockname()[1]}"

@@ -27,7 +27,8 @@ ENDING = ".rrd"
 def command(file: Path, kind: str, out: Path, scenario: str | None, period: str, as_json: bool) -> None:
     """Convert a flight for other viewers: a ROS 2 bag with Odometry, Imu and tf, or a Rerun recording.
 
-    A bag has the axes of ROS: east, north, up, and forward, left, up. Foxglove opens bags, and trimtab logs directly.
+    A bag uses the axes of ROS: world axes east, north, up; body axes forward, left, up. Foxglove opens bags, and also
+    trimtab's own logs.
 
     \b
     trimtab convert flight/run.mcap --as ros2 --out bag          and then:  ros2 bag play bag
@@ -41,9 +42,7 @@ def command(file: Path, kind: str, out: Path, scenario: str | None, period: str,
     apart = parse_time(period)
     if kind == "ros2":
         if out.exists():
-            raise InputError(
-                "--out", f"{str(out)!r} already exists", fix="name a new folder; a bag is written as a whole"
-            )
+            raise InputError("--out", f"{str(out)!r} already exists", fix="name a new folder; a bag cannot be extended")
         check_folder("--out", out.parent)
     else:
         if out.suffix != ENDING:

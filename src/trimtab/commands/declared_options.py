@@ -1,4 +1,4 @@
-"""Arguments and options of a verb, read from its file without importing it, so that a typo is reported at once."""
+"""Arguments and options of a verb, read from its source file without an import, so that a typo is reported at once."""
 
 import ast
 import builtins
@@ -13,7 +13,7 @@ from trimtab.commands import options
 
 
 class _Names(dict[str, Any]):
-    """Names that a verb's file uses. A name that only an import would define has an empty text as its value."""
+    """Names that a verb's source file uses. A name that only an import would define has the value ""."""
 
     def __missing__(self, name: str) -> Any:
         return getattr(builtins, name, "")

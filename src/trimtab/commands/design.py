@@ -83,15 +83,15 @@ def command(
 ) -> None:
     """Design a feedback gain with a certificate that proves its stability, or prove an existing certificate again.
 
-    A certificate belongs to a named system with settings. --check rebuilds that system from scratch, compares every
-    matrix, weight and number in the file with it, and proves each condition in exact arithmetic, without the solver
-    that found the gain. Exit code 1 if a condition fails, with the number that violates it. SYSTEM is a name of the
+    A certificate belongs to a named system with settings. --check rebuilds that system from scratch, compares it with
+    every matrix, weight and number in the file, and proves each condition in exact arithmetic, without the solver that
+    found the gain. Exit code 1 if a condition fails; the number that violates it is printed. SYSTEM is a system of the
     package, or a file or folder of your own (docs, Certificate).
 
-    A law of the package has a theorem instead of a gain: the set to which its loop converges, the region of attraction,
-    and a Lyapunov function (docs, Theorem). The theorem is derived from the law's own code, run on polynomials.
-    --stabilisability tests if smooth feedback can stabilise a vehicle (Brockett; Byrnes and Isidori), and in which
-    directions its inputs can steer it, by Lie brackets (docs, Stabilisability).
+    For a law of the package, the result is a theorem instead of a gain: the set to which the loop converges, the region
+    of attraction, and a Lyapunov function (docs, Theorem). The theorem is derived from the law's own code, run on
+    polynomials. --stabilisability tests if smooth feedback can stabilise a vehicle (Brockett; Byrnes and Isidori), and
+    finds by Lie brackets the directions in which the inputs can steer the vehicle (docs, Stabilisability).
 
     \b
     trimtab design hypersonic                        gain, poles and every condition
@@ -176,7 +176,7 @@ def _find_function(system: str | None) -> SystemFunction:
             raise InputError("design", problem, choices=(*design_systems(), *theorem_functions()), fix=fix)
         near = closest(system, (*design_systems(), *theorem_functions()), 1) or design_systems()[:1]
         problem = f"no built-in design for {system!r}"
-        fix = f"trimtab design {near[0]}; your own is a file:  trimtab design my_boat.py"
+        fix = f"trimtab design {near[0]}; for your own system, name its file:  trimtab design my_boat.py"
         raise InputError("design", problem, choices=(*design_systems(), *theorem_functions()), fix=fix)
     return getattr(importlib.import_module(f"trimtab.scenarios.{system}._design"), FUNCTION)
 
@@ -190,7 +190,7 @@ def _rebuild_system(certificate: Certificate, system: str | None) -> CertifiedSy
     """Rebuild the system that a certificate names, with its settings."""
     if system is None and certificate.system not in design_systems():
         problem = f"the certificate is for {certificate.system!r}, which is not in the package"
-        fix = "give its file:  trimtab design my_boat.py --check FILE"
+        fix = "name the file of the system:  trimtab design my_boat.py --check FILE"
         raise InputError("--check", problem, choices=design_systems(), fix=fix)
     if system in design_systems() and certificate.system != system:
         problem = f"the certificate is for {certificate.system!r}"
@@ -199,7 +199,7 @@ def _rebuild_system(certificate: Certificate, system: str | None) -> CertifiedSy
     wanted = system_settings(function, {}, "--check")
     lacking = [name for name in wanted if name not in certificate.about]
     if lacking:
-        fix = f"trimtab design {certificate.system} --out FILE  writes a new one"
+        fix = f"trimtab design {certificate.system} --out FILE  writes a new certificate"
         raise InputError("--check", f"the certificate lacks the entry about.{lacking[0]}", fix=fix)
     given = {name: certificate.about[name] for name in wanted}
     return function(**system_settings(function, given, "--check"))

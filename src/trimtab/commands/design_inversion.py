@@ -57,7 +57,7 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
             "inputs",
             multiple=True,
             metavar="NAME",
-            help="Input to use, with --inversion; others keep their trim values. May be repeated.  [default: all]",
+            help="Input to use with --inversion. Other inputs keep their trim values. May be repeated.  [default: all]",
         ),
         click.option(
             "--to",
@@ -87,7 +87,7 @@ def refuse_inversion_options(words: Mapping[str, Any]) -> None:
 def invert_vehicle(
     vehicle: str | None, words: Mapping[str, Any], settings: Mapping[str, str], out: Path | None, as_json: bool
 ) -> None:
-    """Compute an inversion of a vehicle's outputs, and print, write or draw it.
+    """Compute the states and inputs for which the outputs follow a course, and print, write or draw the result.
 
     words: values of the options of --lqr and of --inversion, as typed.  settings: settings of the scenario.
     """

@@ -118,7 +118,7 @@ def design_gain(
 
 
 def gain_vehicle(system: str | None, check: Path | None) -> str | None:
-    """Return the vehicle as typed, or else the scenario named in the gain file; None if it is not a gain file."""
+    """Return the vehicle as typed, else the scenario named in the gain file; None if `check` is not a gain file."""
     try:
         certificate = None if check is None else read_certificate(check)[0]
     except InputError:
@@ -204,7 +204,7 @@ def _refuse_lacking_limits(names: Iterable[str], limits: Mapping[str, float]) ->
 
 
 def _expand(known: Iterable[str], option: str, words: Iterable[str]) -> list[str]:
-    """Return the states and inputs that the words name. The name of an array, as ``rate``, means all its elements."""
+    """Return the states and inputs that the words name. The name of an array, e.g. ``rate``, means all its elements."""
     names: list[str] = []
     for word in words:
         meant = [n for n in known if n == word] or [n for n in known if n.startswith((f"{word}[", f"{word}."))]
@@ -254,4 +254,4 @@ def _print_gain(certificate: Certificate, proof: CertificateProof) -> None:
     failed = [c for c in proof.conditions if not c.holds]
     click.echo(f"{len(proof.conditions) - len(failed)} of {len(proof.conditions)} conditions proved exactly")
     for c in failed:
-        click.echo(show_controls(f"  NOT: {c.name}: {c.number:.6g} {c.meaning}; {c.why}"))
+        click.echo(show_controls(f"  NOT proved: {c.name}: {c.number:.6g} {c.meaning}; {c.why}"))

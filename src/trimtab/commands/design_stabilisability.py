@@ -31,7 +31,7 @@ def model_names() -> tuple[str, ...]:
 
 
 def print_stabilisability(system: str | None, as_json: bool) -> None:
-    """Print the verdicts of Brockett, of Byrnes and Isidori, and of Lie brackets on a vehicle or a model in a file."""
+    """Print the tests of Brockett, of Byrnes and Isidori, and by Lie brackets, for a vehicle or a model in a file."""
     model = _find_model(system)()
     if not isinstance(model, StateSpaceModel):
         problem = f"{system} returns a {type(model).__name__}, not a model"
@@ -57,7 +57,7 @@ def _find_model(system: str | None) -> Callable[[], Any]:
     if system not in model_names():
         near = closest(system or "", model_names(), 1) or model_names()[:1]
         problem = "no vehicle is named" if system is None else f"no model of {system!r}"
-        fix = f"trimtab design {near[0]} --stabilisability; your own:  my_boat.py:{FUNCTION}, which returns a model"
+        fix = f"trimtab design {near[0]} --stabilisability; your own:  my_boat.py:{FUNCTION}, which must return a model"
         raise InputError("--stabilisability", problem, choices=model_names(), fix=fix)
     return importlib.import_module(f"trimtab.scenarios.{system}._models").model
 

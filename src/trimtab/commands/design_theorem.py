@@ -39,7 +39,7 @@ def theorem_functions() -> dict[str, TheoremFunction]:
 
 
 def is_theorem(system: str | None, check: Path | None) -> bool:
-    """Return True if the file's format or the system's name requests a theorem, not a gain."""
+    """Return True if the file, or else the name of the system, belongs to a theorem, not to a gain."""
     if check is not None:
         return check.is_file() and f'"format": "{FORMAT}"' in check.read_bytes()[:200].decode(errors="replace")
     return system is not None and (".py:" in system or system in theorem_functions())
@@ -74,7 +74,7 @@ def run_theorem(
 
 
 def refuse_options(options: Mapping[str, Any], beside: str) -> None:
-    """Raise InputError for options that do not apply to a theorem."""
+    """Raise InputError for each given option, because it cannot be combined with `beside`."""
     for name, value in options.items():
         if value is not None:
             raise InputError(name, f"cannot be combined with {beside}", fix=f"leave {name} out")
@@ -89,7 +89,7 @@ def print_unwritten(files: Iterable[Path | None], proof: CertificateProof) -> No
 
 def print_conditions(title: str, proof: CertificateProof) -> None:
     """Print each condition of a certificate with its number and verdict."""
-    table = new_table("condition", "verdict", ">number", "of", "by", title=title)
+    table = new_table("condition", "verdict", ">number", "meaning", "method", title=title)
     for c in proof.conditions:
         number = f"{c.number:.4g}" if c.number == c.number else "-"
         cells = (c.name, "holds" if c.holds else "FAILS", number, c.meaning, c.how)
@@ -103,7 +103,7 @@ def print_conditions(title: str, proof: CertificateProof) -> None:
 def _build_theorem(name: str, settings: Mapping[str, Any]) -> LawTheorem:
     functions = theorem_functions()
     if name not in functions and ".py:" not in name:
-        problem, fix = f"unknown theorem {name!r}", "give its file:  trimtab design my_law.py:theorem --check FILE"
+        problem, fix = f"unknown theorem {name!r}", "name its file:  trimtab design my_law.py:theorem --check FILE"
         raise InputError("design", problem, choices=tuple(functions), fix=fix)
     function = functions.get(name) or load_function(name)
     theorem = function(**system_settings(function, settings, f"trimtab design {name}"))

@@ -32,7 +32,8 @@ class TerminatedError(KeyboardInterrupt):
 class EndSignals:
     """Handler of the signals that end a command, and the thread that watches them.
 
-    asked: number of the last signal received, or 0.  raised: True while its exception passes through the main thread.
+    asked: number of the last signal received, or 0.  raised: True after the handler has raised the exception, unless
+    Python dropped it.
     """
 
     def __init__(self, end_program: Callable[[int], None]) -> None:

@@ -231,7 +231,7 @@ def _write_export(
     built = build(scenario, settings, without)
     enable_cache()
     real = real or (TARGETS[target].real if target in BOARDS else "double")
-    # the program of a board calls the functions of the autopilot
+    # the main program for a board calls the C functions by the name "autopilot"
     name = "autopilot" if target in BOARDS else None
     written = export_c(built, folder, part=part, real=real, steps=steps, seed=seed, name=name)
     exported = written.block
@@ -370,8 +370,8 @@ def _check_export(folder: Path, target: str, as_json: bool) -> bool:
 def find_function(name: str) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
     """Return the function ``file.py:function`` and its example arguments, or None if it is a scenario.
 
-    The example is the tuple `example` of the file, or a dict of such tuples by function name; else the parameters'
-    defaults. A function without example and defaults is taken as one that returns a scenario.
+    The example arguments are the tuple `example` in the file, or a dict of such tuples by function name; else the
+    parameters' defaults. A function without example and defaults is taken as a function that returns a scenario.
 
     Raises:
         InputError: an `example` that is neither a tuple nor a dict of tuples.

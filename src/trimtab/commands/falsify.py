@@ -68,8 +68,8 @@ def command(
 ) -> None:
     """Search within given bounds for the parameters with which a scenario performs worst.
 
-    The bounds are those of the distributions. Exit code 1 if a failure was found, 0 if none was found. A search without
-    a failure does not prove that the scenario never fails.
+    The bounds are the limits of the given distributions. Exit code 1 if a failure was found, 0 if none was found. A
+    search without a failure does not prove that the scenario never fails.
 
     \b
     trimtab falsify hovercraft/zero-velocity --spread 'world.vehicle.mass=uniform(80%, 120%)' \\
@@ -87,7 +87,7 @@ def command(
     files = [file for file in (out, plot) if file is not None]
     again = "" if out is None else _replay_command(out, options["seed"], worst)
     if out is not None:
-        conditions = "; ".join(options["success"]) or "each target reached for good"
+        conditions = "; ".join(options["success"]) or "each target reached and kept"
         about = (
             f"The worst run of {scenario} that a search found: margin {worst.margin:.6g}.\n\n"
             f"Wanted: {conditions}.\n{worst.flown_runs} runs were flown. To repeat it:\n\n    {again}"
@@ -133,7 +133,9 @@ def _worst_json(scenario: str, settings: dict[str, Any], worst: FalsificationRes
 
 def _print_worst(scenario: str, worst: FalsificationResult) -> None:
     after = f"{worst.first} run{'s' * (worst.first != 1)}"
-    verdict = f"FAILS, first failure after {after}" if worst.fails else "no failure found, which proves nothing"
+    verdict = (
+        f"FAILS, first failure after {after}" if worst.fails else "no failure found, which is not a proof of safety"
+    )
     click.echo(f"{scenario}: {verdict}")
     click.echo(f"margin of the worst run {worst.margin:.6g}; {worst.flown_runs} runs flown in {worst.wall_s:.1f} s")
     width = max(map(len, worst.values))

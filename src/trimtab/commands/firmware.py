@@ -48,7 +48,7 @@ def command(
 ) -> None:
     """Write a scenario's vehicle as C firmware for a microcontroller: world, failsafe, protocol.
 
-    On the emulated board the exported world replaces the hardware. All other code is that of a real craft.
+    On the emulated board the exported world replaces the hardware. All other code is the same as on a real craft.
 
     \b
     trimtab firmware hovercraft/forward --out board --emulate 5760

@@ -31,7 +31,7 @@ from trimtab.run.command_pulses import describe_outputs
 class FlightStack(NamedTuple):
     """Flight stack whose autopilot flies the simulated vehicle, e.g. ArduPilot.
 
-    maker: name of the stack.  scheme, place: URI scheme and default address at which it expects the simulator.
+    maker: name of the stack.  scheme, place: URI scheme and default address at which the stack expects the simulator.
     begin: command that starts the autopilot.  channels: maximum number of output channels.
     open_line: function that opens the listening socket.  physics: class that simulates the vehicle for the autopilot.
     """
@@ -205,7 +205,7 @@ def _end(scenario: Scenario, seed: int, summary: PhysicsSummary, maker: str, out
 
 
 def _describe_vehicle(vehicle: PulsedVehicle) -> list[str]:
-    """Return one line of text about each channel, and one about the source of the IMU's data."""
+    """Return a text about each channel, and a text about the source of the gyro and accelerometer data."""
     lines = [text.partition(": ")[2] for text in describe_outputs(vehicle.outputs)]
     told = [f"channel {c}: {text}" for c, text in zip(vehicle.channels, lines, strict=True)]
     return [*told, f"gyro and accelerometer: {f'its sensor {vehicle.imu}' if vehicle.imu else 'true motion'}"]

@@ -144,7 +144,7 @@ def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
 
 
 def assess_targets(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
-    """Return "on_target", True if a flight ended on its targets, and "says", the verdict in words.
+    """Return a dict with "on_target" (True if the flight ended on its targets) and "says" (the verdict in words).
 
     Return None for a scenario without targets. A diverged flight is never on target.
     """
@@ -177,7 +177,7 @@ def _describe_miss(log: Log, target: Target) -> str:
 
 
 def _choose_signals(log: Log) -> list[str]:
-    """Return the signals to show in addition to the targets; for a vehicle in space, angles instead of a quaternion."""
+    """Return the signals to show in addition to the targets. Angles are shown instead of a quaternion."""
     signals = [p.removeprefix("truth.") for p in log.paths if p.startswith("truth.") and np.size(log[p][:1]) <= FEW]
     flight, said = [p for p in log.paths if p.startswith(FLIGHT)], flight_sources(log)
     preferred = ["surge_velocity", "sway_velocity", "yaw_rate", "heading"]
@@ -188,7 +188,7 @@ def _choose_signals(log: Log) -> list[str]:
 
 
 def summarise_flight(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
-    """Return minimum and maximum height (m), maximum ground speed (m/s) and tilt (rad) of a vehicle in space.
+    """Return minimum and maximum height (m), and maximum ground speed (m/s) and tilt (rad), of a flight.
 
     Tilt is the angle between the vehicle's vertical axis and the vertical. settled_s is the settling time of each
     target. Return None for a vehicle without roll and pitch. Unknown values are left out.
@@ -233,13 +233,13 @@ def flag_times(log: Log) -> dict[str, dict[str, float]]:
 
 
 def worst_step(log: Log) -> dict[str, float | None] | None:
-    """Return the largest estimated error of an integration step over its tolerance, and the first time it exceeds 1.
+    """Return the largest ratio of an integration step's error to its tolerance, and the first time it exceeds 1.
 
     None if the integration does not estimate its error.
     """
     if ERROR not in log:
         return None
-    errors = np.append(log[ERROR], log.final.get(ERROR, 0.0))  # each row has the error of the step before it
+    errors = np.append(log[ERROR], log.final.get(ERROR, 0.0))  # a row contains the error of the step that led to it
     too_large = ~(errors <= 1)
     first = float(np.append(log.t, log.metadata.get("duration_s", np.nan))[too_large.argmax()])
     return {"worst": float(errors.max()), "first_s": first if too_large.any() else None}
@@ -281,7 +281,7 @@ def divergence_time(log: Log) -> float | None:
 
 
 def metric_units(log: Log, names: Iterable[str]) -> dict[str, str]:
-    """Return signal -> unit, for the signals of a summary by their names in it."""
+    """Return signal -> unit, for signals that are named as in a summary, without "truth."."""
     log = with_flight(log)
     return {name: log.unit(name if name in log else f"truth.{name}") for name in names}
 

@@ -232,7 +232,7 @@ def _fly_real_time(
         else:
             with open_console(address, lambda line: describe_flight(autopilot, line)) as console:
                 sink.put(f"console: {console.url}\nfor observers: {console.observer}")
-                sink.put("open one of them in a browser; Ctrl-C ends the flight")
+                sink.put("open one of these addresses in a browser; Ctrl-C ends the flight")
                 if address.opens:
                     webbrowser.open(console.url)
                 flight = fly(console=console.line)
@@ -300,5 +300,5 @@ def _print_deadlines(deadlines: Mapping[str, Any], granted: str) -> None:
     over, skipped = deadlines["overruns"], deadlines["skipped"]
     click.echo(
         f"overruns: {over['own_work']} because of trimtab, {over['scheduler']} because of the operating system; "
-        f"skipped {skipped}"
+        f"skipped periods: {skipped}"
     )

@@ -1,4 +1,4 @@
-"""Reading of other systems' logs with a mapping, lists of their topics, and choice of the estimator to run on them."""
+"""Reading of other systems' logs with a mapping, lists of their topics, and choice of the estimator for a replay."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -76,7 +76,7 @@ def check_choice(mapping: Path | None, scenario: str | None, estimator: str | No
     if mapping is None:
         if settings:
             fix = "use --with PATH=VALUE, which changes the recorded autopilot"
-            raise InputError("--set", "applies to the scenario of a foreign log, with --map", fix=fix)
+            raise InputError("--set", "needs --map: it changes the scenario of a foreign log", fix=fix)
         return
     if (scenario is None) == (estimator is None):
         problem = "exclude each other" if scenario else "a foreign log contains no estimator, and none is given"
@@ -86,7 +86,9 @@ def check_choice(mapping: Path | None, scenario: str | None, estimator: str | No
         raise InputError("--scenario, --estimator", problem, fix=fix)
     if parts:
         raise InputError(
-            "--with", "applies to a replay of a trimtab log, without --map", fix="change the scenario: --set PATH=VALUE"
+            "--with",
+            "cannot be combined with --map: it changes the autopilot of a trimtab log",
+            fix="change the scenario: --set PATH=VALUE",
         )
     if settings and scenario is None:
-        raise InputError("--set", "needs a scenario", fix="name one with --scenario, or set the value in the factory")
+        raise InputError("--set", "needs a scenario", fix="add --scenario SCENARIO, or set the value in the factory")

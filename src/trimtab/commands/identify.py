@@ -173,16 +173,18 @@ def _print_unexplained(found: Identified) -> None:
     if found.correlated:
         fields = ", ".join(f"{field} (correlation {value:.2f})" for field, value in found.correlated.items())
         click.echo(f"not white: errors of {fields} are correlated in time, as in a navigation system")
-        click.echo("between its corrections. The law responds to them, and the fit mistakes both for the vehicle's own")
         click.echo(
-            "motion. Then parameters and intervals are not valid. Log a sensor with independent errors, such as motion"
+            "between its corrections. The law responds to these errors, and the fit takes errors and response for"
         )
-        click.echo("capture, and fit to that: --sensor NAME")
+        click.echo(
+            "motion of the vehicle. So parameters and intervals are not valid. Log a sensor with independent errors,"
+        )
+        click.echo("such as motion capture, and fit to this sensor: --sensor NAME")
 
 
 def _print_found(scenario: str, found: Identified, changes: dict[str, float]) -> None:
-    headings = ("number", ">nominal", ">fitted", ">95 % interval", "unit")
-    table = new_table(*headings, title=f"{scenario}, by maximum likelihood", unwrapped=("number",))
+    headings = ("parameter", ">nominal", ">fitted", ">95 % interval", "unit")
+    table = new_table(*headings, title=f"{scenario}, by maximum likelihood", unwrapped=("parameter",))
     unidentifiable = found.unidentifiable()
     intervals: list[list[float]] = found.intervals.tolist()
     for p, value, interval in zip(found.parameters, found.values, intervals, strict=True):
@@ -195,7 +197,7 @@ def _print_found(scenario: str, found: Identified, changes: dict[str, float]) ->
             click.echo(f"not separable: {', '.join(group)}; fit one of them, and measure the others on a bench")
         else:
             click.echo(
-                f"has no effect in this data: {', '.join(group)}; fly a manoeuvre that excites it, or leave it out"
+                f"has no effect in this data: {', '.join(group)}; fly a manoeuvre that excites it, or do not fit it"
             )
     if found.held_out:
         table = new_table(
@@ -210,5 +212,5 @@ def _print_found(scenario: str, found: Identified, changes: dict[str, float]) ->
             click.echo(f"differs from the calibration: {name}, by {sigmas:.1f} standard errors; calibrate it again")
     if not found.estimate.converged:
         click.echo(
-            "not converged: the likelihood is not at its maximum; start nearer with --set, or fit fewer parameters"
+            "not converged: the likelihood is not at its maximum; change the start with --set, or fit fewer parameters"
         )

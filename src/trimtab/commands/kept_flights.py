@@ -1,4 +1,4 @@
-"""Storage of a search's runs in the folder of ``--store``, or else in the cache, so that Ctrl-C loses none.
+"""Storage of a search's runs in the folder of ``--store``, or else in the cache, so that Ctrl-C loses no runs.
 
 The cached folder belongs to the typed command, and is deleted when the command has finished. Runs of a scenario in the
 user's own file are stored only with ``--store``, because changes in modules that the file imports would go unnoticed.

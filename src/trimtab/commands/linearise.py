@@ -99,7 +99,8 @@ def command(
     """Linearise a vehicle about a trim: poles with frequency, damping and participating states, zeros, Gramians.
 
     VEHICLE and --at are as in `trimtab trim`. For a vehicle with a quaternion, the attitude states are the three
-    angles of rotation from steady flight. --state, --input and --output keep only the named ones; the rest is held.
+    angles of rotation from steady flight. --state, --input and --output keep only the named states, inputs and outputs;
+    all other states and inputs are held constant.
 
     \b
     trimtab linearise hovercraft/forward --at surge_velocity=1
@@ -107,8 +108,9 @@ def command(
     trimtab linearise my_jet.py:system --at speed='150 m/s' --at climb=0
     trimtab linearise hovercraft/forward --closed-loop --direct --plot bode.png     poles and margins of the whole loop
 
-    --closed-loop differentiates the loop's own step, noise off, over one period of all its parts: vehicle, actuators,
-    sensors, links with the packets in transit, estimator and law. Margins are computed exactly from the loop's poles.
+    --closed-loop differentiates the sampled loop itself, without noise, over one common period of all its parts:
+    vehicle, actuators, sensors, links with the packets in transit, estimator and law. Margins are computed exactly from
+    the loop's poles.
     """
     open_loop = {"--at": at, "--state": states, "--input": inputs, "--output": outputs, "--out": out}
     own = {"--direct": direct, "--plot": picture, "--without": without, "--round": round_time}
@@ -138,7 +140,7 @@ def _refuse_options(options: dict[str, Any], closed_loop: bool) -> None:
         if value:
             fix = f"leave {name} out" if closed_loop else f"add --closed-loop, or leave {name} out"
             raise InputError(
-                name, "applies to the vehicle alone" if closed_loop else "applies to the whole loop", fix=fix
+                name, "cannot be combined with --closed-loop" if closed_loop else "needs --closed-loop", fix=fix
             )
 
 

@@ -44,7 +44,7 @@ def print_loop(
     if margins is not None and round_time is not None:
         margins = margins._replace(
             crossings={}
-        )  # margins hold for a fundamental, which a closed path couples to its harmonics
+        )  # phase margins need a single frequency, but a closed path couples each frequency to its harmonics
     files: list[Path] = []
     if picture is not None:
         from trimtab.plots.bode import plot_bode  # matplotlib is imported only to draw a picture
@@ -101,17 +101,18 @@ def _print_loop(name: str, loop: LoopMap, margins: LoopMargins | None) -> None:
     if fast:
         click.echo(f"and {fast} poles at zero, of packets in transit and held values")
     if margins is None:
-        click.echo(f"NOT stable: it grows by {loop.growth():.6g} in {loop.period:g} s")
+        click.echo(f"NOT stable: the state grows by a factor of {loop.growth():.6g} in {loop.period:g} s")
         return
-    up = "without upper limit" if math.isinf(margins.gain_up) else f"up to times {margins.gain_up:.4g}"
-    down = "without lower limit" if margins.gain_down == 0 else f"down to times {margins.gain_down:.4g}"
+    up = "without upper limit" if math.isinf(margins.gain_up) else f"up to {margins.gain_up:.4g}"
+    down = "without lower limit" if margins.gain_down == 0 else f"down to {margins.gain_down:.4g}"
     click.echo(
-        f"all commands together: stable for a gain {up}, {down}; delay of the command: " + _delay_text(margins, loop)
+        f"all commands together: stable for a gain factor {up}, {down}; delay of the command: "
+        + _delay_text(margins, loop)
     )
     for command, crossings in margins.crossings.items():
         for frequency, phase in crossings:
             click.echo(
-                f"{command} alone: crosses 1 at {frequency:.4g} rad/s, phase margin {math.degrees(phase):.1f} deg"
+                f"{command} alone: gain crosses 1 at {frequency:.4g} rad/s, phase margin {math.degrees(phase):.1f} deg"
             )
 
 

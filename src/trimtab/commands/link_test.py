@@ -52,7 +52,7 @@ REQUESTS_MIN = 10
 @click.option(
     "--echo",
     is_flag=True,
-    help="Return every packet as the far end of the link, until Ctrl-C. Port 0 chooses a free port and prints it.",
+    help="Act as the far end: echo every packet until Ctrl-C. Port 0 chooses a free port and prints its number.",
 )
 @click.option(
     "--load",
@@ -181,7 +181,7 @@ def _measure_delays(link: Link, uri: str, plans: list[LinkTestPlan]) -> list[Del
     """Measure one load after the other; print an error and return an empty list if the far end does not answer."""
     seconds = sum(plan.requests / plan.rate for plan in plans)
     first = format_wait(plans[0].first_patience)
-    click.echo(f"takes about {format_wait(seconds)}; the other end must answer within {first}", err=True)
+    click.echo(f"the test takes about {format_wait(seconds)}; the other end must answer within {first}", err=True)
     measured = []
     for plan in plans:
         with show_spinner(f"{plan.requests} requests at {plan.up:g}/{plan.down:g} kb/s up/down"):

@@ -107,7 +107,7 @@ def print_settings(
         table.add_row(*row)
     for path, declared in absent_parts(scenario):
         fields = ", ".join(p for p, _, _ in leaves(declared.optional))
-        table.add_row(f"{path}.…", "none", "", f"{declared.doc} Setting one of these adds the part: {fields}.")
+        table.add_row(f"{path}.…", "none", "", f"{declared.doc} Setting one of these fields adds the part: {fields}.")
     print_table(table)
     click.echo(f"--without {' | '.join(faults)}")
     if mismatch:

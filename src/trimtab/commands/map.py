@@ -225,7 +225,7 @@ def _print_map(diagram: StabilityMap, criteria: Criteria, why: str) -> None:
         side = "succeeds" if first >= traced.threshold else "fails"
         unit, along = (f" {axis.unit}" if axis.unit not in ("", "1") else "" for axis in (diagram.y, diagram.x))
         passes = [f"{a:.4g} to {b:.4g}" for a, b in diagram.crossings(float(value))]
-        turns = f", boundary at {diagram.x.name} {', '.join(passes)}{along}" if passes else " along the whole line"
+        turns = f", boundary at {diagram.x.name} {', '.join(passes)}{along}" if passes else ", no boundary on this line"
         click.echo(f"  {diagram.y.name} {value:.4g}{unit}: {side} at {diagram.x.values[0]:.4g}{turns}")
     if len(traced.boundary_cells()) == 0:
         click.echo(_boundary_hint(diagram))
@@ -238,7 +238,7 @@ def _print_map(diagram: StabilityMap, criteria: Criteria, why: str) -> None:
 def _boundary_hint(diagram: StabilityMap) -> str:
     """Return a hint for a map without a boundary."""
     if (diagram.share >= diagram.traced_boundary.threshold).all():
-        return "no boundary: it succeeds everywhere. Try a wider --x or --y, or a stricter --success"
+        return "no boundary: the scenario succeeds everywhere. Try a wider --x or --y, or a stricter --success"
     target = diagram.scenario.targets[0].path.removeprefix("truth.") if diagram.scenario.targets else "SIGNAL"
     what = f"--success 'error_rms:{target} <= 0.5', --swing 1, --without navigation-error, or other --x and --y"
-    return f"no boundary: it fails everywhere. Navigation errors alone can exceed a target's band. Try {what}"
+    return f"no boundary: the scenario fails everywhere. Navigation errors can exceed a target's band. Try {what}"

@@ -1,6 +1,6 @@
 """`trimtab new`: write a working template of a new part, with a test and a docs page.
 
-The files are copies of the tested templates in `trimtab.templates`, with the given name in place of theirs.
+The files are copies of the tested templates in `trimtab.templates`, with the given name in place of the template's.
 """
 
 import ast
@@ -125,7 +125,7 @@ def check_name(kind: str, name: str) -> None:
 
 
 def check_unused(kind: str, name: str, folder: Path) -> None:
-    """Raise InputError if the name is that of an existing module, which the new file would hide."""
+    """Raise InputError if a module of this name exists, because the new file would hide the module."""
     own = {Path().resolve(), folder.resolve()}
     places = [place for place in sys.path if Path(place).resolve() not in own]
     found = None if name in sys.stdlib_module_names else PathFinder.find_spec(name, places)

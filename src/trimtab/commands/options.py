@@ -43,7 +43,7 @@ def parse_parts(context: click.Context, parameter: click.Parameter, values: tupl
 
 
 def keep_references(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> None:
-    """Store ``--reference``: a path as the setting "reference", a schedule as the setting of its gain."""
+    """Store the texts of ``--reference``: a path as the setting "reference", a gain's schedule as that gain's value."""
     references: dict[str, str] = {}
     for text in values:
         path, equals, schedule = (word.strip() for word in text.partition("="))
@@ -190,7 +190,7 @@ def SET(function: Callable[..., Any]) -> Callable[..., Any]:
         is_eager=True,  # before --set, whose callback reads it
         expose_value=False,
         callback=lambda context, parameter, file: context.meta.update({CALIBRATION: file}),
-        help="Calibration file of trimtab calibrate, applied to the world and to the autopilot's model.",
+        help="File of trimtab calibrate. Its values are used in the world and in the autopilot's model.",
     )
     reference = click.option(
         "--reference",

@@ -181,7 +181,7 @@ def check_picture(picture: Path | None, out: Path | None) -> None:
 
 
 def check_out(option: str, file: Path, example: str = "") -> None:
-    """Raise InputError if a file cannot be written, or exists and is not trimtab's. example: valid file name."""
+    """Raise InputError if a file cannot be written, or exists and belongs to the user. example: valid file name."""
     check_folder(option, file.parent)
     if file.is_dir():
         raise InputError(option, f"{str(file)!r} is a folder", fix=f"{option} {file / (example or 'result.json')}")

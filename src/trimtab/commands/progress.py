@@ -51,7 +51,7 @@ def _can_redraw() -> bool:
 
 @contextmanager
 def show_progress(total: int) -> Iterator[Callable[[str, int], None]]:
-    """Show a transient progress bar on standard error; yield a function to call with a text and newly finished items.
+    """Show a transient progress bar on standard error; yield a function of a text and the number of new finished items.
 
     If more than an hour remains, the remaining time is printed once on a permanent line. Without a terminal, a line of
     progress is printed every ten seconds.

@@ -91,18 +91,18 @@ def _pilot_line(pilot: PilotReport) -> str:
     return (
         f"pilot, {of.flown} runs: {len(of.levels)} levels, probability about {of.estimate:.1e}; {pilot.runs} more runs,"
         f" about {pilot.wall_s:.0f} s, for about ±{100 * pilot.width:.0f} %;"
-        f" a plain campaign would take {plain_runs(of.estimate, pilot.width):.0e}"
+        f" a plain campaign would take {plain_runs(of.estimate, pilot.width):.0e} runs"
     )
 
 
 def plain_runs(probability: float, width: float) -> float:
-    """Return the number of runs of a plain campaign for an interval of this half width, relative to the probability."""
+    """Return the number of runs of a plain campaign for an interval of half width `width` times the probability."""
     return 4 / (probability * width**2)
 
 
 def _write_failures(scenario: str, out: Path, options: dict[str, Any], found: RareResult) -> dict[str, str]:
     """Write one file for the worst and one for the likeliest failure; return the commands that repeat the failures."""
-    conditions = "; ".join(options["success"]) or "each target reached for good"
+    conditions = "; ".join(options["success"]) or "each target reached and kept"
     commands = {}
     for name, failure in (("worst", found.worst), ("likeliest", found.likeliest)):
         if failure is not None:

@@ -54,7 +54,7 @@ PARTS = ("estimator", "law", "allocation")
     multiple=True,
     metavar="PART=CHOICE",
     callback=parse_settings,
-    help="Replace estimator or law of the recorded autopilot. May be repeated.",
+    help="Replace the estimator or the law of the recorded autopilot. May be repeated.",
 )
 @click.option(
     "--estimator",
@@ -77,10 +77,10 @@ def command(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Replay a recorded flight's frames through its autopilot; its outputs must be identical, bit for bit.
+    """Replay a recorded flight's frames through its autopilot, and check that the outputs are identical, bit for bit.
 
-    Exit code 1, with the first difference, if they are not. --with replays the frames with another part instead, and
-    prints the errors of both autopilots against the truth, if the log has the truth.
+    If they differ, the first difference is printed, and the exit code is 1. --with replays the frames with another part
+    instead, and prints the errors of both autopilots against the truth, if the log has the truth.
 
     \b
     trimtab run hovercraft/forward --navigation ins --out forward
@@ -162,7 +162,7 @@ def _step_estimator(
     for state, rms in errors.items():
         click.echo(f"  {state}: rms error {rms:.4g}")
     if navigation is not None:
-        click.echo(f"  consistency of its errors: {navigation.verdict}")
+        click.echo(f"  consistency of the errors: {navigation.verdict}")
     print_files(files)
 
 
@@ -230,7 +230,7 @@ def _build_part(name: str, choice: str) -> Any:
     except (ImportError, AttributeError, TypeError) as error:
         fix = f"define  def {factory or 'make'}():  in {where}, which returns the {name}"
         if where.endswith(".py"):
-            fix = f"name the module, from the folder that holds it: {Path(where).stem}:{factory or 'make'}"
+            fix = f"name the module, from the folder that contains it: {Path(where).stem}:{factory or 'make'}"
         raise InputError(f"--with {name}", f"cannot load {choice!r}: {error}", fix=fix) from None
     if not is_record(part):
         problem = f"{choice!r} returns {type(part).__name__}, which is not a record"

@@ -181,7 +181,7 @@ def _compile_and_fly(scenario: "Scenario", ideal: bool, backend: str, flight: di
         return RunReport(name, real, twin, targets, time.perf_counter() - started)
 
     def compile_both() -> "tuple[Program, Program | None]":
-        other = ThreadPoolExecutor(1)  # trace one program while the compiler works on the other
+        other = ThreadPoolExecutor(1)  # JAX traces one program while the C compiler works on the other program
         try:
             real = other.submit(compile_scenario, scenario)
             twin = compile_scenario(scenario.ideal()) if ideal else None

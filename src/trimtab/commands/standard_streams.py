@@ -35,5 +35,5 @@ def report_failure(error: OSError) -> None:
         with contextlib.suppress(OSError):
             sys.stderr.write(f"error: cannot write{where}: {error.strerror or error}\n")
             sys.stderr.flush()
-    with contextlib.suppress(OSError, ValueError):  # else the interpreter would write again at exit
+    with contextlib.suppress(OSError, ValueError):  # otherwise the interpreter would write again at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -99,7 +99,7 @@ def print_point(plant: Plant, point: Trim) -> None:
     if point.taken:
         click.echo(_level_text(plant, point))
     for combination in point.undetermined_unknowns if point.is_found else ():
-        click.echo(f"not unique: {combination} may change; fix one of them with --at NAME=VALUE")
+        click.echo(f"not unique: {combination} may change; fix one of these variables with --at NAME=VALUE")
     for name, side in point.active.items() if point.is_found else ():
         click.echo(f"at its bound: {name}, {side}")
     for reason in point.why:
@@ -125,7 +125,7 @@ def _level_text(plant: Plant, point: Trim) -> str:
     name = next((n for n, v in point.taken.items() if v), next(iter(taken)))
     text = ", ".join(f"{n} {v}" for n, v in taken.items())
     other = f"change it with --at, e.g. --at {name}='{taken[name]}' or --at {name}=free"
-    return f"assumed, as the vehicle cannot rest: {text}; {other}"
+    return f"assumed, because the vehicle has no equilibrium at rest: {text}; {other}"
 
 
 def _rate_text(plant: Plant, name: str, rate: float) -> str:

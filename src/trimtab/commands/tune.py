@@ -164,7 +164,7 @@ def _print_tuning(title: str, tuning: TuningResult) -> None:
     click.echo(f"{title}, {tuning.method}: {verdict}")
     width = max(map(len, tuning.before))
     for name, value in tuning.before.items():
-        at = "  at the limit of its range: try a wider one" if name in tuning.at_bounds else ""
+        at = "  at the limit of its range: try a wider range" if name in tuning.at_bounds else ""
         click.echo(f"  {name:<{width}}  {value:.6g} -> {tuning.after[name]:.6g}{at}")
     for name, c in (("training", tuning.seen_comparison), ("validation", tuning.held_out_comparison)):
         click.echo(f"{name}, {c.runs} runs: {_format_comparison(c)}")

@@ -1,8 +1,8 @@
-"""Check of the typed names of a scenario and its settings, before a verb is imported.
+"""Check of the typed names of a scenario and its settings, before the module of the typed verb is imported.
 
-Importing a verb takes a second or more; a typo is reported without that delay. The paths of a scenario's settings are
-cached by `trimtab list`, by `trimtab run`, by completion, or after a wrong path. Until then only the first word of a
-path is checked. Names that cannot be checked are left to the verb, which gives the same message.
+The import takes a second or more; a typo is reported without that delay. The paths of a scenario's settings are cached
+when `trimtab list`, `trimtab run` or shell completion runs, and after a wrong path. Until then only the first word of a
+path is checked. Names that cannot be checked here are checked by the verb, which gives the same message.
 """
 
 import re
@@ -81,7 +81,7 @@ def check_names(words: Sequence[str], plain: Sequence[str] | None) -> None:
 
 
 def _near_roots(path: str) -> list[str]:
-    """Return the path with its first word replaced by similar valid words, the likeliest first."""
+    """Return the path with its first word replaced by the most similar valid word."""
     root, _, rest = path.partition(".")
     return [f"{near}.{rest}" for near in closest(root, ROOTS, 1) or ROOTS[:2]]
 

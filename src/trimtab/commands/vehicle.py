@@ -200,7 +200,7 @@ def _serve(live: LiveVehicle, tell: Callable[[str], None], **options: Any) -> Ve
 
 
 def _build_one(name: str, settings: Mapping[str, str], faults: Iterable[str]) -> Scenario:
-    """Build a scenario for real time, where faults may begin after its duration; raise InputError for a swarm."""
+    """Build a scenario for real time. Faults may begin after the scenario's duration. Raise InputError for a swarm."""
     built = build(name, settings, faults=faults, in_virtual_time=False)
     refuse_swarm(built, "a link")
     return built

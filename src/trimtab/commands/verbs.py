@@ -78,7 +78,9 @@ class Verbs(click.Group):
     def main(self, *args: Any, **extra: Any) -> Any:
         """Run the command line. If output cannot be written, print one line and end with exit code 1."""
         replace_unprintable()
-        is_program = not args and extra.get("args") is None  # the arguments are those of the process
+        is_program = (
+            not args and extra.get("args") is None
+        )  # no arguments passed: the command line of this process is run
         try:
             with end_on_signals(is_program):
                 return super().main(*args, **extra)
@@ -119,7 +121,7 @@ class Verbs(click.Group):
         return super().resolve_command(ctx, args)
 
     def _parse_words(self, ctx: click.Context, args: list[str]) -> list[str] | None:
-        """Return the words after a verb that are not options; None if only an import of the verb can tell."""
+        """Return the words after a verb that are not options; None if the options are known only after an import."""
         verb, *words = args
         if verb not in self.commands or not find_file(verb).is_file():
             return None

@@ -1,8 +1,8 @@
 """Record of the files that trimtab wrote and may replace. Any other file belongs to the user and is kept.
 
-The cache's folder `written` stores the path of each file that a verb wrote, and the SHA-256 of its content. A file with
-that content may be replaced. A file that was edited since, or came from elsewhere, is refused before anything runs,
-unless ``--overwrite`` is given. Without a cache, every existing file is refused.
+The cache's folder `written` stores digests (SHA-256) of the path and of the content of each file that a verb wrote. A
+file with that content may be replaced. A file that was edited since, or came from elsewhere, is refused before anything
+runs, unless ``--overwrite`` is given. Without a cache, every existing file is refused.
 """
 
 import hashlib
@@ -56,7 +56,7 @@ def check_new(option: str, *files: Path | None) -> None:
                 if option != "--out" or file.suffix
                 else file
             )
-            problem = f"{str(file)!r} already exists, and trimtab did not write it, or it was edited since"
+            problem = f"{str(file)!r} already exists; either trimtab did not write it, or it was edited since"
             raise InputError(option, problem, fix=f"another name, e.g. {other.name}, or --overwrite to replace it")
 
 

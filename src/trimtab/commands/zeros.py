@@ -31,8 +31,8 @@ def command(
 ) -> None:
     """Find the zeros between inputs and outputs of a vehicle, and their consequences for tracking.
 
-    VEHICLE and --at are as in `trimtab trim`. If the numbers of --output and --input are equal, a verdict is printed
-    too: minimum phase, or not, with the states that diverge while the outputs are held.
+    VEHICLE and --at are as in `trimtab trim`. If there are as many inputs as outputs, a verdict is printed too: minimum
+    phase, or not, with the states that diverge while the outputs are held.
 
     \b
     trimtab zeros hypersonic --output h --output V

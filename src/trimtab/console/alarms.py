@@ -19,8 +19,7 @@ WARN_SHARE = 0.7
 """Fraction of the maximum age of data above which a warning is shown."""
 LOSS_WINDOW = 2.0
 OVERRUN_WINDOW, MOST_OVERRUNS = 2.0, 20
-"""Time window (s), and maximum number of overruns in it without a warning: ordinary computers overrun occasionally.
-"""
+"""Time window (s), and maximum number of overruns in it without a warning. A few overruns are normal on a computer."""
 
 
 class Alarm(NamedTuple):
@@ -43,7 +42,7 @@ class Flight:
         self._row: Any = ()
         self.t, self.clock = math.nan, -math.inf
         self.piloted_since: float | None = None
-        """Server's clock (s) when the pilot took the stick. Kept if the pilot leaves without releasing the stick."""
+        """Time (s, server's clock) at which the pilot took the stick. Kept if the pilot leaves without releasing it."""
         self._was_armed = False
         self._overruns: list[tuple[float, float]] = []
         self._counts: list[tuple[float, float, float]] = []
@@ -114,7 +113,7 @@ class Flight:
         return [Alarm("overrun", WARNING, text)]
 
     def explain_requests(self) -> dict[str, dict[str, Any]]:
-        """Return for each request of a pilot if it is allowed, and otherwise the reason."""
+        """Return for each request of a pilot whether it is allowed, and the reason if it is not allowed."""
         mode, check = self._read_mode("supervisor.mode"), self._read_mode("supervisor.check")
         armed = bool(self.read("vehicle.armed") == 1)
         if mode is None:

@@ -1,4 +1,5 @@
-"""Server side of a campaign's page: each run is a point. A run can be repeated and shown beside the nominal run.
+"""Server side of a campaign's page, which shows each run as a point. A run can be repeated and compared with the
+nominal run.
 
 A store is untrusted data. The scenario that a store names is run only if the catalogue contains it.
 Source: docs page, Protocol of the console.

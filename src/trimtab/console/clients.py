@@ -1,7 +1,7 @@
 """Connected pages of a console. A slow page gets only the newest row. Messages from pages are checked and limited.
 
-The server closes a page that receives nothing for LONGEST_SEND, and a page that sends invalid, too large or too
-frequent messages. Only messages of known types, with values of the right kind, reach the flight.
+The server closes the connection to a page that accepts no data for LONGEST_SEND (s), or that sends invalid, too large
+or too frequent messages. Only messages of known types, with values of the right kind, reach the flight.
 """
 
 import asyncio

@@ -1,7 +1,7 @@
-"""Derived signals of a vehicle in space, for the pages: roll, pitch, yaw, altitude and speeds.
+"""Derived signals of a vehicle that moves in three dimensions, for the pages: roll, pitch, yaw, altitude and speeds.
 
-For a recording, they are derived from the truth, see `logs.spatial.with_flight`. For a live flight, they are derived
-from the estimate, here in the console's process, so that the flight itself has no extra work.
+For a recording, `logs.spatial.with_flight` derives the signals from the truth. For a live flight, this module derives
+them from the estimate, in the console's process, so that the flight itself has no extra work.
 Source: docs page, Protocol of the console.
 """
 

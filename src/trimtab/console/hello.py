@@ -70,7 +70,7 @@ def describe_signal(path: str, declared: Quantity | None) -> dict[str, Any]:
 
 
 def describe_view(paths: Sequence[str], scenario: Scenario | None) -> dict[str, Any]:
-    """Return a description of how the page draws the craft: in space, from above, from the side, or not at all."""
+    """Return a description of how the page draws the craft: horizon, view from above or from the side, or none."""
     known = set(paths)
 
     def pick(prefix: str, names: Mapping[str, str]) -> dict[str, str] | None:

@@ -87,7 +87,7 @@ class LiveFeed:
             if self._pilot == number:
                 self._pilot, self._flight.piloted_since = None, None
                 self._tell({"type": "release", "pilot": number})
-            client.send({"type": "answer", "id": message["id"], "ok": True, "text": "you gave the stick back"})
+            client.send({"type": "answer", "id": message["id"], "ok": True, "text": "you have released the stick"})
         elif kind in MUTABLE:
             self._tell({**message, "client": number})
 
@@ -199,7 +199,7 @@ class LiveFeed:
         flight, timing = self._flight, self._timing
         battery, is_armed = flight.read("battery.voltage"), flight.read("vehicle.armed") == 1
         if is_armed:
-            self._checks = []  # the checks are those before arming
+            self._checks = []  # the checks apply only before arming
         common = {
             "type": "status",
             "checks": self._checks,

@@ -37,7 +37,7 @@ TYPES = {
 }
 MOST_CLIENTS = 32
 NO_COOKIE = "no cookie: open the address with the token that was printed at the start"
-"""Reason to refuse a client without a cookie. For HTTP it is not logged: browsers request an icon by themselves."""
+"""Reason to refuse a client without a cookie. Not logged for HTTP, because browsers request an icon by themselves."""
 LAST_WORDS = 0.5
 """Time (s) before the end for sending the last messages to the pages."""
 
@@ -144,7 +144,7 @@ async def serve(
 ) -> None:
     """Serve a web application until `over` is set.
 
-    files: paths of certificate and private_key for TLS, or None.  run: makes a task that runs beside the server.
+    files: paths of certificate and private_key for TLS, or None.  run: coroutine function to run beside the server.
     """
     config = uvicorn.Config(
         app,
@@ -177,7 +177,7 @@ async def serve_here(address: ConsoleAddress, feed: Any, routes: list[BaseRoute]
     with open_listener(address) as listener:
         access = Access(address.host, listener.getsockname()[1], address.certificate is not None, tell)
         app = make_app(access, feed, tell, routes)
-        tell(f"console: {access.url(PILOT)}\nopen it in a browser; Ctrl-C ends the server")
+        tell(f"console: {access.url(PILOT)}\nopen this address in a browser; Ctrl-C ends the server")
         if address.opens:
             webbrowser.open(access.url(PILOT))
         await serve(app, listener, address.files, over.wait, over)

@@ -1,4 +1,4 @@
-"""Cache folders for compiled code, which is run again later. Only the user can write to them."""
+"""Cache folders for compiled code that later runs use again. Only the user can write to these folders."""
 
 import hashlib
 import os
@@ -6,13 +6,13 @@ from pathlib import Path
 
 
 def cache_folder(name: str) -> Path:
-    """Return the absolute path of the folder `name` of the cache; create it if it is missing.
+    """Return the absolute path of the folder `name` in the cache. Create the folder if it is missing.
 
     Only this user can write to the folder.
 
-    The cache is $TRIMTAB_CACHE, else the folder trimtab in the system's folder of caches: on Linux $XDG_CACHE_HOME or
-    ~/.cache, on macOS ~/Library/Caches. Raises OSError if the folder cannot be created, and PermissionError if others
-    could change the code in it. A full or read-only file system is detected only at the first write.
+    The cache is $TRIMTAB_CACHE, else the folder `trimtab` in the user's cache folder: on Linux in $XDG_CACHE_HOME or
+    ~/.cache, on macOS in ~/Library/Caches. Raises OSError if the folder cannot be created, and PermissionError if other
+    users could change the code in it. A full or read-only file system is detected only at the first write.
     """
     cache = os.environ.get("TRIMTAB_CACHE")
     if not cache:
@@ -30,7 +30,7 @@ def cache_folder(name: str) -> Path:
 
 
 def enable_cache() -> None:
-    """Enable JAX's compilation cache in the cache's folder `jax`; do nothing if the folder is not writable."""
+    """Enable JAX's compilation cache, in the folder `jax` of this package's cache. Do nothing if it is not writable."""
     import jax
 
     try:
@@ -45,7 +45,7 @@ def enable_cache() -> None:
 
 
 def package_stamp() -> str:
-    """Return a hash that changes with the package's files. It uses only their names, sizes and times, to be fast."""
+    """Return a hash that changes with the package's files. For speed, only names, sizes and times are hashed."""
     files = sorted(Path(__file__).parents[1].rglob("*.py"))
     about = [f"{file} {(s := file.stat()).st_mtime_ns} {s.st_size}" for file in files]
     return hashlib.sha256("\n".join(about).encode()).hexdigest()

@@ -22,7 +22,7 @@ class Waitable(Protocol):
 
 
 class Clock(Protocol):
-    """Clock of a process: its time, and the function by which code that runs in real time waits."""
+    """Clock of a process, with functions that read the time and a function that waits."""
 
     def monotonic_ns(self) -> int:
         """Return the monotonic time (ns)."""
@@ -73,10 +73,10 @@ SYSTEM_CLOCK = SystemClock()
 
 
 def wait_until_ready(fd: int, mask: int, timeout: float) -> bool:
-    """Wait for a file descriptor. Return False if `timeout` seconds pass without an event. An error is an event, too.
+    """Wait for a file descriptor. Return False after `timeout` seconds without an event. An error counts as an event.
 
-    select() is accurate to a microsecond. poll() counts in milliseconds, which may be a whole control period, but
-    accepts any descriptor.
+    select() is used if possible, because it is accurate to a microsecond. poll() accepts any descriptor, but counts in
+    milliseconds, and a millisecond may be a whole control period.
 
     Args:
         fd: file descriptor.

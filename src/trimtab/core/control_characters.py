@@ -7,7 +7,7 @@ KEPT = "\n\t"
 
 
 def show_controls(text: str, kept: str = "") -> str:
-    r"""Return a text with control and direction characters replaced by escapes.
+    r"""Return a text in which control characters and text-direction characters are replaced by escapes.
 
     >>> show_controls("mass\n\x1b[2Kproved")
     'mass\\n\\x1b[2Kproved'

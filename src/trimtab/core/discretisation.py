@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from trimtab.core.linalg import symmetric
 
 SQUARINGS, TERMS = 6, 12
-"""Order of the Taylor series of A/2^6, which is squared six times: exact for a row sum of |A| below 32."""
+"""Number of squarings, and order of the Taylor series of A/2^6. They are sufficient for row sums of |A| below 32."""
 
 
 class DiscreteModel(NamedTuple):

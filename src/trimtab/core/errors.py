@@ -1,9 +1,9 @@
 """Errors raised before a run. Each names the part, the value, the valid choices and the fix.
 
-Inside the loop nothing raises; staleness, rejection and saturation are signals.
+Inside the loop no error is raised. Staleness, rejection and saturation are signals.
 
-A fix is spelled in its reader's language: ``runs=1000`` in Python, ``--runs 1000`` at the command line. Code that
-raises an error writes `argument("runs", 1000)`. Code with readers outside Python sets their spelling by `spell_with`.
+An error suggests a fix in the form that the user types: ``runs=1000`` in Python, ``--runs 1000`` at the command line.
+Code that raises an error writes `argument("runs", 1000)`. The command line sets its own form with `spell_with`.
 """
 
 import shlex
@@ -50,7 +50,7 @@ class InputError(ValueError):
 
 
 Spelling = Callable[[str, Any, str | None], str]
-"""Function that spells an argument, from its name in Python, its value (None: name only), and its path."""
+"""Function that returns an argument as the user types it, from its Python name, value (None: name only) and path."""
 
 
 def argument(name: str, value: Any, path: str | None = None) -> str:
@@ -62,13 +62,13 @@ def argument(name: str, value: Any, path: str | None = None) -> str:
     Args:
         name: name of the parameter in Python.
         value: a number, True or False, a text, or a list of texts for an argument that may be repeated.
-        path: the path whose value is given, for an argument with one value for each path.
+        path: path of the setting, for an argument that has one value for each path, such as ``settings``.
     """
     return _SPELLING.get()(name, value, path)
 
 
 def argument_name(name: str, of: str | None = None) -> str:
-    """Return the name of an argument, for the part of an error. of: path or text that selects one of several values."""
+    """Return the name of an argument as the user types it. of: path or text that selects one value of several."""
     return _SPELLING.get()(name, None, of)
 
 

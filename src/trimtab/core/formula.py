@@ -1,4 +1,4 @@
-"""Formulas of signal temporal logic: their syntax, and the parser that makes a tree of a text.
+"""Formulas of signal temporal logic: their syntax, and the parser that turns the text of a formula into a tree.
 
     FORMULA    always(F)  eventually(F)  F until F     from now on; with [5 s, 15 s] 5 to 15 s from now
                historically(F)  once(F)  F since F     the same for the past
@@ -44,7 +44,7 @@ class Literal(NamedTuple):
 
 
 class SignalPath(NamedTuple):
-    """A signal. component: index of a component, for a signal with several."""
+    """A signal in a formula. component: index of the used component of a vector; None for a scalar signal."""
 
     path: str
     component: int | None
@@ -129,7 +129,7 @@ class _Reader:
             rest = self.text[self.position :].lstrip()
             column = len(self.text) - len(rest) + 1
             if rest:
-                fix = f"write words: and, or, not, implies; e.g. {EXAMPLE}"
+                fix = f"write words for operators: and, or, not, implies; e.g. {EXAMPLE}"
                 refuse_column(self.text, column, f"{rest[0]!r} is not allowed in a formula", fix=fix)
             return Token("end", "", column)
         self.position = match.end()
@@ -203,7 +203,7 @@ class _Reader:
         both = self.check_formula(left), self.check_formula(self.read_prefix())
         if self.next.text in ("until", "since"):
             fix = "write (F until G) until H"
-            refuse_column(self.text, self.next.column, "two until in a row need brackets", fix=fix)
+            refuse_column(self.text, self.next.column, "until or since twice in a row needs brackets", fix=fix)
         return Temporal(token.text, low, high, both, token.column)
 
     def read_prefix(self) -> Any:
@@ -290,7 +290,7 @@ class _Reader:
             return SignalPath(token.text, None, token.column)
         index = self.advance()
         if index.kind != "number" or not index.text.isdecimal():
-            fix = f"write {token.text}[0]; an interval stands after always, eventually, until, …"
+            fix = f"write {token.text}[0]; an interval of time is written after always, eventually, until, …"
             refuse_column(self.text, index.column, f"{index.text!r} is not an index of a component", fix=fix)
         self.expect("]", "after the index of the component")
         return SignalPath(token.text, int(index.text), token.column)

@@ -24,7 +24,7 @@ from trimtab.core.suggestions import closest
 from trimtab.core.units import find_sizes
 
 MIXED = "mixed units"
-"""Unit of a formula whose comparisons have different units. Its robustness is the smallest of theirs, in SI units."""
+"""Unit of a formula whose comparisons have different units. Its robustness combines values in different SI units."""
 _FACTOR = re.compile(r"([A-Za-z%]+)(?:\^(-?[0-9]+))?")
 Dimension = tuple[tuple[str, int], ...]
 """A unit as sorted pairs of symbol and power; () for a number without a unit."""
@@ -40,7 +40,7 @@ class Formula(NamedTuple):
 
 
 def parse_dimension(unit: str) -> Dimension:
-    """Return symbols and powers of a declared unit. A unit of an unusual form becomes one symbol."""
+    """Return symbols and powers of a declared unit. A unit that cannot be split becomes one symbol."""
     powers: dict[str, int] = {}
     for k, part in enumerate(unit.split("/")):
         for factor in part.split():
@@ -71,7 +71,7 @@ def fit_formula(
         full: function that returns the full path of a short name.
 
     Raises:
-        InputError: a syntax error, an unknown signal, or units that do not match; with the column, and what to type.
+        InputError: syntax error, unknown signal, or units that do not match. It names the column and what to type.
     """
     fitting = _Fitting(text, shapes, units, full)
     root, found = fitting.fit(parse_formula(text))
@@ -190,7 +190,7 @@ def look_ahead(tree: Any) -> int | None:
 def least_length(tree: Any) -> int:
     """Return the shortest duration (100 ns) of a log that covers all intervals of a formula.
 
-    Intervals without an end must begin in the log.
+    For an interval without an end, the log must reach the beginning of the interval.
     """
     if isinstance(tree, Predicate):
         return 0

@@ -1,7 +1,7 @@
 """Imperfections: effects, such as noise, that can be switched off in a part.
 
-An imperfection is declared at the fields that it changes: `off=` gives the field's value without it. `imperfection()`
-and `switch()` declare a size or a flag that belongs to one imperfection.
+An imperfection is declared at each field that it changes: `off=` gives the field's value while the imperfection is
+switched off. `imperfection()` and `switch()` declare a size or a flag that belongs to one imperfection.
 """
 
 from collections.abc import Mapping
@@ -29,11 +29,11 @@ def without(tree: T, name: str) -> T:
     """Return a copy of a tree of records with an imperfection switched off in all records that declare it.
 
     Raises:
-        InputError: no record declares it.
+        InputError: no record declares this imperfection.
     """
     known = imperfections(tree)
     if name not in known:
-        fix = "name one of them" if known else "leave it as it is"
+        fix = "write one of the choices" if known else "do not switch anything off: the part has no imperfections"
         raise InputError(type(tree).__name__, f"the part has no imperfection {name!r}", choices=known, fix=fix)
     return _switch_off(tree, name)
 

@@ -48,9 +48,9 @@ def rk4(f: Callable[[Scalar, X], X], t: Scalar, x: X, h: Scalar) -> X:
 def rk4_with_error(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
     """Return the result of `rk4`, bit for bit, and its difference from an embedded formula of order three.
 
-    The difference is h/10 (f(t + h, x1) - k4): the formula moves a tenth of k4's weight to the derivative at the end of
-    the step, which leaves the conditions of order three satisfied [1, theorem 2.1]. It is larger than the error of the
-    step.
+    The difference is h/10 (f(t + h, x1) - k4). The embedded formula moves a tenth of k4's weight to the derivative at
+    the end of the step, which still satisfies the conditions of order three [1, theorem 2.1]. The difference is larger
+    than the error of the step.
     """
     x1, k4 = _rk4_stages(f, t, x, h)
     return x1, jax.tree.map(lambda a, b: h / 10 * (a - b), f(t + h, x1), k4)
@@ -59,8 +59,8 @@ def rk4_with_error(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
 def rk4_with_doubling(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
     """Return the result of `rk4`, bit for bit, and its error estimated by two steps of half the length.
 
-    The estimate is 16/15 of the difference. For small steps it equals the error, which is proportional to h^5. The
-    estimate of an embedded formula is larger, proportional to h^4.
+    The estimate is 16/15 of the difference between the two results. For small steps it equals the error, which is
+    proportional to h^5. The estimate by an embedded formula would be larger: it is proportional to h^4.
     Source: [1] section II.4.
     """
     x1 = rk4(f, t, x, h)

@@ -1,7 +1,7 @@
 """Interfaces of all parts. A part only has to have the members of its interface: no base class, no registration.
 
-Every part is a record; its fields are its parameters. Times `t` of blocks are integers of 100 ns. A step is a pure
-function: it takes the state and returns the next state. A step never raises an error.
+Every part is a record; its fields are its parameters. The time `t` of a block is an integer in units of 100 ns. A step
+is a pure function: it takes the state and returns the next state. A step never raises an error.
 """
 
 from collections.abc import Mapping
@@ -46,38 +46,41 @@ OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
 - any part: `check()` raises InputError if a value is invalid. `check_duration(seconds)` raises InputError if a value is
   invalid for a run of that length.
 - ActuatorStage: `check_period(period)` raises InputError if the period (100 ns) is not suitable.
-- Sensor: `FEELS`, a class variable: the input of step(). "motion"; "input": the vehicle's input since the last command;
-  "state": the vehicle's state, which no real sensor measures, but an ideal one may.
+- Sensor: `FEELS`, a class variable: the input of step(). "motion": the vehicle's motion; "input": the vehicle's input
+  since the last command; "state": the vehicle's state, which only an ideal sensor measures.
 - Sensor: `LATE`, a class variable: True if samples are output later than they were measured.
 - Sensor: `OBSERVES`, a class variable: True for an instrument outside the vehicle, which no autopilot reads. An ideal
   run keeps this sensor.
-- Estimator: `ANY_ORDER`, a class variable: True if it fuses each sample at the sample's own time. It then gets late
-  samples, too.
+- Estimator: `ANY_ORDER`, a class variable: True if it fuses each sample at the sample's own time. Only then does it
+  receive samples that arrive late.
 - Vehicle: `MAV_TYPE`, a class variable: type of the vehicle for a ground station, MAVLink's name without the prefix.
 - Vehicle: `QUATERNIONS`, a class variable: fields of its state that are attitudes q_WB (4,), whose derivative is
-  q_WB (0, w_WB_B)/2; an integration on the rotation group updates them by rotations (docs, Integration).
-- Vehicle: `events(t, x)`: numbers; a step ends where one of them changes its sign (docs, Integration).
-- Vehicle: `jump(t, x, crossed)`: the state after such an event; crossed (k,): True for numbers that changed sign.
+  q_WB (0, w_WB_B)/2. An integration on the rotation group updates these fields by rotations (docs, Integration).
+- Vehicle: `events(t, x)`: k event functions; a step ends where one changes its sign (docs, Integration).
+- Vehicle: `jump(t, x, crossed)`: the state after an event; crossed (k,): True if the event function changed its sign.
 - Vehicle: `after_step(t, x)`: the corrected state after each step, e.g. with a quaternion of length one.
-- Vehicle: `input_limits()`: field of its input -> (minimum, maximum) of its own servos and motors.
-- Vehicle: `in_gust(gust)`: the vehicle in air with this Gust besides the wind; needed in a world with turbulence.
-- Vehicle: `is_stepped`: True if a host steps it, such as an external program; the loop then does not integrate it.
+- Vehicle: `input_limits()`: field of the vehicle's input -> (minimum, maximum) of the servos and motors in its model.
+- Vehicle: `in_gust(gust)`: the vehicle in air with this Gust in addition to the wind; needed in a world with
+  turbulence.
+- Vehicle: `is_stepped`: True if a host, e.g. an external program, steps the vehicle; the loop does not integrate it.
 - Channel: `send_period`: time between packets; None: the channel's period.
-- Actuators: `frame`: the period at which they latch a command; None: their period.
-- Actuators: `pulses()`: field of the command -> its ServoPulse on a board; other fields follow from their limits.
-- a command: `failsafe()`: the Failsafe of a vehicle that accepts such commands; None: a Failsafe without limits.
+- Actuators: `frame`: the period at which the actuators latch a command; None: the actuators' `period`.
+- Actuators: `pulses()`: field of the command -> its ServoPulse on a board. The pulses of missing fields are computed
+  from the limits of these fields.
+- a command: `failsafe()`: the Failsafe of a vehicle that accepts this command; None: a Failsafe without limits.
 - Law: `stick`: name of the sample with the pilot's stick, which is added to the estimate; "": no pilot.
-- a gyro's response: `sampling`: the sampling period for which it was designed; None: any.
-- Law: `equilibrium()`: the state in which its closed loop is at rest; None: unknown.
-- a measured heading or position: `variance` of its noise, for a position also its covariance (2, 2); 0: not stated.
-- an estimated state: `frequencies` of its bending modes (w1, w2, rad/s); (): not estimated.
+- a gyro's response: `sampling`: the sampling period for which the response was designed; None: any.
+- Law: `equilibrium()`: the state in which the closed loop with this law is at rest; None: unknown.
+- a measured heading or position: `variance` of its noise; for a position, a covariance (2, 2) is also possible; 0: not
+  stated.
+- an estimated state: `frequencies` of the bending modes (w1, w2, rad/s); (): not estimated.
 
-Imperfections that can be switched off in a part are declared with `off=` at its fields: `core.imperfections`.
+Imperfections that can be switched off in a part are declared with `off=` at its fields; see `core.imperfections`.
 """
 
 
 def optional_member(part: Any, name: str) -> Any:
-    """Return a member of OPTIONAL_MEMBERS of a part, or its default."""
+    """Return an optional member of a part, or its default from OPTIONAL_MEMBERS if the part does not have it."""
     return getattr(part, name, OPTIONAL_MEMBERS[name])
 
 
@@ -129,7 +132,7 @@ class Sensor(Protocol):
         ...
 
     def measure(self, motion: Motion) -> Any:
-        """Return the noise-free measurement h(x), a record: step() adds errors, an estimator differentiates it."""
+        """Return the noise-free measurement h(x), a record. step() adds errors to it; an estimator differentiates h."""
         ...
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:
@@ -205,15 +208,18 @@ class InertialForm(Protocol):
         ...
 
     def propagate(self, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> Any:
-        """Return the node dt (s) later. imu_reading: (3,). untrusted (2,): 1 if gyro, accelerometer is not trusted."""
+        """Return the node advanced by dt (s).
+
+        imu_reading: (3,).  untrusted: (2,), flags of gyro and accelerometer; 1: the sensor is not trusted.
+        """
         ...
 
     def correct_heading(self, node: Any, z: Any, variance: Any) -> Any:
-        """Return the node corrected by a heading (rad)."""
+        """Return the node corrected by a measured heading z (rad)."""
         ...
 
     def belief(self, node: Any) -> Any:
-        """Return the filter's estimate for the IMU's position, as a Belief."""
+        """Return the estimate in a node, as a Belief. Its velocity and position are those of the IMU."""
         ...
 
 
@@ -235,7 +241,7 @@ class Law(Protocol):
 
 @runtime_checkable
 class Reference(Protocol):
-    """Wanted motion of a vehicle in the plane: a record that is part of a law, usually its field `reference`."""
+    """Wanted motion of a vehicle in the plane: a record that is part of a law, usually the law's field `reference`."""
 
     def at(self, t: Any) -> ReferencePoint:
         """Return the wanted point t (s) after the law's start: a pure function that compiles to C."""
@@ -256,21 +262,21 @@ class Allocation(Protocol):
 
 
 class StageOutput(NamedTuple):
-    """Output of an actuator stage. value: value of the field. limited: True at the maximum speed or at an end stop."""
+    """Output of an actuator stage. value: value after the stage. limited: True at maximum speed or at an end stop."""
 
     value: Any
     limited: Any
 
 
 class ActuatorStage(Protocol):
-    """Effect of an actuator on one field of the input, e.g. a lag, a backlash or a delay, applied number by number."""
+    """Effect of an actuator, e.g. lag, backlash or delay, on one field of the input. It acts on each number alone."""
 
     def init(self, rest: Any) -> Any:
         """Return the initial state of the stage, at the neutral value `rest`."""
         ...
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
-        """Return the state and the output a period dt (s) later, for a constant command."""
+        """Return the state and the output after a period dt (s) with a constant input `value`."""
         ...
 
 

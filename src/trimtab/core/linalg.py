@@ -1,4 +1,4 @@
-"""Linear algebra for small matrices, unrolled. Flight code does not call LAPACK, so that it can be exported as C.
+"""Linear algebra for small matrices, with unrolled loops. It does not call LAPACK, so that it can be exported as C.
 
 A matrix that is not positive definite gives NaN, not an exception.
 """

@@ -1,7 +1,7 @@
 """Lines of text for the user, written by a thread, so that a flight never waits for a terminal, a pipe or a disk.
 
-A paused terminal, a full pipe or a stalled disk can block a write for any time. Lines that the thread cannot write, or
-that do not fit into the queue, are counted.
+A paused terminal, a full pipe or a stalled disk can block a write for an unlimited time. Lines that the thread cannot
+write, or that do not fit into the queue, are counted.
 """
 
 import os
@@ -20,7 +20,7 @@ class LineWriter:
     """Queue of lines, and the thread that writes them."""
 
     def __init__(self, write: Callable[[str], object]) -> None:
-        """Start the thread. write: function that writes a line. It may wait, and may raise OSError or ValueError."""
+        """Start the thread. write: function that writes a line; it may block, and may raise OSError or ValueError."""
         self._write = write
         self._lines = SimpleQueue[str | threading.Event | None]()
         self._overflowed = self._failed = 0
@@ -40,7 +40,7 @@ class LineWriter:
             self._lines.put(text)
 
     def settle(self, patience: float = CLOSE_S) -> int:
-        """Wait until the waiting lines are written, for at most `patience` seconds. Return the number of lost lines.
+        """Wait until the queued lines are written, for at most `patience` seconds. Return the number of lost lines.
 
         Lines that are not written by then count as lost. More lines may be put into the queue later.
         """
@@ -51,7 +51,7 @@ class LineWriter:
         return self.lost_count + self._lines.qsize()  # the queued event counts for the line being written
 
     def close(self, patience: float = CLOSE_S) -> int:
-        """Write the waiting lines, for at most `patience` seconds. Return the number of lost lines."""
+        """Write the queued lines, for at most `patience` seconds. Return the number of lost lines."""
         self._lines.put(None)
         self._thread.join(patience)
         return self.lost_count + max(self._lines.qsize() - 1, 0)

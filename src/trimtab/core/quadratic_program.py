@@ -25,9 +25,9 @@ LOOSE = 1e20
 
 
 class ChangeRows(NamedTuple):
-    """Constraint matrix A for a plan of moves of `width` numbers, not stored as an array.
+    """Constraint matrix A for a plan x of successive moves, each of `width` numbers. A is not stored as an array.
 
-    A x has the entries of x, then their changes from move to move. Products with A are computed by sums.
+    A x contains the entries of x, then their changes from one move to the next. Products with A are computed by sums.
     """
 
     width: int
@@ -89,7 +89,7 @@ class QuadraticStart(NamedTuple):
 
 
 class QuadraticSolution(NamedTuple):
-    """Solution x, y and rho, from which the next solution can start, and its quality.
+    """Solution x, y and rho, from which the next iteration can start, and the quality of this solution.
 
     primal: largest entry of A x - z, with z within the bounds, and at a bound where y is not zero. dual: largest entry
     of P x + q + A.T y. solved: True if primal and dual are within the tolerance, relative to the size of their terms
@@ -180,7 +180,7 @@ def _iterate(p: QuadraticProgram, now: _Iterate, weights: Any, iterations: int) 
 def _choose_rho(p: QuadraticProgram, now: _Iterate, rho: Any, least: float) -> Any:
     """Return a rho with which the relative primal and dual residuals become equal [1, section 5.2].
 
-    least: lower bound of the residuals in this choice, so that rho does not follow rounding errors.
+    least: number that is added to both residuals, so that rho does not follow rounding errors.
     """
     Ax, Px, Aty = p.A.times(now.x), p.P @ now.x, p.A.back(now.y)
     primal = _size(Ax - now.z) / (jnp.maximum(_size(Ax), _size(now.z)) + 1e-10)

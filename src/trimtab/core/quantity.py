@@ -79,7 +79,7 @@ class Option:
 Declaration = Quantity | Part | Option
 
 Off = Mapping[str, Any]
-"""Name of an imperfection -> the field's value without it, or a function that returns this value for the record."""
+"""Name of an imperfection -> value of the field without the imperfection, or a function from record to this value."""
 NOTHING_OFF: Off = MappingProxyType({})
 
 

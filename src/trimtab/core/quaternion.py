@@ -1,6 +1,6 @@
 """Unit quaternions: attitude in three dimensions without a singular angle.
 
-Conventions: Hamilton's product, the scalar first, q = (w, x, y, z); q_WB takes body components to world components,
+Conventions: Hamilton's product, scalar first, q = (w, x, y, z); q_WB transforms body components to world components,
 v_W = q_WB (0, v_B) q_WB*, and q_AC = q_AB q_BC. q and -q are the same attitude. The results of `to_matrix` and `rotate`
 do not depend on the quaternion's length, which may drift during integration.
 
@@ -17,7 +17,7 @@ from trimtab.core.record import Scalar
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 """No rotation."""
 SMALL2 = 1e-8
-"""Squared angle (rad²) below which a series is more accurate than the formula."""
+"""Squared half angle (rad²) below which a power series is used in place of the formula."""
 
 
 def multiply(p: Any, q: Any) -> Any:
@@ -61,7 +61,7 @@ def to_matrix(q: Any) -> Any:
 
 
 def from_matrix(R: Any) -> Any:
-    """Return q_WB (4,), w >= 0, for a rotation R_WB (3, 3), computed from its largest number as Shepperd does."""
+    """Return q_WB (4,), w >= 0, for a rotation matrix R_WB (3, 3), by Shepperd's method."""
     T = R[0, 0] + R[1, 1] + R[2, 2]
     a, b, c = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     d, e, f = R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] + R[1, 2]
@@ -92,7 +92,7 @@ def from_euler(roll: Scalar, pitch: Scalar, yaw: Scalar) -> Any:
 
 
 def exponential(v: Any) -> Any:
-    """Return q (4,) that rotates by |v| (rad) about v (3,). Near zero a series is used."""
+    """Return q (4,) that rotates by |v| (rad) about v (3,). For small |v|, a power series is used."""
     a2 = (v @ v) / 4
     small = a2 < SMALL2
     a = jnp.sqrt(jnp.where(small, 1.0, a2))
@@ -102,7 +102,7 @@ def exponential(v: Any) -> Any:
 
 
 def logarithm(q: Any) -> Any:
-    """Return the shortest v (3,) (rad) with exponential(v) = ± q, at most half a turn, for a unit quaternion q (4,)."""
+    """Return the shortest rotation vector v (3,) (rad), |v| <= pi, with exponential(v) = ± q, for a unit q (4,)."""
     sign = jnp.where(q[0] < 0, -1.0, 1.0)
     w, x = sign * q[0], sign * q[1:]
     s2 = x @ x

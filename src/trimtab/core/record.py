@@ -69,7 +69,7 @@ jax.config.update("jax_enable_x64", True)
 T = TypeVar("T")
 FAST_COMPILE_OPTIONS: Any = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
 if jax.__version_info__ < (0, 11):
-    # The older code for loops compiles in half the time. A single piece takes less time in total than the usual 32.
+    # XLA's older code for loops compiles in half the time. Code in one piece compiles faster than in the usual 32.
     FAST_COMPILE_OPTIONS |= {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1}
 """Options for jax.jit(…, compiler_options=…) of code that runs once, so that it compiles in less time."""
 
@@ -91,7 +91,7 @@ def record(cls: type[T]) -> type[T]:
     _accept_texts(cls)
     try:
         frozen: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
-    except TypeError as error:  # a field without annotation, or without default after one that has one
+    except TypeError as error:  # a field without annotation, or a field without default after a field with default
         fix = 'name: float = quantity("m", "Meaning of the field.", default=0.0); fields without a default come first'
         raise InputError(f"record {cls.__name__}", str(error), fix=fix) from None
     _explain_changes(frozen)

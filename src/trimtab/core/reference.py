@@ -3,7 +3,7 @@
 A reference fits `core.interfaces.Reference`: `at(t)` gives the reference position and four derivatives. An
 underactuated vehicle needs four, because it turns its thrust by its heading: the second derivative determines the
 heading, the fourth the torque. References are pure functions and compile to C, so a law can contain one in flight.
-Their time t (s) is 0 when the law starts. A reference does not depend on the vehicle that follows.
+Their time t (s) is 0 when the law starts. A reference does not depend on the vehicle that follows it.
 """
 
 import math
@@ -120,7 +120,7 @@ class FigureEight:
 
         along = (length/2) cos(phase)      across = -(width/2) (sin(2 phase) + sin(4 phase)/40)
 
-    The acceleration vanishes in the crossing and changes sign there. Because of the last term, the direction of the
+    The acceleration vanishes at the crossing and changes sign there. Because of the last term, the direction of the
     acceleration is constant at the crossing (direction' and direction'' are zero). So a vehicle that thrusts along the
     acceleration needs no torque there. The last term changes the width by 0.2 %.
 
@@ -152,7 +152,7 @@ class PiecewisePath:
 
     Piece k is valid from times[k] to times[k + 1]. In it, north, east and heading are the sum over i of
     coefficients[k, i] (t - times[k])^i.
-    Before the first time and after the last, the path rests at its ends.
+    Before the first time, the path rests at its first point; after the last time, at its last point.
 
     Frames:  W.    Source:  C. de Boor, "A practical guide to splines", 1978.
     """
@@ -173,7 +173,7 @@ class PiecewisePath:
         times, shape = np.asarray(self.times, np.float64), np.shape(self.coefficients)
         if times.ndim != 1 or shape != (len(times) - 1, DEGREE + 1, 3) or not (np.diff(times) > 0).all():
             problem = (
-                "times must rise and be one more than the pieces in coefficients,"
+                "times must increase, with one time more than there are pieces in coefficients,"
                 f" got {np.size(times)} times and coefficients of shape {shape}"
             )
             fix = "make it with core.reference.interpolate_path or pass_waypoints"
@@ -200,7 +200,7 @@ def interpolate_path(times: Any, places: Any, headings: Any = None, *, rests: bo
     """Return the spline of degree 5 through positions at times.
 
     Args:
-        times: times (s) in rising order (n,), at least four, or two if the path rests at its ends.
+        times: times (s) in rising order (n,), at least six, or two if the path rests at its ends.
         places: positions (m), north and east in W (n, 2).
         headings: headings (rad), unwrapped (n,), or None.
         rests: True if velocity and acceleration vanish at both ends.
@@ -230,8 +230,8 @@ def pass_waypoints(places: Any, speeds: Any) -> PiecewisePath:
 
     Args:
         places: positions (m), north and east in W (n, 2).
-        speeds: mean speed (m/s) of each leg (n - 1,), or one for all legs. The first and the last leg take longer,
-            because they begin or end at rest.
+        speeds: mean speed (m/s) of each leg (n - 1,), or one speed for all legs. The first and the last leg take
+            longer, because they begin or end at rest.
 
     Raises:
         InputError: fewer than two places, two equal places in a row, or a speed that is not above 0.

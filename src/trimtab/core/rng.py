@@ -1,11 +1,11 @@
 """Counter-based random numbers: threefry 2x32 in plain integer arithmetic.
 
-A number depends only on (seed, run), on the sample's index and on the block's stream. So all backends draw the same
-bits, any run can be repeated alone, and the noise of a part does not change when another part is switched off.
+A random number depends only on (seed, run), on the sample's index and on the block's stream. So all backends draw the
+same bits, any run can be repeated alone, and the noise of a part does not change when another part is switched off.
 
-The draws may be divided into groups, with one word for each group in place of the run's number. A new word for a group
-changes the noise of this group only. A Markov chain towards a rare failure changes these words (docs page, Rare
-failures).
+The draws may be divided into groups. Each group then has its own 32-bit word, used in place of the run number. A new
+word for a group changes the noise of this group only. A Markov chain towards a rare failure changes these words (docs
+page, Rare failures).
 
 Source: Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (20 rounds).
 """
@@ -24,7 +24,7 @@ from trimtab.core.record import Scalar, option, quantity, record
 ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))
 PARITY = 0x1BD11BDA
 TERMS = 8
-"""Number of normal numbers that are summed to one, if the draws are divided into groups."""
+"""Number of normal numbers whose scaled sum is one drawn number, if the draws are divided into groups."""
 TERM_STRIDE = 0x9E3779B1
 """Difference of the stream numbers of the summed normal numbers. It is odd, so they are in different groups."""
 
@@ -48,7 +48,7 @@ def key(seed: int, run: int = 0) -> Key:
 
 
 def split(key: Key, n: int) -> Key:
-    """Return the keys of n equal blocks, as a Key with fields (n,). Their random numbers differ, whatever n is."""
+    """Return the keys of n equal blocks, as a Key with fields (n,). Each block gets different random numbers."""
     a, b = threefry2x32(key.seed, key.run, np.arange(n, dtype=np.uint32), np.uint32(key.stream))
     return Key(a, b, key.stream)
 
@@ -89,7 +89,7 @@ def uniform2(key: Key, index: Any, stream: int = 0) -> tuple[Any, Any]:
     Args:
         key: key of the block.
         index: number of the sample, e.g. the instant divided by the block's period; any integer.
-        stream: number of the draw within a sample. Each number gives another pair.
+        stream: number of the draw within a sample. Each stream gives an independent pair.
     """
     c0, c1 = jnp.asarray(index).astype(np.uint32), np.uint32((key.stream + stream) % 2**32)
     a, b = threefry2x32(key.seed, _group_word(key.run, c0, c1), c0, c1)
@@ -114,7 +114,7 @@ def normals(key: Key, index: Any, n: int) -> Any:
 def _normal_pair(key: Key, counter: Any, streams: Any) -> tuple[Any, Any]:
     """Return two standard normals for each draw.
 
-    With groups, each is a scaled sum of TERMS normals of different groups, which changes little with one group's word.
+    With groups, each is a scaled sum of TERMS normals of different groups, so one group's new word changes it little.
     """
     if not jnp.ndim(key.run):
         return _box_muller(*threefry2x32(key.seed, key.run, counter, streams))

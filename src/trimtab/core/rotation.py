@@ -1,7 +1,7 @@
 """Rotations in the plane and in space.
 
-Conventions: right-handed frames, z down; R_WB takes body components to world components, v_W = R_WB v_B. Euler angles
-are roll, pitch, yaw about x, y, z in the order yaw, pitch, roll (3-2-1).
+Conventions: right-handed frames, z down; R_WB transforms body components to world components, v_W = R_WB v_B. Euler
+angles are roll, pitch, yaw about x, y, z in the order yaw, pitch, roll (3-2-1).
 
 Source: Diebel, "Representing attitude", Stanford 2006; Stevens, Lewis, Johnson, "Aircraft control and simulation", 1.3.
 """

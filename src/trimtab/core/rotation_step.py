@@ -23,8 +23,8 @@ def rotation_step(step: Step, names: Sequence[str]) -> Step:
 
     Within a step q = q0 exp(v), and v (3,) obeys Bortz's equation v' = w + v × w/2 + …, with the angular velocity w
     computed from the derivative of q. Other parts of that derivative, such as a term that corrects the length, are
-    ignored. The order of the step is kept: RK4 becomes Munthe-Kaas's method of order four. The error estimate is that
-    of q.
+    ignored. The order of the step is kept: RK4 becomes Munthe-Kaas's method of order four. The returned error estimate
+    is the error of q.
     """
 
     def turn(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:

@@ -2,7 +2,7 @@
 
     y_k = b0 u_k + b1 u_{k-1} + b2 u_{k-2} - a1 y_{k-1} - a2 y_{k-2}
 
-Values may have any shape; each component is filtered alone.
+Values may have any shape; each component is filtered separately.
 """
 
 from typing import Any

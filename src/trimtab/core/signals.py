@@ -1,7 +1,7 @@
 """Messages that the parts of the loop exchange. Every sample carries the time of its measurement.
 
 Frames: W is north-east-down with its origin on the floor; B sits at the centre of mass, x forward, y starboard, z down.
-Times are integers of 100 ns; ages are seconds.
+Times are integers in units of 100 ns; ages are in seconds.
 """
 
 from collections.abc import Mapping
@@ -39,8 +39,8 @@ NO_GUST = Gust(np.zeros(3), np.zeros(3))
 class Bending:
     """Motion of a vehicle's bending modes, in the order of the modes in the state. Source: docs page, Hypersonic."""
 
-    rate: Any = quantity("1/s", "Rate of each bending mode (n,), in its own unit per second.")
-    acceleration: Any = quantity("1/s^2", "Acceleration of each bending mode (n,), in its own unit per second squared.")
+    rate: Any = quantity("1/s", "Rate of each bending mode (n,), in the unit of the mode per second.")
+    acceleration: Any = quantity("1/s^2", "Acceleration of each bending mode (n,), in the unit of the mode per s^2.")
 
 
 @record
@@ -123,12 +123,12 @@ class Estimate:
     valid: Scalar = quantity("1", "True while the estimated state may be used.", kind="flag")
     state: Any = part("Estimated state, a record.")
     stick: Any = part("Newest sample of the pilot's stick for a law that reads the stick, else None.", default=None)
-    dt: Any = part("Time between two steps of the law (s) in the law's input, else None.", default=None)
+    dt: Any = part("Time between two steps of the law (s); None except in the law's input.", default=None)
 
 
 STICK_MODES = ("manual", "damped", "assisted")
-"""Modes of a pilot's stick. In these modes it commands the thrust vector, velocities in body axes, or the velocity over
-the floor."""
+"""Modes of a pilot's stick. It commands the thrust vector (manual), velocities in body axes (damped), or the velocity
+over the floor (assisted)."""
 
 
 @record
@@ -210,7 +210,7 @@ class PeerView:
 
 @record
 class SwarmInput:
-    """Input and message of each craft of a swarm, used as demand, command and input. Source: docs page, Swarms."""
+    """Input and message of each craft of a swarm: the swarm's demand, command and input. Source: docs page, Swarms."""
 
     act: Any = part("Input of each craft, or demand for its actuators; fields (n,).")
     say: PeerMessage = part("Message of each craft; fields (n,).")

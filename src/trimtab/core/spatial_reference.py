@@ -1,4 +1,4 @@
-"""References for a vehicle in space: a helix, a fixed place, and a path in the plane at a constant height.
+"""References in three dimensions: a helix, a fixed place, and a path in the plane at a constant height.
 
 `at(t)` returns a SpatialPoint: the position and four derivatives, the heading and two derivatives. References are pure
 functions and compile to C, so that a law can use one in flight.
@@ -15,7 +15,7 @@ from trimtab.core.reference import Circle
 
 @record
 class SpatialPoint:
-    """Point of a reference in space at one instant. Frames: W, (north, east, down). Source: docs page, References."""
+    """Point of a 3-D reference at one instant. Frames: W, (north, east, down). Source: docs page, References."""
 
     place: Any = quantity("m", "Reference position: north, east, down.", frame="W", shape=(3,))
     velocity: Any = quantity("m/s", "Reference velocity: first time derivative of the position.", frame="W", shape=(3,))
@@ -49,7 +49,7 @@ class Helix:
 
         (speed t, across sin wt, -lift cos wt) + origin      heading = turn t
 
-    Frames:  W; `lift` is half the height of the ellipse, which begins at its top for lift > 0.
+    Frames:  W; `lift` is half the height of the ellipse. For lift > 0, the helix begins at the top.
     Source:  T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010,
              section V: its helix has lift = -0.6.
     """

@@ -19,7 +19,7 @@ def missing_member(owner: Any, name: str, write: str) -> AttributeError:
 
 
 def unknown_setting(name: str, path: str, known: Iterable[str]) -> InputError:
-    """Return the error for a path that is not a setting. name: argument with the path. known: valid paths."""
+    """Return the error for a path that is not a setting. name: argument that contains the path. known: valid paths."""
     known = list(known)
     below = [p for p in known if p.startswith(path + ".")]
     near = below[:8] or closest(path, known, 6) or sorted({p.split(".")[0] for p in known})

@@ -72,8 +72,8 @@ def nearest_time(text: str, usual: str) -> str:
 
 
 def as_time(part: str, value: Any) -> int:
-    """Return a time as integer units, from integer units or a text such as ``20 ms``. Raise InputError for other
-    numbers.
+    """Return a time as integer units, from integer units or a text such as ``20 ms``. Raise InputError for any other
+    value, also a float.
 
     part: name of the argument, for the error, e.g. ``duration``.
     """
@@ -110,7 +110,7 @@ class Instant(NamedTuple):
     always: frozenset[int] = frozenset()
 
     def due(self, period: int) -> Any:
-        """Return True if a block of this period is due now. For a block that is always due, it is Python's True."""
+        """Return True if a block of this period is due now: as a traced value, or as a plain True if always due."""
         return True if period in self.always else self.t % period == 0
 
 

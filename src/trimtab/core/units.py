@@ -64,7 +64,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """Unit of storage -> units in which the quantity may be written -> their size in the unit of storage.
 
-A unit that occurs twice, such as g, is taken as the first one if the quantity is unknown.
+If the quantity is unknown, a symbol with two meanings, such as g, has the meaning that is listed first.
 """
 SPELLINGS = {
     "": "1",
@@ -143,7 +143,7 @@ def find_unit(where: str, text: str) -> Unit:
     if kept is None:
         known = list(dict.fromkeys(unit for sizes in UNITS.values() for unit in sizes))
         near = closest(name, known, 1)
-        fix = f'unit = "{near[0]}"' if near else 'write one of them, or a factor and one of them, e.g. "1e-3 m"'
+        fix = f'unit = "{near[0]}"' if near else 'write one of the choices, after a factor if needed: "1e-3 m"'
         raise InputError(where, f"unknown unit {text!r}", choices=known, fix=fix)
     return Unit(factor * UNITS[kept][name], kept, kept if kept in (FLAG, COUNT) else "real")
 
@@ -177,7 +177,7 @@ def check_kept(unit: str) -> None:
     """Raise InputError if a declared unit is not a unit of storage, such as deg.
 
     Raises:
-        InputError: the unit is not one of storage; the error names the unit to declare.
+        InputError: the value is not stored in this unit; the error names the unit to declare.
     """
     kept = next((kept for kept, sizes in UNITS.items() if unit in sizes), unit)
     if unit not in (*UNITS, *IMPERIAL) and kept != unit:
@@ -189,7 +189,7 @@ def parse_unit(part: str, text: str, kept: str) -> float:
     """Return the size of the unit written after a number, in the unit of storage; 1 if no unit is written.
 
     Raises:
-        InputError: the written unit is one of another quantity.
+        InputError: the written unit is a unit of another quantity.
     """
     if not text or text == kept:
         return 1.0

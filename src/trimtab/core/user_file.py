@@ -39,11 +39,11 @@ def read_user_bytes(path: str | os.PathLike[str], largest: int | None = None) ->
 
 
 def read_user_text(path: str | os.PathLike[str], encoding: str = "utf-8", largest: int = LARGEST_TEXT) -> str:
-    """Return the text of a plain file, with lines that end in a line feed.
+    """Return the text of a plain file, with every line end converted to a line feed.
 
     Raises:
-        OSError: as for `read_user_bytes`.
-        UnicodeDecodeError: the file is not a text in this encoding.
+        OSError: the file cannot be read, is a pipe, a device or a folder, or is larger than `largest`.
+        UnicodeDecodeError: the file is not text in this encoding.
     """
     text = read_user_bytes(Path(path), largest).decode(encoding)
     return text.replace("\r\n", "\n").replace("\r", "\n")

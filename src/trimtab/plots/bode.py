@@ -1,4 +1,4 @@
-"""Bode plot of a control loop: each command is broken in turn, with all other commands closed."""
+"""Bode plot of a control loop, opened at one command at a time while all other commands stay closed."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ DASHES = ("-", (0, (6, 6)), (0, (2, 6)))
 
 
 def plot_bode(loop: LoopMap, path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw magnitude and phase of each broken loop, with a dot and the phase margin where its magnitude is 1.
+    """Draw magnitude and phase of the loop opened at each command, with a dot and the phase margin at magnitude 1.
 
     Args:
         loop: map of the loop.
@@ -27,7 +27,7 @@ def plot_bode(loop: LoopMap, path: PicturePath = None, title: str = "") -> "Figu
     axes: Any = figure.subplots(2, 1, sharex=True)
     w = loop.grid()
     values, crossings = loop.broken_loops(w), find_crossings(loop)
-    style_axes(axes[0], "magnitude", f"{title}: commands broken one at a time", "dB")
+    style_axes(axes[0], "magnitude", f"{title}: loop opened at one command at a time", "dB")
     style_axes(axes[1], "phase", "", "degrees")
     for k, (column, name, colour) in enumerate(zip(values.T, loop.commands, SEVERAL, strict=False)):
         dashes = DASHES[k % len(DASHES)]

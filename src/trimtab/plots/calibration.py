@@ -16,8 +16,8 @@ COLUMNS, WIDTH, HEIGHT = 3, 5.2, 4.6
 class FitCurve(NamedTuple):
     """Fitted line and its readings. x, y: readings (n,).  fitted: fit at the readings (n,).
 
-    kept: (n,) bool, False for outliers.  line_x, line_y: line of the fit (m,).  band: half its 95 % interval (m,), or
-    None.  label: text of the legend.
+    kept: (n,) bool, False for outliers.  line_x, line_y: line of the fit (m,).  band: half width of the line's 95 %
+    interval (m,), or None.  label: text of the legend.
     """
 
     x: Any
@@ -41,7 +41,7 @@ class FitPanel(NamedTuple):
 
 
 def plot_fits(panels: Sequence[FitPanel], path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw each panel: readings, fit and band above, residuals below. Outliers have a cross.
+    """Draw each panel: readings, fit and band above, residuals below. Outliers are drawn as crosses.
 
     Args:
         panels: the fits.

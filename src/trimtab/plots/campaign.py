@@ -28,7 +28,7 @@ LOOKS = 60
 HUGE = 1e12
 """Value drawn in place of infinity, which matplotlib cannot draw. It is far outside the plot."""
 BEYOND = 4.0
-"""Half width of a histogram around the median, in widths of the middle 90 % of values. Others are only counted."""
+"""Half width of a histogram about the median, in widths of the middle 90 % of values. Values outside are counted."""
 
 
 def plot_parallel(
@@ -85,8 +85,8 @@ def _axis_positions(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any,
     names, table = list(parameters), np.array([as_column(v, f"plot_parallel: {n}") for n, v in parameters.items()])
     if not names or table.shape[1] != runs or not np.isfinite(table).all():
         problem = (
-            f"got {len(names)} parameters of {table.shape[1:]} runs and success of {runs}, or "
-            "values that are not finite"
+            f"each run needs a finite value of each parameter, and success; got {len(names)} parameters of"
+            f" {table.shape[1:]} runs, and success of {runs}"
         )
         raise InputError("plot_parallel", problem, fix="give one finite number for each run and parameter")
     low, high = table.min(axis=1), table.max(axis=1)
@@ -169,8 +169,8 @@ def plot_convergence(
 
     Args:
         values: success (true or false) or a metric of runs 0 to n - 1, shape (n,).
-        p: level of the quantile of the metric. None: the share of successes.
-        path, title: as in `plot_histogram`.
+        p: level of the quantile of the metric. None: the success rate.
+        path, title: where to save, see `PicturePath`, and title of the plot.
         label: label of the vertical axis.
         level: confidence of the intervals.
         limit: a required value, drawn as a line.
@@ -202,7 +202,7 @@ def plot_sensitivity(effects: Sensitivity | Morris, path: PicturePath = None, ti
 
     Args:
         effects: result of `sensitivity` or of `morris`.
-        path, title: as in `plot_histogram`.
+        path, title: where to save, see `PicturePath`, and title of the plot.
     """
     if isinstance(effects, Sensitivity):
         pair, label = (("total", "total order"), ("first", "first order")), "share of the variance"
@@ -264,7 +264,7 @@ def _quantile_interval(x: Any, p: float | None, level: float, anytime: bool) -> 
 
 
 def _estimate_limits(estimates: Any, limit: float | None) -> tuple[float, float]:
-    """Return the range of estimates and bands in the later half. An unbounded band extends to the edge."""
+    """Return the range of the later half of estimates and bands. An unbounded band extends to the edge of the plot."""
     shown = estimates[len(estimates) // 2 :]
     shown = np.r_[shown[np.isfinite(shown)], [] if limit is None else [limit]]
     if not len(shown):

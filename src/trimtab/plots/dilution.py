@@ -17,7 +17,7 @@ LEVELS = (0.8, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)
 def plot_dilution(
     dilution_map: "DilutionMap", path: PicturePath = None, title: str = "Dilution of precision"
 ) -> "Figure":
-    """Draw a map: north up, east to the right. White: no fix. Lines: the number of visible beacons changes.
+    """Draw a map: north up, east to the right. White: no fix. The number of visible beacons changes at each line.
 
     Args:
         dilution_map: the map.

@@ -1,4 +1,4 @@
-"""Plot of state and input along a course that an output follows exactly, with the motion before and after it."""
+"""Plot of state and input for an output that follows a course exactly, also before and after the course."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 DRAWN_MOTION_MIN = 0.01
 """Smallest motion of a drawn state, relative to the largest motion in its unit. Outputs are always drawn."""
 ROUNDING = 1e-6
-"""Motion of a state, relative to its size, below which it is constant."""
+"""Motion of a state, relative to the state's size, below which the state counts as constant."""
 
 
 def plot_inversion(
@@ -36,7 +36,7 @@ def plot_inversion(
         path: where to save, see `PicturePath`.
         title: title of the plot.
         units: units of states and inputs, by name. Angles in rad are drawn in degrees.
-        outputs: outputs that follow the course. Outputs that are states are drawn first.
+        outputs: outputs that follow the course. Those outputs that are states are drawn first.
     """
     units = units or {}
     moves = dict(zip(states, np.ptp(found.x, axis=0).tolist(), strict=True))

@@ -14,10 +14,10 @@ WIDTH, ROW_HEIGHT, BINS = 13.0, 2.6, 30
 
 
 def plot_link_delays(measured: Sequence[Delays], path: PicturePath = None, title: str = "Delays of a link") -> "Figure":
-    """Draw the share of packets per ms of delay, with the fitted distribution over up and down.
+    """Draw the share of packets per ms of delay, with the fitted distribution of the delays up and of the delays down.
 
     Args:
-        measured: delays, one row of panels each.
+        measured: measured delays of each load. Each load has a row of panels.
         path: where to save, see `PicturePath`.
         title: title of the plot.
     """
@@ -50,7 +50,7 @@ def _draw_histogram(axes: Any, delays_ms: np.ndarray[Any, Any], fitted: DelayMod
 
 def gamma_density(fitted: DelayModel, seconds: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """Return the density of the shifted gamma distribution, in 1/s."""
-    from scipy import special  # a fifth of a second to import, and only plots need it
+    from scipy import special  # the import takes 0.2 s, and only plots need scipy
 
     k = ((fitted.mean - fitted.shift) / fitted.sd) ** 2
     x = np.maximum(seconds - fitted.shift, 1e-12) * (fitted.mean - fitted.shift) / fitted.sd**2

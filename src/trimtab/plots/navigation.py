@@ -24,7 +24,7 @@ def plot_navigation(log: Log, path: PicturePath = None, title: str = "Navigation
     Args:
         log: log of a run whose estimate has sigmas and innovations.
         path: where to save, see `PicturePath`.
-        title: title of the plot, which the verdict follows.
+        title: title of the plot, to which the verdict is appended.
     """
     states, aided = state_series(log), innovations(log)
     if not states:
@@ -55,7 +55,7 @@ def plot_navigation(log: Log, path: PicturePath = None, title: str = "Navigation
 
 
 def _unit(log: Log, name: str) -> tuple[str, float]:
-    """Return the display unit of a state, and the factor to it."""
+    """Return the display unit of a state, and the factor of conversion to this unit."""
     path = next((p for p in log.paths if p.startswith("estimate.") and p.endswith(f".{name}")), "")
     return display_unit(path, log.unit(path) if path else "")
 
@@ -70,7 +70,7 @@ def _label_times(every: Any, used: int) -> None:
 
 
 def _draw_state(axes: Any, name: str, s: Series, unit: str) -> None:
-    """Draw the error about zero, or the estimate without truth."""
+    """Draw the error about zero, or the estimate if the log has no truth for it."""
     middle = s.estimate if s.error is None else np.zeros(len(s.t))
     shown = s.estimate if s.error is None else s.error
     low, high = (decimate(s.t, middle + k * s.sigma) for k in (-2, 2))

@@ -1,8 +1,8 @@
 """Plan view of a run: north against east, with heading marks, truth, estimate, reference and fence.
 
-A plan view needs a truth with north and east, or a vehicle in space (`logs.spatial`). For a vehicle in space there is
-also a profile: altitude over distance flown. Other curves are drawn if the log has their paths. North is up and east is
-to the right, at the same scale.
+A plan view needs a truth with north and east, or a vehicle that moves in three dimensions (`logs.spatial`). Such a
+vehicle also has a profile: altitude over distance flown. Other curves are drawn if the log has their paths. North is up
+and east is to the right, at the same scale.
 """
 
 from collections.abc import Mapping
@@ -57,12 +57,12 @@ def has_plan(log: Log) -> bool:
 
 
 def has_profile(log: Log) -> bool:
-    """Return True if a profile of the log is possible: a vehicle in space with a known position."""
+    """Return True if the log has altitude and position of a vehicle, so that a profile can be drawn."""
     return has_plan(log) and f"{FLIGHT}altitude" in log
 
 
 def _prefix(log: Log) -> str:
-    """Return the prefix of north and east: derived signals, or the truth's own."""
+    """Return the prefix of the paths of north and east: that of the derived signals if present, else "truth."."""
     return FLIGHT if f"{FLIGHT}north" in log else "truth."
 
 
@@ -76,7 +76,7 @@ def plot_plan(log: Log, ideal: Log | None = None, path: PicturePath = None, titl
         title: title of the plot.
 
     Raises:
-        InputError: the vehicle has no plan view.
+        InputError: the log has no position, north and east.
     """
     log, ideal = with_flight(log), None if ideal is None else with_flight(ideal)
     if not has_plan(log):
@@ -154,7 +154,7 @@ def _draw_fence(axes: Any, fence: Fence, north: Any, east: Any) -> None:
 
 
 def draw_profile(axes: Any, log: Log, ideal: Log | None = None) -> None:
-    """Draw the altitude of a vehicle in space over the distance flown, into one panel."""
+    """Draw the altitude of a vehicle over the distance flown, into one panel."""
     for one, colour, look in ((ideal, VERMILION, "--"), (log, BLUE, "-")):
         if one is None or not has_profile(one):
             continue

@@ -12,7 +12,7 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 EACH = 50
-"""Number of rows between two outlines of the craft."""
+"""Number of rows of the plan between two drawn outlines of the craft."""
 
 
 def plot_planned_path(task: PlanTask, plan: FlownPlan, path: PicturePath = None, title: str = "Plan") -> "Figure":

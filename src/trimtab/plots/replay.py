@@ -1,4 +1,4 @@
-"""Plot of a replay: each estimated state and each command, recorded and replayed, and both errors.
+"""Plot of a replay: each estimated state and each command, recorded and replayed, and the errors of both.
 
 The rows depend on the paths in the logs.
 """
@@ -34,7 +34,7 @@ def interpolate_truth(log: Log, path: str, ticks: Any) -> Any:
 
 
 def plot_replay(log: Log, recorded: Log, replayed: Log, path: PicturePath = None, title: str = "Replay") -> "Figure":
-    """Draw the recorded signals with the replayed ones over them, and next to them the errors or the difference.
+    """Draw recorded and replayed signals in one column of panels, and their errors or difference in another column.
 
     Args:
         log: the whole log, which may have the truth.
@@ -78,7 +78,9 @@ def _draw_errors(axes: Any, recorded: Log, replayed: Log, name: str, truth: Any)
     errors = factor * (recorded[name] - truth), factor * (replayed[name] - truth)
     for off, colour, style in zip(errors, (BLUE, VERMILION), ("-", "--"), strict=True):
         axes.plot(*decimate(recorded.t, off), color=colour, lw=0.9, ls=style)
-    style_axes(axes, "estimate minus truth", f"rms {_rms(errors[0]):.3g}, replayed {_rms(errors[1]):.3g}", unit)
+    style_axes(
+        axes, "estimate minus truth", f"rms recorded {_rms(errors[0]):.3g}, replayed {_rms(errors[1]):.3g}", unit
+    )
 
 
 def _rms(values: Any) -> float:

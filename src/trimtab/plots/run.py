@@ -1,8 +1,8 @@
 """Plot of a run: the main signals over a common time axis, with the ideal run for comparison.
 
-The panels follow from the log's paths, so the plot works for any vehicle, law and actuator. A vehicle in space has
-altitude, speed, attitude in degrees and rates in place of its vectors and its quaternion, and next to them its track
-from above and from the side.
+The panels follow from the log's paths, so the plot works for any vehicle, law and actuator. For a vehicle that moves in
+three dimensions, altitude, speed, attitude in degrees and rates replace its vectors and its quaternion, and its track
+is drawn from above and from the side.
 """
 
 import dataclasses
@@ -44,14 +44,14 @@ COLUMNS, WIDTH, ROW_HEIGHT = 3, 16.0, 1.85
 LEFT, RIGHT, TOP, BOTTOM, GAP = 0.85, 0.25, 0.95, 0.6, 0.9
 """Margins and gap between columns (inches)."""
 PLAN_ROWS = 3
-"""Number of rows of the last column for the plan view. The profile of a vehicle in space has one more row below."""
+"""Number of rows of the last column that the plan view takes. A profile of the altitude takes one more row below."""
 IN_SPACE = {
     "Altitude": ("altitude",),
     "Speed": ("ground_speed", "climb", "air_speed"),
     "Attitude": ANGLES,
     "Rates": RATES,
 }
-"""Panels of a vehicle in space, and their signals."""
+"""Panels of a vehicle that moves in three dimensions, and their signals."""
 LIMIT_FARTHEST = 0.5
 """Largest distance of an input limit that is drawn, relative to the span of the input. A farther limit is left out."""
 TITLE_POINTS, NOTE_POINTS, PANEL_POINTS = 6.2, 3.8, 300.0
@@ -60,7 +60,7 @@ TITLE_POINTS, NOTE_POINTS, PANEL_POINTS = 6.2, 3.8, 300.0
 
 @dataclasses.dataclass(frozen=True)
 class Panel:
-    """One panel. kind: line, log, mode, age or flags.  demand_path: signal drawn behind, in grey."""
+    """One panel. kind: line, log, mode, age or flags.  demand_path: demanded signal, drawn in grey behind the curve."""
 
     title: str
     paths: tuple[str, ...]
@@ -86,7 +86,7 @@ def plot_run(
 
     Args:
         real: the run.
-        ideal: the run to compare with in truth and law, or None. A path given here is that of the file.
+        ideal: the run to compare with in truth and law, or None. A path given here is used as `path`.
         path: path of the saved file.
         title: title of the plot. Default: the scenario and the seed.
         targets: targets, each drawn as a line with its band in the panel of its signal.
@@ -140,7 +140,7 @@ def plot_run(
 def select_panels(log: Log, aimed: Collection[str] = ()) -> list[Panel]:
     """Select the panels, in the order of the loop: truth, forces, law, actuators, ages, flags.
 
-    For a vehicle in space, the sources of derived signals are left out, unless they have a target.
+    The sources of derived signals such as roll, e.g. a quaternion, are left out, unless they have a target.
     """
     said = flight_sources(log) - set(aimed) if f"{FLIGHT}roll" in log else set[str]()
     drawn = [p for p in log.paths if _panel_kind(log, p) not in ("time", "flag") and p not in said]
@@ -184,7 +184,7 @@ def _tell_apart(panels: list[Panel]) -> list[Panel]:
 
 
 def _panel_places(count: int, side_rows: int) -> list[tuple[int, int]]:
-    """Return row and column of each panel, in reading order, without the cells of the track's views."""
+    """Return row and column of each panel, in reading order, without the cells of plan view and profile."""
     cells = ((row, column) for row in range(count + side_rows) for column in range(COLUMNS))
     free = (cell for cell in cells if not (cell[0] < side_rows and cell[1] == COLUMNS - 1))
     return list(itertools.islice(free, count))

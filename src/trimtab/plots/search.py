@@ -19,7 +19,7 @@ WORST = 60
 def plot_falsify(
     search: FalsificationResult, path: PicturePath = None, title: str = "Search for the worst case"
 ) -> "Figure":
-    """Draw the search.
+    """Draw the margins of all candidates of a search, and the coordinates of the worst candidates.
 
     Args:
         search: result of `falsify`.
@@ -46,7 +46,7 @@ def _draw_margins(axes: Any, search: FalsificationResult) -> None:
         mine = search.stages == stage
         name, colour = f"restart {stage}" if stage else "CMA-ES", SEVERAL[(max(stage, 0) + 1) % len(SEVERAL)]
         if stage == -1:
-            name, colour = "over the box", GREY
+            name, colour = "Sobol points", GREY
         elif stage == stages[-1] and len(stages) > 2:
             name, colour = "same candidate, other random numbers", SEVERAL[3]
         axes.plot(at[mine], least[mine], ".", ms=3, color=colour, alpha=0.6, label=name)
@@ -58,7 +58,7 @@ def _draw_margins(axes: Any, search: FalsificationResult) -> None:
 
 
 def _draw_candidates(axes: Any, search: FalsificationResult, names: list[str]) -> None:
-    """Draw the coordinates of the worst candidates. A line joins those of the worst candidate."""
+    """Draw the coordinates of the worst candidates. A line joins the coordinates of the worst one."""
     _, once = np.unique(search.points, axis=0, return_index=True)
     worst = once[np.argsort(search.candidate_margins.min(axis=1)[once], kind="stable")][:WORST][::-1]
     rows = np.arange(len(names))
@@ -74,7 +74,7 @@ def _draw_candidates(axes: Any, search: FalsificationResult, names: list[str]) -
 
 
 def plot_tune(tuning: TuningResult, path: PicturePath = None, title: str = "Tuning") -> "Figure":
-    """Draw a tuning.
+    """Draw the cost and the gains over a tuning, and the change of the cost in training and in validation.
 
     Args:
         tuning: result of `tune`.
@@ -104,13 +104,13 @@ def plot_tune(tuning: TuningResult, path: PicturePath = None, title: str = "Tuni
     for one in axes:
         style_grid(one)
         one.yaxis.label.set_size(9)
-    verdict = "helps" if tuning.is_improvement else "does NOT help"
-    return save_figure(figure, path, f"{title}: {verdict} in runs not used for the tuning")
+    verdict = "improvement" if tuning.is_improvement else "NO significant improvement"
+    return save_figure(figure, path, f"{title}: {verdict} in runs not used for tuning")
 
 
 def _draw_comparisons(axes: Any, tuning: TuningResult) -> None:
-    """Draw mean paired differences with their intervals."""
-    bars = (("seen", tuning.seen_comparison, GREY), ("held out", tuning.held_out_comparison, BLUE))
+    """Draw the mean paired differences of the cost, with their intervals."""
+    bars = (("training", tuning.seen_comparison, GREY), ("validation", tuning.held_out_comparison, BLUE))
     for i, (_, c, colour) in enumerate(bars):
         if np.isfinite(c.difference):
             axes.errorbar(
@@ -121,4 +121,4 @@ def _draw_comparisons(axes: Any, tuning: TuningResult) -> None:
     axes.axhline(0, color=VERMILION, lw=1.4)
     axes.set_xlim(-0.6, 1.6)
     axes.set_xticks((0, 1), [f"{name}\n{c.runs} runs" for name, c, _ in bars])
-    axes.set_ylabel(f"change of the cost, {100 * tuning.held_out_comparison.level:.0f} %")
+    axes.set_ylabel(f"change of the cost ({100 * tuning.held_out_comparison.level:.0f} % interval)")

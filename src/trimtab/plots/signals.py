@@ -33,9 +33,9 @@ PANELS_MAX = 24
 
 
 def select_paths(log: Log, wanted: Sequence[str]) -> list[str]:
-    """Select numbers of a log by their paths, in the given order: "truth.yaw_rate", "truth.velocity[2]", "law.*".
+    """Select signals of a log by their paths, in the given order: "truth.yaw_rate", "truth.velocity[2]", "law.*".
 
-    A vector is split into its numbers. Derived signals of a flight in space, such as "flight.roll", are included.
+    A vector is split into its numbers. Derived signals of a flight, such as "flight.roll", are included.
 
     Raises: InputError with similar paths.
     """
@@ -44,7 +44,9 @@ def select_paths(log: Log, wanted: Sequence[str]) -> list[str]:
         if "*" in path or "?" in path:
             matching = [one for one in log.paths if fnmatchcase(one, path)]
             if not matching:
-                raise InputError(f"signal {path!r}", "nothing matches", choices=log.paths[:12], fix="'truth.*'")
+                raise InputError(
+                    f"signal {path!r}", "matches no signal of this log", choices=log.paths[:12], fix="'truth.*'"
+                )
         else:
             if path not in log:
                 near = closest(path, log.paths, 6) or list(log.paths[:6])

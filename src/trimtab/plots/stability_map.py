@@ -80,7 +80,7 @@ def _label(axis: Axis) -> str:
 
 
 def _cell_means(region: StabilityMap) -> Any:
-    """Return the mean share at the corners of the cell around each of the finest cells (nx - 1, ny - 1)."""
+    """Return for each finest cell (nx - 1, ny - 1) the mean success rate at the corners of the flown cell around it."""
     grid = region.traced_boundary.grid()
     whole = np.empty((grid.shape[0] - 1, grid.shape[1] - 1))
     for i, j, size in region.traced_boundary.cells:

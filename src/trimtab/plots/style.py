@@ -26,9 +26,9 @@ PicturePath = str | os.PathLike[str] | None
 BINS = 600
 """Number of bins of a line, about the width of a panel in pixels. Each bin keeps its extremes."""
 COLUMNS, TURNS, SWINGS, STRETCH = 100, 4, (0.2, 0.5), 15
-"""Criterion of chatter. A line is cut into COLUMNS columns. It chatters if it reverses TURNS times in each of STRETCH
-adjacent columns, by the smaller of SWINGS (shares of its span) in all of them, and by the larger in half of them. A
-period is then at most some pixels wide.
+"""Criterion of chatter. A line is cut into COLUMNS columns. It chatters in STRETCH or more adjacent columns if it
+reverses at least TURNS times in each column, and if its range, as a fraction of the line's span, is at least the
+smaller of SWINGS in each column and at least the larger in half of the columns. A period is then a few pixels wide.
 """
 CHATTER = "chatter: range and mean"
 """Legend entry of a range that is drawn instead of a line."""
@@ -61,7 +61,7 @@ def style_axes(axes: Any, title: str, note: str = "", unit: str = "") -> None:
 def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest, the highest and the first missing point of each of `bins` parts of a line, and both ends.
 
-    Drawn at that many pixels, the plot is the same. Shapes (n,) and (n,) become (m,) and (m,), m <= 3 bins + 2.
+    Drawn at `bins` pixels, the plot looks the same. Shapes (n,) and (n,) become (m,) and (m,), m <= 3 bins + 2.
     """
     n = len(x)
     if n <= 4 * bins:
@@ -77,7 +77,7 @@ def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray
 
 
 def draw_line(axes: Any, t: np.ndarray, x: np.ndarray, *, logarithmic: bool = False, **look: Any) -> None:
-    """Draw a thinned line. Where it would chatter into a solid block, draw its range, pale, and its mean.
+    """Draw a thinned line. Where the line would fill a solid block (chatter), draw its range, pale, and its mean.
 
     Shapes (n,) and (n,).  logarithmic: scale on which chatter is judged.  look: options of `axes.plot`, including
     color.
@@ -142,7 +142,9 @@ def save_figure(
     file, kinds = Path(path), figure.canvas.get_supported_filetypes()
     kind = file.suffix.lstrip(".").lower() or "png"
     if kind not in kinds:
-        raise InputError(f"plot '{file}'", f"cannot be saved as {kind!r}", choices=kinds, fix="name it something.png")
+        raise InputError(
+            f"plot '{file}'", f"cannot be saved as {kind!r}", choices=kinds, fix="use a file name that ends in .png"
+        )
     fast: dict[str, Any] = {"pil_kwargs": {"compress_level": 3}} if kind == "png" else {}
     with replace_file(file) as stream:
         figure.savefig(stream, format=kind, dpi=DPI, **fast)

@@ -29,7 +29,7 @@ NOSE = 0.45
 
 
 def plot_swarm(real: Log, ideal: Log | None = None, path: PicturePath = None, title: str = "Swarm") -> "Figure":
-    """Draw the paths of all craft from above, the least distance of two craft, and the largest from a wanted position.
+    """Draw the paths of all craft from above, and their smallest spacing and largest position error over time.
 
     Args:
         real: log of a run whose truth has north, east and heading of several craft.
@@ -38,7 +38,7 @@ def plot_swarm(real: Log, ideal: Log | None = None, path: PicturePath = None, ti
         title: title of the plot.
     """
     if "truth.north" not in real or real["truth.north"].ndim != 2:
-        problem = "the truth in the log is not of several craft"
+        problem = "the truth in the log is not that of several craft"
         raise InputError("plot_swarm", problem, fix="draw it with plot_run instead")
     figure = new_figure(WIDTH, HEIGHT)
     panels: Any = figure.subplot_mosaic([["floor", "spacing"], ["floor", "astray"]], width_ratios=(1.1, 1.0))

@@ -44,7 +44,7 @@ class SignalRow(NamedTuple):
 
 
 def tracking_rows(log: Log) -> list[SignalRow]:
-    """Return tracked signals first, in the order of the log, then estimated ones."""
+    """Return tracked signals first, in the order of the log, then estimated signals."""
     wanted = [p.removeprefix("law.").removesuffix("_wanted") for p in log.paths if _is_wanted(log, p)]
     rows = [SignalRow(name, _has_own_estimate(log, name)) for name in wanted]
     return sorted(rows, key=lambda row: row.is_estimated)

@@ -1,1 +1,1 @@
-"""Templates of `trimtab new`: for each kind of part, a part that flies, its test and its page. All are tested as is."""
+"""Templates of `trimtab new`: for each kind of part, a working part, its test and its docs page. All are tested."""

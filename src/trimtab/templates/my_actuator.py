@@ -34,7 +34,7 @@ class MyActuator:  # its fields are settings: --set world.actuators.stages.force
         return jnp.asarray(rest, float)
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
-        """Return the position dt (s) later, with a constant command. Exact, and so stable for every dt."""
+        """Return the position dt (s) later, with a constant command. It is exact, so it is stable for every dt."""
         wanted = value - jnp.clip(value, -self.friction, self.friction)
         stop = jnp.clip(wanted, self.low, self.high)
         now = stop + (state - stop) * jnp.exp(-dt / self.time_constant)

@@ -27,7 +27,7 @@ class MyLinkState:
 
 @record
 class MyLink:  # its fields are settings: --set world.uplink.loss=0.3
-    """Link that sends one packet per period. It arrives `steps` periods later, or is lost. Source: this file."""
+    """Link with one packet per period. The packet arrives `steps` periods later, or is lost. Source: this file."""
 
     loss: Any = imperfection("1", "Probability that a packet is lost.", "loss", high=1, default=0.05)
     steps: int = option("Delay of a packet, in periods; 1 or more.", default=2)

@@ -50,7 +50,7 @@ class MyVehicle:  # its fields are settings: --set world.vehicle.speed=5
 
 
 def scenario() -> Scenario:
-    """Return the scenario: half a radian off course, steered by a lagging servo over a radio with 20 ms each way."""
+    """Return the scenario: a bicycle starts half a radian off course. The radio delays each way by 20 ms."""
     dt, rest, start = ms(10), MyVehicleInput(), MyVehicleState(heading=-0.5)
     bike, limits = MyVehicle(), {"lean": 0.2, "lean_rate": 0.7, "heading": 0.5, "steer": 0.2}
     law = design_feedback(bike, replace(start, heading=0.0), rest, limits)  # a gain from the largest deviations

@@ -1,4 +1,4 @@
-// Prominent alarms: a banner with a fixed place, the title of the tab, and the list of events.
+// Display of alarms: a banner at a fixed place, the title of the browser tab, and the list of events.
 
 import { build, formatFixed, write } from "./format.js";
 
@@ -39,7 +39,7 @@ export class AlarmBanner {
     });
   }
 
-  /** Acknowledges the first unacknowledged alarm; it stays as long as its cause. */
+  /** Acknowledges the first unacknowledged alarm. The alarm stays as long as its cause. */
   acknowledge() {
     const first = this.alarms.find((alarm) => !alarm.acknowledged && alarm.id !== null);
     if (first) this.connection.send({ type: "acknowledge", alarm: first.id });
@@ -50,7 +50,7 @@ export class AlarmBanner {
     this.show();
   }
 
-  /** Shows an alarm of the page itself, for missing data; "" removes it. */
+  /** Shows an alarm that the page itself raises for missing data. An empty text removes the alarm. */
   showOwn(text) {
     if ((this.own?.text ?? "") === text) return;
     this.own = text ? { id: null, level: "alarm", text, since: -Infinity, acknowledged: false } : null;
@@ -88,7 +88,7 @@ export class AlarmBanner {
     );
   }
 
-  /** Adds an event on top of the list, once; a restored connection repeats them. */
+  /** Adds an event on top of the list, unless it is listed: after a reconnection the server sends all events again. */
   addEvent({ t, text, level }) {
     const key = `${t} ${text}`;
     if (this.known.has(key)) return;

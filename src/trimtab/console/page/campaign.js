@@ -1,4 +1,5 @@
-// A campaign: its runs as a scatter plot, outcome by colour and shape; a click repeats a run beside the nominal one.
+// Campaign: scatter plot of the runs, with the outcome as colour and shape. A click on a run repeats it and shows it
+// beside the nominal run.
 
 import { label, readPalette, roundStep, Surface } from "./canvas.js";
 import { build, formatBound, formatNumber, write } from "./format.js";
@@ -62,7 +63,7 @@ class Scatter {
     return column < 0 ? NaN : this.numbers[run * this.columns.length + column];
   }
 
-  /** Row of a run by its number; -1 if it is not in the store. */
+  /** Returns the row of a run with this number; -1 if the store does not contain the run. */
   row(number) {
     for (let row = 0; row < this.count; row++) if (this.read(row, this.number) === number) return row;
     return -1;
@@ -115,7 +116,7 @@ class Scatter {
     );
   }
 
-  /** Two buttons above the column: the runs, or the repeated flight. */
+  /** Builds two buttons above the column, which switch between the runs and the repeated flight. */
   buildSwitch() {
     this.buttons = ["runs", "flight"].map((show) => {
       const button = build("button", { type: "button", text: show === "runs" ? "Runs" : "Flight", disabled: show === "flight" });
@@ -131,7 +132,7 @@ class Scatter {
     this.buttons.forEach((button, k) => button.setAttribute("aria-pressed", String((show === "flight") === (k === 1))));
   }
 
-  /** Position of a run on the canvas; null without both values. */
+  /** Returns the position of a run on the canvas; null if one of its two values is missing. */
   place(run) {
     const [x, y] = [this.read(run, Number(this.x.value)), this.read(run, Number(this.y.value))];
     if (!Number.isFinite(x) || !Number.isFinite(y)) return null;
@@ -221,7 +222,7 @@ class Scatter {
     context.restore();
   }
 
-  /** Run nearest to the pointer, if near enough. */
+  /** Returns the run nearest to the pointer, if it is near enough. */
   find(event) {
     let [nearest, least] = [null, REACH];
     for (let run = 0; run < this.count && this.limits; run++) {
@@ -290,7 +291,7 @@ function shownAxis(path, unit) {
   return unit && unit !== "1" ? `${path}, ${unit}` : path;
 }
 
-/** Shows the runs of a campaign; calls `showFlights` with the two flights of a run. */
+/** Shows the runs of a campaign. Calls `showFlights` with the flight of a repeated run and the nominal flight. */
 export async function showCampaign(hello, showFlights) {
   document.getElementById("mode-name").textContent = "campaign";
   document.getElementById("mode-cause").textContent = "";

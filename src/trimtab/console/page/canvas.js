@@ -1,11 +1,11 @@
-// Canvases: the right number of pixels, and the colours of the page's theme.
+// Canvases with the resolution of the screen, and the colours of the page's theme.
 
 const NAMES = ["ground", "panel", "ink", "soft", "line", "alarm", "warning", "good", "craft", "ghost", "sky", "earth"];
 const SERIES = 6;
 const surfaces = new WeakMap();
 let palette = null;
 
-/** The theme's colours by name, and `series`, a list. */
+/** Returns the colours of the theme by name, and under `series` the list of colours of curves. */
 export function readPalette() {
   if (!palette) {
     const style = getComputedStyle(document.documentElement);
@@ -15,12 +15,12 @@ export function readPalette() {
   return palette;
 }
 
-/** Forgets the colours: the theme has changed. */
+/** Discards the stored colours after a change of the theme. */
 export function forgetPalette() {
   palette = null;
 }
 
-/** A canvas that follows its element's size; `changed` says that all has to be drawn again. */
+/** Canvas that follows the size of its element. `changed` is true if everything must be drawn again. */
 export class Surface {
   constructor(canvas) {
     this.canvas = canvas;
@@ -32,7 +32,7 @@ export class Surface {
     this.fit();
   }
 
-  /** The one surface of a canvas, whoever draws on it. */
+  /** Returns the surface of a canvas. All users of a canvas share one surface. */
   static of(canvas) {
     if (!surfaces.has(canvas)) surfaces.set(canvas, new Surface(canvas));
     return surfaces.get(canvas);
@@ -48,7 +48,7 @@ export class Surface {
     this.changed = true;
   }
 
-  /** Clears it and gives its context; null while it isn't shown. */
+  /** Clears the canvas and returns its drawing context; null while the canvas is not shown. */
   start() {
     this.changed = false;
     if (!this.width || !this.height) return null;
@@ -57,14 +57,14 @@ export class Surface {
   }
 }
 
-/** A round step (1, 2 or 5 times a power of ten) of which about `count` fit into a span. */
+/** Returns a round step (1, 2 or 5 times a power of ten), so that about `count` steps fit into a span. */
 export function roundStep(span, count) {
   const raw = span / count;
   const power = 10 ** Math.floor(Math.log10(raw));
   return power * [1, 2, 5, 10].find((factor) => factor * power >= raw * 0.999);
 }
 
-/** Writes text with a border of the ground's colour, legible on lines. */
+/** Writes text with a border in the background colour, so that the text is legible on lines. */
 export function label(context, text, x, y, colour, ground) {
   context.lineWidth = 4;
   context.lineJoin = "round";

@@ -5,7 +5,7 @@ import { build, formatFixed, formatMs, write } from "./format.js";
 
 const LATE_SILENCE = 0.1;
 
-/** Writes pairs of a name and a text to a definition list, without a new layout. */
+/** Writes pairs of a name and a text to a definition list. Builds its elements only if their number has changed. */
 function writePairs(list, pairs) {
   if (list.children.length !== pairs.length) {
     list.replaceChildren(...pairs.map(([name]) => build("div", {}, build("dt", { text: name }), build("dd"))));
@@ -44,7 +44,7 @@ export class HealthPanel {
     this.drawDeadlines(status.deadlines);
   }
 
-  /** Histogram of lateness and work, on a logarithmic scale, so that one late period in a thousand is visible. */
+  /** Draws a histogram of lateness and work. On its logarithmic scale, one late period in a thousand is visible. */
   drawDeadlines(deadlines) {
     const context = this.surface.start();
     if (!context || !deadlines) return;

@@ -1,11 +1,11 @@
-// The keys, except the space bar and the flying keys, and the help that lists them.
+// Keyboard shortcuts, except the space bar and the keys of the stick, and the help that lists all keys.
 
 import { build } from "./format.js";
 
 const HELP = [
   ["Space", "STOP the flight, from anywhere but a text field; in a recording: play or pause"],
   ["Esc", "leave a text field, close a list"],
-  ["T", "take the stick, give it back"],
+  ["T", "take or release the stick"],
   ["↑ ↓ ← → or W A S D", "fly: forward, back, turn, while you have the stick"],
   ["M", "next mode of the stick"],
   ["K", "acknowledge the alarm"],

@@ -1,5 +1,5 @@
-// Latency from the measurement of the state to the pixels: from the server's clock in a row to the end of the frame in
-// which that row was drawn.
+// Latency from the measurement of the state to its display: from the time (server's clock) in a row of signals to the
+// end of the animation frame in which that row was drawn.
 
 import { readClock } from "./socket.js";
 
@@ -27,7 +27,7 @@ export class FramesTiming {
     this.row_times.push(readClock());
   }
 
-  /** Notes the end of a frame; the message comes back when the browser has taken the frame over. */
+  /** Records the end of a frame. The posted message arrives after the browser has processed the frame. */
   noteFrame(drewRow) {
     this.frame_times.push(readClock());
     if (drewRow) this.after.port2.postMessage(this.newest);
@@ -55,12 +55,12 @@ export class FramesTiming {
     return this.numbers;
   }
 
-  /** Seconds from state to pixels, the middle of the last ten seconds. */
+  /** Median latency (s) of the last ten seconds, from state to display. */
   get median() {
     return this.compute().median;
   }
 
-  /** Seconds from state to pixels that 99 of 100 frames keep. */
+  /** 99 % quantile (s) of the latency of the last ten seconds, from state to display. */
   get p99() {
     return this.compute().p99;
   }

@@ -40,7 +40,7 @@ let flight = null;
 let parameters = null;
 let player = null;
 
-/** Runs a part of the page; an exception is reported once, and the other parts continue. */
+/** Calls a function that draws one part of the page. An exception is reported once, and the other parts continue. */
 function guard(name, action) {
   try {
     action();
@@ -76,7 +76,7 @@ function showSource(hello, source) {
   guard("plots", () => (session.plots = new PlotPanel(source, setPoints, hello.title, life)));
 }
 
-/** Role of this page, and the calibration of the flight. */
+/** Shows the role of this page, and the calibration of the flight. */
 function describeRole({ kind, role }, calibration) {
   const own = { recording: "recording", campaign: "campaign" }[kind] ?? role;
   return calibration ? `${own}, calibration ${calibration}` : own;
@@ -99,7 +99,7 @@ function start(hello) {
   if (hello.kind !== "flight") byId("tab-events").click();
 }
 
-/** Loads one flight, or two beside each other, and plays them. */
+/** Loads one flight, or two flights for comparison, and plays them. */
 async function showFlights(flights, others = []) {
   byId("notice").hidden = false;
   write(byId("notice"), "Loading the recording …");
@@ -162,7 +162,7 @@ connection.on("value", ({ path, slot, value }) => {
   session.setPoints?.note(path, slot, value);
 });
 
-/** Marks old data, so that it never looks live. A recording does not age. */
+/** Marks old data of a live flight, so that they never look live. Data of a recording are never marked. */
 function showFreshness() {
   if (session.hello && session.hello.kind !== "flight") return;
   const age = readClock() - session.row_at;

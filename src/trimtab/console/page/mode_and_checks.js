@@ -57,7 +57,7 @@ export class FlightPanel {
     setTimeout(() => this.answers.delete(request), ANSWER_SHOWN_MS);
   }
 
-  /** Shows the possible requests, and the reason at each impossible one. */
+  /** Shows the allowed requests, and the reason for each request that is not allowed. */
   showRequests(requests) {
     this.requests = requests;
     for (const [name, { button, why }] of this.buttons) {

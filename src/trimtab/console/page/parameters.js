@@ -1,18 +1,19 @@
-// Set-points and gains: found by a search, changed by number or step, taken back one by one, written to the file.
+// Set-points and gains. The user can search them, change them by number or step, undo the changes one by one, and write
+// them to the file.
 
 import { build, formatBound, formatNumber, matches, write } from "./format.js";
 
 const MOST_SHOWN = 80;
 const STEP_SHARE = 0.05;
 
-/** A round step to change a value by: a twentieth of its range or of itself. */
+/** Returns a round step for changing a value: about a twentieth of its range, or of the value itself. */
 function chooseStep({ value, low, high }) {
   const span = Number.isFinite(low) && Number.isFinite(high) && low !== null && high !== null ? high - low : Math.abs(value) || 1;
   const power = 10 ** Math.floor(Math.log10(span * STEP_SHARE));
   return power * (span * STEP_SHARE >= 5 * power ? 5 : 1);
 }
 
-/** A number without the noise of float32. */
+/** Rounds a number to the precision of float32. */
 function roundNumber(value) {
   return Number(Number(value).toPrecision(6));
 }
@@ -106,7 +107,7 @@ export class ParameterPanel {
     return row;
   }
 
-  /** Shows the value in use; a requested value is marked as such. */
+  /** Shows the value in use. A value that is requested, but not yet in use, is marked. */
   showValue(parameter, refusal = "") {
     const shown = this.rows.get(parameter.key);
     if (!shown) return;
@@ -167,7 +168,7 @@ export class ParameterPanel {
     write(this.answer, ok ? text || "written" : `not written: ${text}`);
   }
 
-  /** Takes over a value that the flight now uses. */
+  /** Stores and shows a value that the flight now uses. */
   applied(path, slot, value) {
     const key = this.keyOf(path, slot);
     const parameter = this.parameters.find((other) => other.key === key);

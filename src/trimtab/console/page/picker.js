@@ -1,4 +1,4 @@
-// The searchable list of signals, from which one is chosen for a plot.
+// Searchable list of signals, from which the user chooses a signal for a plot.
 
 import { build, matches, shownUnit } from "./format.js";
 
@@ -17,7 +17,7 @@ export class SignalPicker {
     this.list.addEventListener("click", (event) => this.click(event), { signal: life });
   }
 
-  /** Opens the list of signals of a unit, or of all; calls back with the path of each that is chosen. */
+  /** Opens the list of signals with a given unit, or of all signals. Calls back with the path of each chosen signal. */
   open(unit, shown, chosen) {
     Object.assign(this, { unit, shown: new Set(shown), chosen, opener: document.activeElement });
     this.search.value = "";

@@ -1,5 +1,5 @@
-// The pilot's stick: sent 50 times a second while the pilot holds it, and not at all when nobody can be flying.
-// The dead-man switch acts on the missing data: it holds the craft, then stops it.
+// The pilot's stick. Its position is sent 50 times a second while the pilot has the stick. It is not sent while nobody
+// can be flying. The dead-man switch then acts on the missing data: it holds the craft, then stops it.
 
 import { build, formatFixed, formatMs, write } from "./format.js";
 import { StickInputs } from "./pilot_inputs.js";
@@ -31,7 +31,7 @@ export class Pilot {
     connection.on("lost", () => this.noteLost());
   }
 
-  /** True if keys move the craft now. */
+  /** True while the keys move the craft. */
   get flies() {
     return this.state.has && !this.state.lost;
   }
@@ -66,7 +66,7 @@ export class Pilot {
     this.modes.value = String(this.state.mode);
   }
 
-  /** Takes the stick or gives it back; takes it again when it was lost. */
+  /** Takes the stick, or releases it if this page has it. A lost stick is taken again. */
   async toggle() {
     if (!this.available) return;
     this.answer = "";
@@ -97,7 +97,7 @@ export class Pilot {
     this.show();
   }
 
-  /** Detects that nobody can be flying: page hidden, without focus, or gamepad disconnected. */
+  /** Detects that nobody can be flying: the page is hidden or has no focus, or the gamepad is disconnected. */
   watch() {
     if (!this.flies) return;
     let reason = "";

@@ -1,4 +1,4 @@
-// What moves the stick: keys with ramps, the touch pad, a gamepad. The one that moved last counts.
+// Inputs that move the stick: keys with ramps, the touch pad, a gamepad. The input that was used last has effect.
 
 const RISE_PER_SECOND = 2.5;
 const FALL_PER_SECOND = 5;
@@ -14,26 +14,27 @@ function limit(value) {
   return Math.min(1, Math.max(-1, value));
 }
 
-/** An axis without its dead zone, still from -1 to 1. */
+/** Removes the dead zone from an axis value. The result is again from -1 to 1. */
 function leaveDeadZone(value, zone) {
   const size = Math.abs(value);
   return size <= zone ? 0 : (Math.sign(value) * (Math.min(1, size) - zone)) / (1 - zone);
 }
 
-/** Goes from a value towards another, as fast as a ramp allows. */
+/** Moves a value towards a goal, at most as fast as the ramp allows. */
 function ramp(value, goal, seconds) {
   const falls = Math.abs(goal) < Math.abs(value) || goal * value < 0;
   const most = (falls ? FALL_PER_SECOND : RISE_PER_SECOND) * seconds;
   return value + Math.min(most, Math.max(-most, goal - value));
 }
 
-/** Whether arrow keys belong to the element that has the focus. */
+/** Returns true if the element that has the focus uses the arrow keys itself. */
 function keepsArrows(target) {
   return target instanceof HTMLInputElement || target instanceof HTMLSelectElement || target instanceof HTMLTextAreaElement;
 }
 
 export class StickInputs {
-  /** `flies`: says whether keys fly now; `press`: called with take, stop or mode by a gamepad's buttons. */
+  /** `flies`: function that returns true while keys move the craft. `press`: function that is called with take, stop
+   * or mode when a gamepad button is pressed. */
   constructor(pad, flies, press) {
     this.pad = pad;
     this.flies = flies;
@@ -52,7 +53,7 @@ export class StickInputs {
     for (const type of ["pointerup", "pointercancel"]) pad.addEventListener(type, () => this.leaveTouch());
   }
 
-  /** Lets go of everything; a gamepad that is gone no longer counts. */
+  /** Releases all inputs. If the gamepad is disconnected, the keys become the active input. */
   centre() {
     if (!this.present) this.device = "keys";
     this.keys.clear();
@@ -84,7 +85,7 @@ export class StickInputs {
     if (this.touch) this.touch = { forward: 0, turn: 0 };
   }
 
-  /** Whether the device that flies is still there. */
+  /** True if the active input device is still connected. */
   get present() {
     return this.device !== "gamepad" || this.gamepad !== null;
   }
@@ -107,7 +108,7 @@ export class StickInputs {
     return axes;
   }
 
-  /** The stick now, after so many seconds since it was read last: {forward, turn}, from -1 to 1. */
+  /** Returns the stick's position {forward, turn}, each from -1 to 1. `seconds`: time since the last call. */
   read(seconds) {
     const pad = this.readGamepad();
     if (this.device === "gamepad") this.axes = pad ?? { forward: 0, turn: 0 };

@@ -1,5 +1,5 @@
-// Plots of signals over time, each against its set-point: drawn a few times a second, only where they can be seen, and
-// within a budget of time.
+// Plots of signals over time, each with its set-point. Visible plots are drawn a few times a second, within a budget of
+// computing time.
 
 import { readPalette } from "./canvas.js";
 import { build, wrapDegrees, formatSignal, shortPaths, shownFactor, shownUnit, write } from "./format.js";
@@ -17,14 +17,15 @@ const DEFAULT_WINDOW = 20;
 const SHRINK_BELOW = 0.45;
 const HALF_GAP = 3;
 
-/** Limits of an axis that grow at once and shrink only when most of the room is empty, so that lines stay in place. */
+/** Returns the limits of an axis. They grow at once, and shrink only when most of the axis is empty, so that curves
+ * stay in place. */
 function holdLimits(held, low, high) {
   const span = Math.max(high - low, 1e-6, 1e-4 * Math.abs(high));
   if (held && low >= held[0] && high <= held[1] && span > SHRINK_BELOW * (held[1] - held[0])) return held;
   return [(low + high) / 2 - 0.62 * span, (low + high) / 2 + 0.62 * span];
 }
 
-/** Angles as they are shown: within half a turn of zero, with a gap where they jump. */
+/** Wraps angles to (-180, 180] degrees, with a gap where the wrapped angle jumps. */
 function wrapAngles(angles) {
   const shown = angles.map((angle) => (angle === null ? null : wrapDegrees(angle)));
   const jumps = [];
@@ -35,7 +36,7 @@ function wrapAngles(angles) {
   return shown;
 }
 
-/** The second flight's values at the times of the first. */
+/** Returns the values of the second flight at the times of the first flight. */
 function readBeside(second, path, times) {
   const column = second.rows.column(path);
   if (!column) return times.map(() => null);
@@ -102,7 +103,7 @@ class Plot {
     this.panel.remember();
   }
 
-  /** Makes the chart as large as its place. */
+  /** Fits the chart to the size of its element. */
   fit() {
     const { clientWidth: width, clientHeight: height } = this.body;
     if (!width || !height) return;
@@ -155,7 +156,7 @@ class Plot {
     this.panel.goTo(this.chart.posToVal(left, "x"));
   }
 
-  /** Draws the rows from one time to another. */
+  /** Draws the rows between two times. */
   draw(from, to) {
     if (!this.chart) return;
     const { source } = this.panel;
@@ -176,7 +177,7 @@ class Plot {
     this.chart.setScale("x", { min: from, max: to });
   }
 
-  /** Writes the values of a row and moves the line that marks its time. */
+  /** Shows the values of a row, and moves the vertical line that marks the time of the row. */
   writeValues(row) {
     const { source } = this.panel;
     for (const chip of this.chips) {
@@ -239,7 +240,7 @@ export class PlotPanel {
     localStorage.setItem(this.place, JSON.stringify({ window: this.select.value, plots: this.plots.map((plot) => plot.paths) }));
   }
 
-  /** What to plot first: signals that have set-points, what is worked out of a flight in space, others as in the rows. */
+  /** Chooses the first plots: signals with set-points, then derived signals (flight.…), then others in row order. */
   guessPlots() {
     const wanted = this.source.rows.signals.filter((signal) => this.setPoints.has(signal.path));
     const rest = this.source.rows.signals.filter((signal) => signal.kind === "real" || signal.kind === "angle");
@@ -279,7 +280,7 @@ export class PlotPanel {
     this.remember();
   }
 
-  /** Draws with other colours, or after other data. */
+  /** Draws all plots again after a change of colours or data. */
   rebuild() {
     for (const plot of this.plots) plot.rebuild();
     this.redraw();
@@ -295,7 +296,7 @@ export class PlotPanel {
     this.freezeButton.textContent = this.frozen === null ? "Freeze" : "Frozen";
   }
 
-  /** From and to which time to draw. */
+  /** Returns the start and the end of the time interval to draw. */
   readWindow() {
     const { source } = this;
     if (this.select.value === "all") return [source.start, source.end];
@@ -304,7 +305,7 @@ export class PlotPanel {
     return [to - seconds, to];
   }
 
-  /** Draws what is due: at most once in a twelfth of a second, and no more than the budget allows. */
+  /** Draws the plots that are due, at a limited rate and within the budget of computing time. */
   tick(now) {
     const [from, to] = this.readWindow();
     if (!Number.isFinite(to) || now - this.drawn_at < 1000 / (this.next ? MOST_DRAWS_PER_SECOND : DRAWS_PER_SECOND)) return;

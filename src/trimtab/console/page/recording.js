@@ -1,4 +1,5 @@
-// Recordings: loaded at once, then played, scrubbed, slowed down and jumped through by their events.
+// Player of recordings. A recording is loaded as a whole. The user can play it at a chosen speed, move to any time, and
+// jump to an event.
 
 import { build, formatFixed, write } from "./format.js";
 import { readRecording } from "./rows.js";
@@ -12,7 +13,7 @@ async function fetchOk(address) {
   return answer;
 }
 
-/** Loads a flight: {title, rows, events}; `flight` is its entry of hello with its number. */
+/** Loads a flight: {title, rows, events}. `flight`: entry of the flight in the hello message, with its number. */
 export async function loadFlight(flight) {
   const [rows, events] = await Promise.all([
     fetchOk(`flights/${flight.number}/rows`).then((answer) => answer.arrayBuffer()),
@@ -21,14 +22,14 @@ export async function loadFlight(flight) {
   return { title: flight.title, rows: readRecording(rows, flight.signals), events };
 }
 
-/** The entry of a flight that hello didn't list yet: of a campaign's run. */
+/** Returns the entry of a flight. A repeated run of a campaign is not in the hello message, so it is fetched. */
 export async function findFlight(hello, number) {
   if (hello.flights?.[number]) return { ...hello.flights[number], number };
   return { ...(await (await fetchOk(`flights/${number}`)).json()), number };
 }
 
 export class Player {
-  /** Plays a source; `flights` are one or two loaded ones, the first leads. */
+  /** Plays a source. `flights`: one or two loaded flights; time and event marks are those of the first. */
   constructor(source, flights, alarms) {
     this.source = source;
     this.playing = false;
@@ -58,7 +59,7 @@ export class Player {
     this.section.replaceChildren(this.button, this.speed, track, this.time);
   }
 
-  /** Offers which of several flights to show, and which one beside it; calls back with the choice. */
+  /** Lets the user choose one of several flights, and a second flight for comparison. Calls back with the choice. */
   offer(shown, flights, chosen) {
     if (flights.length < 2) return;
     const options = () => flights.map((flight, k) => build("option", { value: k, text: flight.title }));
@@ -98,14 +99,14 @@ export class Player {
     this.show();
   }
 
-  /** Goes to the next row or the one before. */
+  /** Goes forward or back by a number of rows. */
   step(rows) {
     this.stop();
     const { times, count } = this.source.rows;
     this.goTo(times[Math.min(count - 1, Math.max(0, this.source.row + rows))]);
   }
 
-  /** Goes on by the time since the last frame; `now` in ms. */
+  /** Advances the playback by the time since the last frame, times the speed. `now`: time (ms). */
   advance(now) {
     if (!this.playing) return;
     const seconds = this.advanced_at === null ? 0 : Math.min(LONGEST_FRAME, (now - this.advanced_at) / 1000);

@@ -1,6 +1,6 @@
 // Rows of signals, one column each: of a live flight, or of a recording.
 
-/** Finds the last element that isn't later than t; -1 if all are. */
+/** Returns the index of the last element that is not later than t; -1 if all are later. */
 function findLast(times, count, t) {
   let low = 0;
   let high = count;
@@ -35,7 +35,7 @@ class Rows {
     return this.columns[this.places.get(path)];
   }
 
-  /** The value of a signal in a row; NaN where either is missing. */
+  /** Returns the value of a signal in a row; NaN if the signal or the row is missing. */
   value(path, row) {
     const place = this.places.get(path);
     return place === undefined || row < 0 || row >= this.count ? NaN : this.columns[place][row];
@@ -50,7 +50,7 @@ class Rows {
     this.count = 0;
   }
 
-  /** Adds a row; drops the older half when full. Starts from scratch when time goes back. */
+  /** Adds a row. If the storage is full, drops the older half. If the time goes back by over 1 s, drops all rows. */
   push(time, values) {
     if (this.count && time <= this.times[this.count - 1]) {
       if (time > this.times[this.count - 1] - 1) return;
@@ -71,14 +71,14 @@ class Rows {
   }
 }
 
-/** Reads a message of the live socket: {time, clock, values}; null if it doesn't hold as many signals. */
+/** Parses a row from the live socket: {time, clock, values}; null if the number of signals is wrong. */
 export function readRow(buffer, signals) {
   if (buffer.byteLength !== 16 + 4 * signals.length) return null;
   const view = new DataView(buffer);
   return { time: view.getFloat64(0, true), clock: view.getFloat64(8, true), values: new Float32Array(buffer, 16) };
 }
 
-/** Reads a whole recording: for each row float64 time, then float32 for each signal. */
+/** Parses a whole recording. Each row is the time (float64), then each signal (float32). */
 export function readRecording(buffer, signals) {
   const stride = 2 + signals.length;
   const numbers = new Float32Array(buffer, 0, Math.floor(buffer.byteLength / 4));
@@ -93,7 +93,7 @@ export function readRecording(buffer, signals) {
   return rows;
 }
 
-/** Thins rows from..to to at most about `most` points that still touch every extreme: {x, ys}, null where not known. */
+/** Thins the rows from..to to about `most` points, and keeps every extreme. Returns {x, ys}; null: unknown value. */
 export function thinRows(rows, columns, from, to, most) {
   let step = 1;
   while ((to - from) / step > most / 2) step *= 2;
@@ -126,7 +126,7 @@ function pushExtremes(y, column, first, end) {
   y.push(...ordered.map((value) => (Number.isNaN(value) ? null : value)));
 }
 
-/** Rows of a live flight: the newest is shown. */
+/** Rows of a live flight. The newest row is shown. */
 export class LiveSource {
   constructor(signals, capacity) {
     this.live = true;
@@ -143,7 +143,7 @@ export class LiveSource {
   }
 }
 
-/** The rows of one recorded flight, or of two beside each other, at the time that the player has reached. */
+/** Rows of one recorded flight, or of two flights for comparison. The row at the player's time is shown. */
 export class RecordedSource {
   constructor(rows, second) {
     this.live = false;

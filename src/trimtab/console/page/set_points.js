@@ -12,7 +12,7 @@ export class SetPoints {
     return slot ? `${path}.${slot}` : path;
   }
 
-  /** Notes that a parameter has a value from now on. */
+  /** Records that a parameter has this value from now on. */
   note(path, slot, value) {
     const key = this.keyOf(path, slot);
     const changes = this.values.get(key) ?? [];
@@ -24,7 +24,7 @@ export class SetPoints {
     return this.history(path) !== null;
   }
 
-  /** A function from time to the set-point of a signal then; null without one. */
+  /** Returns a function from time to a signal's set-point at this time; null if the signal has no set-point. */
   history(path) {
     const goal = this.goals[path];
     if (typeof goal === "number") return () => goal;
@@ -35,7 +35,7 @@ export class SetPoints {
     return column ? (t) => column[this.source.rows.rowAt(t)] ?? null : null;
   }
 
-  /** The set-point of a signal now; NaN without one. */
+  /** Returns the present set-point of a signal; NaN if the signal has no set-point. */
   now(path) {
     const history = this.history(path);
     return history ? Number(history(this.source.time) ?? NaN) : NaN;

@@ -1,4 +1,4 @@
-// The WebSocket to the server: reconnects, dispatches messages, and sends requests with answers.
+// WebSocket to the server: it reconnects, dispatches messages, and sends requests and waits for their answers.
 
 import { useSocket } from "./stop.js";
 
@@ -11,12 +11,12 @@ const PING_PERIOD = 0.5;
 const ANSWER_LIMIT = 4;
 const PINGS_KEPT = 30;
 
-/** Seconds of the page's own clock. */
+/** Returns the time (s) of the page's own clock. */
 export function readClock() {
   return performance.now() / 1000;
 }
 
-/** Offset of the server's clock from the page's, from the fastest ping. */
+/** Offset of the server's clock from the page's clock, estimated from the ping with the shortest round trip. */
 class ClockOffset {
   constructor() {
     this.clear();
@@ -53,7 +53,7 @@ export class Connection {
     setInterval(() => this.watch(), 1000 * PING_PERIOD);
   }
 
-  /** Calls back on messages of a type, on binary ones ("row"), and on "open" and "lost". */
+  /** Registers a function for messages of a type, for binary messages ("row"), or for "open" and "lost". */
   on(type, listener) {
     if (!this.listeners.has(type)) this.listeners.set(type, []);
     this.listeners.get(type).push(listener);
@@ -123,7 +123,7 @@ export class Connection {
     asked.resolve({ ok: answer.ok, text: answer.text ?? "" });
   }
 
-  /** Pings, and closes a socket that no longer answers. */
+  /** Sends a ping, or closes the socket if the server no longer answers. */
   watch() {
     if (!this.socket) return;
     const quiet = readClock() - (this.connected ? this.heard : this.opened_at);
@@ -134,14 +134,14 @@ export class Connection {
     } else this.send({ type: "ping", sent: readClock() });
   }
 
-  /** Sends a message now; returns false without a connection. */
+  /** Sends a message at once. Returns false if there is no connection. */
   send(message) {
     if (!this.connected || this.socket.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify(message));
     return true;
   }
 
-  /** Sends a message with an id and promises its answer, {ok, text}. */
+  /** Sends a message with an id, and returns a promise of its answer {ok, text}. */
   ask(message) {
     const id = this.next_id++;
     return new Promise((resolve) => {

@@ -12,7 +12,7 @@ const button = document.getElementById("stop");
 const name = document.getElementById("stop-name");
 const text = document.getElementById("stop-text");
 
-/** Whether a key press goes into a text, where the space bar types. */
+/** Returns true if the key press goes to a text field, in which the space bar types a space. */
 function isTyping(target) {
   if (target instanceof HTMLTextAreaElement || target?.isContentEditable) return true;
   return target instanceof HTMLInputElement && TYPED_IN.includes(target.type);
@@ -38,7 +38,7 @@ function sendOnce() {
   show();
 }
 
-/** Stops, and keeps asking until the flight is seen to have stopped. */
+/** Requests a stop. The request is repeated until the flight has stopped. */
 export function stopFlight() {
   if (link.watches || !link.flies) return;
   if (!stopping.wanted || stopping.safe) Object.assign(stopping, { wanted: true, sent: 0, safe: false });
@@ -55,7 +55,7 @@ function noteSafe() {
   }, SHOW_STOPPED_MS);
 }
 
-/** Notes the supervisor's mode, as the newest row says it. */
+/** Takes the supervisor's mode from the newest row, and ends the request if the flight has stopped. */
 export function noteMode(mode) {
   if (SAFE_MODES.includes(mode)) noteSafe();
 }
@@ -73,7 +73,7 @@ function readMessage(event) {
   if (message.type === "end" || (message.type === "status" && message.armed === false)) noteSafe();
 }
 
-/** Sends through this socket from now on. */
+/** Uses this socket for all further messages. */
 export function useSocket(socket) {
   link.socket = socket;
   socket.addEventListener("message", readMessage);

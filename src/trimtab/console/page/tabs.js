@@ -1,8 +1,8 @@
-// The tabs beside the plots, and the day or night colours.
+// Tabs beside the plots, and the choice of day or night colours.
 
 const THEMES = ["day", "night"];
 
-/** Shows one panel at a time; the arrow keys go from tab to tab. */
+/** Shows one panel at a time. The arrow keys move between the tabs. */
 export function prepareTabs() {
   const tabs = [...document.querySelectorAll("#tabs [role=tab]")];
   const select = (chosen) => {
@@ -35,7 +35,7 @@ function readKept() {
   }
 }
 
-/** Follows the system's day or night until the button is pressed; calls back after each change. */
+/** Follows the system's light or dark setting until the button is pressed. Calls back after each change. */
 export function prepareTheme(changed) {
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const root = document.documentElement;

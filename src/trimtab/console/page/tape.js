@@ -1,4 +1,4 @@
-// A tape of angles, as on a compass: heading, course and set-point of the craft. In degrees.
+// Tape of angles in degrees, like a compass tape: heading, course and set-point of the craft.
 
 import { label, readPalette, Surface } from "./canvas.js";
 import { formatFixed } from "./format.js";
@@ -12,13 +12,13 @@ function turnedOnce(degrees) {
   return ((degrees % 360) + 360) % 360;
 }
 
-/** The way from one angle to another, at most half a turn. */
+/** Returns the shortest rotation (degrees) from one angle to another, at most half a turn. */
 function shortestWay(from, to) {
   return turnedOnce(to - from + 180) - 180;
 }
 
 export class Tape {
-  /** `wraps`: a heading, that starts again after a turn; otherwise an angle such as pitch. */
+  /** `wraps`: true for a heading, which wraps after a full turn; false for an angle such as pitch. */
   constructor(canvas, wraps, name) {
     this.surface = Surface.of(canvas);
     this.wraps = wraps;
@@ -28,7 +28,8 @@ export class Tape {
     this.named = wraps ? 15 : 4;
   }
 
-  /** Draws the angles (rad): pointing, going, wanted, and that of a second flight; NaN for what isn't known. */
+  /** Draws the angles (rad): pointing: heading; going: course; wanted: set-point; second: heading of the second flight.
+   * NaN: unknown. */
   draw({ pointing, going = NaN, wanted = NaN, second = NaN }) {
     const context = this.surface.start();
     if (!context) return;

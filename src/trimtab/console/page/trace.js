@@ -1,4 +1,4 @@
-// History of one number over the last minute, in a box with its present value.
+// History of one signal over the last minute, in a box with the present value.
 
 import { formatNumber, shownFactor, shownUnit } from "./format.js";
 import { thinRows } from "./rows.js";
@@ -6,7 +6,8 @@ import { thinRows } from "./rows.js";
 const SECONDS = 60;
 const POINTS = 300;
 
-/** Draws it into a box {left, top, width, height}; `setPoint` gives where a signal should be, NaN for nowhere. */
+/** Draws the history into a box {left, top, width, height}. `setPoint`: function that returns a signal's set-point, or
+ * NaN if it has none. */
 export function drawTrace(context, colours, source, path, name, { left, top, width, height }, setPoint) {
   const { rows, row } = source;
   const signal = path && rows.signal(path);

@@ -1,4 +1,4 @@
-// The craft from the side: its attitude and flight path, its bending drawn large, and how altitude and speed went.
+// View of the craft from the side: attitude, flight path, exaggerated bending, and history of altitude and speed.
 
 import { label, readPalette, Surface } from "./canvas.js";
 import { formatFixed, formatNumber, shownUnit } from "./format.js";
@@ -16,7 +16,7 @@ const FREE_BEAM = [
   { wave: 7.853205, ratio: 1.0007773 },
 ];
 
-/** Shape of a free beam's bending mode at x from 0 to 1, 1 at its ends. */
+/** Returns the shape of a bending mode of a free beam at x from 0 to 1. The magnitude is 1 at both ends. */
 function bendingShape({ wave, ratio }, x) {
   const b = wave * x;
   return (Math.cosh(b) + Math.cos(b) - ratio * (Math.sinh(b) + Math.sin(b))) / 2;
@@ -38,7 +38,7 @@ export class LongitudinalView {
     return this.surface.changed || this.tape.surface.changed;
   }
 
-  /** Draws angles larger or smaller than they are. */
+  /** Changes the factor by which angles are exaggerated. */
   zoom(factor) {
     this.gain = Math.min(GAINS.length - 1, Math.max(0, this.gain + (factor > 1 ? 1 : -1)));
     this.surface.changed = true;
@@ -51,7 +51,8 @@ export class LongitudinalView {
     this.surface.changed = true;
   }
 
-  /** Pitch, angle of attack and angle of the path (rad): the second, and pitch or rate of climb, are given. */
+  /** Returns pitch, angle of attack and flight-path angle (rad). The signals are the angle of attack, and either pitch
+   * or rate of climb. */
   readAngles({ rows, row }) {
     const { alpha, theta, climb } = this.view.attitude;
     const attack = rows.value(alpha, row);
@@ -96,7 +97,7 @@ export class LongitudinalView {
     label(context, "level", 10, stage / 2 - 5, colours.soft, colours.panel);
   }
 
-  /** How far each station of the body is bent, in units of the largest bending seen so far. */
+  /** Returns the bending of each station of the body, relative to the largest bending so far. */
   readBending(source, paths) {
     const amplitudes = ["eta1", "eta2"].map((name) => (paths ? source.rows.value(paths[name], source.row) : NaN));
     const known = amplitudes.map((value) => (Number.isFinite(value) ? value : 0));
@@ -170,7 +171,7 @@ export class LongitudinalView {
     label(context, words.join(" · "), 10, stage - 12, colours.soft, colours.panel);
   }
 
-  /** Readouts beside the drawing: pairs of a name and a text. */
+  /** Returns the readouts beside the drawing, as pairs of a name and a text. */
   read(source) {
     const { alpha, theta, path } = this.readAngles(source);
     return [

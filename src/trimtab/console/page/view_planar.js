@@ -1,4 +1,4 @@
-// The craft from above, north up: position, heading, velocity, trail, and fence.
+// View of the craft from above, north up: position, heading, velocity, trail, and fence.
 
 import { label, readPalette, roundStep, Surface } from "./canvas.js";
 import { formatBound, formatFixed } from "./format.js";
@@ -50,7 +50,7 @@ export class PlanarView {
     this.surface.changed = true;
   }
 
-  /** Shows everything: fence, beacons, trail. */
+  /** Zooms so that fence, beacons and trail are visible. */
   fit() {
     this.following = false;
     this.wait_to_fit = true;
@@ -138,7 +138,7 @@ export class PlanarView {
     return { north: surge * c - sway * s, east: surge * s + sway * c, surge, sway };
   }
 
-  /** Over the ground, from where it was a little before; along and across aren't known. */
+  /** Returns the velocity over the ground, from the change of the position. Surge and sway are unknown (NaN). */
   measureSpeed({ rows, row }) {
     const before = Math.max(0, rows.rowAt(rows.times[row] - MEASURED_SECONDS));
     const seconds = rows.times[row] - rows.times[before];
@@ -285,7 +285,7 @@ export class PlanarView {
     context.stroke();
   }
 
-  /** The ellipse that holds the true position with 95 %. */
+  /** Draws the 95 % confidence ellipse of the position. */
   drawEllipse(context, source, pose, colours) {
     const paths = this.view.covariance;
     if (!paths) return;
@@ -335,7 +335,7 @@ export class PlanarView {
     label(context, "↑ N", 12, y - 26, colours.soft, colours.panel);
   }
 
-  /** Readouts beside the drawing: pairs of a name and a text. */
+  /** Returns the readouts beside the drawing, as pairs of a name and a text. */
   read(source) {
     const pose = this.readPose(source, this.view.pose);
     const speed = this.readSpeed(source, pose.heading);

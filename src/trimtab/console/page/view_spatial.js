@@ -1,4 +1,4 @@
-// The craft in space: attitude against the horizon, height, speed, and its track from above.
+// View of a craft that moves in three dimensions: attitude against the horizon, height, speed, and track from above.
 
 import { readPalette, Surface } from "./canvas.js";
 import { formatFixed, formatNumber, wrapDegrees } from "./format.js";
@@ -44,7 +44,7 @@ export class SpatialView {
     this.plan?.fit();
   }
 
-  /** Roll, pitch and yaw (rad). */
+  /** Returns roll, pitch and yaw (rad). */
   readAngles({ rows, row }) {
     return Object.fromEntries(Object.entries(this.view.attitude).map(([name, path]) => [name, rows.value(path, row)]));
   }
@@ -124,7 +124,7 @@ export class SpatialView {
     }
   }
 
-  /** Where the horizon of the second flight lies. */
+  /** Draws the horizon of the second flight as a dashed line. */
   drawSecond(context, colours, { roll, pitch }, { x, y }, radius) {
     if (!Number.isFinite(roll + pitch)) return;
     context.save();
@@ -176,7 +176,7 @@ export class SpatialView {
     }
   }
 
-  /** Readouts beside the drawing: pairs of a name and a text. */
+  /** Returns the readouts beside the drawing, as pairs of a name and a text. */
   read(source) {
     const { rows, row } = source;
     const { roll, pitch } = this.readAngles(source);
