@@ -1,4 +1,4 @@
-"""Estimator that passes on the samples of a sensor that already measures the state that the law reads."""
+"""Estimator for a sensor that already measures the whole state that the law needs: it passes the samples on."""
 
 from typing import Any
 

@@ -2,7 +2,7 @@
 
 A ring buffer has one slot per send instant. A slot without a packet, or with a lost packet, repeats the previous slot.
 So arrival times never decrease along the ring, and the newest packet that has arrived is found by counting the packets
-that have not. The slot numbers depend only on the time, so a batch of runs shares them.
+that have not arrived yet. The slot numbers depend only on the time, so a batch of runs shares them.
 """
 
 import math

@@ -59,7 +59,7 @@ class SlaveBus:
     limited: bool = switch("True: messages take time on the bus. False: messages arrive at once.", "delay")
 
     def check(self) -> None:
-        """Raise InputError for invalid sizes, a piece longer than its slot, and a ring too short for the queue."""
+        """Raise InputError if a size is invalid, a piece exceeds its slot, or the ring is too short for the queue."""
         if self.piece < 1 or self.size < 0 or self.overhead < 0:
             problem = f"{self.piece} bytes per piece, {self.size} per message, {self.overhead} overhead"
             raise InputError("SlaveBus.piece", problem, fix="write piece >= 1, size >= 0, overhead >= 0")

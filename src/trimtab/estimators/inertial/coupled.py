@@ -60,7 +60,7 @@ class CoupledNode:
 
 @record
 class AidedInertialCoupled:
-    """Extended Kalman filter of eight error states with feedback. A specific force makes the heading observable.
+    """Extended Kalman filter of eight error states with feedback. The heading is observable under specific force.
 
         dphi' = -db      dv' = J f dphi - B da      dr' = dv      J f = (-f_east, f_north)      (d = estimate - truth)
 
@@ -69,7 +69,7 @@ class AidedInertialCoupled:
 
     Valid:   near the truth. An initial heading error above about half a radian makes the filter overconfident.
              At rest the heading is not observable, and its error grows with the gyro's bias.
-    Source:  [1] chapter 3; low-pass and rest: reconstructed, see docs page.
+    Source:  [1] chapter 3; low-pass filters and detection of rest: reconstructed, see docs page.
     """
 
     intake: Intake = part(
@@ -115,7 +115,7 @@ class AidedInertialCoupled:
     def propagate(self, node: CoupledNode, dt: Any, imu_reading: Any, untrusted: Any) -> CoupledNode:
         """Propagate the state by dt (s). imu_reading: IMU sample at the end of the step (3,).
 
-        Biases are turned to W with the heading at the start of the step, as in Phi.
+        Accelerometer biases are turned to W with the heading at the start of the step, as in Phi.
         """
         m = propagate_coupled(self, node, dt, imu_reading, untrusted)
         P = predict_covariance(node.P, m.F, m.Q)
@@ -130,7 +130,7 @@ class AidedInertialCoupled:
         return replace(_reset_errors(node, correction), heading_fix=fix)
 
     def correct_position(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
-        """Correct the state with a position z (2,) of the aided point. If its variance is 0, use noise.position."""
+        """Correct the state with a measured position z (2,) (m). If its variance is 0, use noise.position."""
         arm, slope = rotate_lever(node.x[0], self.arms.imu_to_aided_point())
         none = jnp.zeros((2, 2))
         H = jnp.concatenate([slope[:, None], none, jnp.eye(2), jnp.zeros((2, 3))], axis=1)
@@ -149,7 +149,7 @@ class AidedInertialCoupled:
         return is_force_significant(node.steady, node.P, self.noise, self.rest_smoothing, self.rest_sigmas)
 
     def belief(self, node: CoupledNode) -> Belief:
-        """Return the estimate (Belief) of the IMU's motion."""
+        """Return the estimated motion of the IMU and its covariance, as a Belief."""
         return Belief(node.x, node.P * SIGNS[:, None] * SIGNS[None, :])
 
 
@@ -174,7 +174,7 @@ class CoupledMotion(NamedTuple):
 
 
 def propagate_coupled(form: Any, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> CoupledMotion:
-    """Return the step over dt (s) of a node whose x begins like Belief.x.
+    """Return a step of dt (s) from a filter state (node) whose x begins with the values of Belief.x.
 
     form: filter form with noise, smoothing and rest_smoothing.  imu_reading: IMU sample at the end of the step (3,).
     untrusted: as in `InertialForm.propagate`.

@@ -39,7 +39,9 @@ class InertialNoise:
     """
 
     gyro: Scalar = quantity("rad^2/s^2", "Noise variance of one gyro sample.", default=4.9e-4, above=0, source=TABLE)
-    gyro_walk: Scalar = quantity("rad^2/s^3", "Random walk of the gyro's bias.", default=5e-4, low=0, source=TABLE)
+    gyro_walk: Scalar = quantity(
+        "rad^2/s^3", "Density of the random walk of the gyro's bias.", default=5e-4, low=0, source=TABLE
+    )
     forward: Scalar = quantity(
         "m^2/s^4", "Noise variance of one forward accelerometer sample.", default=3.4e-2, above=0, source=TABLE
     )
@@ -47,7 +49,7 @@ class InertialNoise:
         "m^2/s^4", "Noise variance of one starboard accelerometer sample.", default=2.7e-2, above=0, source=TABLE
     )
     force_walk: Scalar = quantity(
-        "m^2/s^5", "Random walk of each accelerometer's bias.", default=5e-4, low=0, source=TABLE
+        "m^2/s^5", "Density of the random walk of each accelerometer's bias.", default=5e-4, low=0, source=TABLE
     )
     heading: Scalar = quantity("rad^2", "Variance of a heading measurement.", default=1.6e-4, above=0, source=TABLE)
     position: Scalar = quantity(
@@ -61,13 +63,13 @@ class InertialNoise:
     )
     heading_constant: Scalar = quantity(
         "rad",
-        "Constant error of the heading sensor, e.g. of its mounting. It is unobservable, so the variance includes it.",
+        "Constant error (1 sigma) of the heading sensor, e.g. from its mounting. It is added to the reported variance.",
         default=0.0,
         low=0,
     )
     position_constant: Scalar = quantity(
         "m",
-        "Constant error of the positions, e.g. of a beacon's survey. It is unobservable, so the variance includes it.",
+        "Constant error (1 sigma) of the positions, e.g. from a beacon's survey. It is added to the reported variance.",
         default=0.0,
         low=0,
     )
@@ -150,8 +152,9 @@ def heading_process_noise(growth: Any, reach: Any) -> Any:
 def motion_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
     """Return the process noise G2 Q2 G2' (6, 6) of velocity, position and biases. Noise along body axes is turned to W.
 
-    With a reach of dt, the result is the exact integral of white noise of velocity and biases over dt. With a reach of
-    0, as printed in [1], noise of the velocity does not affect the position in the same step.
+    reach: `InertialNoise.integration_time`. If it is dt, the result is the exact integral of white noise of velocity
+    and biases over dt. If it is 0, as printed in [1], noise of the velocity does not affect the position in the same
+    step.
     """
     B = planar(heading)
     V, A = (B * growth[2:4]) @ B.T, (B * growth[4:6]) @ B.T
@@ -207,8 +210,8 @@ def lever_arm_noise(R: Any, slope: Any, variance: Any) -> Any:
 def belief_covariance(P1: Any, P2: Any, bias_sign: float = 1.0) -> Any:
     """Return the covariance (8, 8) of a Belief from the covariances of the two filters, which are taken as independent.
 
-    bias_sign: -1 if a filter's bias has the opposite sign of a Belief's error, relative to the errors of heading,
-    velocity and position; else 1.
+    bias_sign: 1 if the bias error has the same sign in the filters as in a Belief; -1 if its sign is reversed. The
+    errors of heading, velocity and position have the same sign in both.
     """
     s = bias_sign
     zero = jnp.zeros(4)

@@ -8,7 +8,7 @@ dtheta is in B, dv and dp are in W. If raw ranges are used, two more numbers fol
 clock. After a measurement the estimated error is added to the state and reset to zero.
 
 The covariance P is propagated over many samples at once, by their combined increment (`strapdown`). A measurement is
-fused one number at a time, in Joseph's form, so that no matrix is inverted.
+fused one scalar at a time, in Joseph's form, so that no matrix is inverted.
 
 Source: [1] Solà, "Quaternion kinematics for the error-state Kalman filter", arXiv:1711.02508, chapters 5 to 7 (local
 angular error). [2] Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed.,
@@ -42,7 +42,7 @@ class SpatialNoise:
 
     The values are densities of white noise, as in the inertial unit's error model. The fields doubtful_... are used for
     saturated samples and for gaps.
-    Source: docs page, Gnss and inertial; chosen for `Imu` with a good micromachined unit.
+    Source: docs page, Gnss and inertial; the defaults suit `Imu` with the errors of a good MEMS unit.
     """
 
     gyro: Scalar = quantity("rad/s/Hz^0.5", "White noise of the gyros.", default=2e-4, above=0)
@@ -167,8 +167,8 @@ def transition(R_WB: Any, one: Increment) -> Any:
     """Return the first 9 rows (9, 15) of the error's transition matrix over an increment that begins at R_WB (3, 3).
 
     The effects of errors of attitude, velocity and position are exact. The effects of bias errors are computed for a
-    constant angular rate. For attitude and velocity they are correct to second order in the turn, also for a changing
-    force (T dv - dp is the integral of s f(s)). For position they assume a constant force.
+    constant angular rate. For attitude and velocity they are correct to second order in the rotation angle, also for a
+    changing force (T dv - dp is the integral of s f(s)). For position they assume a constant force.
     """
     T, dR = one.time, quaternion.to_matrix(one.turn)
     eye, none = jnp.eye(3), jnp.zeros((3, 3))
@@ -274,8 +274,8 @@ def fuse_scalars(P: Any, y: Any, H: Any, R: Any, wanted: Any, gate: Any) -> Fusi
 def put_error_in(x: Nominal, error: Any, P: Any) -> Nominal:
     """Return the state corrected by an error (n,), with P (n, n) as the remaining covariance.
 
-    P is rotated to the corrected attitude by the right Jacobian of the turn, to second order. Source: [1] eqs. 283-286
-    and 183.
+    P is rotated to the corrected attitude by the right Jacobian of this rotation, to second order. Source: [1] eqs.
+    283-286 and 183.
     """
     turn = error[ATTITUDE]
     n = P.shape[0]

@@ -94,7 +94,7 @@ def newest_imu_index(h: History) -> Any:
 def check_room(h: History, reached: Any, event: Event) -> tuple[Any, Any]:
     """Return two flags: True if an event fits into the history, and True if the history already contains it.
 
-    An event does not fit if it is older than the whole history, because no state is stored to start from. One slot is
+    An event does not fit if it is older than the whole history, because no earlier filter state is stored. One slot is
     reserved for the IMU.  reached: index up to which the stored states are valid.
     """
     before = _last_index(h, event.t)

@@ -105,7 +105,7 @@ class InertialStart:
 class LeverArms:
     """Positions of the IMU and the position sensor in B. Source: docs page, Aided inertial navigation."""
 
-    imu: Any = quantity("m", "Position of the IMU.", default=np.zeros(2), frame="B", shape=(2,))
+    imu: Any = quantity("m", "Position of the IMU on the vehicle.", default=np.zeros(2), frame="B", shape=(2,))
     aiding: Any = quantity(
         "m", "Position of the point that the position sensor measures.", default=np.zeros(2), frame="B", shape=(2,)
     )

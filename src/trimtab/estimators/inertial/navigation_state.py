@@ -163,7 +163,7 @@ def fuse_measurement(
     """Return the result of one update, and its statistics, a HeadingFix or PositionFix.
 
     After `patience` consecutive rejections, the next measurement is accepted even if it is outside the gate. The
-    covariance is first inflated until the innovation is a typical one. If patience is 0, this never happens. The other
+    covariance is first inflated until the innovation is plausible. If patience is 0, this never happens. The other
     arguments are those of `kalman.update` and `count_measurement`.
     """
     patience = jnp.asarray(patience)

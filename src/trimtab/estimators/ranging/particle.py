@@ -74,15 +74,15 @@ class ParticleState:
 
     key: Key = part("Key of the random number generator.")
     cloud: Cloud = part("Particles and their weights.")
-    at: Scalar = quantity("100 ns", "Time of the particles: that of the last ping used, or later.", kind="time")
-    history: ImuHistory = part("Newest IMU samples, since before the last ping used.")
+    at: Scalar = quantity(
+        "100 ns", "Time to which the particles are propagated: that of the last used ping, or later.", kind="time"
+    )
+    history: ImuHistory = part("Newest IMU samples. The oldest is from before the last used ping.")
     fix: ParticleFix = part("Statistics of the particles.")
     imu: SensorWatch = part("Checks of the IMU's samples.")
     position: SensorWatch = part("Checks of the ranging sensor's samples.")
     heading: Any = part("Checks of a heading sensor; always None, because the filter reads none.", default=None)
-    clock: Scalar = quantity(
-        "100 ns", "Largest time of the autopilot's clock that has been received.", kind="time", default=NEVER
-    )
+    clock: Scalar = quantity("100 ns", "Latest time of the autopilot's clock so far.", kind="time", default=NEVER)
     clock_backwards: Scalar = quantity(
         "1", "Number of times the autopilot's clock ran backwards.", kind="count", default=0
     )
@@ -95,7 +95,8 @@ class Particle:
     The particles are drawn at the first ping with two or more ranges. Each particle starts with a random pair of
     beacons, at one of the two intersections of their circles, with a random heading. The filter is updated at pings.
     Between two pings, the IMU is integrated once for all particles. A ping is used at the time at which it was sent.
-    The estimate is predicted from there to the newest IMU sample. A ping older than the last ping used is not used.
+    From this time, the estimate is predicted to the newest IMU sample. A ping older than the last ping used is not
+    used.
 
     Frames:  beacons in W, units in B; level vehicle on a flat floor.
     Not modelled: a heading sensor; moved beacons (their ranges count as wrong).
@@ -107,7 +108,7 @@ class Particle:
         default=Intake(heading="", position="ranging", slots=64),
     )
     noise: InertialNoise = part("Noise of the IMU.", default=InertialNoise())
-    errors: RangeErrorModel = part("Errors of the ranges. Those of beacons are considered.", default=RangeErrorModel())
+    errors: RangeErrorModel = part("Errors of the ranges. Errors of beacons are considered.", default=RangeErrorModel())
     start: InertialStart = part("Initial velocity and standard deviations.", default=InertialStart())
     arms: LeverArms = part("Position of the IMU on the vehicle.", default=LeverArms())
     beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
@@ -204,7 +205,7 @@ def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: Preint
     few = effective_sample_size(updated_cloud.weight) < form.N / 2
     comb, _ = uniform2(s.key, number, COMB)
     cloud = lax.cond(few, lambda: resample(updated_cloud, comb, z, form.share), lambda: updated_cloud)
-    # the tolerance 0.01 avoids that rounding errors decide if exactly half is accepted
+    # the tolerance 0.01 keeps rounding errors from deciding the case in which exactly half is accepted
     mostly = jnp.sum(jnp.where(replies, believed, 0.0)) > jnp.sum(replies) / 2 - 0.01
     doubt = jnp.where(mostly, 0, s.fix.doubted + 1)
     lost = (form.patience > 0) & (doubt >= form.patience)
@@ -271,7 +272,7 @@ def _cloud_estimate(form: Particle, t: Any, s: ParticleState, fresh: Any) -> Est
     two, none = jnp.zeros(2), jnp.zeros((2, 2))
     still = PreintegratedMotion(
         dt, dt * mean[5], two, two, none, none, jnp.ones(2)
-    )  # a turn that the bias cancels, i.e. no turn
+    )  # a gyro reading equal to the bias, i.e. no rotation
     mean, P = predict_particle(mean, P, still, motion_covariance(form.noise, mean[0], still))
     belief = Belief(mean[:DIMENSION], P[:DIMENSION, :DIMENSION])
     rate = jnp.where(silent, mean[5], s.history.imu_reading[-1, 0])

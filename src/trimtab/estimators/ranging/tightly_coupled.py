@@ -60,7 +60,8 @@ class TightNode:
 
 @record
 class TightlyCoupled:
-    """Extended Kalman filter that fuses each range separately. Two beacons are useful, and outliers are rejected.
+    """Extended Kalman filter that fuses each range separately. It also uses pings with few ranges, and rejects
+    outliers.
 
     State: heading, velocity, position, gyro and accelerometer biases, scale error of all ranges, error of each beacon.
     With two units, or with a lever arm and motion, ranges alone make the heading observable.
@@ -183,7 +184,8 @@ class TightlyCoupled:
     def correct_ranges(self, node: TightNode, value: Any) -> TightNode:
         """Correct the state with the ranges of a ping, or add them to the data for the start.
 
-        value: ranges (n,) and index of the unit. A range is 0 if it did not arrive, and -1 if it is not a number.
+        value: ranges (n,) and index of the unit. The value 0 marks a range that did not arrive, and -1 an invalid
+        range.
         """
         n = np.shape(self.beacons)[0]
         unit = jnp.clip(value[n], 0, np.shape(self.units)[0] - 1).astype(np.int32)
@@ -204,7 +206,7 @@ class TightlyCoupled:
         )
 
     def belief(self, node: TightNode) -> Belief:
-        """Return the estimate (Belief) of the IMU's motion."""
+        """Return the estimated motion of the IMU and its covariance, as a Belief."""
         return Belief(node.x[:DIMENSION], node.P[:DIMENSION, :DIMENSION])
 
 
