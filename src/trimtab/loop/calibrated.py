@@ -29,7 +29,7 @@ STEPS = {
 }
 """Calibration entry that gives a filter step (s) -> the fields of InertialNoise that are valid only for this step."""
 NOTES = ("gyro.delay", *STEPS, *TABULATED)
-"""Calibration entries that are not settings."""
+"""Names of calibration entries that set no field of a record."""
 
 
 class CalibratedScenario(NamedTuple):
@@ -75,7 +75,7 @@ def with_calibration(scenario: Scenario, calibration: Calibration) -> Calibrated
 
 
 def setting_paths(scenario: Scenario, name: str) -> list[str]:
-    """Return the paths of the settings that an entry names, e.g. ``Thruster.coefficient`` of each Thruster."""
+    """Return the paths of the settings for a calibration entry, e.g. ``Thruster.coefficient`` of each Thruster."""
     kind, _, field = name.rpartition(".")
     if "." in kind or kind in ("world", "autopilot"):
         return [path for path, _, declared in leaves(scenario) if path == name and isinstance(declared, Quantity)]
@@ -84,7 +84,7 @@ def setting_paths(scenario: Scenario, name: str) -> list[str]:
 
 
 def _with_absent_parts(scenario: Scenario, name: str) -> Scenario:
-    """Return the scenario with the optional parts that an entry calibrates, e.g. the hovercraft's friction."""
+    """Return the scenario, with each part added that a calibration entry needs, e.g. the hovercraft's friction."""
     kind = name.rpartition(".")[0]
     for where, declared in absent_parts(scenario):
         if type(declared.optional).__name__ == kind and where.startswith(("world.", "autopilot.")):
@@ -119,7 +119,7 @@ def _refuse_other_step(scenario: Scenario, calibration: Calibration) -> None:
 
 
 def _with_stops(scenario: Scenario) -> Scenario:
-    """Return the scenario with rudder stops that lie beyond the measured angles moved to the ends of the range."""
+    """Return the scenario with the rudder stops limited to the range of the measured angles."""
     for path, r in records(scenario):
         if isinstance(r, RudderServo):
             low, high = float(np.min(r.angles)), float(np.max(r.angles))

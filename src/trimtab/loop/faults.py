@@ -34,8 +34,8 @@ class Fault:
     """Fault of one part. Its kind and parameters can be changed during a run.
 
     The fault acts from `start` for `duration`. With a `watch`, it begins at the first instant after `start` at which
-    the watched number lies on the `side` of `level`. Before and after the fault, the part behaves as without a fault,
-    bit for bit.
+    the watched number is above or below `level`, as `side` states. Before and after the fault, the part behaves as
+    without a fault, bit for bit.
 
     Frames:  those of the part.
     Source:  docs page, Faults; the words are those of PX4's failure injection.
@@ -252,7 +252,10 @@ def _select(condition: Any, a: Any, b: Any) -> Any:
 def apply_to_output(
     t: Any, s: FaultMemory, fault: Fault, output: Any, neutral: Any, signals: Any, *, step: int
 ) -> tuple[FaultMemory, Any]:
-    """Return the fault's memory, and the actuators' output with the fault applied. Arguments as for apply_to_sample."""
+    """Return the fault's memory, and the actuators' output with the fault applied.
+
+    neutral: output of the actuators at rest. Other arguments are those of `apply_to_sample`.
+    """
     k, capacity = t // step, jax.tree.leaves(s.ring)[0].shape[0]
     output = cast_like(output, s.output)
     begin = fault.begin_time(t, s.begin, signals)
@@ -298,7 +301,9 @@ class FaultyPart:
         try:
             sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, input)
         except AttributeError as error:
-            problem = f"the part reads more than a {type(input).__name__} ({error}); faults and real links give no more"
+            problem = (
+                f"the part needs more than a {type(input).__name__} ({error}), but faults and real links give no more"
+            )
             fix = "fly in virtual time, without a fault in this sensor:  trimtab run SCENARIO"
             raise InputError(f"fault in {type(self.inner).__name__}", problem, fix=fix) from error
         none = jax.tree.map(lambda v: jnp.zeros(jnp.shape(v), jnp.result_type(v)), sample)

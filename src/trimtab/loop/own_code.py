@@ -194,4 +194,4 @@ def _describe_conversion(frame: FrameType | None, number: int) -> tuple[str, str
         if isinstance(called, np.ufunc) or getattr(called, "__module__", "") in ("math", "numpy"):
             return f"`{name}` of Python on {TRACED}", f"use jnp.{name}, after  import jax.numpy as jnp"
     fix = "write jnp.where(c, a, b) for  a if c else b,  jnp.sin for math.sin,  x.astype(…) for float(x)"
-    return f"a Python branch or function on {TRACED}", fix
+    return f"a Python `if`, loop or function is applied to {TRACED}", fix

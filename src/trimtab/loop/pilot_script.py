@@ -25,7 +25,7 @@ class PilotScript:
 
     times: Any = quantity("100 ns", "Times of the requests, rising.", kind="time", default=np.zeros(0, np.int64))
     requests: Any = quantity(
-        "1", "Requests.", kind="mode", modes=REQUESTS, default=np.zeros(0, np.int32), low=0, high=5
+        "1", "Request at each time.", kind="mode", modes=REQUESTS, default=np.zeros(0, np.int32), low=0, high=5
     )
     period: int = period("Time between samples.", default=ms(10))
 
@@ -75,7 +75,7 @@ def pilot_script(*requests: tuple[int, str]) -> PilotScript:
 
 
 def add_pilot_sensor(scenario: Scenario) -> Scenario:
-    """Return the scenario with a sensor for the requests to its supervisor. Without supervisor, it is unchanged."""
+    """Return the scenario with a sensor for the requests to its supervisor; unchanged without a supervisor."""
     supervisor, sensors = scenario.autopilot.supervisor, scenario.world.sensors
     if supervisor is None or supervisor.pilot in sensors:
         return scenario

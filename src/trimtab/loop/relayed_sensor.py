@@ -46,9 +46,7 @@ class RelayedSensor:
     def check(self) -> None:
         """Raise InputError if the sensor's input is not the motion, or the periods of bus and sensor differ."""
         if optional_member(self.inner, "FEELS") != "motion":
-            problem = (
-                f"{type(self.inner).__name__} measures {self.inner.FEELS!r}, not the motion, so it cannot have a bus"
-            )
+            problem = f"{type(self.inner).__name__} measures {self.inner.FEELS!r}; the bus needs a sensor of the motion"
             raise InputError("RelayedSensor.inner", problem, fix="use this sensor without a bus")
         if self.bus.period != self.inner.period:
             problem = (

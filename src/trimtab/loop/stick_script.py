@@ -46,7 +46,9 @@ class StickScript:
         shapes = [np.shape(a) for a in (self.times, self.forward, self.turn, self.mode)]
         if len(set(shapes)) > 1 or len(shapes[0]) != 1 or not (np.diff(np.asarray(self.times, np.int64)) > 0).all():
             counts = ", ".join(f"{np.size(a)}" for a in (self.times, self.forward, self.turn, self.mode))
-            problem = f"there must be one forward, turn and mode per rising time, got {counts} times, …, modes"
+            problem = (
+                f"times must rise, each with one forward, turn and mode; got {counts} times, forwards, turns, modes"
+            )
             raise InputError(
                 "times",
                 problem,
@@ -89,7 +91,7 @@ def stick_script(*entries: tuple[int, float, float, str]) -> StickScript:
 
 
 def add_stick_sensor(scenario: Scenario) -> Scenario:
-    """Return the scenario with a sensor for the stick that its law reads. If the law reads none, it is unchanged."""
+    """Return the scenario with a sensor for the stick that its law reads. Other scenarios are returned unchanged."""
     name, sensors = optional_member(scenario.autopilot.law, "stick"), scenario.world.sensors
     if not name or name in sensors:
         return scenario

@@ -49,8 +49,8 @@ def no_increment() -> Increment:
 
 
 def average_samples(w0: Any, f0: Any, w1: Any, f1: Any, dt: Any) -> tuple[Any, Any]:
-    """Return the constant angular velocity and force (3,) with the same effect over dt (s) as two samples' linear
-    change.
+    """Return the constant angular velocity and force (3,) that act over dt (s) like a linear change between two
+    samples.
 
     The coning term dt/12 w0 × w1 and the sculling term dt/12 (w0 × f1 - w1 × f0) are the second term of the Magnus
     series for a rate that changes linearly.

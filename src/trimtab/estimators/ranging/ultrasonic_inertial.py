@@ -84,8 +84,8 @@ class UltrasonicInertial:
     because the noise of each range is independent, while a displaced beacon displaces the positions of both units that
     receive it in the same way. The uncertainty of B(phi) lever is added to the error of the position. Until the heading
     of the INS is known, the possible motion of a unit between two pings is added to the error of the heading. A single
-    unit is at
-    `inertial.arms.aiding`. Its position is passed to the INS unchanged, because the INS applies the lever arm itself.
+    unit is at `inertial.arms.aiding`. Its position is passed to the INS unchanged, because the INS applies the lever
+    arm itself.
 
     `state.position_sensor` also includes checks of the pings: frozen ranges, non-finite ranges, pings out of time.
 
