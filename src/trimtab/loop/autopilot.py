@@ -218,7 +218,7 @@ class Autopilot:
 
     def _check_reads(self, estimate: Estimate) -> None:
         if isinstance(self.law.reads, str):
-            problem = f"{place_of(type(self.law))}reads is a text, but must be a tuple of names"
+            problem = f"{place_of(type(self.law))}reads must be a tuple of names, got a text"
             raise InputError("autopilot.law", problem, fix=f'reads = ("{self.law.reads}",)')
         provided = tuple(n for n, _, _ in children(estimate.state)) if is_record(estimate.state) else ()
         for name in self.law.reads:

@@ -27,7 +27,7 @@ STEPS = {
     "gyro.step": ("gyro", "gyro_walk"),
     "accelerometer.step": ("forward", "starboard", "force_walk"),
 }
-"""Calibration entry that gives a filter step (s) -> the fields of InertialNoise that are valid only for this step."""
+"""Calibration entry with a filter step (s) -> the fields of InertialNoise that were calibrated for this step only."""
 NOTES = ("gyro.delay", *STEPS, *TABULATED)
 """Names of calibration entries that set no field of a record."""
 
@@ -95,7 +95,7 @@ def _with_absent_parts(scenario: Scenario, name: str) -> Scenario:
 def _fitting_value(name: str, entry: Any, path: str, old: Any, declared: Quantity) -> Any:
     where = f"calibration, {name}"
     if entry.unit != declared.unit:
-        problem = f"is in {entry.unit!r}, but the setting {path} is in {declared.unit!r}"
+        problem = f"has the unit {entry.unit!r}, but the setting {path} has the unit {declared.unit!r}"
         raise InputError(where, problem, fix=f'convert the value to unit = "{declared.unit}"')
     value = np.asarray(entry.value, declared.dtype())
     if value.shape != np.shape(old):
@@ -105,7 +105,7 @@ def _fitting_value(name: str, entry: Any, path: str, old: Any, declared: Quantit
 
 
 def _refuse_other_step(scenario: Scenario, calibration: Calibration) -> None:
-    """Raise InputError if the variances of samples were calibrated for another filter step."""
+    """Raise InputError if noise variances were calibrated for another filter step than that of the scenario."""
     for name, fields in STEPS.items():
         mine = [f"InertialNoise.{f}" for f in fields if f"InertialNoise.{f}" in calibration.entries]
         if name not in calibration.entries or not mine:
@@ -146,7 +146,7 @@ def _with_tables(scenario: Scenario, calibration: Calibration) -> Scenario:
 
 
 def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) -> dict[str, Any]:
-    """Return the changed fields of a fan's table, which gives force by speed or speed by force.
+    """Return the changed fields of a fan's table, which maps speed to force or force to speed.
 
     eta: measured thrust by angle relative to the thruster's coefficient, or None.
     """
@@ -170,7 +170,7 @@ def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) ->
 
 
 def tabulate_thrust(angles: Any, by_angle: Any, rows: Any) -> Any:
-    """Return the measured thrust coefficient by angle, c eta, interpolated at the rudder angles `rows` (m,).
+    """Return the thrust coefficient c eta, measured by rudder angle, interpolated at the angles `rows` (m,).
 
     Raise InputError for an angle outside the measured range.
     """

@@ -168,7 +168,7 @@ def _latency(known: Mapping[str, Any], calibration: Calibration, link: str) -> t
         return {}, f"{path} is not drawn: the file lacks {link}.shift. Calibrate the link again"
     mean, sd, shift = (float(entries[n].value) for n in (*names, f"{link}.shift"))
     if not np.allclose(known[path][0], gamma_table(mean, sd, shift), rtol=1e-6):
-        return {}, f"{path} is not drawn: it is not the table that {names[0]} and {names[1]} give"
+        return {}, f"{path} is not drawn: it differs from the table for {names[0]} and {names[1]}"
     h = 1e-4 * sd
     toward_mean = (gamma_table(mean + h, sd, shift) - gamma_table(mean - h, sd, shift)) / (2 * h)
     toward_sd = (gamma_table(mean, sd + h, shift) - gamma_table(mean, sd - h, shift)) / (2 * h)
@@ -214,7 +214,7 @@ def _rising_share(own: Any, change: Any, low: float, high: float) -> Any:
 
 
 def _normal_text(value: float, error: float, declared: Any) -> str:
-    """Return the text of a normal distribution, truncated to the range of the setting if this is close."""
+    """Return the text of a normal distribution, truncated at limits of the setting within 6 standard errors."""
     low = declared.low if declared.low is not None else declared.above
     low = -math.inf if low is None else float(low)
     high = math.inf if declared.high is None else float(declared.high)

@@ -14,7 +14,7 @@ SHORTEST_PERIOD = 100
 
 
 def check_values(tree: Any, path: str = "") -> None:
-    """Check every declared field below `tree`, and call check() of every part. Raise InputError with the full path."""
+    """Check every declared field of `tree`, and call check() of every part. Raise InputError with the faulty path."""
     for where, value, declared in leaves(tree, path):
         if isinstance(declared, Quantity):
             _check_quantity(where, value, declared)

@@ -126,7 +126,7 @@ class Monitor:
             match = _NAMED.fullmatch(piece)
             if match is None or not match["formula"]:
                 problem = (
-                    f"{piece.strip()!r} is not FORMULA or NAME: FORMULA, with a name of small letters, digits and _"
+                    f"{piece.strip()!r} must be FORMULA or NAME: FORMULA; NAME may contain small letters, digits and _"
                 )
                 raise InputError("formulas", problem, fix=argument("settings", EXAMPLE, "autopilot.monitor.formulas"))
             name = match["name"] or ("requirement" if len(pieces) == 1 else f"requirement_{k + 1}")

@@ -128,7 +128,7 @@ def _without_part(tree: Any, path: str, owner: Any, declared: Declaration | None
 
 
 def make_part(path: str, text: str, settings: dict[str, str], parse: LeafParser) -> Any:
-    """Return a part of the class that the text names, with the settings of its fields. Remove these settings."""
+    """Return a part of the class that the text names. The settings of its fields are used, and removed."""
     where, (name, _, preset) = argument_name("settings", path), text.partition(".")
     kind = find_class(where, name)
     if preset:

@@ -23,7 +23,9 @@ class PilotScript:
     Frames:  none.    Source:  docs page, Supervisor.
     """
 
-    times: Any = quantity("100 ns", "Times of the requests, rising.", kind="time", default=np.zeros(0, np.int64))
+    times: Any = quantity(
+        "100 ns", "Times of the requests, in rising order.", kind="time", default=np.zeros(0, np.int64)
+    )
     requests: Any = quantity(
         "1", "Request at each time.", kind="mode", modes=REQUESTS, default=np.zeros(0, np.int32), low=0, high=5
     )
@@ -34,7 +36,9 @@ class PilotScript:
         times, requests = np.asarray(self.times), np.asarray(self.requests)
         if times.ndim != 1 or times.shape != requests.shape or (np.diff(times) < self.period).any():
             counts = f"{len(times)} and {len(requests)}"
-            problem = f"there must be one time per request, rising by a period or more; got {counts} times and requests"
+            problem = (
+                f"times must rise by a period or more, one for each request; numbers of times and requests: {counts}"
+            )
             fix = f"give one time per request, {self.period} units of 100 ns or more apart"
             raise InputError("times", problem, fix=fix)
 

@@ -91,7 +91,7 @@ class PredictorState:
 
     inputs: SentInputs = part("Vehicle inputs caused by the commands sent so far.")
     past: PastPredictions = part("Past predictions.")
-    actuators: Any = part("State of the modelled actuators at the time when the last command sent acts.")
+    actuators: Any = part("State of the modelled actuators at the time when the last sent command acts.")
     measured: Scalar = quantity("100 ns", "Time of the newest measurement.", kind="time")
     prediction: Prediction = part("Last prediction.")
 
@@ -125,7 +125,7 @@ class Predictor:
     horizon: int = period(
         "Longest time span of a prediction; a longer delay is compensated only in part.", default=ms(500)
     )
-    period: int = period("Time between two commands sent.", default=ms(20))
+    period: int = period("Time between two sent commands.", default=ms(20))
 
     def check(self) -> None:
         """Raise InputError if the period is not a multiple of the actuators' period and frame, or the horizon is too
@@ -305,7 +305,7 @@ def _needed_fields(predictor: Predictor, wanted: tuple[str, ...]) -> tuple[str, 
         "autopilot.predictor.craft", "its state", predictor.craft.dynamics, 0.0, state, predictor.actuators.neutral().u
     )
     if jax.tree.structure(derivative) != jax.tree.structure(state):
-        problem = f"the state of {type(predictor.craft).__name__} is not a {type(predictor.start).__name__}"
+        problem = f"must be a state of {type(predictor.craft).__name__}, got a {type(predictor.start).__name__}"
         raise InputError("autopilot.predictor.start", problem, fix="set start to a state record of that vehicle")
     closed = jax.make_jaxpr(lambda x: predictor.craft.dynamics(0.0, x, predictor.actuators.neutral().u))(state)
     jaxpr = closed.jaxpr

@@ -76,9 +76,9 @@ def plain_text(text: str) -> str:
 
 
 def with_reference(scenario: Scenario, text: str) -> Scenario:
-    """Return the scenario that follows a reference.
+    """Return the scenario with a law that follows a reference.
 
-    It starts at rest at the start of the path, with the nose along the path.
+    The vehicle starts at rest at the start of the path, with the nose along the path.
 
     Raises: InputError for a law that cannot follow a reference.
     """

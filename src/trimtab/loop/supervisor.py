@@ -257,7 +257,7 @@ class Supervisor:
         sick: Any,
         check: Any,
     ) -> tuple[Any, Any]:
-        """Return mode and cause after this instant. If several rows below apply, the last one counts."""
+        """Return mode and cause after this instant. If several rows of the table apply, the last of them counts."""
         valid = jnp.asarray(input.estimate.valid)
         standby, flying, hold, lost = (s.mode == m for m in (STANDBY, FLYING, HOLD, LOST))
         under_way = flying | hold | lost
