@@ -27,7 +27,7 @@ class LinearModelFilterState:
     P: Any = quantity("1", "Covariance of the estimated deviation (n, n).")
     t: Scalar = quantity("100 ns", "Time of the filter's last step.", kind="time")
     seen: Any = quantity("100 ns", "For each sensor, the time at which its last used sample was measured.", kind="time")
-    measured: Scalar = quantity("100 ns", "Time at which the newest sample used was measured.", kind="time")
+    measured: Scalar = quantity("100 ns", "Time at which the newest used sample was measured.", kind="time")
     started: Scalar = quantity("1", "True once an input and a measurement have arrived.", kind="flag")
 
 
@@ -70,7 +70,8 @@ class LinearModelFilter:
     x0: Any = part("State at the trim, as the vehicle's record of states.", default=PlanarState(0.0, 0.0, 0.0, 0.0))
     u0: Any = quantity("1", "Input at the trim (m,).", default=np.zeros(0))
     channels: tuple[str, ...] = option(
-        "Measured values, as SENSOR.FIELD, e.g. imu.force[2].", default=("navigation.heading",)
+        "Sensor channels that the filter uses, each as SENSOR.FIELD, e.g. imu.force[2].",
+        default=("navigation.heading",),
     )
     acting: tuple[str, ...] = option(
         "Sensor channels that report the inputs of the model, each as SENSOR.FIELD.", default=()

@@ -20,7 +20,7 @@ class Passthrough:
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Return the name of the sensor that is passed on."""
+        """Return the name of the sensor whose samples are passed on."""
         return (self.sensor,)
 
     def init(self, key: Key) -> tuple[()]:

@@ -160,6 +160,6 @@ def check_ring(name: str, capacity: int, longest: float, send_period: int, perio
         raise InputError(
             f"{name}.capacity",
             f"a ring of {capacity} slots, one per {format_time(send_period)}, keeps packets for {span:.4g} s,"
-            f" but the longest latency is {longest:.4g} s (+ {format_time(period)} to be received)",
+            f" but the longest latency is {longest:.4g} s (plus {format_time(period)} until it is received)",
             fix=f"set capacity to {needed} or more",
         )

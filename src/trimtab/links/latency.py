@@ -64,7 +64,7 @@ class MeasuredLatency:
         check_ring("MeasuredLatency", self.capacity, float(table[-1]), self.send_period, self.period)
 
     def draw(self, key: Key, packet: Any) -> tuple[Any, Any]:
-        """Return latency (s) and loss of a packet. packet: its number, the send time divided by `send_period`."""
+        """Return latency (s) and loss of a packet. packet: its number, i.e. its send time divided by `send_period`."""
         z, _ = normal2(key, packet, 0)
         u, _ = uniform2(key, packet, 1)
         return interpolate_latency(self.latency, z), u < self.loss

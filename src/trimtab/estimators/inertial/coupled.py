@@ -52,8 +52,12 @@ class CoupledNode:
         "1", "Heading, velocity, position, gyro bias, accelerometer biases (8,), in the order of Belief.x.", shape=(8,)
     )
     P: Any = quantity("1", "Covariance of the error states, in the order of Belief.x.", shape=(8, 8))
-    force: Any = quantity("m/s^2", "Low-passed specific force without bias, for the Jacobian.", frame="B", shape=(2,))
-    steady: Any = quantity("m/s^2", "Low-passed specific force without bias, to detect rest.", frame="B", shape=(2,))
+    force: Any = quantity(
+        "m/s^2", "Low-pass filtered specific force, corrected for bias, used in the Jacobian.", frame="B", shape=(2,)
+    )
+    steady: Any = quantity(
+        "m/s^2", "Low-pass filtered specific force, corrected for bias, used to detect rest.", frame="B", shape=(2,)
+    )
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: PositionFix = part("Statistics of the position updates.")
 
@@ -197,7 +201,7 @@ def low_pass_gain(dt: Any, constant: Any) -> Any:
 
 
 def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
-    """Return Phi (8, 8) of the error states in the order of Belief.x, for a constant specific force.
+    """Return the transition matrix Phi (8, 8) of the errors in the order of Belief.x, for a constant specific force.
 
     Errors of biases are truth minus estimate.  dt: step (s).  heading: (rad).  force: specific force in B (2,).
     Source: [1] chapter 3; the series of exp(A dt) ends with the third power, because A^4 = 0.
@@ -218,7 +222,7 @@ def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
 
 
 def coupled_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
-    """Return Q (8, 8) in the order of Belief.x, with the same noise as in the dual filter.
+    """Return the process noise Q (8, 8) in the order of Belief.x, with the same noise as in the dual filter.
 
     growth: `InertialNoise.growth`.  reach: `InertialNoise.integration_time`.
     """

@@ -40,10 +40,10 @@ class DirectNode:
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
     untrusted: Any = quantity("1", "Flags of gyro and accelerometers: 1 if the sensor cannot be trusted.", shape=(2,))
-    x1: Any = quantity("1", "Heading (rad, unwrapped), gyro bias (rad/s).", shape=(2,))
+    x1: Any = quantity("1", "Estimated heading (rad, unwrapped) and gyro bias (rad/s).", shape=(2,))
     P1: Any = quantity("1", "Covariance of the errors of heading and gyro bias.", shape=(2, 2))
-    x2: Any = quantity("1", "Velocity (m/s), position (m), force biases (m/s^2).", shape=(6,))
-    P2: Any = quantity("1", "Covariance of the errors of velocity, position and force biases.", shape=(6, 6))
+    x2: Any = quantity("1", "Estimated velocity (m/s), position (m), accelerometer biases (m/s^2).", shape=(6,))
+    P2: Any = quantity("1", "Covariance of the errors of velocity, position, accelerometer biases.", shape=(6, 6))
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: PositionFix = part("Statistics of the position updates.")
 
@@ -115,6 +115,9 @@ class AidedInertialDirect:
 
 
 def _total_transition(transition: Any) -> Any:
-    """Return Phi2 for total states, from Phi2 for error states. The blocks of the biases have opposite signs."""
+    """Return the transition matrix Phi2 of total states, from that of error states.
+
+    The blocks of the biases have opposite signs.
+    """
     signs = jnp.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
     return transition * signs[:, None] * signs[None, :]

@@ -101,11 +101,14 @@ class InertialNoise:
         return jnp.zeros_like(dt) if self.covariance == "literal" else dt
 
     def heading_noise(self, variance: Any) -> Any:
-        """Return R of a heading (1, 1): the given variance if it is above 0, else the default."""
+        """Return the noise variance R (1, 1) of a heading: the given variance if it is above 0, else the default."""
         return jnp.reshape(jnp.where(variance > 0, variance, self.heading), (1, 1))
 
     def position_noise(self, variance: Any) -> Any:
-        """Return R of a position fix (2, 2): the given variance or covariance (2, 2) if above 0, else the default."""
+        """Return the noise covariance R (2, 2) of a position fix.
+
+        variance: variance or covariance (2, 2) of the fix. If it is not above 0, the default is returned.
+        """
         own = variance if np.ndim(variance) == 2 else variance * jnp.eye(2)
         return jnp.where(own[0, 0] > 0, own, self.position * jnp.eye(2))
 
@@ -193,13 +196,13 @@ def dual_model(noise: InertialNoise, dt: Any, untrusted: Any, heading: Any) -> D
 
 
 def aided_point(form: InertialForm, heading: Any, heading_variance: Any, variance: Any) -> tuple[Any, Any]:
-    """Return the vector (2,) in W from the IMU to the measured point, and R (2, 2) of the position measurement."""
+    """Return the vector (2,) in W from the IMU to the measured point, and the position's noise covariance (2, 2)."""
     arm, slope = rotate_lever(heading, form.arms.imu_to_aided_point())
     return arm, lever_arm_noise(form.noise.position_noise(variance), slope, heading_variance)
 
 
 def lever_arm_noise(R: Any, slope: Any, variance: Any) -> Any:
-    """Return R (2, 2) plus the uncertainty of a lever arm due to an uncertain heading.
+    """Return the noise covariance R (2, 2) plus the uncertainty of a lever arm due to an uncertain heading.
 
     The dual filters don't estimate the heading from positions. They treat the lever arm's error due to the heading as
     noise.  slope: derivative of the lever arm by heading (2,).  variance: variance of the heading.

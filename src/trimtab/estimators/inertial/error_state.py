@@ -29,7 +29,7 @@ from trimtab.core.rotation import DEG, cross_matrix
 from trimtab.estimators.inertial.strapdown import Increment, Kinematics, compose, increment_of, move, no_increment
 
 ATTITUDE, VELOCITY, POSITION, GYRO_BIAS, FORCE_BIAS, CLOCK = (slice(i, i + 3) for i in range(0, 18, 3))
-"""Slices of the error vector of the error-state filter. The clock has two numbers, the others have three."""
+"""Slices of the error vector of the error-state filter. The clock's slice has two numbers, each other slice three."""
 NAVIGATION = 9
 """Number of error states that the IMU propagates: attitude, velocity, position."""
 ERRORS = 15
@@ -63,7 +63,7 @@ class SpatialStart:
     velocity: Any = quantity("m/s", "Initial velocity: north, east, down.", default=ZERO, frame="W", shape=(3,))
     position: Any = quantity("m", "Initial position: north, east, down.", default=ZERO, frame="W", shape=(3,))
     sigma_tilt: Scalar = quantity(
-        "rad", "Standard deviation of the initial tilt about each level body axis.", default=2.0 * DEG, above=0
+        "rad", "Standard deviation of the initial tilt about the body's x and y axes.", default=2.0 * DEG, above=0
     )
     sigma_heading: Scalar = quantity(
         "rad", "Standard deviation of the initial heading error about the body's z axis.", default=5.0 * DEG, above=0
@@ -118,11 +118,11 @@ class Nominal:
     gyro_bias: Any = quantity("rad/s", "Estimated bias of the gyros.", frame="B", shape=(3,))
     force_bias: Any = quantity("m/s^2", "Estimated bias of the accelerometers.", frame="B", shape=(3,))
     clock: Any = quantity("1", "Bias (m) and drift (m/s) of the receiver's clock.", shape=(2,))
-    rate: Any = quantity("rad/s", "Angular velocity of the last sample, without gyro bias.", frame="B", shape=(3,))
+    rate: Any = quantity("rad/s", "Angular velocity of the last sample, corrected for bias.", frame="B", shape=(3,))
     acceleration: Any = quantity("m/s^2", "Acceleration of the IMU in the last sample.", frame="W", shape=(3,))
     P: Any = quantity("1", "Covariance of the error (n, n), n = 15 or 17.")
     span: Increment = part("Motion increment since the covariance P was last propagated.")
-    untrusted: Scalar = quantity("s", "Time since P was last propagated during which the IMU was not trusted.")
+    untrusted: Scalar = quantity("s", "Time during which the IMU was not trusted since P was last propagated.")
 
 
 def first_nominal(start: SpatialStart, n: int) -> Nominal:

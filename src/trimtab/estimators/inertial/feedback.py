@@ -45,7 +45,7 @@ class FeedbackNode:
     position: Any = quantity("m", "Position of the corrected INS.", frame="W", shape=(2,))
     force_bias: Any = quantity("m/s^2", "Biases subtracted from the accelerometers' readings.", frame="B", shape=(2,))
     P1: Any = quantity("1", "Covariance of the errors of heading and gyro bias.", shape=(2, 2))
-    P2: Any = quantity("1", "Covariance of the errors of velocity, position and force biases.", shape=(6, 6))
+    P2: Any = quantity("1", "Covariance of the errors of velocity, position, accelerometer biases.", shape=(6, 6))
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: PositionFix = part("Statistics of the position updates.")
 

@@ -45,7 +45,7 @@ class FeedforwardNode:
     x1: Any = quantity("1", "Estimated errors: heading (rad), gyro bias (rad/s).", shape=(2,))
     P1: Any = quantity("1", "Covariance of the errors of heading and gyro bias.", shape=(2, 2))
     x2: Any = quantity("1", "Estimated errors: velocity (m/s), position (m), accelerometer biases (m/s^2).", shape=(6,))
-    P2: Any = quantity("1", "Covariance of the errors of velocity, position and force biases.", shape=(6, 6))
+    P2: Any = quantity("1", "Covariance of the errors of velocity, position, accelerometer biases.", shape=(6, 6))
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: PositionFix = part("Statistics of the position updates.")
 

@@ -80,15 +80,17 @@ class GnssFix:
     numbers: Scalar = quantity("1", "Number of values in the newest satellite measurement.", kind="count")
     used: Scalar = quantity("1", "Number of satellite measurements used so far.", kind="count")
     rejected: Scalar = quantity(
-        "1", "Number of rejected measurements. With raw ranges: those with every range rejected.", kind="count"
+        "1", "Number of rejected measurements. Raw ranges count as rejected if every range was rejected.", kind="count"
     )
-    rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last one used.", kind="count")
+    rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last used one.", kind="count")
     given_in: Scalar = quantity(
         "1",
         "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
         kind="count",
     )
-    late: Scalar = quantity("1", "Number of measurements not used: too late, or the queue was full.", kind="count")
+    late: Scalar = quantity(
+        "1", "Number of measurements not used because they came too late or the queue was full.", kind="count"
+    )
 
 
 @record
@@ -127,7 +129,7 @@ class GnssInertialState:
     since: Scalar = quantity("1", "Number of IMU samples since the covariance was last propagated.", kind="count")
     window: InertialWindow = part("IMU samples from the filter's time to the present.")
     fixes: WaitingFixes = part("Satellite measurements later than the filter's time, which wait to be used.")
-    sigma: Any = quantity("1", "Standard deviations reported last, of each error state (15,).")
+    sigma: Any = quantity("1", "Last reported standard deviation of each error state (15,).")
     gnss_fix: GnssFix = part("Statistics of the updates with satellite measurements.")
     imu: SensorWatch = part("Checks of the IMU's samples.")
     gnss: SensorWatch = part("Checks of the receiver's samples.")
@@ -216,7 +218,7 @@ class GnssInertial:
         if self.carried < 1:
             raise InputError(
                 "carried",
-                f"the number of samples must be at least 1, got {self.carried}",
+                f"the number of IMU samples must be at least 1, got {self.carried}",
                 fix="give 1 or more, e.g. 20",
             )
         if self.imu == self.gnss:

@@ -19,7 +19,7 @@ from trimtab.estimators.inertial.sensor_watch import NEVER
 
 @record
 class CompensatorState:
-    """State of the gyro compensator: two previous gyro samples of any shape. Source: [1] eq. 6.2."""
+    """State of the gyro compensator: the last two gyro samples, of any shape. Source: [1] eq. 6.2."""
 
     y1: Any = quantity("rad/s", "Previous gyro sample.")
     y2: Any = quantity("rad/s", "Gyro sample before the previous one.")
@@ -39,7 +39,11 @@ class GyroCompensator:
     """
 
     b0: Scalar = quantity(
-        "1", "Coefficient of the newest true rate in the gyro model.", default=0.3236, above=0, source="[1] eq. 6.2"
+        "1",
+        "Coefficient of the newest true angular rate in the gyro model.",
+        default=0.3236,
+        above=0,
+        source="[1] eq. 6.2",
     )
     a1: Scalar = quantity("1", "Coefficient of the gyro's previous output.", default=-0.9805, source="[1] eq. 6.2")
     a2: Scalar = quantity(

@@ -118,7 +118,9 @@ class RadioFix:
     normalised: Any = quantity("1", "Range innovations divided by their standard deviations.")
     nis: Any = quantity("1", "NIS of each beacon's range.")
     accepted: Any = quantity("1", "True for each beacon whose range was used.", kind="flag")
-    refused_in_a_row: Any = quantity("1", "Ranges of each beacon rejected since its last accepted range.", kind="count")
+    refused_in_a_row: Any = quantity(
+        "1", "Number of ranges of each beacon rejected since its last accepted range.", kind="count"
+    )
     used: Scalar = quantity("1", "Number of ranges used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
     rejected_in_a_row: Scalar = quantity("1", "Number of ranges rejected since the last accepted range.", kind="count")
@@ -157,8 +159,8 @@ class OdometryState:
     """State of the filter of odometry and ranges. Source: docs page, Odometry and ranges."""
 
     t: Scalar = quantity("100 ns", "Time of the newest odometry sample.", kind="time")
-    distance: Scalar = quantity("m", "Total distance in the newest odometry sample.")
-    turn: Scalar = quantity("rad", "Total angle in the newest odometry sample.", kind="angle")
+    distance: Scalar = quantity("m", "Total distance driven, from the newest odometry sample.")
+    turn: Scalar = quantity("rad", "Total angle turned, from the newest odometry sample.", kind="angle")
     speed: Scalar = quantity("m/s", "Speed at the newest odometry sample.")
     rate: Scalar = quantity("rad/s", "Yaw rate at the newest odometry sample.")
     moved: Scalar = quantity("1", "True once two odometry samples have given speed and yaw rate.", kind="flag")
@@ -185,7 +187,8 @@ class OdometryRanging:
 
     Frames:  beacons in W; level vehicle on a flat floor.
     Valid:   from the first odometry sample on, with a given initial pose (`OdometryParticle` finds the pose itself).
-    Not modelled: antennas away from the vehicle's reference point; a range's curvature (beacons are metres away).
+    Not modelled: antennas away from the vehicle's reference point; a range's curvature, which is small at distances of
+                  metres.
     Source:  docs page, Odometry and ranges.
     """
 

@@ -56,14 +56,12 @@ class ParticleFix:
     effective: Scalar = quantity("1", "Effective number of particles, from 1 to N.")
     believed: Any = quantity("1", "Total weight, 0 to 1, of the particles that accept each beacon's range (n,).")
     used: Scalar = quantity("1", "Number of pings used so far.", kind="count")
-    unit: Scalar = quantity("1", "Index of the unit that pinged.", kind="count")
+    unit: Scalar = quantity("1", "Index of the vehicle's unit that sent the ping.", kind="count")
     redrawn: Scalar = quantity("1", "Number of times the particles were resampled.", kind="count")
-    doubted: Scalar = quantity(
-        "1", "Number of consecutive pings with ranges that most particles rejected.", kind="count"
-    )
+    doubted: Scalar = quantity("1", "Number of consecutive pings whose ranges most particles rejected.", kind="count")
     tracking: Scalar = quantity("1", "True while the filter has particles; False before a start.", kind="flag")
     starts: Scalar = quantity(
-        "1", "Number of times the particles were drawn from scratch, i.e. of starts.", kind="count"
+        "1", "Number of starts, i.e. of times the particles were drawn from scratch.", kind="count"
     )
     scale: Scalar = quantity("1", "Scale error common to all ranges, positive if they are too long.")
 
@@ -112,7 +110,7 @@ class Particle:
     start: InertialStart = part("Initial velocity and standard deviations.", default=InertialStart())
     arms: LeverArms = part("Position of the IMU on the vehicle.", default=LeverArms())
     beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
-    units: Any = quantity("m", "Positions of the vehicle's units (m, 3).", default=PAIR, frame="B")
+    units: Any = quantity("m", "Positions of the vehicle's ultrasonic units (m, 3).", default=PAIR, frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
     wrong: Scalar = quantity("1", "Probability that a range is an outlier.", default=0.05, above=0, high=0.9)
     width: Scalar = quantity("m", "Width of the uniform distribution of outliers.", default=6.0, above=0)
@@ -127,10 +125,10 @@ class Particle:
         "m", "Standard deviation of the two ranges from which a particle is drawn.", default=0.03, above=0
     )
     sure: Scalar = quantity(
-        "m", "Largest standard deviation of the position of a valid estimate.", default=0.3, above=0
+        "m", "Largest standard deviation of the position for which the estimate is valid.", default=0.3, above=0
     )
     sure_heading: Scalar = quantity(
-        "rad", "Largest standard deviation of the heading of a valid estimate.", default=0.5, above=0
+        "rad", "Largest standard deviation of the heading for which the estimate is valid.", default=0.5, above=0
     )
     patience: Scalar = quantity(
         "1",

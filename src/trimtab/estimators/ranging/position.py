@@ -127,7 +127,9 @@ class RangingPosition:
     """
 
     beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
-    units: Any = quantity("m", "Positions of the vehicle's units (m, 3).", default=np.zeros((1, 3)), frame="B")
+    units: Any = quantity(
+        "m", "Positions of the vehicle's ultrasonic units (m, 3).", default=np.zeros((1, 3)), frame="B"
+    )
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
     residual_limit: Scalar = quantity(
         "m", "Largest accepted root mean square of the ranges' residuals.", default=0.02, above=0
@@ -145,7 +147,7 @@ class RangingPosition:
         off={"range-noise": 0},
     )
     pair_time: int = period(
-        "Longest time between the fixes of two units from which a heading is computed.", default=ms(200)
+        "Longest time between the fixes of two units for which a heading is computed from them.", default=ms(200)
     )
     cone: bool = option(
         "True to compensate the cone error, which makes ranges off a beacon's axis too long.",
