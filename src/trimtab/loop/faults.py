@@ -301,9 +301,7 @@ class FaultyPart:
         try:
             sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, input)
         except AttributeError as error:
-            problem = (
-                f"a part with a fault or a real link reads only a {type(input).__name__}, but needs more ({error})"
-            )
+            problem = f"needs more than a {type(input).__name__} ({error}), the only input with a fault or a real link"
             fix = "fly in virtual time, without a fault in this sensor:  trimtab run SCENARIO"
             raise InputError(f"fault in {type(self.inner).__name__}", problem, fix=fix) from error
         none = jax.tree.map(lambda v: jnp.zeros(jnp.shape(v), jnp.result_type(v)), sample)
