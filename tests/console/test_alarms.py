@@ -91,7 +91,10 @@ def test_requests_say_why_not():
         "why": "estimate not valid",
     }
     assert flight(vehicle__armed=0.0).explain_requests()["arm"]["allowed"]
-    assert flight(vehicle__armed=0.0, supervisor__mode=ENDED).explain_requests()["arm"]["why"] == "clear it first"
+    assert (
+        flight(vehicle__armed=0.0, supervisor__mode=ENDED).explain_requests()["arm"]["why"]
+        == "send a clear request first"
+    )
 
 
 @pytest.mark.parametrize("mode", [STANDBY, FLYING, HOLD, LOST, FAULT, ENDED])

@@ -93,7 +93,7 @@ SLIPS = {
         LAW, STEP, "def step(self, state, estimate)", ":38: step(state, estimate)", "self, t, sta"
     ),
     "reads is missing": Slip(LAW, "    reads: ClassVar", "    red: ClassVar", ":22: MyLaw has no 'reads'", "reads = ("),
-    "reads is a text": Slip(LAW, '("yaw_rate", "heading")', '("heading")', ":22: reads is a text", '("heading",)'),
+    "reads is a text": Slip(LAW, '("yaw_rate", "heading")', '("heading")', ":22: reads must be", '("heading",)'),
     "unknown signal": Slip(LAW, "estimate.state.yaw_rate", "estimate.state.yawrate", ":41: 'PlanarPose", "'yaw_rate'"),
     "signal of the estimate itself": Slip(
         LAW, "estimate.state.heading", "estimate.heading", ":40: 'Estimate' object has no", "'state.heading'"

@@ -137,7 +137,7 @@ def test_what_is_not_drawn_is_said():
     measured = with_calibration(build(NAME, {"links": "measured"}), boat).scenario
     assert "Calibrate the link again" in calibrated_spread(measured, boat).notes[-1]
     changed = build(NAME, {"links": "measured"})
-    assert "it is not the table that" in calibrated_spread(changed, link_and_inertia()).notes[-1]
+    assert "it differs from the table for" in calibrated_spread(changed, link_and_inertia()).notes[-1]
 
 
 def test_nothing_to_draw_is_refused():

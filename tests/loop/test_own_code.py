@@ -96,7 +96,7 @@ def test_a_file_that_does_not_run_is_refused_with_its_line(tmp_path, text, said)
 
 OTHERS = {
     "numpy by its name": (lambda x: numpy.sin(x.north), "`numpy.sin` of a traced value", "use jnp.sin"),
-    "a function by its name": (lambda x: sin(x.north), "`sin` of Python on a traced value", "use jnp.sin"),
+    "a function by its name": (lambda x: sin(x.north), "Python's `sin` on a traced value", "use jnp.sin"),
     "item": (lambda x: x.north.item(), "`.item()` of a traced value", "leave .item() out"),
     "unknown argument": (lambda x: Point(nort=x.north), "unexpected keyword argument", "write north=… instead"),
     "change": (lambda x: setattr(x, "north", 1.0), "records are immutable", "return changing values as the state"),

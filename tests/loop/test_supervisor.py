@@ -275,7 +275,7 @@ def test_refusals():
         Limit(fields=()).check()
     with pytest.raises(InputError, match="unknown request 'fly'"):
         pilot_script((0, "fly"))
-    with pytest.raises(InputError, match="rising by a period or more"):
+    with pytest.raises(InputError, match="rise by a period or more"):
         pilot_script((ms(20), "arm"), (ms(25), "hold")).check()
     pilot_script((ms(20), "arm"), (ms(30), "hold")).check()
 

@@ -1,6 +1,6 @@
 """Prediction and update of the Kalman filter on small matrices, as pure, unrolled functions without LAPACK.
 
-The caller computes the innovation y = z - h(x), so that the same update is used by a linear filter, an extended filter
+The caller computes the innovation y = z - h(x), so that the same update serves a linear filter, an extended filter
 and an error-state filter. A measurement that is not finite or lies outside the gate is not used, and leaves state and
 covariance unchanged bit for bit.
 
@@ -40,17 +40,17 @@ class Update(NamedTuple):
 
 @record
 class CovarianceHealth:
-    """Checks of a covariance matrix. Source: docs page, Kalman filter."""
+    """Results of the checks of a covariance matrix. Source: docs page, Kalman filter."""
 
     positive: Scalar = quantity("1", "True if the covariance is finite and positive definite.", kind="flag")
     asymmetry: Scalar = quantity("1", "Largest asymmetry of the covariance P, relative to its largest variance.")
     least_pivot: Scalar = quantity(
-        "1", "Smallest fraction of a state's variance that remains if the preceding states are known."
+        "1", "Smallest fraction of any state's variance that remains once all states before it are known."
     )
     eigenvalue_bound: Scalar = quantity(
         "1", "Lower bound of the correlation matrix's eigenvalues; 0 if the covariance is invalid."
     )
-    trace: Scalar = quantity("1", "Sum of the variances, each in its own unit squared.")
+    trace: Scalar = quantity("1", "Sum of the variances of all states, each in its state's unit squared.")
 
 
 def predict(x: Any, P: Any, F: Any, Q: Any) -> tuple[Any, Any]:
@@ -69,13 +69,13 @@ def update(x: Any, P: Any, y: Any, H: Any, R: Any, *, gate: Any = NO_GATE, consi
     Args:
         x: state (n,).
         P: covariance of the state (n, n).
-        y: innovation z - h(x), (m,); for states that are errors, measured error minus H x.
+        y: innovation z - h(x), (m,); for an error-state filter, the measured error minus H x.
         H: derivative of h (m, n).
         R: covariance of the measurement's noise (m, m).
         gate: largest NIS that is accepted, e.g. the 0.9999 quantile of chi-square with m degrees of freedom.
-        consider: mask of the states (n,). It is 0 for states that are considered ([5]): they keep their estimate, but
-            their uncertainty is taken into account. It is 1 for all others. The gain's rows of considered states are
-            zero, and due to Joseph's form P is the true covariance of this suboptimal filter.
+        consider: mask of the states (n,): 0 for a consider state ([5]), 1 for any other. A consider state keeps its
+            estimate, but its uncertainty is taken into account. Its row of the gain is zero. Due to Joseph's form, P is
+            the true covariance of this suboptimal filter.
 
     Source: [4] eq. 5.2.3-18; [5].
     """
@@ -96,7 +96,7 @@ def update(x: Any, P: Any, y: Any, H: Any, R: Any, *, gate: Any = NO_GATE, consi
 
 
 def inflate_covariance(P: Any, y: Any, H: Any, R: Any) -> Any:
-    """Return P (n, n), multiplied by NIS/m if this is above 1, so that the innovation y becomes a typical one.
+    """Return P (n, n), multiplied by NIS/m if this is above 1, so that the innovation y becomes plausible.
 
     This is for a filter whose measurements agree with each other but not with the estimate.
     """
@@ -110,7 +110,8 @@ def update_sequentially(x: Any, P: Any, y: Any, H: Any, variances: Any, *, gate:
 
     No matrix is factored. The gate applies to each scalar separately, so that an outlier does not affect the other
     measurements. nis is the sum over all finite scalars; if none is rejected, it equals the nis of `update`. S is
-    diagonal; it contains the variance of each innovation given the scalars before. accepted and finite have shape (m,).
+    diagonal: the variance of each innovation after the updates with all scalars before it. accepted and finite have
+    shape (m,).
 
     Source: [4] section 5.2, applied to one component after another.
     """
@@ -137,7 +138,7 @@ def covariance_health(P: Any) -> CovarianceHealth:
 
     The product of all d_j/P_jj, with the pivots d_j of P = L diag(d) L', is the determinant of the correlation matrix.
     The trace of the correlation matrix is n. Its smallest eigenvalue is therefore at least
-    determinant ((n-1)/n)^(n-1), by the inequality of the means.
+    determinant ((n-1)/n)^(n-1), by the inequality of the arithmetic and geometric means.
     """
     n = P.shape[0]
     variances = jnp.stack([P[j, j] for j in range(n)])
@@ -159,7 +160,7 @@ def covariance_health(P: Any) -> CovarianceHealth:
 
 
 def _pivots(upper: Any, n: int) -> Any:
-    """Return d (n,) of P = L diag(d) L' from the upper triangle of P (n (n + 1)/2,), row by row.
+    """Return the pivots d (n,) of P = L diag(d) L' from the upper triangle of P (n (n + 1)/2,), row by row.
 
     d_j is the remaining variance of state j if all states before it are known. Source: Golub & Van Loan, "Matrix
     computations", section 4.1.

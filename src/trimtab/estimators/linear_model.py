@@ -16,7 +16,7 @@ from trimtab.estimators.inertial.sensor_watch import NEVER
 
 TURNS = np.zeros((4, 4))
 TURNS[3, 2] = 0.005
-"""Part of the default transition matrix, a placeholder: the heading changes by the yaw rate times 5 ms."""
+"""Off-diagonal part of the placeholder transition matrix: per step, the heading changes by 5 ms times the yaw rate."""
 
 
 @record
@@ -26,8 +26,8 @@ class LinearModelFilterState:
     e: Any = quantity("1", "Estimated deviation of each state from the trim (n,), in the state's unit.")
     P: Any = quantity("1", "Covariance of the estimated deviation (n, n).")
     t: Scalar = quantity("100 ns", "Time of the filter's last step.", kind="time")
-    seen: Any = quantity("100 ns", "Time at which the last sample used of each sensor was measured.", kind="time")
-    measured: Scalar = quantity("100 ns", "Time at which the newest sample used was measured.", kind="time")
+    seen: Any = quantity("100 ns", "For each sensor, the time at which its last used sample was measured.", kind="time")
+    measured: Scalar = quantity("100 ns", "Time at which the newest used sample was measured.", kind="time")
     started: Scalar = quantity("1", "True once an input and a measurement have arrived.", kind="flag")
 
 
@@ -57,9 +57,9 @@ class LinearModelFilter:
         e = Ad e + Bd (u - u0)                  P = Ad P Ad' + Qd
         r = y - y0 - C e - D (u - u0)           then one scalar at a time in Joseph's form
 
-    u is the input that has acted since the last command, as measured by `acting` (`sensors.flight_state.ActingInput`).
-    A sample is used at the instant at which it was measured, or up to a period later. An older or non-finite sample is
-    not used.
+    u is the input that has been acting since the last command, as measured by `acting`
+    (`sensors.flight_state.ActingInput`). Each step uses the new samples that were measured less than one period before.
+    Older or non-finite samples are not used.
 
     Frames:  those of the vehicle's states.
     Valid:   near the trim, for white noise. Not modelled: delay and biases of the sensors.
@@ -70,9 +70,12 @@ class LinearModelFilter:
     x0: Any = part("State at the trim, as the vehicle's record of states.", default=PlanarState(0.0, 0.0, 0.0, 0.0))
     u0: Any = quantity("1", "Input at the trim (m,).", default=np.zeros(0))
     channels: tuple[str, ...] = option(
-        "Measured values, as SENSOR.FIELD, e.g. imu.force[2].", default=("navigation.heading",)
+        "Sensor channels that the filter uses, each as SENSOR.FIELD, e.g. imu.force[2].",
+        default=("navigation.heading",),
     )
-    acting: tuple[str, ...] = option("Inputs of the model that a sensor reports, each as SENSOR.FIELD.", default=())
+    acting: tuple[str, ...] = option(
+        "Sensor channels that report the inputs of the model, each as SENSOR.FIELD.", default=()
+    )
     Ad: Any = quantity("1", "Transition matrix over one period (n, n).", default=np.eye(4) + TURNS)
     Bd: Any = quantity("1", "Input matrix over one period (n, m).", default=np.zeros((4, 0)))
     Qd: Any = quantity("1", "Covariance of the process noise over one period (n, n).", default=1e-4 * np.eye(4))

@@ -1,4 +1,4 @@
-"""Estimator that passes on the samples of a sensor that already measures the state that the law reads."""
+"""Estimator for a sensor that already measures the whole state that the law needs: it passes the samples on."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ class Passthrough:
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Return the name of the sensor that is passed on."""
+        """Return the name of the sensor whose samples are passed on."""
         return (self.sensor,)
 
     def init(self, key: Key) -> tuple[()]:

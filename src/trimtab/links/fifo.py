@@ -2,7 +2,7 @@
 
 A ring buffer has one slot per send instant. A slot without a packet, or with a lost packet, repeats the previous slot.
 So arrival times never decrease along the ring, and the newest packet that has arrived is found by counting the packets
-that have not. The slot numbers depend only on the time, so a batch of runs shares them.
+that have not arrived yet. The slot numbers depend only on the time, so a batch of runs shares them.
 """
 
 import math
@@ -160,6 +160,6 @@ def check_ring(name: str, capacity: int, longest: float, send_period: int, perio
         raise InputError(
             f"{name}.capacity",
             f"a ring of {capacity} slots, one per {format_time(send_period)}, keeps packets for {span:.4g} s,"
-            f" but the longest latency is {longest:.4g} s (+ {format_time(period)} to be received)",
+            f" but the longest latency is {longest:.4g} s (plus {format_time(period)} until it is received)",
             fix=f"set capacity to {needed} or more",
         )

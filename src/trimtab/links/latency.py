@@ -52,7 +52,7 @@ class MeasuredLatency:
     capacity: int = option("Number of slots of the ring buffer, one per send period.", default=64)
 
     def check(self) -> None:
-        """Raise InputError for a table of latencies that doesn't rise, and a ring too short for the longest latency."""
+        """Raise InputError if the table's latencies decrease, or the ring is too short for the longest latency."""
         table = np.asarray(self.latency)
         if table.shape != (NODES,) or not np.isfinite(table).all() or (np.diff(table) < 0).any() or table[0] < 0:
             raise InputError(
@@ -64,7 +64,7 @@ class MeasuredLatency:
         check_ring("MeasuredLatency", self.capacity, float(table[-1]), self.send_period, self.period)
 
     def draw(self, key: Key, packet: Any) -> tuple[Any, Any]:
-        """Return latency (s) and loss of a packet. packet: its number, the send time divided by `send_period`."""
+        """Return latency (s) and loss of a packet. packet: its number, i.e. its send time divided by `send_period`."""
         z, _ = normal2(key, packet, 0)
         u, _ = uniform2(key, packet, 1)
         return interpolate_latency(self.latency, z), u < self.loss
@@ -124,7 +124,7 @@ def gamma_table(mean: float, sd: float, shift: float) -> np.ndarray[Any, np.dtyp
 
 
 def mean_latency(table: Any) -> float:
-    """Return the exact mean (s) of a table's linear interpolation over a standard normal score: a sum over nodes."""
+    """Return the mean latency (s) of a table for a standard normal score, exact for linear interpolation."""
     from scipy import special  # takes 0.2 s to import, and only tables need it
 
     values, z = np.asarray(table, np.float64), normal_scores()
@@ -135,7 +135,7 @@ def mean_latency(table: Any) -> float:
 
 
 class Latencies(NamedTuple):
-    """Latencies of one path in the measured table, in milliseconds."""
+    """Statistics of the latency of one path in the measured table, in milliseconds."""
 
     mean_ms: float
     sd_ms: float

@@ -53,7 +53,7 @@ class LatencyTrace:
     capacity: int = option("Number of slots of the ring buffer, one per send period.", default=64)
 
     def check(self) -> None:
-        """Raise InputError for an empty or inconsistent recording, and a ring too short for the longest latency."""
+        """Raise InputError if the recording is empty or inconsistent, or the ring too short for the longest latency."""
         latency, lost = np.asarray(self.latency), np.asarray(self.lost)
         if latency.ndim != 1 or not latency.size or lost.shape != latency.shape:
             raise InputError(

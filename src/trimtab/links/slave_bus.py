@@ -22,7 +22,10 @@ BITS_PER_BYTE = 9
 
 @record
 class SlaveBusState:
-    """State of the bus: messages in transit, busy time. Frames: those of the values carried. Source: docs page."""
+    """State of the bus: messages in transit, and the time until which the bus is busy.
+
+    Frames: those of the values carried. Source: docs page.
+    """
 
     fifo: Fifo = part("Messages in transit; those dropped by a full queue count as lost.")
     taken: Scalar = quantity("100 ns", "Time up to which slots are reserved for waiting messages.", kind="time")
@@ -59,9 +62,9 @@ class SlaveBus:
     limited: bool = switch("True: messages take time on the bus. False: messages arrive at once.", "delay")
 
     def check(self) -> None:
-        """Raise InputError for invalid sizes, a piece longer than its slot, and a ring too short for the queue."""
+        """Raise InputError if a size is invalid, a piece exceeds its slot, or the ring is too short for the queue."""
         if self.piece < 1 or self.size < 0 or self.overhead < 0:
-            problem = f"{self.piece} bytes per piece, {self.size} per message, {self.overhead} overhead"
+            problem = f"invalid size: {self.piece} bytes per piece, {self.size} per message, {self.overhead} overhead"
             raise InputError("SlaveBus.piece", problem, fix="write piece >= 1, size >= 0, overhead >= 0")
         longest = (self.piece + 1) * BITS_PER_BYTE / float(self.bit_rate)
         if longest > to_seconds(self.slot):

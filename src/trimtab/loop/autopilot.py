@@ -62,7 +62,7 @@ class Autopilot:
     'published'
 
     Until the estimate is valid, the law does not step and the command is marked invalid, so that the actuators stay
-    neutral. The same holds while an input or the demand of the law is not finite: an estimate that contains NaN counts
+    neutral. The same holds while an input of the law or the command is not finite: an estimate that contains NaN counts
     as invalid. The estimate given to a law contains the control period (s) as `dt`. For a law that uses a pilot's
     stick, it also contains the newest stick sample of the frame. With a predictor, the law reads the state predicted
     for the time at which its command will act. The logged `estimate` is always that of the estimator.
@@ -207,7 +207,7 @@ class Autopilot:
         return (*self.estimator.listens, *own)
 
     def drop_derived_outputs(self, state: AutopilotState, always: frozenset[int]) -> AutopilotState:
-        """Return the state without outputs that are recomputed at every instant, so that a run does not carry them."""
+        """Return the state without outputs that are recomputed at every instant, so that a run does not store them."""
         if self.period not in always:
             return state
         return replace(state, estimate=(), output=(), command=(), supervised=())
@@ -218,7 +218,7 @@ class Autopilot:
 
     def _check_reads(self, estimate: Estimate) -> None:
         if isinstance(self.law.reads, str):
-            problem = f"{place_of(type(self.law))}reads is a text, but must be a tuple of names"
+            problem = f"{place_of(type(self.law))}reads must be a tuple of names, got a text"
             raise InputError("autopilot.law", problem, fix=f'reads = ("{self.law.reads}",)')
         provided = tuple(n for n, _, _ in children(estimate.state)) if is_record(estimate.state) else ()
         for name in self.law.reads:
@@ -242,7 +242,7 @@ class Autopilot:
         if name and name not in frame.samples:
             sent = ", ".join(frame.samples) or "nothing"
             problem = f"{type(self.law).__name__} reads the pilot's stick {name!r}, but the world sends only ({sent})"
-            fix = f'add sensors={{"{name}": StickScript(…)}} to the world, or name a sample that is a stick'
+            fix = f'add sensors={{"{name}": StickScript(…)}} to the world, or name the sensor of a stick'
             raise InputError("autopilot.law.stick", problem, choices=frame.samples, fix=fix)
 
 

@@ -1,8 +1,8 @@
 """Checks that all vehicle models inside an autopilot agree. Differences from the true vehicle are reported.
 
-Each record of the vehicle's class below the autopilot is a model with which some part computes: a filter's `craft`, a
-law's `model`. If the models differed from each other, the flight would be wrong without a message. So such models are
-an error unless the setting `mismatch` names the difference. A true vehicle that differs from all models is allowed,
+Each record of the vehicle's class in the autopilot is a vehicle model that some part uses: a filter's `craft`, a law's
+`model`. If the models differed from each other, the flight would be wrong without a message. So different models are an
+error unless the setting `mismatch` names the difference. A true vehicle that differs from all models is allowed,
 because campaigns need it, and is reported in the log.
 """
 
@@ -21,8 +21,8 @@ SHOWN = 6
 class Mismatch(NamedTuple):
     """Parameter in which a model differs from the true vehicle.
 
-    path: path below the vehicle; if the models disagree, path below the autopilot.  believed, actual: values in the
-    model and in the vehicle, as text; "none" for a missing part.
+    path: path of the parameter in the vehicle, or in the autopilot if the models disagree.  believed, actual: values in
+    the model and in the vehicle, as text; "none" for a missing part.
     """
 
     path: str
@@ -31,7 +31,7 @@ class Mismatch(NamedTuple):
 
 
 def vehicle_copies(autopilot: Any, vehicle: Any) -> dict[str, Any]:
-    """Return the autopilot's vehicle models by path: all records of the vehicle's class below the autopilot."""
+    """Return the autopilot's vehicle models by path: all records of the vehicle's class in the autopilot."""
     return {path: copy for path, copy in records(autopilot, "autopilot") if type(copy) is type(vehicle)}
 
 
@@ -68,9 +68,9 @@ def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> No
 
 
 def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
-    """Return the parameters in which models differ from the vehicle.
+    """Return the parameters in which the vehicle models of the autopilot differ from the true vehicle.
 
-    If the models disagree, each path names one model.
+    If the models disagree with each other, each path names one model.
     """
     copies = vehicle_copies(autopilot, vehicle)
     by_copy = {path: _differences(copy, vehicle) for path, copy in copies.items()}

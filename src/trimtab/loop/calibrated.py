@@ -27,9 +27,9 @@ STEPS = {
     "gyro.step": ("gyro", "gyro_walk"),
     "accelerometer.step": ("forward", "starboard", "force_walk"),
 }
-"""Calibration entry that gives a filter step (s) -> the fields of InertialNoise that are valid only for this step."""
+"""Calibration entry with a filter step (s) -> the fields of InertialNoise that were calibrated for this step only."""
 NOTES = ("gyro.delay", *STEPS, *TABULATED)
-"""Calibration entries that are not settings."""
+"""Names of calibration entries that set no field of a record."""
 
 
 class CalibratedScenario(NamedTuple):
@@ -75,7 +75,7 @@ def with_calibration(scenario: Scenario, calibration: Calibration) -> Calibrated
 
 
 def setting_paths(scenario: Scenario, name: str) -> list[str]:
-    """Return the paths of the settings that an entry names, e.g. ``Thruster.coefficient`` of each Thruster."""
+    """Return the paths of the settings for a calibration entry, e.g. ``Thruster.coefficient`` of each Thruster."""
     kind, _, field = name.rpartition(".")
     if "." in kind or kind in ("world", "autopilot"):
         return [path for path, _, declared in leaves(scenario) if path == name and isinstance(declared, Quantity)]
@@ -84,7 +84,7 @@ def setting_paths(scenario: Scenario, name: str) -> list[str]:
 
 
 def _with_absent_parts(scenario: Scenario, name: str) -> Scenario:
-    """Return the scenario with the optional parts that an entry calibrates, e.g. the hovercraft's friction."""
+    """Return the scenario, with each part added that a calibration entry needs, e.g. the hovercraft's friction."""
     kind = name.rpartition(".")[0]
     for where, declared in absent_parts(scenario):
         if type(declared.optional).__name__ == kind and where.startswith(("world.", "autopilot.")):
@@ -95,7 +95,7 @@ def _with_absent_parts(scenario: Scenario, name: str) -> Scenario:
 def _fitting_value(name: str, entry: Any, path: str, old: Any, declared: Quantity) -> Any:
     where = f"calibration, {name}"
     if entry.unit != declared.unit:
-        problem = f"is in {entry.unit!r}, but the setting {path} is in {declared.unit!r}"
+        problem = f"has the unit {entry.unit!r}, but the setting {path} has the unit {declared.unit!r}"
         raise InputError(where, problem, fix=f'convert the value to unit = "{declared.unit}"')
     value = np.asarray(entry.value, declared.dtype())
     if value.shape != np.shape(old):
@@ -105,7 +105,7 @@ def _fitting_value(name: str, entry: Any, path: str, old: Any, declared: Quantit
 
 
 def _refuse_other_step(scenario: Scenario, calibration: Calibration) -> None:
-    """Raise InputError if the variances of samples were calibrated for another filter step."""
+    """Raise InputError if noise variances were calibrated for another filter step than that of the scenario."""
     for name, fields in STEPS.items():
         mine = [f"InertialNoise.{f}" for f in fields if f"InertialNoise.{f}" in calibration.entries]
         if name not in calibration.entries or not mine:
@@ -119,7 +119,7 @@ def _refuse_other_step(scenario: Scenario, calibration: Calibration) -> None:
 
 
 def _with_stops(scenario: Scenario) -> Scenario:
-    """Return the scenario with rudder stops that lie beyond the measured angles moved to the ends of the range."""
+    """Return the scenario with the rudder stops limited to the range of the measured angles."""
     for path, r in records(scenario):
         if isinstance(r, RudderServo):
             low, high = float(np.min(r.angles)), float(np.max(r.angles))
@@ -146,7 +146,7 @@ def _with_tables(scenario: Scenario, calibration: Calibration) -> Scenario:
 
 
 def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) -> dict[str, Any]:
-    """Return the changed fields of a fan's table, which gives force by speed or speed by force.
+    """Return the changed fields of a fan's table, which maps speed to force or force to speed.
 
     eta: measured thrust by angle relative to the thruster's coefficient, or None.
     """
@@ -170,7 +170,7 @@ def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) ->
 
 
 def tabulate_thrust(angles: Any, by_angle: Any, rows: Any) -> Any:
-    """Return the measured thrust coefficient by angle, c eta, interpolated at the rudder angles `rows` (m,).
+    """Return the thrust coefficient c eta, measured by rudder angle, interpolated at the angles `rows` (m,).
 
     Raise InputError for an angle outside the measured range.
     """

@@ -1,8 +1,8 @@
-"""Distributions of parameters for a campaign that represent the uncertainty of a calibration, tables included.
+"""Distributions of parameters for a campaign, from the uncertainty of a calibration, including tables.
 
 Correlated numbers are drawn along directions: the drawn values are the calibrated numbers plus standard normal draws
-times the columns of a square root of their covariance. The four coefficients of reverse thrust are drawn in this way,
-and a link's latency table, which is computed from mean and deviation to first order.
+times the columns of a square root of their covariance. The four coefficients of reverse thrust and a link's latency
+table are drawn in this way. The latency table is linearised in its mean and standard deviation.
 """
 
 import math
@@ -25,7 +25,8 @@ CORRELATED = 0.02
 REVERSE = "Thruster.reverse_ratio"
 LINKS = ("uplink", "downlink")
 HALVINGS = 12
-"""Number of bisections that find the part of a drawn change with which the reverse thrust rises, to 1/4000."""
+"""Number of bisections. They find, to 1/4000, the largest fraction of a drawn change for which the reverse thrust still
+rises with speed."""
 
 
 class CalibratedSpread(NamedTuple):
@@ -138,7 +139,7 @@ def _correlations(calibration: Calibration, owner: Mapping[str, str]) -> list[tu
 
 
 def _reverse(scenario: Scenario, calibration: Calibration) -> tuple[dict[str, list[str]], str]:
-    """Return the directions along which the coefficients of reverse thrust are drawn, by path, and a note."""
+    """Return the directions along which the coefficients of reverse thrust are drawn, by path, and a note or ""."""
     entry = calibration.entries.get(REVERSE)
     if entry is None or entry.standard_error is None:
         return {}, ""
@@ -148,12 +149,12 @@ def _reverse(scenario: Scenario, calibration: Calibration) -> tuple[dict[str, li
     names = [index_name(REVERSE, (i,)) for i in range(len(entry.value))]
     P = joint_covariance(calibration, names)
     texts = _along(_square_root(P))
-    note = f"{REVERSE} is drawn in {len(texts)} directions of its covariance; a cubic that would not rise is moved back"
+    note = f"{REVERSE} is drawn in {len(texts)} directions of its covariance; a cubic that does not rise is moved back"
     return {f"{path}.thruster.reverse_ratio": texts for path in drives}, note
 
 
 def _latency(known: Mapping[str, Any], calibration: Calibration, link: str) -> tuple[dict[str, list[str]], str]:
-    """Return the directions along which a link's latency table is drawn, by path, and a note.
+    """Return the directions along which a link's latency table is drawn, by path, and a note or "".
 
     They follow from the errors of the table's mean and deviation.
     """
@@ -167,7 +168,7 @@ def _latency(known: Mapping[str, Any], calibration: Calibration, link: str) -> t
         return {}, f"{path} is not drawn: the file lacks {link}.shift. Calibrate the link again"
     mean, sd, shift = (float(entries[n].value) for n in (*names, f"{link}.shift"))
     if not np.allclose(known[path][0], gamma_table(mean, sd, shift), rtol=1e-6):
-        return {}, f"{path} is not drawn: it is not the table that {names[0]} and {names[1]} give"
+        return {}, f"{path} is not drawn: it differs from the table for {names[0]} and {names[1]}"
     h = 1e-4 * sd
     toward_mean = (gamma_table(mean + h, sd, shift) - gamma_table(mean - h, sd, shift)) / (2 * h)
     toward_sd = (gamma_table(mean, sd + h, shift) - gamma_table(mean, sd - h, shift)) / (2 * h)
@@ -193,7 +194,7 @@ def _cubic(y: Any, n: Any) -> Any:
 
 
 def _rising_share(own: Any, change: Any, low: float, high: float) -> Any:
-    """Return the fraction of each change (runs, 4) of a cubic for which the thrust is positive and rises; usually 1."""
+    """Return the largest fraction of each change (runs, 4) of a cubic for which the thrust is positive and rises."""
     n = np.linspace(low, high, 200) * 1e-3
 
     def rises(share: Any) -> Any:
@@ -213,7 +214,7 @@ def _rising_share(own: Any, change: Any, low: float, high: float) -> Any:
 
 
 def _normal_text(value: float, error: float, declared: Any) -> str:
-    """Return the text of a normal distribution, truncated to the range of the setting if this is close."""
+    """Return the text of a normal distribution, truncated at limits of the setting within 6 standard errors."""
     low = declared.low if declared.low is not None else declared.above
     low = -math.inf if low is None else float(low)
     high = math.inf if declared.high is None else float(declared.high)

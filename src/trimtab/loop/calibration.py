@@ -37,16 +37,16 @@ HEAD = "# trimtab calibration: numbers that were measured, each with unit, uncer
 
 
 def student_reach(freedom: float) -> float:
-    """Return the half width of the estimate's 95 % interval, in standard errors."""
+    """Return the half width of a 95 % confidence interval, in standard errors, for these degrees of freedom."""
     return float(stdtrit(freedom, 0.975)) if math.isfinite(freedom) else 1.959963984540054
 
 
 class Entry(NamedTuple):
     """Measured number, or array of measured numbers.
 
-    value: number or nested lists.  standard_error: standard error of each number, in the same shape; None if unknown.
-    freedom: degrees of freedom of the standard errors.  source: the data file, and its lines that were left out.
-    procedure: name of the procedure that measured the number.
+    value: number or nested lists.  standard_error: standard error of each number, in the same shape as the value; None
+    if unknown.  freedom: degrees of freedom of the standard errors.  source: the data file, and its lines that were
+    left out.  procedure: name of the procedure that measured the number.
     """
 
     value: Any

@@ -14,7 +14,7 @@ SHORTEST_PERIOD = 100
 
 
 def check_values(tree: Any, path: str = "") -> None:
-    """Check every declared field below `tree`, and call check() of every part. Raise InputError with the full path."""
+    """Check every declared field of `tree`, and call check() of every part. Raise InputError with the faulty path."""
     for where, value, declared in leaves(tree, path):
         if isinstance(declared, Quantity):
             _check_quantity(where, value, declared)
@@ -55,7 +55,7 @@ def _check_quantity(where: str, value: Any, declared: Quantity) -> None:
     ):
         if bound is not None and wrong(bound).any():
             fix = f"{argument('settings', 'VALUE', where)} {text} {bound:g}{unit}"
-            first = value if array.ndim == 0 else array[wrong(bound)][0]  # one number names the fault of an array
+            first = value if array.ndim == 0 else array[wrong(bound)][0]  # for an array: first number out of range
             raise InputError(where, f"{first}{unit} is out of range: it must be {text} {bound:g}{unit}", fix=fix)
 
 

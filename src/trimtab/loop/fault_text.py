@@ -3,7 +3,7 @@
     WHERE WORD [by NUMBER] [bias NUMBER] [@ TIME] [for TIME] [when PATH above NUMBER | when PATH below NUMBER]
 
 WHERE is ``sensor:NAME``, ``uplink``, ``downlink``, ``actuators``, or ``actuators:FIELD`` for one field or
-number (``speed[1]``) of the vehicle's input. Meaning of the words: docs page, Faults.
+number (``speed[1]``) of the vehicle's input. WORD is the kind of fault: docs page, Faults.
 """
 
 import re
@@ -27,7 +27,7 @@ from trimtab.loop.structure import zeros_like
 from trimtab.loop.walk import start
 
 SEVERITY = {"garbage": 10.0, "wrong": 0.5, "slow": 5.0, "delayed": 0.2, "intermittent": 0.5}
-"""Default severity of each word."""
+"""Default severity of each kind of fault."""
 OF_ACTUATORS = {"garbage": 1.0, "wrong": -2.0}
 """Default severities for actuators where these differ from SEVERITY: random input of unit size, reversed sign."""
 CLAUSES = ("by NUMBER", "bias NUMBER", "@ TIME", "for TIME", "when PATH above NUMBER", "when PATH below NUMBER")
@@ -35,7 +35,7 @@ EXAMPLE = "sensor:NAME off @ 3 s for 1 s"
 
 
 def inject_faults(scenario: Scenario, texts: Iterable[str]) -> Scenario:
-    """Return the scenario with the faults added. Raise InputError for an unknown part or word, or an invalid number."""
+    """Return the scenario with the faults added. Raise InputError for an unknown part or kind, or an invalid number."""
     for text in texts:
         where, fault = parse_fault(scenario, text)
         scenario = _wrap_part(scenario, where, fault, float(fault.severity))

@@ -34,8 +34,8 @@ class Fault:
     """Fault of one part. Its kind and parameters can be changed during a run.
 
     The fault acts from `start` for `duration`. With a `watch`, it begins at the first instant after `start` at which
-    the watched number lies on the `side` of `level`. Before and after the fault, the part behaves as without a fault,
-    bit for bit.
+    the watched number is above or below `level`, as `side` states. Before and after the fault, the part behaves as
+    without a fault, bit for bit.
 
     Frames:  those of the part.
     Source:  docs page, Faults; the words are those of PX4's failure injection.
@@ -61,7 +61,7 @@ class Fault:
         word, severity = int(self.word), float(self.severity)
         rules = {
             GARBAGE: (severity > 0, "a multiple of the plausible size, above 0"),
-            SLOW: (severity >= 1, "N of 'every Nth sample arrives', at least 1"),
+            SLOW: (severity >= 1, "N, at least 1: only every Nth sample arrives"),
             DELAYED: (severity >= 0, "a delay in seconds, not negative"),
             INTERMITTENT: (0 <= severity <= 1, "the share of time in which the part is off, 0 to 1"),
         }
@@ -80,12 +80,12 @@ class Fault:
         return jnp.where(t < self.start, NEVER, jnp.where(waiting & met, t, begin))
 
     def active_word(self, t: Any, begin: Any) -> Any:
-        """Return the number of the kind of fault that acts at integer time t."""
+        """Return the kind of fault, as its number in WORDS, that acts at integer time t."""
         acts = (begin != NEVER) & (t >= begin) & (t - begin < self.duration)
         return jnp.where(acts, self.word, NONE)
 
     def is_off(self, key: Key, t: Any) -> Any:
-        """Return True if the part is off in this time slot of an intermittent fault."""
+        """Return True if an intermittent fault switches the part off in the time slot of t."""
         u, _ = uniform2(key, t // self.slot, 7)
         return u < self.severity
 
@@ -95,7 +95,7 @@ class Fault:
         return number % n != 0
 
     def delay_steps(self, step: int, capacity: int) -> Any:
-        """Return the delay in steps of this length (100 ns), limited to the capacity of the ring buffer."""
+        """Return the delay as a number of steps of `step` (100 ns), limited to the capacity of the ring buffer."""
         return jnp.clip(jnp.round(self.severity / to_seconds(step)), 0, capacity - 1).astype(np.int32)
 
     def check_ring(self, step: int, capacity: int) -> None:
@@ -252,7 +252,10 @@ def _select(condition: Any, a: Any, b: Any) -> Any:
 def apply_to_output(
     t: Any, s: FaultMemory, fault: Fault, output: Any, neutral: Any, signals: Any, *, step: int
 ) -> tuple[FaultMemory, Any]:
-    """Return the fault's memory, and the actuators' output with the fault applied. Arguments as for apply_to_sample."""
+    """Return the fault's memory, and the actuators' output with the fault applied.
+
+    neutral: output of the actuators at rest. Other arguments are those of `apply_to_sample`.
+    """
     k, capacity = t // step, jax.tree.leaves(s.ring)[0].shape[0]
     output = cast_like(output, s.output)
     begin = fault.begin_time(t, s.begin, signals)
@@ -298,7 +301,7 @@ class FaultyPart:
         try:
             sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, input)
         except AttributeError as error:
-            problem = f"the part reads more than a {type(input).__name__} ({error}); faults and real links give no more"
+            problem = f"needs more than a {type(input).__name__} ({error}), the only input with a fault or a real link"
             fix = "fly in virtual time, without a fault in this sensor:  trimtab run SCENARIO"
             raise InputError(f"fault in {type(self.inner).__name__}", problem, fix=fix) from error
         none = jax.tree.map(lambda v: jnp.zeros(jnp.shape(v), jnp.result_type(v)), sample)

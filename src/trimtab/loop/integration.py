@@ -52,8 +52,8 @@ class Integration:
 
         rk4           one step of order four, of fixed length; the error is estimated by an embedded formula
         rk4-doubling  the step of rk4; the error is estimated from two steps of half the length
-        rk45          steps of order five, as long as the error allows: for smooth motion that is fast at times
-        rosenbrock    linearly implicit steps of order four, as long as the error allows: for stiff systems
+        rk45          steps of order five, of variable length: for smooth motion with fast phases
+        rosenbrock    linearly implicit steps of order four, of variable length: for stiff systems
 
     The tolerance of a step's estimated error in each number x of the state is absolute + relative |x|. With attitude
     "group", the quaternions that the vehicle names are integrated as rotations, which keeps their length.

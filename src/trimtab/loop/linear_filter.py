@@ -23,11 +23,11 @@ from trimtab.estimators.linear_model import LinearModelFilter
 LIGHT = 0.2
 """Damping ratio below which a mode counts as lightly damped and must be observable."""
 UNSEEN = 3e-5
-"""Smallest singular value below which a mode counts as unobservable, as a fraction of the largest singular value."""
+"""Threshold for the smallest singular value, as a fraction of the largest. Below it, a mode counts as unobservable."""
 
 
 class UnseenMode(NamedTuple):
-    """Unobservable mode of a linear model. pole: its pole.  states: states that move, the largest motion first."""
+    """Unobservable mode of a linear model. pole: its pole.  states: states that move in it, largest motion first."""
 
     pole: complex
     states: tuple[str, ...]

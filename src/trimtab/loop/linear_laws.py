@@ -149,7 +149,7 @@ def compensator_law(system: Any, reads: Sequence[str], x0: Any, u0: Any, *, peri
 class StateNumber(NamedTuple):
     """Number of the vehicle's state that a law feeds back.
 
-    path: path below the state.  state: name in the gain.  value: value at the trim.  unit: unit of the number.
+    path: path in the state record.  state: name in the gain.  value: value at the trim.  unit: unit of the number.
     """
 
     path: str
@@ -211,7 +211,9 @@ def _feedback_columns(x: Any, states: Sequence[str]) -> _FeedbackColumns:
     unknown = [n for n in states if n not in columns]
     if unknown:
         problem = f"the gain feeds back {unknown[0]!r}, which the vehicle's state does not have"
-        raise InputError("gain", problem, choices=columns, fix="give the state record of this gain's vehicle")
+        raise InputError(
+            "gain", problem, choices=columns, fix="give the state record of the vehicle for which the gain was designed"
+        )
     outer = attitude_fields(x)
     own = dict(fields)
     vectors = [(p, d) for p, v, d in leaves(x) if isinstance(d, Quantity) and p in own and np.shape(v) == (3,)]

@@ -105,7 +105,7 @@ def measured_latency(scenario: Scenario, link: str) -> MeasuredLatency:
     if not isinstance(channel, DelayChain | Wire):
         problem = f"{type(channel).__name__} has no latency that can be varied"
         raise InputError(
-            f"world.{link}", problem, fix="use a scenario whose link has a latency, or map a path of this link"
+            f"world.{link}", problem, fix="use a scenario whose link has a latency, or vary a parameter of this link"
         )
     delay = channel.delay() if isinstance(channel, DelayChain) else 0.0
     looks = min(channel.period, scenario.autopilot.period, ms(1))

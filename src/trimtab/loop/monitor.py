@@ -1,9 +1,10 @@
 """Monitor of formulas in signal temporal logic during the flight. An optional part of the Autopilot.
 
-The value of a formula that looks ahead is known only later. So the monitor's output at a row is the value for the row
-that is a fixed DELAY earlier. DELAY is the number of rows (one row per period of the monitor) by which the formula
-looks ahead. The output equals the value that `logs.robustness` computes for that row of the log, bit for bit. `always`
-or `eventually` without an end must be outermost. The output is then the smallest or largest value since the first row.
+A row is one evaluation of the formulas, once per period of the monitor. The value of a formula that looks ahead is
+known only later. So the monitor's output at a row is the value for an earlier row. The delay is the number of rows by
+which the formula looks ahead. The output equals the value that `logs.robustness` computes for that row of the log, bit
+for bit. `always` or `eventually` without an end must be outermost. The output is then the smallest or largest value
+since the first row.
 
     always[a, b] F    at row i, the smallest of the last b - a + 1 values of F; this is the value for row i - b
     F until[a, b] G   computed from pairs (u, m) for each window: u the value of until, m the smallest value of F.
@@ -125,7 +126,7 @@ class Monitor:
             match = _NAMED.fullmatch(piece)
             if match is None or not match["formula"]:
                 problem = (
-                    f"{piece.strip()!r} is not FORMULA or NAME: FORMULA, with a name of small letters, digits and _"
+                    f"{piece.strip()!r} must be FORMULA or NAME: FORMULA; NAME may contain small letters, digits and _"
                 )
                 raise InputError("formulas", problem, fix=argument("settings", EXAMPLE, "autopilot.monitor.formulas"))
             name = match["name"] or ("requirement" if len(pieces) == 1 else f"requirement_{k + 1}")
@@ -199,9 +200,9 @@ def _check_intervals(tree: Any, name: str, period: int) -> None:
 class _Online:
     """Evaluation of a formula at one row.
 
-    All delay lines are stored in the array `memory`. If it is None, only the required memory is counted.
+    All delay lines are stored in the array `memory`. If `memory` is None, only the required memory is counted.
 
-    A formula is evaluated to a value and a delay in rows. Before this number of rows has passed, the value is
+    The result for a formula is a value and its delay in rows. Before this number of rows has passed, the value is
     meaningless. sign: -1 in a negated formula.
     """
 
@@ -285,7 +286,7 @@ class _Online:
         return jnp.minimum(self._delay(since, low, -math.inf), self._slide_one(jnp.minimum, stays, low, math.inf))
 
     def _align(self, below: list[tuple[Any, int]]) -> tuple[list[Any], int]:
-        """Return values that belong to the same row, and their common delay in rows."""
+        """Return the values, delayed so that all belong to the same row, and their common delay in rows."""
         ago = max(own for _, own in below)
         return [self._delay(value, ago - own, 0.0) for value, own in below], ago
 

@@ -98,7 +98,7 @@ def place_of(code: Any) -> str:
 
 
 def check_arguments(part: str, function: Callable[..., Any], wanted: str, *inputs: Any) -> None:
-    """Raise InputError for a method that cannot be called with these inputs. wanted: "t, state, input"."""
+    """Raise InputError for a method that cannot be called with these inputs. wanted: its arguments, e.g. "t, x, u"."""
     try:
         signature = inspect.signature(function)
     except ValueError:  # a function without a signature
@@ -112,7 +112,7 @@ def check_arguments(part: str, function: Callable[..., Any], wanted: str, *input
 
 
 def refuse_within(error: InputError) -> InputError:
-    """Return the InputError with the line of the user's file that caused it added to its message."""
+    """Return the InputError with the file and line of the user's code that caused it."""
     frame, number = _frame_at_fault(error)
     is_placed = re.match(r"[\w.-]+\.py:\d+: ", error.problem) is not None
     if frame is None or is_placed or _is_own_package(frame.f_code.co_filename):
@@ -192,6 +192,6 @@ def _describe_conversion(frame: FrameType | None, number: int) -> tuple[str, str
     for name in re.findall(r"\b(\w+)\(", code):
         called = {**frame.f_globals, **frame.f_locals}.get(name) if frame else None
         if isinstance(called, np.ufunc) or getattr(called, "__module__", "") in ("math", "numpy"):
-            return f"`{name}` of Python on {TRACED}", f"use jnp.{name}, after  import jax.numpy as jnp"
+            return f"Python's `{name}` on {TRACED}", f"use jnp.{name}, after  import jax.numpy as jnp"
     fix = "write jnp.where(c, a, b) for  a if c else b,  jnp.sin for math.sin,  x.astype(…) for float(x)"
-    return f"a Python branch or function on {TRACED}", fix
+    return f"a Python `if`, loop or function is applied to {TRACED}", fix

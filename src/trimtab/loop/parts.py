@@ -1,8 +1,8 @@
 """Construction of parts from text, by the name of their class. Used by scenario files and settings.
 
-A name is that of a record class of the package, e.g. ``ForwardMomentum``, or of a product, which is a class method
-without arguments, e.g. ``Imu.microstrain_3dm_gx1``. Other names are not accepted, and nothing is imported to look up a
-name.
+A name is that of a record class of the package, e.g. ``ForwardMomentum``, or of a commercial product, which is a class
+method without arguments, e.g. ``Imu.microstrain_3dm_gx1``. Other names are not accepted, and nothing is imported to
+look up a name.
 
 Source: docs page, Scenario files.
 """
@@ -128,7 +128,7 @@ def _without_part(tree: Any, path: str, owner: Any, declared: Declaration | None
 
 
 def make_part(path: str, text: str, settings: dict[str, str], parse: LeafParser) -> Any:
-    """Return a part of the class that the text names, with the settings of its fields. These settings are removed."""
+    """Return a part of the class that the text names. The settings of its fields are used, and removed."""
     where, (name, _, preset) = argument_name("settings", path), text.partition(".")
     kind = find_class(where, name)
     if preset:

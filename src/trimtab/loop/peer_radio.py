@@ -34,7 +34,7 @@ class PeerRadio:
         slot k: craft k mod n sends its message;   each other craft receives it `delay` slots later, if it is not lost
 
     A craft without a message leaves its slot empty. Losses are drawn independently for each receiver and slot. Each
-    craft sends once in n slots. So each sends less often if there are more craft. Each receiver stores the newest
+    craft sends once in n slots, i.e. less often if there are more craft. Each receiver stores the newest
     message of each sender, which contains the time at which it was valid.
 
     Frames: those of the messages. Not modelled: collisions (slots are assumed longer than the differences of the
@@ -57,7 +57,7 @@ class PeerRadio:
         return PeerRadioState(key=key, on_the_way=empty_slots(silence, self.delay), received=received)
 
     def step(self, t: Any, state: PeerRadioState, say: PeerMessage) -> tuple[PeerRadioState, Peers]:
-        """Return the state, and the messages received until integer time t, the start of a slot.
+        """Return the state, and all messages received by integer time t, which is the start of a slot.
 
         The fields have shape (receiver, sender).
         """

@@ -23,9 +23,11 @@ class PilotScript:
     Frames:  none.    Source:  docs page, Supervisor.
     """
 
-    times: Any = quantity("100 ns", "Times of the requests, rising.", kind="time", default=np.zeros(0, np.int64))
+    times: Any = quantity(
+        "100 ns", "Times of the requests, in rising order.", kind="time", default=np.zeros(0, np.int64)
+    )
     requests: Any = quantity(
-        "1", "Requests.", kind="mode", modes=REQUESTS, default=np.zeros(0, np.int32), low=0, high=5
+        "1", "Request at each time.", kind="mode", modes=REQUESTS, default=np.zeros(0, np.int32), low=0, high=5
     )
     period: int = period("Time between samples.", default=ms(10))
 
@@ -34,7 +36,9 @@ class PilotScript:
         times, requests = np.asarray(self.times), np.asarray(self.requests)
         if times.ndim != 1 or times.shape != requests.shape or (np.diff(times) < self.period).any():
             counts = f"{len(times)} and {len(requests)}"
-            problem = f"there must be one time per request, rising by a period or more; got {counts} times and requests"
+            problem = (
+                f"times must rise by a period or more, one for each request; numbers of times and requests: {counts}"
+            )
             fix = f"give one time per request, {self.period} units of 100 ns or more apart"
             raise InputError("times", problem, fix=fix)
 
@@ -75,7 +79,7 @@ def pilot_script(*requests: tuple[int, str]) -> PilotScript:
 
 
 def add_pilot_sensor(scenario: Scenario) -> Scenario:
-    """Return the scenario with a sensor for the requests to its supervisor. Without supervisor, it is unchanged."""
+    """Return the scenario with a sensor for the requests to its supervisor; unchanged without a supervisor."""
     supervisor, sensors = scenario.autopilot.supervisor, scenario.world.sensors
     if supervisor is None or supervisor.pilot in sensors:
         return scenario

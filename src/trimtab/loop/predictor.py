@@ -40,7 +40,8 @@ from trimtab.loop.beliefs import vehicle_copies
 from trimtab.loop.structure import cast_like, strengthen_types, zeros_of
 
 TICK = ms(10)
-"""Period of the modelled actuators if it divides the time between commands. A brake of 150 ms is a multiple of it."""
+"""Period of the modelled actuators, used if it divides the time between commands. The brake time of 150 ms is a
+multiple of this period."""
 
 
 @record
@@ -48,7 +49,7 @@ class Prediction:
     """Output of the predictor. Frames: those of the vehicle's state. Source: docs page, Predictor."""
 
     state: Any = part(
-        "Predicted state of the vehicle at the time when the present command acts. Ignore fields that have no estimate."
+        "Predicted state of the vehicle when the present command acts. Fields that are not estimated have no meaning."
     )
     valid: Scalar = quantity("1", "True if the estimate used for the prediction was valid.", kind="flag")
     horizon: Scalar = quantity(
@@ -90,7 +91,7 @@ class PredictorState:
 
     inputs: SentInputs = part("Vehicle inputs caused by the commands sent so far.")
     past: PastPredictions = part("Past predictions.")
-    actuators: Any = part("State of the modelled actuators at the time when the last command sent acts.")
+    actuators: Any = part("State of the modelled actuators at the time when the last sent command acts.")
     measured: Scalar = quantity("100 ns", "Time of the newest measurement.", kind="time")
     prediction: Prediction = part("Last prediction.")
 
@@ -101,10 +102,10 @@ class Predictor:
 
         x(t - age), the estimate, is integrated with the vehicle's inputs to x(latch(t + uplink_delay))
 
-    latch(t) is the next frame of the actuators, or t without frames. The inputs are computed by modelled actuators,
-    with stops, tables and brake, from all commands sent so far. The prediction starts from each new measurement, so an
-    error of the model grows over one horizon only. A command is sent every `period`. In between, prediction and demand
-    do not change.
+    latch(t) is the time of the actuators' next frame, or t if the actuators have no frames. The inputs are computed by
+    modelled actuators, with stops, tables and brake, from all commands sent so far. The prediction starts from each new
+    measurement, so an error of the model grows over one horizon only. A command is sent every `period`. In between,
+    prediction and demand do not change.
 
     Known:   age of the measurement, from the time stamp of each sample; mean delay of commands, `uplink_delay`.
     Not modelled: jitter of the uplink and lost commands. Commands are assumed to arrive on time.
@@ -124,7 +125,7 @@ class Predictor:
     horizon: int = period(
         "Longest time span of a prediction; a longer delay is compensated only in part.", default=ms(500)
     )
-    period: int = period("Time between two commands sent.", default=ms(20))
+    period: int = period("Time between two sent commands.", default=ms(20))
 
     def check(self) -> None:
         """Raise InputError if the period is not a multiple of the actuators' period and frame, or the horizon is too
@@ -255,7 +256,7 @@ class Predictor:
             x, u, since, now = carry
             slot = read_slot(inputs, (oldest + k) % slots)
             x, now = advance(x, u, now, slot.start)
-            later = slot.start > since  # False for an empty slot, or one that is a whole turn of the ring old
+            later = slot.start > since  # False for an empty slot, and for a slot written one turn of the ring ago
             return (x, tree_where(later, slot.u, u), jnp.where(later, slot.start, since), now), None
 
         u = strengthen_types(self.actuators.neutral().u)
@@ -304,7 +305,7 @@ def _needed_fields(predictor: Predictor, wanted: tuple[str, ...]) -> tuple[str, 
         "autopilot.predictor.craft", "its state", predictor.craft.dynamics, 0.0, state, predictor.actuators.neutral().u
     )
     if jax.tree.structure(derivative) != jax.tree.structure(state):
-        problem = f"the state of {type(predictor.craft).__name__} is not a {type(predictor.start).__name__}"
+        problem = f"must be a state of {type(predictor.craft).__name__}, got a {type(predictor.start).__name__}"
         raise InputError("autopilot.predictor.start", problem, fix="set start to a state record of that vehicle")
     closed = jax.make_jaxpr(lambda x: predictor.craft.dynamics(0.0, x, predictor.actuators.neutral().u))(state)
     jaxpr = closed.jaxpr

@@ -2,7 +2,7 @@
 
 circle(radius=1.5, period=20 s)             fields of the record Circle, with or without a unit
 eight(length=5, width=150 cm)               fields of the record FigureEight, with or without a unit
-waypoints(0 0, 3 0, 3 3 0.3; speed=0.4)     north and east (m); a third number is the speed of the leg to there (m/s)
+waypoints(0 0, 3 0, 3 3 0.3; speed=0.4)     north and east (m); a third number is the speed on the leg to it (m/s)
 places(0 s: 0 0, 2 s: 1 0, …)               north and east (m) at given times, all with or all without heading (rad)
 path.csv                                    table of timed places: time [s], north [m], east [m], heading [deg]
 """
@@ -37,9 +37,9 @@ FORMS = (
     "autopilot.law.PATH=steps(0 s: 1, 5 s: 2)",
 )
 COLUMNS = (
-    MeasuredColumn("time", "s", "when"),
-    MeasuredColumn("north", "m", "where"),
-    MeasuredColumn("east", "m", "where"),
+    MeasuredColumn("time", "s", "time at each place"),
+    MeasuredColumn("north", "m", "north coordinate of each place"),
+    MeasuredColumn("east", "m", "east coordinate of each place"),
     MeasuredColumn("heading", "rad", "desired heading, unwrapped", needed=False, usual="deg"),
 )
 SHAPES: Mapping[str, Any] = MappingProxyType({"circle": Circle, "eight": FigureEight})
@@ -76,9 +76,9 @@ def plain_text(text: str) -> str:
 
 
 def with_reference(scenario: Scenario, text: str) -> Scenario:
-    """Return the scenario that follows a reference.
+    """Return the scenario with a law that follows a reference.
 
-    It starts at rest at the start of the path, with the nose along the path.
+    The vehicle starts at rest at the start of the path, with the nose along the path.
 
     Raises: InputError for a law that cannot follow a reference.
     """

@@ -36,7 +36,7 @@ class RelayedSensor:
     bus: Any = part("Bus between sensor and radio: a channel whose period equals the sensor's.")
 
     LATE: ClassVar[bool] = True
-    """True, because a sample is given later than it was measured."""
+    """True, because samples arrive later than they are measured."""
 
     @property
     def period(self) -> int:
@@ -47,12 +47,12 @@ class RelayedSensor:
         """Raise InputError if the sensor's input is not the motion, or the periods of bus and sensor differ."""
         if optional_member(self.inner, "FEELS") != "motion":
             problem = (
-                f"{type(self.inner).__name__} measures {self.inner.FEELS!r}, not the motion, so it cannot have a bus"
+                f"{type(self.inner).__name__} measures {self.inner.FEELS!r}, but must measure the motion to use a bus"
             )
             raise InputError("RelayedSensor.inner", problem, fix="use this sensor without a bus")
         if self.bus.period != self.inner.period:
             problem = (
-                f"period must be the sensor's, {format_time(self.inner.period)}, got {format_time(self.bus.period)}"
+                f"period must equal the sensor's, {format_time(self.inner.period)}, got {format_time(self.bus.period)}"
             )
             raise InputError("RelayedSensor.bus", problem, fix=f"set bus.period to {format_time(self.inner.period)}")
 

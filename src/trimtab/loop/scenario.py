@@ -124,7 +124,7 @@ class Scenario(Generic[V]):
         return replace(self, world=world, autopilot=autopilot, choices=choices)
 
     def _without_its_own(self, one: Any) -> Any:
-        """Return a part without its imperfections. Those of vehicle models in it stay, to match the true vehicle."""
+        """Return a part without imperfections. Vehicle models in the part keep theirs, to match the true vehicle."""
         for name in find_imperfections(one).keys() - find_imperfections(self.world.vehicle).keys():
             one = without(one, name)
         return one

@@ -52,7 +52,7 @@ class SetpointSchedule:
         """Raise InputError unless the times rise and each time has a value."""
         times, values = np.asarray(self.times), np.asarray(self.values)
         if times.ndim != 1 or times.shape != values.shape or not len(times) or not (np.diff(times) > 0).all():
-            problem = f"there must be one value per rising time; got {np.size(times)} times, {np.size(values)} values"
+            problem = f"times must rise, and each needs one value; got {np.size(times)} times, {np.size(values)} values"
             raise InputError(
                 f"schedule of {self.path}", problem, fix="give one value for each time, and the times in rising order"
             )

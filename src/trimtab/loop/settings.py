@@ -22,7 +22,7 @@ T = TypeVar("T")
 def with_settings(tree: T, settings: Mapping[str, Any]) -> T:
     """Return a copy of the scenario with every setting applied.
 
-    Raise InputError, with similar names, for an unknown path, and InputError for an invalid value.
+    Raise InputError for an unknown path, with the names of similar paths, or for an invalid value.
 
     >>> from trimtab import build, with_settings
     >>> with_settings(build("hovercraft/spin"), {"world.vehicle.mass": "3000 g"}).world.vehicle.mass

@@ -17,7 +17,8 @@ from trimtab.loop.scenario import Scenario
 
 @record
 class StickScript:
-    """Sensor of the pilot's stick. Each scripted position holds from its time on. Without entries, no sample is valid.
+    """Sensor of the pilot's stick. Each scripted position holds from its time on. Without scripted positions, no sample
+    is valid.
 
     The stick is sampled once per `period`, as in a flight with a pilot. The age of a sample is its delay from the stick
     to the autopilot. In a flight with a pilot, the ground station with the stick gives the samples instead.
@@ -25,7 +26,9 @@ class StickScript:
     Frames:  none.    Source:  docs page, Piloted.
     """
 
-    times: Any = quantity("100 ns", "Times of the stick positions, rising.", kind="time", default=np.zeros(0, np.int64))
+    times: Any = quantity(
+        "100 ns", "Times of the stick positions, in rising order.", kind="time", default=np.zeros(0, np.int64)
+    )
     forward: Any = quantity("1", "Forward deflection of the stick.", default=np.zeros(0), low=-1, high=1)
     turn: Any = quantity(
         "1", "Sideways deflection of the stick, clockwise positive.", default=np.zeros(0), low=-1, high=1
@@ -46,7 +49,7 @@ class StickScript:
         shapes = [np.shape(a) for a in (self.times, self.forward, self.turn, self.mode)]
         if len(set(shapes)) > 1 or len(shapes[0]) != 1 or not (np.diff(np.asarray(self.times, np.int64)) > 0).all():
             counts = ", ".join(f"{np.size(a)}" for a in (self.times, self.forward, self.turn, self.mode))
-            problem = f"there must be one forward, turn and mode per rising time, got {counts} times, …, modes"
+            problem = f"times must rise, each with one forward, turn and mode; numbers of times, …, modes: {counts}"
             raise InputError(
                 "times",
                 problem,
@@ -89,7 +92,7 @@ def stick_script(*entries: tuple[int, float, float, str]) -> StickScript:
 
 
 def add_stick_sensor(scenario: Scenario) -> Scenario:
-    """Return the scenario with a sensor for the stick that its law reads. If the law reads none, it is unchanged."""
+    """Return the scenario with a sensor for the stick that its law reads. Other scenarios are returned unchanged."""
     name, sensors = optional_member(scenario.autopilot.law, "stick"), scenario.world.sensors
     if not name or name in sensors:
         return scenario

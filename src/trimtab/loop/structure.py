@@ -157,7 +157,7 @@ def _fits(shape: tuple[int, ...], whole: tuple[int, ...]) -> bool:
 
 
 def describe_tree(tree: Any) -> str:
-    """Return a description of a tree for messages: the class of its record, or its number of numbers."""
+    """Return a description of a tree for messages: the class of its record, or how many numbers it contains."""
     if is_record(tree):
         return f"a {type(tree).__name__} as declared"
     if isinstance(tree, Mapping):

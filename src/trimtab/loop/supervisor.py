@@ -1,4 +1,4 @@
-"""Supervisor, which decides whether the law's command or another one is sent. An optional part of the Autopilot.
+"""Supervisor, which decides whether the law's command or another command is sent. An optional part of the Autopilot.
 
 Source: docs page, Supervisor.
 """
@@ -126,7 +126,7 @@ class Limit:
             )
         if not float(self.low) < float(self.high):
             problem = f"low must be below high, got {float(self.low):g} and {float(self.high):g}"
-            raise InputError("low", problem, fix="exchange them")
+            raise InputError("low", problem, fix="exchange low and high")
 
     def is_breached(self, state: Any) -> Any:
         """Return True if an estimated state is outside the bounds."""
@@ -150,7 +150,7 @@ class Supervisor:
 
     Frames:  the estimate's.
     Not modelled: the battery.
-    Source:  docs page, Supervisor; modes and times are chosen for trimtab.
+    Source:  docs page, Supervisor; modes and times are our choice.
     """
 
     neutral: Any = part("Neutral command.")
@@ -257,7 +257,7 @@ class Supervisor:
         sick: Any,
         check: Any,
     ) -> tuple[Any, Any]:
-        """Return mode and cause after this instant. If several rows below apply, the last one counts."""
+        """Return mode and cause after this instant. If several rows of the table apply, the last of them counts."""
         valid = jnp.asarray(input.estimate.valid)
         standby, flying, hold, lost = (s.mode == m for m in (STANDBY, FLYING, HOLD, LOST))
         under_way = flying | hold | lost

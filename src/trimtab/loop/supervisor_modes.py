@@ -42,7 +42,7 @@ def explain_requests(mode: int, check: int) -> dict[str, str]:
     """
     objection = CHECKS[check] if check else ""
     name, under_way = MODES[mode], mode in (FLYING, HOLD, LOST)
-    last = "clear it first" if mode in (FAULT, ENDED) else f"the mode is already {name}"
+    last = "send a clear request first" if mode in (FAULT, ENDED) else f"the mode is already {name}"
     return {
         "arm": objection if mode == STANDBY else last,
         "hold": "" if mode in (FLYING, LOST) else f"the mode is {name}, not flying",

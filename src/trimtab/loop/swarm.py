@@ -1,6 +1,6 @@
 """Swarm of n craft in one loop. Each craft has its own vehicle, sensors, law, allocation, actuators, state and key.
 
-The parts are defined for one craft. `Each` steps n copies of a part by vmap: copy i gets row i of the inputs only. So a
+The parts are defined for one craft. `Each` steps n copies of a part by vmap: copy i gets only row i of the inputs. So a
 craft can depend on others only through the messages that its radio has received (`loop.peer_radio`).
 """
 

@@ -16,7 +16,7 @@ class VehicleLimits:
 
     Frames:  W for the distance, B for the other limits.
     Not modelled: a fence with corners; limits of roll and pitch.
-    Source:  docs page, Arming; the numbers are chosen for trimtab.
+    Source:  docs page, Arming; the default values are our choice.
     """
 
     distance: Scalar = quantity(

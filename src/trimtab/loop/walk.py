@@ -1,4 +1,4 @@
-"""Walk over all instants of a run: the whole closed loop as one pure function of records.
+"""Simulation of the closed loop over all instants of a run, as one pure function of records.
 
 The order at one instant is that of the loop: true state, sensors, downlink, autopilot, uplink, actuators. Then the true
 state is integrated to the next instant.

@@ -86,7 +86,7 @@ class World(Generic[V]):
         """Raise InputError if quaternions are to be integrated as rotations, but the vehicle names no quaternions."""
         named = optional_member(self.vehicle, "QUATERNIONS")
         if self.integration is not None and self.integration.attitude == "group" and not named:
-            problem = f"{type(self.vehicle).__name__} names no quaternion of its state to integrate on the group"
+            problem = f"{type(self.vehicle).__name__} names no quaternion that can be integrated on the rotation group"
             fix = argument("settings", "numbers", "world.integration.attitude")
             fix += ', or write  QUATERNIONS = ("NAME",)  in the vehicle'
             raise InputError("integration.attitude", problem, fix=fix)
@@ -130,7 +130,7 @@ class World(Generic[V]):
         )
 
     def _method(self) -> Integration | None:
-        """Return the integration, or None for the default step if the vehicle has no events."""
+        """Return the integration method. None: one Runge–Kutta step, the default for a vehicle without events."""
         has_events = optional_member(self.vehicle, "events") is not None
         return Integration() if self.integration is None and has_events else self.integration
 

@@ -2,8 +2,8 @@
 
 A single filter with eta and the frequencies in one state becomes overconfident. At rest eta_i = N_i/w_i^2: the
 accelerometer measures only w_i^2 eta_i, so all pairs (eta_i, w_i) on a curve explain the measurement equally well. The
-estimate of a linearised filter moves with the noise, and the filter uses different tangents of that curve. Its
-covariance therefore shrinks along the curve without information. In stretched displacements
+estimate of a linearised filter moves with the noise, and the filter uses another tangent of that curve at each step.
+Its covariance therefore shrinks along the curve without information. In stretched displacements
 
     s_i = (w_i/w_i0)^2 eta_i        s_i' = (w_i/w_i0)^2 eta_i'        lam_i = ln(w_i/w_i0)
 
@@ -15,7 +15,7 @@ modes vibrate:
 For constant lam_i these equations are exact, and linear in s. w_i0 are the nominal frequencies of the given vehicle.
 
 Source: derived from [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for
-hypersonic flight vehicle", Aerospace 2022, 9(4), 206, eq. 1, with the vehicle's interpretation of the coupling.
+hypersonic flight vehicle", Aerospace 2022, 9(4), 206, eq. 1, with the coupling as interpreted in the vehicle model.
 """
 
 import math
@@ -55,7 +55,7 @@ TERMS = 6
 """Number of terms of the exponential series that propagates the modes over a step. The remainder is (w dt)^7/5040, e.g.
 4e-11 at 22 rad/s and 5 ms."""
 OF_MODE = np.array([[1.0, 0], [1, 0], [0, 1], [0, 1]])
-"""Matrix (4, 2) that assigns the rows s1, s1', s2, s2' to the columns mode 1, mode 2 by ones."""
+"""Matrix (4, 2): 1 where the row's quantity (s1, s1', s2, s2') belongs to the column's mode (1, 2), else 0."""
 SHARE = 0.5
 """Standard deviation of the frequency within each hypothesis, as a fraction of the total initial standard deviation.
 The rest of the deviation is represented by the spacing between hypotheses."""
@@ -79,7 +79,10 @@ def modal_accelerations(craft: Hypersonic, x: Any) -> tuple[Any, Any, Any]:
 
 
 def propagate_modes(craft: Hypersonic, x: Any, b: Any, dt: Any) -> Any:
-    """Return x (6,) after dt (s) under a constant forcing b (4,) of eta, by an exponential series in s."""
+    """Return the filter state x (6,) after dt (s) under a constant forcing b (4,) of eta.
+
+    The equations are linear in s and are solved by an exponential series.
+    """
     by, still = stretch_factors(x), jnp.zeros(2)
 
     def rate(s: Any) -> Any:
@@ -105,14 +108,14 @@ def vibration(craft: Hypersonic, x: Any, P: Any, b: Any) -> tuple[Any, Any]:
 
 
 def disturbance_direction(craft: Hypersonic, x: Any) -> Any:
-    """Return x' (6,) caused by an unknown pitching moment, per pitch acceleration (rad/s^2) caused by the moment."""
+    """Return x' (6,) due to a pitching moment that causes a pitch acceleration of 1 rad/s^2."""
     q_rate, first, second = craft.modes.solve_accelerations(craft.Iyy, craft.Iyy, 0.0, 0.0)
     by, still = stretch_factors(x), jnp.zeros_like(q_rate)
     return jnp.stack([still, by[1] * first / q_rate, still, by[3] * second / q_rate, still, still])
 
 
 def unstretch(x: Any, P: Any) -> tuple[Any, Any]:
-    """Return (eta1, eta1', eta2, eta2', lam1, lam2) and its covariance (6, 6), to first order, for stretched x, P."""
+    """Return (eta1, eta1', eta2, eta2', lam1, lam2) and its covariance (6, 6), to first order, from stretched x, P."""
     soft = 1 / stretch_factors(x)
     eta = soft * x[:4]
     top = jnp.concatenate([jnp.eye(4) * soft, -2 * eta[:, None] * OF_MODE], axis=1)
@@ -149,7 +152,7 @@ class AdaptiveModeState:
     chi: RigidFlight = part("Measured rigid-body state at the last step.")
     u: HypersonicInput = part("Fuel ratio and elevator that acted in the last step.")
     t: Scalar = quantity("100 ns", "Time of the filter's last step.", kind="time")
-    seen: Scalar = quantity("100 ns", "Time at which the last acceleration used was measured.", kind="time")
+    seen: Scalar = quantity("100 ns", "Time at which the last used acceleration was measured.", kind="time")
     flight_t: Scalar = quantity("100 ns", "Time at which the rigid-body state was measured.", kind="time")
     started: Scalar = quantity("1", "True once the rigid-body state and the input have been received.", kind="flag")
     innovation: Scalar = quantity("rad/s^2", "Innovation of the pitch acceleration in the last step.")
@@ -167,18 +170,19 @@ class AdaptiveFlexibleModeFilter:
         x = (s1, s1', s2, s2', ln w1/w1_0, ln w2/w2_0)      s_i = (w_i/w_i0)^2 eta_i      p_m ~ p_m N(r_m; 0, S_m)
 
     A single filter is not enough: if the frequencies are 10 % off, mode 2 is near the expected frequency of mode 1, and
-    the filter converges to the wrong mode. Of nine filters that start at frequencies about a tenth apart, one converges
-    to the right modes. The estimate is the weighted mean of the filters. Its covariance includes their spread.
+    the filter converges to the wrong mode. Of nine filters that start at frequencies about 10 % apart, one converges to
+    the right modes. The estimate is the weighted mean of the filters. Its covariance includes their spread.
 
     - Frequencies and probabilities change only while the modes vibrate by at least `excitation` standard deviations of
       their uncertainty. Otherwise the uncertainty of the frequencies is considered, but the frequencies are not
       corrected. **At rest the frequencies can't be estimated.**
-    - An innovation with NIS above `gate` is taken as an unknown moment (a jolt), not as noise. Its square is added to
-      R, P grows by the effect of this moment on the modes, and the frequencies are not corrected.
+    - An innovation with NIS above `gate` is attributed to an unknown moment (a jolt), not to noise. Its square is added
+      to R, P grows by the effect of this moment on the modes, and the frequencies are not corrected.
     - The frequencies of each filter follow a slow random walk. Their standard deviation does not grow above its initial
       value, and they stay within `bound`.
 
-    Not modelled: damping and coupling that differ from those of the vehicle model; noise of the measured rigid flight.
+    Not modelled: damping and coupling that differ from those of the vehicle model; noise of the measured rigid-body
+                  state.
     Source:  beyond [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for
              hypersonic flight vehicle", Aerospace 2022, 9(4), 206; [4] Bar-Shalom, Li, Kirubarajan, "Estimation with
              applications to tracking and navigation", Wiley 2001, section 11.6 (static multiple models).
@@ -200,7 +204,7 @@ class AdaptiveFlexibleModeFilter:
     )
     excitation: Scalar = quantity(
         "1",
-        "Smallest vibration at which frequencies are corrected, in standard deviations of its uncertainty.",
+        "Smallest vibration at which the frequencies are corrected, in standard deviations of the estimated vibration.",
         default=3.0,
         low=0,
     )
@@ -234,7 +238,9 @@ class AdaptiveFlexibleModeFilter:
                 raise InputError(f"{name}.{field}", f"must be finite, got {value}", fix="give a finite number")
         outermost = math.exp(HYPOTHESIS_SPACING * float(np.max(self.deviation)))
         if outermost >= self.bound:
-            problem = f"hypotheses start at a factor of {outermost:.3g}, must be within the bound {float(self.bound):g}"
+            problem = (
+                f"hypotheses differ from nominal by up to {outermost:.3g} times, must be below {float(self.bound):g}"
+            )
             raise InputError(f"{name}.bound", problem, fix="raise the bound, or choose a smaller `deviation`")
         fastest = float(max(self.craft.modes.w1, self.craft.modes.w2) * self.bound)
         if fastest * to_seconds(self.period) >= 0.5:
@@ -338,7 +344,7 @@ class AdaptiveFlexibleModeFilter:
         )
 
     def estimated_flight(self, state: AdaptiveModeState) -> FlexibleFlight:
-        """Return the mean over the hypotheses as estimate, with standard deviations that include their spread."""
+        """Return the estimate: the mean over the hypotheses, with standard deviations that include their spread."""
         sigma = jnp.sqrt(jnp.maximum(jnp.stack([state.spread[i, i] for i in range(6)]), 0.0))
         frequencies = ModalFrequencies(
             w1=state.w[0],

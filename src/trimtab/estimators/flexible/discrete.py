@@ -35,7 +35,7 @@ PRINTED_ETA0 = (1.5122, 0.0, 1.122, 0.0)
 PRINTED_Q = (1e-5, 1e-5, 1e-5, 1e-5)
 EQUAL_Q = (1e-5, 100.0, 1e-5, 100.0)
 TUNED_Q = (1e-5, 500.0, 1e-5, 6.0)
-"""Process noise that needs less elevator than EQUAL_Q, with smaller errors and wider margins (docs page)."""
+"""Process noise that needs less elevator than EQUAL_Q, with smaller errors and wider margins (docs, Flexible modes)."""
 
 
 @record
@@ -60,7 +60,7 @@ class FlexibleModeState:
     chi: RigidFlight = part("Measured rigid-body state at the last step.")
     u: HypersonicInput = part("Fuel ratio and elevator that acted in the last step.")
     t: Scalar = quantity("100 ns", "Time of the filter's last step.", kind="time")
-    seen: Scalar = quantity("100 ns", "Time at which the last acceleration used was measured.", kind="time")
+    seen: Scalar = quantity("100 ns", "Time at which the last used acceleration was measured.", kind="time")
     flight_t: Scalar = quantity("100 ns", "Time at which the rigid-body state was measured.", kind="time")
     started: Scalar = quantity("1", "True once the rigid-body state and the input have been received.", kind="flag")
     innovation: Scalar = quantity("rad/s^2", "Innovation of the pitch acceleration in the last step.")
@@ -91,8 +91,8 @@ class FlexibleModeFilter:
     error also vanishes**, by structural damping.
 
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
-             flight vehicle", Aerospace 2022, 9(4), 206, eq. 9 and below, corrected. P(0), sampling and noise are not
-             given in [1]; they are chosen here, see the docs page.
+             flight vehicle", Aerospace 2022, 9(4), 206, eq. 9 and below, corrected. [1] does not give
+             P(0), sampling and noise. Their values are our own choice, see docs page, Flexible modes.
     """
 
     craft: Hypersonic = part("Vehicle model used by the filter.", default=Hypersonic())
@@ -174,7 +174,7 @@ class FlexibleModeFilter:
         )
 
     def predict(self, model: ModalModel, x: Any, P: Any, chi: RigidFlight, u: HypersonicInput) -> tuple[Any, Any]:
-        """Return modal state and offset x (5,) and covariance P (5, 5) after a period of constant flight and input."""
+        """Return modal state and offset x (5,) and covariance P (5, 5) after a period of constant chi and u."""
         b, _, _ = forcing(self.craft, chi, u)
         walk = self.offset_walk * to_seconds(self.period)
         modes, mixed = kalman.predict_covariance(P[:4, :4], model.Ad, model.Qd), model.Ad @ P[:4, 4]

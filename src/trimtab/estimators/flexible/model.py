@@ -126,7 +126,7 @@ class FlightSamples(NamedTuple):
 def modal_dynamics(craft: Hypersonic) -> tuple[Any, Any]:
     """Return A (4, 4) and C (4,) for (eta1, eta1', eta2, eta2'), for any interpretation of the coupling.
 
-    The columns result from unit states in the vehicle's coupled equations of the modes.
+    Each column is the response of the vehicle's coupled modal equations to a unit state.
     """
     one = jnp.eye(4)
     back1, back2 = craft.modes.restoring_forces(one[0], one[1], one[2], one[3])
@@ -135,7 +135,7 @@ def modal_dynamics(craft: Hypersonic) -> tuple[Any, Any]:
 
 
 def forcing(craft: Hypersonic, chi: RigidFlight, u: HypersonicInput) -> tuple[Any, Any, Any]:
-    """Return b (4,), d and M/Iyy (rad/s^2), the effects of flight and input on the modes and the pitch acceleration."""
+    """Return the effects of flight and input: b (4,) on the modes; d and M/Iyy (rad/s^2) on the pitch acceleration."""
     moment = craft.forces.at(chi.h, chi.V, chi.alpha, u.Phi, u.delta_e).M
     N1, N2 = craft.modes.forcing(chi.alpha, u.delta_e)
     q_rate, first, second = craft.modes.solve_accelerations(craft.Iyy, moment, N1, N2)
@@ -144,9 +144,9 @@ def forcing(craft: Hypersonic, chi: RigidFlight, u: HypersonicInput) -> tuple[An
 
 
 def read_flight_samples(listens: tuple[str, ...], state: Any, frame: Frame) -> FlightSamples:
-    """Return a mode filter's inputs from the samples of three sensors. Where a sample can't be used, keep the last one.
+    """Return a mode filter's inputs from the samples of three sensors. The last usable value replaces an unusable one.
 
-    listens: names of the sensors of flight (SI units), pitch acceleration and acting input.
+    listens: names of the sensors of rigid-body state (SI units), pitch acceleration and acting input.
     """
     flight, acceleration, acting = (frame.samples[name] for name in listens)
     z = flight.value
@@ -161,7 +161,7 @@ def read_flight_samples(listens: tuple[str, ...], state: Any, frame: Frame) -> F
 
 
 def listened_sensors(form: Any) -> tuple[str, ...]:
-    """Return the names of a mode filter's sensors of flight, pitch acceleration and acting input (`listens`)."""
+    """Return the names of a mode filter's sensors: rigid-body state, pitch acceleration, acting input (`listens`)."""
     return (form.flight, form.accelerometer, form.actuators)
 
 
@@ -180,7 +180,7 @@ def step_mode_filter(form: Any, t: Any, state: Any, frame: Frame) -> tuple[Any, 
 
 
 def first_instant() -> dict[str, Any]:
-    """Return the initial values of the fields that all mode filters have in their state."""
+    """Return the initial values of the state fields that all mode filters share."""
     no, zero = jnp.asarray(False), jnp.asarray(0.0)
     return {
         "chi": jax.tree.map(jnp.asarray, RigidFlight()),
@@ -196,7 +196,7 @@ def first_instant() -> dict[str, Any]:
 
 
 def next_instant(t: Any, state: Any, samples: FlightSamples) -> dict[str, Any]:
-    """Return the values at time t of the fields that all mode filters have in their state, given new samples."""
+    """Return the values at time t of the state fields that all mode filters share, from new samples."""
     return {
         "chi": samples.chi,
         "u": samples.u,

@@ -56,9 +56,10 @@ class Intake:
     """Sensors that the navigation reads, gates and checks of their samples, and length of the history.
 
     Reads: angular_rate (3,), specific_force (3,), gyro_saturated and accelerometer_saturated of the IMU, whose axes are
-    those of B; heading of the heading sensor; north and east of the position sensor. If the heading or position sensor
-    gives a `variance` above 0, this variance is used. An empty name means that the vehicle has no such sensor.
-    Source: ranges [1] section 5.4 (300 deg/s, 1.7 g); gates: 0.9999 quantiles of chi-square; other values chosen here.
+    those of the body frame B; heading of the heading sensor; north and east of the position sensor. If the heading or
+    position sensor gives a `variance` above 0, this variance is used. An empty name means that the vehicle has no such
+    sensor.
+    Source: ranges [1] section 5.4 (300 deg/s, 1.7 g); gates: 0.9999 quantiles of chi-square; other values: our choice.
     """
 
     gate_heading: Scalar = quantity("1", "NIS gate for heading measurements.", default=15.137, above=0)
@@ -111,7 +112,7 @@ class Intake:
     )
     lag: Scalar = quantity(
         "100 ns",
-        "Delay of the IMU's samples by its low-pass filter, e.g. sqrt(2)/omega for a second-order Butterworth filter.",
+        "Delay of the samples in the IMU's low-pass filter, e.g. sqrt(2)/omega for a second-order Butterworth filter.",
         default=0,
         kind="time",
         off={"imu-bandwidth": 0},
@@ -122,7 +123,8 @@ class Intake:
         "Name of the position sensor; empty if the vehicle has no position sensor.", default="position"
     )
     slots: int = option(
-        "Number of measurements kept in the history. It must cover the longest delay, with a reserve.", default=64
+        "Number of measurements in the history, which must span the longest delay of a sensor, with a reserve.",
+        default=64,
     )
 
     def listens(self) -> tuple[str, ...]:
@@ -163,7 +165,7 @@ class InertialState:
     position: Any = part("Checks of the position sensor's samples; None without a position sensor.")
     imu_arrival: Scalar = quantity("100 ns", "Arrival time of the last IMU sample.", kind="time")
     reported: Any = part("Last estimate of the motion: fields of NavigationState by name.")
-    clock: Scalar = quantity("100 ns", "Largest time of the autopilot's clock that has been received.", kind="time")
+    clock: Scalar = quantity("100 ns", "Latest time of the autopilot's clock so far.", kind="time")
     clock_backwards: Scalar = quantity("1", "Number of times the autopilot's clock ran backwards.", kind="count")
 
 
@@ -297,7 +299,7 @@ def position_numbers(value: Any) -> tuple[Any, ...]:
 def range_numbers(value: Any) -> tuple[Any, ...]:
     """Return the ranges (m) of a ping, and the number of the unit that sent it.
 
-    A range is -1 if it is not a positive number, and 0 if it did not arrive.
+    The value 0 marks a range that did not arrive, and -1 an invalid range (not a positive number).
     """
     sound = jnp.isfinite(value.range) & (value.range > 0)
     ranges = jnp.where(value.arrived, jnp.where(sound, value.range, -1.0), 0.0)
@@ -338,7 +340,7 @@ def _kinematics(form: InertialForm, node: Any, age: Any, silent: Any) -> dict[st
 
 
 def _coast(form: InertialForm, node: Any, age: Any) -> tuple[Any, Any, Any]:
-    """Return the node, gyro reading and gyro variance after `age` (s) without IMU data.
+    """Return the filter state (node), gyro reading and gyro variance after `age` (s) without IMU data.
 
     Velocity and heading stay constant, and the uncertainty grows as for an untrusted IMU.
     """

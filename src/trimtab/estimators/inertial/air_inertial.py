@@ -39,17 +39,19 @@ class AirInertial:
 
         altitude = -(p - R_WB l)_down        n = (f - b_force)/g
 
-    p, R_WB, b: from the filter, at the inertial unit, whose position in B from the centre of mass is l; f:
-    accelerometer reading. Rates are the gyro readings minus their estimated bias. The estimate is valid if the
-    navigation is valid and the probes' sample is valid.
+    p, R_WB, b: position, attitude and biases of the inertial unit, estimated by the filter. l: position of the inertial
+    unit in B, measured from the centre of mass. f: accelerometer reading. Rates are the gyro readings minus their
+    estimated bias. The estimate is valid if the navigation is valid and the probes' sample is valid.
 
     Frames:  those of `GnssInertial`.
-    Not modelled: the wind is not estimated; neither air data nor a barometer aid the navigation.
+    Not modelled: wind, which is not estimated. Neither air data nor a barometer aids the navigation.
     Source:  docs page, Air and inertial.
     """
 
     inertial: GnssInertial = part("Inertial navigation aided by satellites.", default=GnssInertial())
-    lever_arm: Any = quantity("m", "Position of the inertial unit.", frame="B", default=ZERO, shape=(3,))
+    lever_arm: Any = quantity(
+        "m", "Position of the inertial unit, measured from the centre of mass.", frame="B", default=ZERO, shape=(3,)
+    )
     gravity: Scalar = quantity("m/s^2", "Acceleration at a load factor of 1.", default=STANDARD, above=0)
     air: str = option("Name of the air data sensor.", default="air")
 

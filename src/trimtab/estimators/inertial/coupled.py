@@ -52,15 +52,19 @@ class CoupledNode:
         "1", "Heading, velocity, position, gyro bias, accelerometer biases (8,), in the order of Belief.x.", shape=(8,)
     )
     P: Any = quantity("1", "Covariance of the error states, in the order of Belief.x.", shape=(8, 8))
-    force: Any = quantity("m/s^2", "Low-passed specific force without bias, for the Jacobian.", frame="B", shape=(2,))
-    steady: Any = quantity("m/s^2", "Low-passed specific force without bias, to detect rest.", frame="B", shape=(2,))
+    force: Any = quantity(
+        "m/s^2", "Low-pass filtered specific force, corrected for bias, used in the Jacobian.", frame="B", shape=(2,)
+    )
+    steady: Any = quantity(
+        "m/s^2", "Low-pass filtered specific force, corrected for bias, used to detect rest.", frame="B", shape=(2,)
+    )
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: PositionFix = part("Statistics of the position updates.")
 
 
 @record
 class AidedInertialCoupled:
-    """Extended Kalman filter of eight error states with feedback. A specific force makes the heading observable.
+    """Extended Kalman filter of eight error states with feedback. The heading is observable under specific force.
 
         dphi' = -db      dv' = J f dphi - B da      dr' = dv      J f = (-f_east, f_north)      (d = estimate - truth)
 
@@ -69,7 +73,7 @@ class AidedInertialCoupled:
 
     Valid:   near the truth. An initial heading error above about half a radian makes the filter overconfident.
              At rest the heading is not observable, and its error grows with the gyro's bias.
-    Source:  [1] chapter 3; low-pass and rest: reconstructed, see docs page.
+    Source:  [1] chapter 3; low-pass filters and detection of rest: reconstructed, see docs page.
     """
 
     intake: Intake = part(
@@ -115,7 +119,7 @@ class AidedInertialCoupled:
     def propagate(self, node: CoupledNode, dt: Any, imu_reading: Any, untrusted: Any) -> CoupledNode:
         """Propagate the state by dt (s). imu_reading: IMU sample at the end of the step (3,).
 
-        Biases are turned to W with the heading at the start of the step, as in Phi.
+        Accelerometer biases are turned to W with the heading at the start of the step, as in Phi.
         """
         m = propagate_coupled(self, node, dt, imu_reading, untrusted)
         P = predict_covariance(node.P, m.F, m.Q)
@@ -130,7 +134,7 @@ class AidedInertialCoupled:
         return replace(_reset_errors(node, correction), heading_fix=fix)
 
     def correct_position(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
-        """Correct the state with a position z (2,) of the aided point. If its variance is 0, use noise.position."""
+        """Correct the state with a measured position z (2,) (m). If its variance is 0, use noise.position."""
         arm, slope = rotate_lever(node.x[0], self.arms.imu_to_aided_point())
         none = jnp.zeros((2, 2))
         H = jnp.concatenate([slope[:, None], none, jnp.eye(2), jnp.zeros((2, 3))], axis=1)
@@ -149,7 +153,7 @@ class AidedInertialCoupled:
         return is_force_significant(node.steady, node.P, self.noise, self.rest_smoothing, self.rest_sigmas)
 
     def belief(self, node: CoupledNode) -> Belief:
-        """Return the estimate (Belief) of the IMU's motion."""
+        """Return the estimated motion of the IMU and its covariance, as a Belief."""
         return Belief(node.x, node.P * SIGNS[:, None] * SIGNS[None, :])
 
 
@@ -174,7 +178,7 @@ class CoupledMotion(NamedTuple):
 
 
 def propagate_coupled(form: Any, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> CoupledMotion:
-    """Return the step over dt (s) of a node whose x begins like Belief.x.
+    """Return a step of dt (s) from a filter state (node) whose x begins with the values of Belief.x.
 
     form: filter form with noise, smoothing and rest_smoothing.  imu_reading: IMU sample at the end of the step (3,).
     untrusted: as in `InertialForm.propagate`.
@@ -197,7 +201,7 @@ def low_pass_gain(dt: Any, constant: Any) -> Any:
 
 
 def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
-    """Return Phi (8, 8) of the error states in the order of Belief.x, for a constant specific force.
+    """Return the transition matrix Phi (8, 8) of the errors in the order of Belief.x, for a constant specific force.
 
     Errors of biases are truth minus estimate.  dt: step (s).  heading: (rad).  force: specific force in B (2,).
     Source: [1] chapter 3; the series of exp(A dt) ends with the third power, because A^4 = 0.
@@ -218,7 +222,7 @@ def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
 
 
 def coupled_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
-    """Return Q (8, 8) in the order of Belief.x, with the same noise as in the dual filter.
+    """Return the process noise Q (8, 8) in the order of Belief.x, with the same noise as in the dual filter.
 
     growth: `InertialNoise.growth`.  reach: `InertialNoise.integration_time`.
     """

@@ -40,10 +40,10 @@ class DirectNode:
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
     untrusted: Any = quantity("1", "Flags of gyro and accelerometers: 1 if the sensor cannot be trusted.", shape=(2,))
-    x1: Any = quantity("1", "Heading (rad, unwrapped), gyro bias (rad/s).", shape=(2,))
+    x1: Any = quantity("1", "Estimated heading (rad, unwrapped) and gyro bias (rad/s).", shape=(2,))
     P1: Any = quantity("1", "Covariance of the errors of heading and gyro bias.", shape=(2, 2))
-    x2: Any = quantity("1", "Velocity (m/s), position (m), force biases (m/s^2).", shape=(6,))
-    P2: Any = quantity("1", "Covariance of the errors of velocity, position and force biases.", shape=(6, 6))
+    x2: Any = quantity("1", "Estimated velocity (m/s), position (m), accelerometer biases (m/s^2).", shape=(6,))
+    P2: Any = quantity("1", "Covariance of the errors of velocity, position, accelerometer biases.", shape=(6, 6))
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: PositionFix = part("Statistics of the position updates.")
 
@@ -55,8 +55,8 @@ class AidedInertialDirect:
 
         heading' = w - bias        v' = B(heading) (F - bias)        r' = v        biases' = 0 + noise
 
-    Valid:         like the feedback form, to which it is equal except for rounding. Here the filter contains the whole
-                   state, as other process models (a vehicle's dynamics instead of an IMU) require.
+    Valid:         under the same conditions as the feedback form. Both give the same estimate except for rounding. The
+                   filter contains the whole state, which other process models require, e.g. a vehicle's dynamics.
     Not modelled:  effect of a heading error on the velocity; see AidedInertialCoupled.
     Source:        [1] chapter 3, where this form is described but not flown.
     """
@@ -102,19 +102,22 @@ class AidedInertialDirect:
         return replace(node, x1=correction.x, P1=correction.P, heading_fix=fix)
 
     def correct_position(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
-        """Correct the state with a position z (2,) of the aided point. If its variance is 0, use noise.position."""
+        """Correct the state with a measured position z (2,) (m). If its variance is 0, use noise.position."""
         arm, R = aided_point(self, node.x1[0], node.P1[0, 0], variance)
         y = z - node.x2[2:4] - arm
         correction, fix = fuse_position(self, node, node.x2, node.P2, y, POSITION_ROWS, R)
         return replace(node, x2=correction.x, P2=correction.P, position_fix=fix)
 
     def belief(self, node: DirectNode) -> Belief:
-        """Return the estimate (Belief) of the IMU's motion."""
+        """Return the estimated motion of the IMU and its covariance, as a Belief."""
         x = jnp.concatenate([node.x1[:1], node.x2[:4], node.x1[1:], node.x2[4:]])
         return Belief(x, belief_covariance(node.P1, node.P2))
 
 
 def _total_transition(transition: Any) -> Any:
-    """Return Phi2 for total states, from Phi2 for error states. The blocks of the biases have opposite signs."""
+    """Return the transition matrix Phi2 of total states, from that of error states.
+
+    The blocks of the biases have opposite signs.
+    """
     signs = jnp.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
     return transition * signs[:, None] * signs[None, :]

@@ -39,7 +39,9 @@ class InertialNoise:
     """
 
     gyro: Scalar = quantity("rad^2/s^2", "Noise variance of one gyro sample.", default=4.9e-4, above=0, source=TABLE)
-    gyro_walk: Scalar = quantity("rad^2/s^3", "Random walk of the gyro's bias.", default=5e-4, low=0, source=TABLE)
+    gyro_walk: Scalar = quantity(
+        "rad^2/s^3", "Density of the random walk of the gyro's bias.", default=5e-4, low=0, source=TABLE
+    )
     forward: Scalar = quantity(
         "m^2/s^4", "Noise variance of one forward accelerometer sample.", default=3.4e-2, above=0, source=TABLE
     )
@@ -47,7 +49,7 @@ class InertialNoise:
         "m^2/s^4", "Noise variance of one starboard accelerometer sample.", default=2.7e-2, above=0, source=TABLE
     )
     force_walk: Scalar = quantity(
-        "m^2/s^5", "Random walk of each accelerometer's bias.", default=5e-4, low=0, source=TABLE
+        "m^2/s^5", "Density of the random walk of each accelerometer's bias.", default=5e-4, low=0, source=TABLE
     )
     heading: Scalar = quantity("rad^2", "Variance of a heading measurement.", default=1.6e-4, above=0, source=TABLE)
     position: Scalar = quantity(
@@ -61,13 +63,13 @@ class InertialNoise:
     )
     heading_constant: Scalar = quantity(
         "rad",
-        "Constant error of the heading sensor, e.g. of its mounting. It is unobservable, so the variance includes it.",
+        "Constant error (1 sigma) of the heading sensor, e.g. from its mounting. It is added to the reported variance.",
         default=0.0,
         low=0,
     )
     position_constant: Scalar = quantity(
         "m",
-        "Constant error of the positions, e.g. of a beacon's survey. It is unobservable, so the variance includes it.",
+        "Constant error (1 sigma) of the positions, e.g. from a beacon's survey. It is added to the reported variance.",
         default=0.0,
         low=0,
     )
@@ -99,11 +101,14 @@ class InertialNoise:
         return jnp.zeros_like(dt) if self.covariance == "literal" else dt
 
     def heading_noise(self, variance: Any) -> Any:
-        """Return R of a heading (1, 1): the given variance if it is above 0, else the default."""
+        """Return the noise variance R (1, 1) of a heading: the given variance if it is above 0, else the default."""
         return jnp.reshape(jnp.where(variance > 0, variance, self.heading), (1, 1))
 
     def position_noise(self, variance: Any) -> Any:
-        """Return R of a position fix (2, 2): the given variance or covariance (2, 2) if above 0, else the default."""
+        """Return the noise covariance R (2, 2) of a position fix.
+
+        variance: variance or covariance (2, 2) of the fix. If it is not above 0, the default is returned.
+        """
         own = variance if np.ndim(variance) == 2 else variance * jnp.eye(2)
         return jnp.where(own[0, 0] > 0, own, self.position * jnp.eye(2))
 
@@ -150,8 +155,9 @@ def heading_process_noise(growth: Any, reach: Any) -> Any:
 def motion_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
     """Return the process noise G2 Q2 G2' (6, 6) of velocity, position and biases. Noise along body axes is turned to W.
 
-    With a reach of dt, the result is the exact integral of white noise of velocity and biases over dt. With a reach of
-    0, as printed in [1], noise of the velocity does not affect the position in the same step.
+    reach: `InertialNoise.integration_time`. If it is dt, the result is the exact integral of white noise of velocity
+    and biases over dt. If it is 0, as printed in [1], noise of the velocity does not affect the position in the same
+    step.
     """
     B = planar(heading)
     V, A = (B * growth[2:4]) @ B.T, (B * growth[4:6]) @ B.T
@@ -190,13 +196,13 @@ def dual_model(noise: InertialNoise, dt: Any, untrusted: Any, heading: Any) -> D
 
 
 def aided_point(form: InertialForm, heading: Any, heading_variance: Any, variance: Any) -> tuple[Any, Any]:
-    """Return the vector (2,) in W from the IMU to the measured point, and R (2, 2) of the position measurement."""
+    """Return the vector (2,) in W from the IMU to the measured point, and the position's noise covariance (2, 2)."""
     arm, slope = rotate_lever(heading, form.arms.imu_to_aided_point())
     return arm, lever_arm_noise(form.noise.position_noise(variance), slope, heading_variance)
 
 
 def lever_arm_noise(R: Any, slope: Any, variance: Any) -> Any:
-    """Return R (2, 2) plus the uncertainty of a lever arm due to an uncertain heading.
+    """Return the noise covariance R (2, 2) plus the uncertainty of a lever arm due to an uncertain heading.
 
     The dual filters don't estimate the heading from positions. They treat the lever arm's error due to the heading as
     noise.  slope: derivative of the lever arm by heading (2,).  variance: variance of the heading.
@@ -207,8 +213,8 @@ def lever_arm_noise(R: Any, slope: Any, variance: Any) -> Any:
 def belief_covariance(P1: Any, P2: Any, bias_sign: float = 1.0) -> Any:
     """Return the covariance (8, 8) of a Belief from the covariances of the two filters, which are taken as independent.
 
-    bias_sign: -1 if a filter's bias has the opposite sign of a Belief's error, relative to the errors of heading,
-    velocity and position; else 1.
+    bias_sign: 1 if the bias error has the same sign in the filters as in a Belief; -1 if its sign is reversed. The
+    errors of heading, velocity and position have the same sign in both.
     """
     s = bias_sign
     zero = jnp.zeros(4)

@@ -8,7 +8,7 @@ dtheta is in B, dv and dp are in W. If raw ranges are used, two more numbers fol
 clock. After a measurement the estimated error is added to the state and reset to zero.
 
 The covariance P is propagated over many samples at once, by their combined increment (`strapdown`). A measurement is
-fused one number at a time, in Joseph's form, so that no matrix is inverted.
+fused one scalar at a time, in Joseph's form, so that no matrix is inverted.
 
 Source: [1] Solà, "Quaternion kinematics for the error-state Kalman filter", arXiv:1711.02508, chapters 5 to 7 (local
 angular error). [2] Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed.,
@@ -29,7 +29,7 @@ from trimtab.core.rotation import DEG, cross_matrix
 from trimtab.estimators.inertial.strapdown import Increment, Kinematics, compose, increment_of, move, no_increment
 
 ATTITUDE, VELOCITY, POSITION, GYRO_BIAS, FORCE_BIAS, CLOCK = (slice(i, i + 3) for i in range(0, 18, 3))
-"""Slices of the error vector of the error-state filter. The clock has two numbers, the others have three."""
+"""Slices of the error vector of the error-state filter. The clock's slice has two numbers, each other slice three."""
 NAVIGATION = 9
 """Number of error states that the IMU propagates: attitude, velocity, position."""
 ERRORS = 15
@@ -42,7 +42,7 @@ class SpatialNoise:
 
     The values are densities of white noise, as in the inertial unit's error model. The fields doubtful_... are used for
     saturated samples and for gaps.
-    Source: docs page, Gnss and inertial; chosen for `Imu` with a good micromachined unit.
+    Source: docs page, Gnss and inertial; the defaults suit `Imu` with the errors of a good MEMS unit.
     """
 
     gyro: Scalar = quantity("rad/s/Hz^0.5", "White noise of the gyros.", default=2e-4, above=0)
@@ -63,7 +63,7 @@ class SpatialStart:
     velocity: Any = quantity("m/s", "Initial velocity: north, east, down.", default=ZERO, frame="W", shape=(3,))
     position: Any = quantity("m", "Initial position: north, east, down.", default=ZERO, frame="W", shape=(3,))
     sigma_tilt: Scalar = quantity(
-        "rad", "Standard deviation of the initial tilt about each level body axis.", default=2.0 * DEG, above=0
+        "rad", "Standard deviation of the initial tilt about the body's x and y axes.", default=2.0 * DEG, above=0
     )
     sigma_heading: Scalar = quantity(
         "rad", "Standard deviation of the initial heading error about the body's z axis.", default=5.0 * DEG, above=0
@@ -118,11 +118,11 @@ class Nominal:
     gyro_bias: Any = quantity("rad/s", "Estimated bias of the gyros.", frame="B", shape=(3,))
     force_bias: Any = quantity("m/s^2", "Estimated bias of the accelerometers.", frame="B", shape=(3,))
     clock: Any = quantity("1", "Bias (m) and drift (m/s) of the receiver's clock.", shape=(2,))
-    rate: Any = quantity("rad/s", "Angular velocity of the last sample, without gyro bias.", frame="B", shape=(3,))
+    rate: Any = quantity("rad/s", "Angular velocity of the last sample, corrected for bias.", frame="B", shape=(3,))
     acceleration: Any = quantity("m/s^2", "Acceleration of the IMU in the last sample.", frame="W", shape=(3,))
     P: Any = quantity("1", "Covariance of the error (n, n), n = 15 or 17.")
     span: Increment = part("Motion increment since the covariance P was last propagated.")
-    untrusted: Scalar = quantity("s", "Time since P was last propagated during which the IMU was not trusted.")
+    untrusted: Scalar = quantity("s", "Time during which the IMU was not trusted since P was last propagated.")
 
 
 def first_nominal(start: SpatialStart, n: int) -> Nominal:
@@ -167,8 +167,8 @@ def transition(R_WB: Any, one: Increment) -> Any:
     """Return the first 9 rows (9, 15) of the error's transition matrix over an increment that begins at R_WB (3, 3).
 
     The effects of errors of attitude, velocity and position are exact. The effects of bias errors are computed for a
-    constant angular rate. For attitude and velocity they are correct to second order in the turn, also for a changing
-    force (T dv - dp is the integral of s f(s)). For position they assume a constant force.
+    constant angular rate. For attitude and velocity they are correct to second order in the rotation angle, also for a
+    changing force (T dv - dp is the integral of s f(s)). For position they assume a constant force.
     """
     T, dR = one.time, quaternion.to_matrix(one.turn)
     eye, none = jnp.eye(3), jnp.zeros((3, 3))
@@ -274,8 +274,8 @@ def fuse_scalars(P: Any, y: Any, H: Any, R: Any, wanted: Any, gate: Any) -> Fusi
 def put_error_in(x: Nominal, error: Any, P: Any) -> Nominal:
     """Return the state corrected by an error (n,), with P (n, n) as the remaining covariance.
 
-    P is rotated to the corrected attitude by the right Jacobian of the turn, to second order. Source: [1] eqs. 283-286
-    and 183.
+    P is rotated to the corrected attitude by the right Jacobian of this rotation, to second order. Source: [1] eqs.
+    283-286 and 183.
     """
     turn = error[ATTITUDE]
     n = P.shape[0]

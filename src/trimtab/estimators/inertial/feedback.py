@@ -45,7 +45,7 @@ class FeedbackNode:
     position: Any = quantity("m", "Position of the corrected INS.", frame="W", shape=(2,))
     force_bias: Any = quantity("m/s^2", "Biases subtracted from the accelerometers' readings.", frame="B", shape=(2,))
     P1: Any = quantity("1", "Covariance of the errors of heading and gyro bias.", shape=(2, 2))
-    P2: Any = quantity("1", "Covariance of the errors of velocity, position and force biases.", shape=(6, 6))
+    P2: Any = quantity("1", "Covariance of the errors of velocity, position, accelerometer biases.", shape=(6, 6))
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: PositionFix = part("Statistics of the position updates.")
 
@@ -56,7 +56,7 @@ class AidedInertialFeedback:
     and the error states are reset to zero.
 
     The error states of heading, velocity and position are estimate minus truth. The error states of biases are true
-    minus estimated bias; they are added to the bias estimates. Between updates the errors are zero, and only the
+    minus estimated bias. They are added to the bias estimates. Between updates the errors are zero, and only the
     covariances are propagated.
 
     Valid:         for any length of flight, because the INS's errors stay as small as those of the estimate.
@@ -93,7 +93,7 @@ class AidedInertialFeedback:
     def propagate(self, node: FeedbackNode, dt: Any, imu_reading: Any, untrusted: Any) -> FeedbackNode:
         """Propagate the state by dt (s). imu_reading: IMU sample at the end of the step (3,).
 
-        Biases are turned to W with the heading at the start of the step, as in Phi2.
+        Accelerometer biases are turned to W with the heading at the start of the step, as in Phi2.
         """
         m = dual_model(self.noise, dt, untrusted, node.heading)
         x = node.heading, node.velocity, node.position, node.gyro_bias, node.force_bias
@@ -117,7 +117,7 @@ class AidedInertialFeedback:
         )
 
     def correct_position(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
-        """Correct the state with a position z (2,) of the aided point. If its variance is 0, use noise.position."""
+        """Correct the state with a measured position z (2,) (m). If its variance is 0, use noise.position."""
         arm, R = aided_point(self, node.heading, node.P1[0, 0], variance)
         y = node.position + arm - z
         correction, fix = fuse_position(self, node, jnp.zeros(6), node.P2, y, POSITION_ROWS, R, sign=-1.0)
@@ -131,6 +131,6 @@ class AidedInertialFeedback:
         )
 
     def belief(self, node: FeedbackNode) -> Belief:
-        """Return the estimate (Belief) of the IMU's motion."""
+        """Return the estimated motion of the IMU and its covariance, as a Belief."""
         x = jnp.concatenate([node.heading[None], node.velocity, node.position, node.gyro_bias[None], node.force_bias])
         return Belief(x, belief_covariance(node.P1, node.P2, -1.0))

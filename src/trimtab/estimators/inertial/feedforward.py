@@ -45,7 +45,7 @@ class FeedforwardNode:
     x1: Any = quantity("1", "Estimated errors: heading (rad), gyro bias (rad/s).", shape=(2,))
     P1: Any = quantity("1", "Covariance of the errors of heading and gyro bias.", shape=(2, 2))
     x2: Any = quantity("1", "Estimated errors: velocity (m/s), position (m), accelerometer biases (m/s^2).", shape=(6,))
-    P2: Any = quantity("1", "Covariance of the errors of velocity, position and force biases.", shape=(6, 6))
+    P2: Any = quantity("1", "Covariance of the errors of velocity, position, accelerometer biases.", shape=(6, 6))
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: PositionFix = part("Statistics of the position updates.")
 
@@ -61,7 +61,7 @@ class AidedInertialFeedforward:
                    never reset: after half an hour with biases of 0.1 m/s^2 the INS is 160 km off, which is still
                    harmless in double precision.
     Not modelled:  effect of a heading error on the velocity. Positions don't correct the heading in this form.
-    Source:        [1] chapter 3; differences from the source: docs page and Errata.
+    Source:        [1] chapter 3; differences from [1]: docs page and Errata.
     """
 
     intake: Intake = part("Sensors that are read, and checks of their samples.", default=Intake())
@@ -119,14 +119,14 @@ class AidedInertialFeedforward:
         return replace(node, x1=correction.x, P1=correction.P, heading_fix=fix)
 
     def correct_position(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
-        """Correct the state with a position z (2,) of the aided point. If its variance is 0, use noise.position."""
+        """Correct the state with a measured position z (2,) (m). If its variance is 0, use noise.position."""
         arm, R = aided_point(self, node.heading - node.x1[0], node.P1[0, 0], variance)
         y = node.position + arm - z - node.x2[2:4]
         correction, fix = fuse_position(self, node, node.x2, node.P2, y, POSITION_ROWS, R, sign=-1.0)
         return replace(node, x2=correction.x, P2=correction.P, position_fix=fix)
 
     def belief(self, node: FeedforwardNode) -> Belief:
-        """Return the estimate (Belief) of the IMU's motion."""
+        """Return the estimated motion of the IMU and its covariance, as a Belief."""
         heading = node.heading - node.x1[0]
         kinematic = [heading[None], node.velocity - node.x2[:2], node.position - node.x2[2:4]]
         x = jnp.concatenate([*kinematic, node.x1[1:], node.x2[4:]])

@@ -1,13 +1,13 @@
 """Fusion at a delayed horizon: the filter runs a fixed delay behind the present, so that late measurements arrive in
 time. The motion from the filter's time to the present is kept separately.
 
-Samples of the IMU wait in a ring buffer until they are `delay` old. Then the filter uses them. A fix that is not yet
-that old waits as well, and is fused when the filter reaches the time at which the fix was measured. No sample is
+Samples of the IMU wait in a ring buffer until they are `delay` old. Then the filter uses them. A newer fix
+waits as well, and is fused when the filter reaches the time at which the fix was measured. No sample is
 processed twice, only one state is stored, and the cost of a step does not depend on the delay of a fix.
 
 The vehicle's motion from the filter's time to the present is a single increment (`strapdown`), updated at both ends: a
 new sample is appended, and samples that the filter has used are removed from the front. The increments form a group, so
-that this is exact. Each sample was added with the biases estimated at that time. The window stores the integral of
+that this is exact. Each sample was added with the biases estimated when it arrived. The window stores the integral of
 these biases and is corrected to first order for later changes (`correct_window`).
 
 Source: delayed horizon: Khosravian et al., "Recursive attitude estimation in the presence of multi-rate and multi-delay
@@ -55,7 +55,9 @@ class InertialWindow:
         "1", "Last IMU sample: angular velocity (rad/s), specific force (m/s^2).", frame="B", shape=(6,)
     )
     motion: Increment = part("Combined motion increment of all waiting samples.")
-    entered: Any = quantity("1", "Integral of the waiting samples' biases: rad, m/s.", shape=(6,))
+    entered: Any = quantity(
+        "1", "Time integral of the biases of all waiting samples: gyro (rad), accelerometer (m/s).", shape=(6,)
+    )
 
 
 @record
@@ -151,7 +153,10 @@ def take_sample(window: InertialWindow) -> tuple[InertialWindow, FeltSample]:
 
 
 def correct_window(window: InertialWindow, gyro_bias: Any, force_bias: Any) -> Increment:
-    """Return the window's motion for new biases, to first order. The change is spread evenly over the window's time."""
+    """Return the window's motion increment, corrected to first order for new biases.
+
+    The change of bias is spread evenly over the window's time.
+    """
     one = window.motion
     turned = window.entered[:3] - gyro_bias * one.time
     pushed = window.entered[3:] - force_bias * one.time

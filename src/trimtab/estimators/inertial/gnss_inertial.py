@@ -1,4 +1,4 @@
-"""Inertial navigation in space, aided by satellites: strapdown integration of a quaternion, and a filter of 15 errors.
+"""Inertial navigation in space, aided by satellites: strapdown integration with a quaternion, and an error filter.
 
     step    receive: validate samples -> add_sample, add_fix (fusion_horizon)
             follow:  take_sample -> propagate (error_state) -> catch_up and correct, when a fix is due
@@ -70,7 +70,9 @@ IMU_WIDTH = 6
 class GnssFix:
     """Statistics of the updates with satellite measurements. Source: docs page, Gnss and inertial."""
 
-    innovation: Any = quantity("1", "Innovations of the last measurement, measured minus predicted; m, then m/s.")
+    innovation: Any = quantity(
+        "1", "Innovations (measured minus predicted) of the last measurement: those in m, then those in m/s."
+    )
     normalised: Any = quantity("1", "Innovations of the last measurement, divided by their standard deviations.")
     nis: Scalar = quantity(
         "1", "NIS: sum of squared normalised innovations, chi-square with as many degrees of freedom as values."
@@ -78,15 +80,17 @@ class GnssFix:
     numbers: Scalar = quantity("1", "Number of values in the newest satellite measurement.", kind="count")
     used: Scalar = quantity("1", "Number of satellite measurements used so far.", kind="count")
     rejected: Scalar = quantity(
-        "1", "Number of rejected measurements. With raw ranges: those with every range rejected.", kind="count"
+        "1", "Number of rejected measurements. Raw ranges count as rejected if every range was rejected.", kind="count"
     )
-    rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last one used.", kind="count")
+    rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last used one.", kind="count")
     given_in: Scalar = quantity(
         "1",
         "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
         kind="count",
     )
-    late: Scalar = quantity("1", "Number of measurements not used: too late, or the queue was full.", kind="count")
+    late: Scalar = quantity(
+        "1", "Number of measurements not used because they came too late or the queue was full.", kind="count"
+    )
 
 
 @record
@@ -107,7 +111,7 @@ class SpatialNavigationState:
     )
     sigma_gyro_bias: Any = quantity("rad/s", "Standard deviation of the gyro biases.", frame="B", shape=(3,))
     sigma_force_bias: Any = quantity("m/s^2", "Standard deviation of the accelerometer biases.", frame="B", shape=(3,))
-    clock: Any = quantity("1", "Bias (m) and drift (m/s) of the receiver's clock; 0 with fixes.", shape=(2,))
+    clock: Any = quantity("1", "Bias (m) and drift (m/s) of the receiver's clock; 0 for aiding by fixes.", shape=(2,))
     gnss_fix: GnssFix = part("Statistics of the receiver's updates.")
     imu: SensorWatch = part("Checks of the IMU's samples.")
     gnss: SensorWatch = part("Checks of the receiver's samples.")
@@ -125,7 +129,7 @@ class GnssInertialState:
     since: Scalar = quantity("1", "Number of IMU samples since the covariance was last propagated.", kind="count")
     window: InertialWindow = part("IMU samples from the filter's time to the present.")
     fixes: WaitingFixes = part("Satellite measurements later than the filter's time, which wait to be used.")
-    sigma: Any = quantity("1", "Standard deviations reported last, of each error state (15,).")
+    sigma: Any = quantity("1", "Last reported standard deviation of each error state (15,).")
     gnss_fix: GnssFix = part("Statistics of the updates with satellite measurements.")
     imu: SensorWatch = part("Checks of the IMU's samples.")
     gnss: SensorWatch = part("Checks of the receiver's samples.")
@@ -136,8 +140,8 @@ class GnssInertial:
     """Strapdown navigation, aided by fixes of position and velocity, or by raw ranges and range rates.
 
     With `aiding` "fixes" the filter is loosely coupled and has 15 error states. With "ranges" it is tightly coupled and
-    has 17, two of them for the clock; it also works with fewer than four satellites. Measurements up to `delay` old are
-    fused at the time at which they were measured.
+    has 17, two of them for the clock. It then also works with fewer than four satellites. Measurements up to `delay`
+    old are fused at the time at which they were measured.
 
     The heading is only observable under lateral acceleration, e.g. in a turn. Until then, its uncertainty grows.
 
@@ -149,8 +153,12 @@ class GnssInertial:
     noise: SpatialNoise = part("Noise of the IMU and of the receiver's clock.", default=SpatialNoise())
     receiver: GnssNoise = part("Noise of the receiver's fixes or ranges.", default=GnssNoise())
     start: SpatialStart = part("Initial estimate and its uncertainty.", default=SpatialStart())
-    lever_arm: Any = quantity("m", "Position of the GNSS antenna.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,))
-    gravity: Any = quantity("m/s^2", "Gravity.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
+    lever_arm: Any = quantity(
+        "m", "Position of the GNSS antenna, measured from the IMU.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,)
+    )
+    gravity: Any = quantity(
+        "m/s^2", "Gravity vector: north, east, down.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,)
+    )
     gate: Scalar = quantity(
         "1", "NIS gate for fixes; default: 0.9999 quantile with 6 degrees of freedom.", default=27.856, above=0
     )
@@ -204,11 +212,13 @@ class GnssInertial:
     def check(self) -> None:
         """Raise InputError if a number of samples is too small or a sensor name is used twice."""
         if self.slots < 2:
-            raise InputError("slots", f"must be at least 2, got {self.slots}", fix="set slots above delay / period")
+            raise InputError(
+                "slots", f"must be at least 2, got {self.slots}", fix="set slots above delay / (period of the IMU)"
+            )
         if self.carried < 1:
             raise InputError(
                 "carried",
-                f"the number of samples must be at least 1, got {self.carried}",
+                f"the number of IMU samples must be at least 1, got {self.carried}",
                 fix="give 1 or more, e.g. 20",
             )
         if self.imu == self.gnss:
@@ -244,7 +254,7 @@ class GnssInertial:
         return state, Estimate(t=t, age=age, fresh=fresh, valid=valid, state=_navigation(self, state, silent))
 
     def _widths(self) -> tuple[int, int]:
-        """Return the number of values in a satellite measurement, and the number of those that are measured."""
+        """Return the number of values in a satellite measurement, and the number of measured quantities among them."""
         if self.aiding == "ranges":
             return RANGE_NUMBERS * self.satellites, 2 * self.satellites
         return FIX_NUMBERS, FIX_NUMBERS

@@ -46,7 +46,7 @@ class GnssNoise:
     range_rate: Scalar = quantity("m/s", "Standard deviation of a range rate.", default=0.08, above=0)
     constant: Scalar = quantity(
         "m",
-        "Constant error of each position coordinate. It is unobservable, so the reported uncertainty includes it.",
+        "Constant error (1 sigma) of each position coordinate. It is added to the reported uncertainty.",
         default=0.0,
         low=0,
         off={"gnss-correlated-error": 0.0},

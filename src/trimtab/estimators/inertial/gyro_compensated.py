@@ -19,7 +19,7 @@ from trimtab.estimators.inertial.sensor_watch import NEVER
 
 @record
 class CompensatorState:
-    """State of the gyro compensator: two previous gyro samples of any shape. Source: [1] eq. 6.2."""
+    """State of the gyro compensator: the last two gyro samples, of any shape. Source: [1] eq. 6.2."""
 
     y1: Any = quantity("rad/s", "Previous gyro sample.")
     y2: Any = quantity("rad/s", "Gyro sample before the previous one.")
@@ -31,15 +31,19 @@ class GyroCompensator:
 
         u_k = (y_k + a1 y_{k-1} + a2 y_{k-2})/b0          [1, eq. 6.2 inverted]
 
-    The compensator is causal and always stable. It increases the noise: by a factor of 4.4 in standard deviation, and
-    by a factor of 7 at half the sampling rate. Above 15 Hz the gain of the identified model is too low. The compensated
-    rate is therefore too large, e.g. by a factor of 1.5 at 20 Hz.
+    The compensator is causal and always stable. It amplifies white noise by a factor of 4.4 in standard
+    deviation, and a signal at half the sampling rate by a factor of 7. Above 15 Hz the gain of the identified model is
+    too low. The compensated rate is therefore too large, e.g. by a factor of 1.5 at 20 Hz.
 
     Valid:   for samples every 6.5536 ms.    Source: [1] eq. 6.2 and table 6.5.
     """
 
     b0: Scalar = quantity(
-        "1", "Coefficient of the newest true rate in the gyro model.", default=0.3236, above=0, source="[1] eq. 6.2"
+        "1",
+        "Coefficient of the newest true angular rate in the gyro model.",
+        default=0.3236,
+        above=0,
+        source="[1] eq. 6.2",
     )
     a1: Scalar = quantity("1", "Coefficient of the gyro's previous output.", default=-0.9805, source="[1] eq. 6.2")
     a2: Scalar = quantity(
@@ -79,7 +83,7 @@ class CompensatedInertial:
     """Aided inertial navigation of any form, with each gyro sample compensated for the gyro's dynamics first.
 
     The first sample, and a sample after a gap, restart the compensator as if the rate had been constant for all time.
-    Samples that are older, repeated or not finite pass unchanged, because the navigation rejects them.
+    Samples that are late, repeated or not finite pass unchanged, because the navigation rejects them.
 
     Valid:   for samples at the compensator's sampling rate. If the time between samples exceeds `gap`, nothing is
              compensated.

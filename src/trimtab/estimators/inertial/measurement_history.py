@@ -46,7 +46,7 @@ class History:
 
     head: Scalar = quantity("1", "Slot of the oldest event in the ring buffer.", kind="count")
     t: Any = quantity(
-        "100 ns", "Time at which each event was measured, not decreasing from the oldest on.", kind="time"
+        "100 ns", "Measurement time of each event; never decreases from the oldest event to the newest.", kind="time"
     )
     kind: Any = quantity("1", "Kind of each event: IMU sample, heading, position or ranges.", kind="mode", modes=KINDS)
     value: Any = quantity("1", "Measured values of each event, in the sensor's units.")
@@ -85,7 +85,7 @@ def empty_history(node: Any, slots: int, width: int = POSITION_NUMBERS) -> Histo
 
 
 def newest_imu_index(h: History) -> Any:
-    """Return the index, counted from the oldest event, of the newest IMU sample; the last index without a sample."""
+    """Return the index, counted from the oldest event, of the newest IMU sample; the last index if none is stored."""
     last = np.int32(h.t.shape[0] - 1)
     i = lax.while_loop(lambda i: (i >= 0) & (_read_slot(h.kind, _slot_index(h, i)) != IMU), lambda i: i - 1, last)
     return jnp.where(i < 0, last, i)
@@ -94,7 +94,7 @@ def newest_imu_index(h: History) -> Any:
 def check_room(h: History, reached: Any, event: Event) -> tuple[Any, Any]:
     """Return two flags: True if an event fits into the history, and True if the history already contains it.
 
-    An event does not fit if it is older than the whole history, because no state is stored to start from. One slot is
+    An event does not fit if it is older than the whole history, because no earlier filter state is stored. One slot is
     reserved for the IMU.  reached: index up to which the stored states are valid.
     """
     before = _last_index(h, event.t)

@@ -105,7 +105,7 @@ class InertialStart:
 class LeverArms:
     """Positions of the IMU and the position sensor in B. Source: docs page, Aided inertial navigation."""
 
-    imu: Any = quantity("m", "Position of the IMU.", default=np.zeros(2), frame="B", shape=(2,))
+    imu: Any = quantity("m", "Position of the IMU on the vehicle.", default=np.zeros(2), frame="B", shape=(2,))
     aiding: Any = quantity(
         "m", "Position of the point that the position sensor measures.", default=np.zeros(2), frame="B", shape=(2,)
     )
@@ -142,7 +142,7 @@ def mechanise_corrected(dt: Any, before: Any, imu_reading: Any, x: Any) -> tuple
 
 
 def rotate_lever(heading: Any, arm: Any) -> tuple[Any, Any]:
-    """Return a lever arm (2,), given in B, in the frame W, and its derivative by the heading."""
+    """Return a lever arm (2,) converted from B to W, and its derivative by the heading."""
     B = planar(heading)
     quarter = jnp.stack([-arm[1], arm[0]])
     return B @ arm, B @ quarter

@@ -110,7 +110,7 @@ def no_position_fix() -> PositionFix:
 
 
 def first_of_node(position_fix: Any = None) -> dict[str, Any]:
-    """Return the initial values of the fields that the nodes of all filter forms have in common.
+    """Return the initial values of the fields that the filter states (nodes) of all forms share.
 
     position_fix: initial statistics of the position updates; default: a PositionFix.
     """
@@ -126,7 +126,7 @@ def first_of_node(position_fix: Any = None) -> dict[str, Any]:
 def fuse_heading(
     form: InertialForm, node: Any, x: Any, P: Any, y: Any, H: Any, R: Any, *, consider: Any = None, sign: float = 1.0
 ) -> tuple[Update, HeadingFix]:
-    """Return the update of a node's x, P by a heading, gated by the form's intake, and the statistics after it.
+    """Return the update of x and P with a heading, using the gate of the form's intake, and the new statistics.
 
     Other arguments are those of `fuse_measurement`.
     """
@@ -137,7 +137,7 @@ def fuse_heading(
 def fuse_position(
     form: InertialForm, node: Any, x: Any, P: Any, y: Any, H: Any, R: Any, *, consider: Any = None, sign: float = 1.0
 ) -> tuple[Update, PositionFix]:
-    """Return the update of a node's x, P by a position, gated by the form's intake, and the statistics after it.
+    """Return the update of x and P with a position, using the gate of the form's intake, and the new statistics.
 
     Other arguments are those of `fuse_measurement`.
     """
@@ -163,7 +163,7 @@ def fuse_measurement(
     """Return the result of one update, and its statistics, a HeadingFix or PositionFix.
 
     After `patience` consecutive rejections, the next measurement is accepted even if it is outside the gate. The
-    covariance is first inflated until the innovation is a typical one. If patience is 0, this never happens. The other
+    covariance is first inflated until the innovation is plausible. If patience is 0, this never happens. The other
     arguments are those of `kalman.update` and `count_measurement`.
     """
     patience = jnp.asarray(patience)

@@ -20,8 +20,8 @@ from trimtab.core import quaternion
 from trimtab.core.record import Scalar, quantity, record
 
 ORDER = 4
-"""Order of the series in the turn within one IMU sample. The error is below rounding up to 0.1 rad, and 1e-8 at 1 rad.
-"""
+"""Order of the power series in the rotation angle within one IMU sample. The truncation error is 1e-8 at 1 rad. For
+angles of at most 0.1 rad it is smaller than the rounding error."""
 
 
 @record
@@ -49,7 +49,8 @@ def no_increment() -> Increment:
 
 
 def average_samples(w0: Any, f0: Any, w1: Any, f1: Any, dt: Any) -> tuple[Any, Any]:
-    """Return the constant angular velocity and force (3,) equivalent over dt (s) to linear change between two samples.
+    """Return the constant angular velocity and force (3,) that act over dt (s) like a linear change between two
+    samples.
 
     The coning term dt/12 w0 × w1 and the sculling term dt/12 (w0 × f1 - w1 × f0) are the second term of the Magnus
     series for a rate that changes linearly.

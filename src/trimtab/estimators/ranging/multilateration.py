@@ -176,7 +176,7 @@ def solve_in_space(anchors: Any, ranges: Any, used: Any, start: Any) -> tuple[An
 def solve_leaving_one_out(
     solve: Callable[..., Solution], plan: Any, height: Any, ranges: Any, used: Any, suffices: Callable[[Solution], Any]
 ) -> Solution:
-    """Return the solution with all beacons, and the n solutions with one beacon left out each.
+    """Return the solution with all beacons, and the n solutions that each leave out one beacon.
 
     The fields have a leading axis (n + 1,). If the solution with all beacons is good enough, the others are not
     computed, and are 0.

@@ -32,7 +32,7 @@ from trimtab.estimators.ranging.position import SQUARE
 HEADING, NORTH, EAST, TURN_BIAS, COURSE, SCALE, ERRORS = range(7)
 """Indices of the states of the odometry filter. From ERRORS on, there is one range error for each beacon."""
 DOUBTED_MIN = 3
-"""Smallest number of beacons with rejected newest ranges for a restart. Two circles would intersect twice."""
+"""Smallest number of beacons with a rejected newest range for a restart. Two beacons would allow two positions."""
 OTHERS_MIN = 3
 """Smallest number of ranges, to beacons other than the two with the most ranges, that is needed for a restart."""
 AGREEMENT = 2.0
@@ -40,7 +40,7 @@ AGREEMENT = 2.0
 RESTART_VARIANCE = 4.0
 """Factor on the variances after a restart. It allows for the error that all ranges of a beacon have in common."""
 NEAREST = 0.01
-"""Smallest distance to a beacon (m) that is used in computations, because a range has no direction at the beacon."""
+"""Lower limit of the distance to a beacon (m) in computations. At the beacon, a range has no direction."""
 
 
 @record
@@ -51,7 +51,10 @@ class OdometryNoise:
     """
 
     slip: Scalar = quantity(
-        "m/sqrt(m)", "Random walk of the position over the distance, along and across the path.", default=0.03, above=0
+        "m/sqrt(m)",
+        "Random walk of the position over the distance driven, along and across the path.",
+        default=0.03,
+        above=0,
     )
     turn: Scalar = quantity("rad/sqrt(s)", "Random walk of the heading over time.", default=2e-3, above=0)
     bias_walk: Scalar = quantity("rad/s/sqrt(s)", "Random walk of the yaw rate's bias.", default=1e-5, low=0)
@@ -100,7 +103,10 @@ class PlanarStart:
         "rad/s", "Standard deviation of the yaw rate's initial bias.", default=5e-3, low=0
     )
     sigma_course: Scalar = quantity(
-        "rad", "Standard deviation of the initial angle from the body's x axis to the motion.", default=0.03, low=0
+        "rad",
+        "Standard deviation of the initial angle from the body's x axis to the direction of motion.",
+        default=0.03,
+        low=0,
     )
 
 
@@ -112,7 +118,9 @@ class RadioFix:
     normalised: Any = quantity("1", "Range innovations divided by their standard deviations.")
     nis: Any = quantity("1", "NIS of each beacon's range.")
     accepted: Any = quantity("1", "True for each beacon whose range was used.", kind="flag")
-    refused_in_a_row: Any = quantity("1", "Ranges of each beacon rejected since its last accepted range.", kind="count")
+    refused_in_a_row: Any = quantity(
+        "1", "Number of ranges of each beacon rejected since its last accepted range.", kind="count"
+    )
     used: Scalar = quantity("1", "Number of ranges used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
     rejected_in_a_row: Scalar = quantity("1", "Number of ranges rejected since the last accepted range.", kind="count")
@@ -121,7 +129,9 @@ class RadioFix:
         "Number of restarts of the pose from ranges that agree with each other.",
         kind="count",
     )
-    late: Scalar = quantity("1", "Number of messages with ranges too far in time from the odometry.", kind="count")
+    late: Scalar = quantity(
+        "1", "Number of messages not used because their ranges were too far in time from the odometry.", kind="count"
+    )
 
 
 @record
@@ -149,8 +159,8 @@ class OdometryState:
     """State of the filter of odometry and ranges. Source: docs page, Odometry and ranges."""
 
     t: Scalar = quantity("100 ns", "Time of the newest odometry sample.", kind="time")
-    distance: Scalar = quantity("m", "Total distance in the newest odometry sample.")
-    turn: Scalar = quantity("rad", "Total angle in the newest odometry sample.", kind="angle")
+    distance: Scalar = quantity("m", "Total distance driven, from the newest odometry sample.")
+    turn: Scalar = quantity("rad", "Total angle turned, from the newest odometry sample.", kind="angle")
     speed: Scalar = quantity("m/s", "Speed at the newest odometry sample.")
     rate: Scalar = quantity("rad/s", "Yaw rate at the newest odometry sample.")
     moved: Scalar = quantity("1", "True once two odometry samples have given speed and yaw rate.", kind="flag")
@@ -177,7 +187,8 @@ class OdometryRanging:
 
     Frames:  beacons in W; level vehicle on a flat floor.
     Valid:   from the first odometry sample on, with a given initial pose (`OdometryParticle` finds the pose itself).
-    Not modelled: antennas away from the vehicle's reference point; a range's curvature (beacons are metres away).
+    Not modelled: antennas away from the vehicle's reference point; a range's curvature, which is small at distances of
+                  metres.
     Source:  docs page, Odometry and ranges.
     """
 
@@ -217,7 +228,7 @@ class OdometryRanging:
 
 
 def drive_on(form: OdometryRanging, state: OdometryState, t: Any, frame: Frame) -> tuple[OdometryState, Any]:
-    """Return the state at the time of the newest odometry sample, and True if this frame has brought a motion."""
+    """Return the state at the time of the newest odometry sample, and True if the frame has added a motion."""
     s, came, motion = read_odometry(state, frame.samples[form.odometry], t, form.noise.grip)
     x, P = predict_odometry(state.x, state.P, motion, form.noise)
     recent = move_ranges(s.recent, jnp.where(came, (x - s.x)[NORTH : EAST + 1], 0.0))
@@ -277,7 +288,7 @@ def read_odometry(s: Any, sample: Any, t: Any, grip: Any) -> tuple[Any, Any, Odo
 
 
 def predict_odometry(x: Any, P: Any, m: OdometryMotion, noise: OdometryNoise) -> tuple[Any, Any]:
-    """Return state x (6 + n,) and covariance after a motion: half of the turn, the distance, the rest of the turn."""
+    """Return state x (6 + n,) and covariance after a motion: half of the turn, the distance, half of the turn."""
     angle = m.turn - x[TURN_BIAS] * m.dt
     c = x[HEADING] + x[COURSE] + angle / 2
     along = m.distance * jnp.stack([jnp.cos(c), jnp.sin(c)])
@@ -351,7 +362,7 @@ def fuse_range(form: Any, s: OdometryState, i: Any, z: Any, ahead: Any) -> Odome
 
 
 def restart_pose(form: Any, s: OdometryState, number: Any) -> OdometryState:
-    """Return the state. If the newest ranges agree with each other, its pose is restarted from them."""
+    """Return the state, with the pose restarted from the newest ranges if these agree with each other."""
     e, n, fix = form.errors, s.fix.nis.shape[0], s.fix
     sigma = jnp.sqrt(e.noise**2 + e.sigma_error**2)
     fit = fit_pose(s.recent, number, form.beacons, form.down, (e.scale, e.sigma_scale), sigma)

@@ -56,14 +56,12 @@ class ParticleFix:
     effective: Scalar = quantity("1", "Effective number of particles, from 1 to N.")
     believed: Any = quantity("1", "Total weight, 0 to 1, of the particles that accept each beacon's range (n,).")
     used: Scalar = quantity("1", "Number of pings used so far.", kind="count")
-    unit: Scalar = quantity("1", "Index of the unit that pinged.", kind="count")
+    unit: Scalar = quantity("1", "Index of the vehicle's unit that sent the ping.", kind="count")
     redrawn: Scalar = quantity("1", "Number of times the particles were resampled.", kind="count")
-    doubted: Scalar = quantity(
-        "1", "Number of consecutive pings with ranges that most particles rejected.", kind="count"
-    )
+    doubted: Scalar = quantity("1", "Number of consecutive pings whose ranges most particles rejected.", kind="count")
     tracking: Scalar = quantity("1", "True while the filter has particles; False before a start.", kind="flag")
     starts: Scalar = quantity(
-        "1", "Number of times the particles were drawn from scratch, i.e. of starts.", kind="count"
+        "1", "Number of starts, i.e. of times the particles were drawn from scratch.", kind="count"
     )
     scale: Scalar = quantity("1", "Scale error common to all ranges, positive if they are too long.")
 
@@ -74,15 +72,15 @@ class ParticleState:
 
     key: Key = part("Key of the random number generator.")
     cloud: Cloud = part("Particles and their weights.")
-    at: Scalar = quantity("100 ns", "Time of the particles: that of the last ping used, or later.", kind="time")
-    history: ImuHistory = part("Newest IMU samples, since before the last ping used.")
+    at: Scalar = quantity(
+        "100 ns", "Time to which the particles are propagated: that of the last used ping, or later.", kind="time"
+    )
+    history: ImuHistory = part("Newest IMU samples. The oldest is from before the last used ping.")
     fix: ParticleFix = part("Statistics of the particles.")
     imu: SensorWatch = part("Checks of the IMU's samples.")
     position: SensorWatch = part("Checks of the ranging sensor's samples.")
     heading: Any = part("Checks of a heading sensor; always None, because the filter reads none.", default=None)
-    clock: Scalar = quantity(
-        "100 ns", "Largest time of the autopilot's clock that has been received.", kind="time", default=NEVER
-    )
+    clock: Scalar = quantity("100 ns", "Latest time of the autopilot's clock so far.", kind="time", default=NEVER)
     clock_backwards: Scalar = quantity(
         "1", "Number of times the autopilot's clock ran backwards.", kind="count", default=0
     )
@@ -95,7 +93,8 @@ class Particle:
     The particles are drawn at the first ping with two or more ranges. Each particle starts with a random pair of
     beacons, at one of the two intersections of their circles, with a random heading. The filter is updated at pings.
     Between two pings, the IMU is integrated once for all particles. A ping is used at the time at which it was sent.
-    The estimate is predicted from there to the newest IMU sample. A ping older than the last ping used is not used.
+    From this time, the estimate is predicted to the newest IMU sample. A ping older than the last ping used is not
+    used.
 
     Frames:  beacons in W, units in B; level vehicle on a flat floor.
     Not modelled: a heading sensor; moved beacons (their ranges count as wrong).
@@ -107,11 +106,11 @@ class Particle:
         default=Intake(heading="", position="ranging", slots=64),
     )
     noise: InertialNoise = part("Noise of the IMU.", default=InertialNoise())
-    errors: RangeErrorModel = part("Errors of the ranges. Those of beacons are considered.", default=RangeErrorModel())
+    errors: RangeErrorModel = part("Errors of the ranges. Errors of beacons are considered.", default=RangeErrorModel())
     start: InertialStart = part("Initial velocity and standard deviations.", default=InertialStart())
     arms: LeverArms = part("Position of the IMU on the vehicle.", default=LeverArms())
     beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
-    units: Any = quantity("m", "Positions of the vehicle's units (m, 3).", default=PAIR, frame="B")
+    units: Any = quantity("m", "Positions of the vehicle's ultrasonic units (m, 3).", default=PAIR, frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
     wrong: Scalar = quantity("1", "Probability that a range is an outlier.", default=0.05, above=0, high=0.9)
     width: Scalar = quantity("m", "Width of the uniform distribution of outliers.", default=6.0, above=0)
@@ -126,10 +125,10 @@ class Particle:
         "m", "Standard deviation of the two ranges from which a particle is drawn.", default=0.03, above=0
     )
     sure: Scalar = quantity(
-        "m", "Largest standard deviation of the position of a valid estimate.", default=0.3, above=0
+        "m", "Largest standard deviation of the position for which the estimate is valid.", default=0.3, above=0
     )
     sure_heading: Scalar = quantity(
-        "rad", "Largest standard deviation of the heading of a valid estimate.", default=0.5, above=0
+        "rad", "Largest standard deviation of the heading for which the estimate is valid.", default=0.5, above=0
     )
     patience: Scalar = quantity(
         "1",
@@ -204,7 +203,7 @@ def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: Preint
     few = effective_sample_size(updated_cloud.weight) < form.N / 2
     comb, _ = uniform2(s.key, number, COMB)
     cloud = lax.cond(few, lambda: resample(updated_cloud, comb, z, form.share), lambda: updated_cloud)
-    # the tolerance 0.01 avoids that rounding errors decide if exactly half is accepted
+    # the tolerance 0.01 keeps rounding errors from deciding the case in which exactly half is accepted
     mostly = jnp.sum(jnp.where(replies, believed, 0.0)) > jnp.sum(replies) / 2 - 0.01
     doubt = jnp.where(mostly, 0, s.fix.doubted + 1)
     lost = (form.patience > 0) & (doubt >= form.patience)
@@ -271,7 +270,7 @@ def _cloud_estimate(form: Particle, t: Any, s: ParticleState, fresh: Any) -> Est
     two, none = jnp.zeros(2), jnp.zeros((2, 2))
     still = PreintegratedMotion(
         dt, dt * mean[5], two, two, none, none, jnp.ones(2)
-    )  # a turn that the bias cancels, i.e. no turn
+    )  # a gyro reading equal to the bias, i.e. no rotation
     mean, P = predict_particle(mean, P, still, motion_covariance(form.noise, mean[0], still))
     belief = Belief(mean[:DIMENSION], P[:DIMENSION, :DIMENSION])
     rate = jnp.where(silent, mean[5], s.history.imu_reading[-1, 0])

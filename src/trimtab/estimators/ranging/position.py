@@ -67,7 +67,7 @@ class RangingFix:
     )
     used: Scalar = quantity("1", "Number of ranges used at the last ping.", kind="count")
     rejected: Scalar = quantity(
-        "1", "Index of the beacon whose range was left out at the last ping; -1 if no range was.", kind="count"
+        "1", "Index of the beacon whose range was left out at the last ping; -1 if none was left out.", kind="count"
     )
     mode: Scalar = quantity("1", "Result of locating the unit at the last ping.", kind="mode", modes=MODES)
     frozen: Scalar = quantity(
@@ -89,7 +89,7 @@ class RangingPositionState:
 
     fix: RangingFix = part("Newest position fix.")
     places: Any = quantity("m", "Last position fix of each unit (m, 2), north and east.", frame="W")
-    gains: Any = quantity("1", "Effect of an error of each range on each unit's last fix (m, n, 2).", frame="W")
+    gains: Any = quantity("1", "Sensitivity of each unit's last fix to an error of each range (m, n, 2).", frame="W")
     times: Any = quantity(
         "100 ns", "Time at which each unit was last located (m,); NEVER for a unit without a fix.", kind="time"
     )
@@ -97,7 +97,7 @@ class RangingPositionState:
     seen: Scalar = quantity("100 ns", "Time at which the newest ping, with or without a fix, was sent.", kind="time")
     ranges: Any = quantity("m", "Last ranges of each unit (m, n).")
     repeats: Any = quantity(
-        "1", "Number of times in a row that each unit's ranges were repeated exactly (m,).", kind="count"
+        "1", "Number of consecutive pings of each unit that repeated the ranges exactly (m,).", kind="count"
     )
     any: Scalar = quantity("1", "True once any unit has had a fix.", kind="flag")
 
@@ -123,11 +123,13 @@ class RangingPosition:
 
     Frames:  beacons in W, units in B; level vehicle on a flat floor.
     Not modelled: motion between the pings of two units, see docs page; correlation of fixes in time.
-    Source:  [1] sections 5.4, 5.5.3 and 5.5.4; leaving out ranges is added, see docs page.
+    Source:  [1] sections 5.4, 5.5.3 and 5.5.4; the rejection of an outlier is added, see docs page.
     """
 
     beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
-    units: Any = quantity("m", "Positions of the vehicle's units (m, 3).", default=np.zeros((1, 3)), frame="B")
+    units: Any = quantity(
+        "m", "Positions of the vehicle's ultrasonic units (m, 3).", default=np.zeros((1, 3)), frame="B"
+    )
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
     residual_limit: Scalar = quantity(
         "m", "Largest accepted root mean square of the ranges' residuals.", default=0.02, above=0
@@ -145,7 +147,7 @@ class RangingPosition:
         off={"range-noise": 0},
     )
     pair_time: int = period(
-        "Longest time between the fixes of two units from which a heading is computed.", default=ms(200)
+        "Longest time between the fixes of two units for which a heading is computed from them.", default=ms(200)
     )
     cone: bool = option(
         "True to compensate the cone error, which makes ranges off a beacon's axis too long.",
@@ -221,7 +223,7 @@ class RangingPosition:
     def _solve(self, plan: Any, height: Any, ranges: Any, used: Any, near: Any, known: Any) -> Solution:
         """Return the position from all used ranges.
 
-        If the beacons lie on a line, two positions fit; the one nearer to the last fix is returned.
+        If the beacons lie on a line, two positions fit. The position nearer to the last fix is returned.
         """
         first = solve_bancroft(plan, height, ranges, used)
         if self.solver == "closed form":

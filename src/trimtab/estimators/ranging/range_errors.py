@@ -22,10 +22,10 @@ class RangeErrorModel:
 
     The scale error, caused by a wrong speed of sound, is estimated: 5 K cause 2.4 cm in 2.7 m, which is six times the
     noise. A beacon's survey error is considered, not estimated. It can't be distinguished from a displacement of the
-    vehicle, so that a filter that averages it is overconfident. A beacon that was found moved is considered with the
-    standard deviation `moved`, so that its ranges have almost no weight, until its ranges have agreed with the survey
-    for a long time. The range error of a moved beacon changes with the vehicle's position. A constant fitted to it made
-    the filter overconfident (NEES of 12 to 20 instead of 8, docs page).
+    vehicle, so that a filter that averages it is overconfident. For a beacon that was found moved, the range error is
+    considered with the standard deviation `moved`. Its ranges then have almost no weight, until they have agreed with
+    the survey for a long time. The range error of a moved beacon changes with the vehicle's position. A constant fitted
+    to it made the filter overconfident (NEES of 12 to 20 instead of 8, docs page).
 
     Source: [1] section 5.5; Schmidt 1966; values for the simulated network, docs page, Tightly coupled ranging.
     """
@@ -47,13 +47,16 @@ class RangeErrorModel:
         kind="count",
     )
     wide: Scalar = quantity(
-        "m", "Standard deviation of the position above which ranges must agree with each other.", default=0.1, above=0
+        "m",
+        "Standard deviation of the position above which the ranges of a ping must agree with each other.",
+        default=0.1,
+        above=0,
     )
     residual: Scalar = quantity(
         "m", "Largest residual at which ranges count as agreeing with each other.", default=0.05, above=0
     )
     survey_errors: str = option(
-        "Treatment of the beacons' errors: consider, estimate, or ignore them (overconfident).",
+        "Treatment of the beacons' survey errors: consider, estimate, or ignore them (overconfident).",
         default="consider",
         choices=("consider", "estimate", "ignore"),
     )
@@ -90,7 +93,7 @@ class RangeFix:
     sigma_error: Any = quantity("m", "Standard deviation of the range error of each beacon.")
     scale: Scalar = quantity("1", "Scale error common to all ranges, positive if they are too long.")
     sigma_scale: Scalar = quantity("1", "Standard deviation of the ranges' scale error.")
-    unit: Scalar = quantity("1", "Index of the unit that pinged.", kind="count")
+    unit: Scalar = quantity("1", "Index of the vehicle's unit that sent the ping.", kind="count")
     used: Scalar = quantity("1", "Number of ranges used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
     invalid: Scalar = quantity("1", "Number of received ranges that were not positive numbers.", kind="count")
@@ -100,7 +103,9 @@ class RangeFix:
     mostly_refused: Scalar = quantity(
         "1", "Number of consecutive pings in which most ranges were rejected.", kind="count"
     )
-    tracking: Scalar = quantity("1", "True while the filter runs, False while it waits for a start.", kind="flag")
+    tracking: Scalar = quantity(
+        "1", "True while the filter runs; False while it collects pings for a start.", kind="flag"
+    )
     starts: Scalar = quantity("1", "Number of times the filter has started.", kind="count")
 
 

@@ -24,7 +24,7 @@ TOLERANCE = 1e-6
 TOP = LINEAR / (1 - 2 * QUADRATIC)
 """Angle off a beacon's axis (rad), about 0.003, at which e(beta) cos(beta) has its maximum, and thus zero slope."""
 START, FARTHEST = 2.2 * TOP, 1.4
-"""Smallest and largest initial angle (rad) of Newton's method. A range above the height has no root below 2 TOP."""
+"""Smallest and largest initial angle (rad) of Newton's method. For a range above the height, no root is below 2 TOP."""
 POSE = np.array([0, 3, 4])
 """Indices of heading and position, the states on which a predicted range depends nonlinearly."""
 
@@ -36,13 +36,13 @@ def compensate_range(measured: Any, height: Any) -> tuple[Any, Any, Any]:
 
     The equation is solved by Newton's method from acos(h/rho), to 1e-6. Its left side rises from 1 at beta = 0 to a
     maximum at 0.003 rad, and falls beyond. Therefore the iteration starts beyond the maximum. If noise makes a range
-    smaller than the height, there is no solution; the measured range and an angle of 0 are returned.
+    smaller than the height, there is no solution. Then the measured range and an angle of 0 are returned.
 
     Args:
         measured: measured range rho (m), any shape.
         height: height of the beacon above the unit (m), same shape.
 
-    Source: [1] section 5.5.4; the guards are added, see docs Errata.
+    Source: [1] section 5.5.4; the safeguards are added, see docs Errata.
     """
     climbs = (measured > height) & (height > 0)
     goal = jnp.where(climbs, height / jnp.where(climbs, measured, 1.0), 0.9)

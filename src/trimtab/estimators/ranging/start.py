@@ -1,13 +1,13 @@
-"""Position, velocity and heading from a few located pings and the IMU readings between them, in closed form.
+"""Position, velocity and heading from unit positions at a few pings and the IMU readings in between, in closed form.
 
 The motion since the first ping is integrated in the body's axes at the first ping (turn a, velocity dv, displacement
 dr). The position of a unit with the lever arm l from the IMU is then linear in the unknowns:
 
     place = p0 + v0 t + [w, J w] (c, s),    w = dr + R(a) l,   J w = (-w2, w1),   c = cos phi0, s = sin phi0
 
-Each ping is therefore added to the normal equations of (p0, v0, c, s), and no first guess is needed. Four pings of two
-units are enough. A single unit is enough if it has a lever arm or the specific force changes. A heading sensor measures
-c and s directly.
+Each ping with a position is therefore added to the normal equations of (p0, v0, c, s), and no first guess is needed.
+Four pings of two units are enough. A single unit is enough if it has a lever arm or the specific force changes. A
+heading sensor measures c and s directly.
 
 Source: this module; integration in the body's axes: Lupton, Sukkarieh, IEEE Trans. Robotics 28 (2012).
 """
@@ -27,17 +27,19 @@ UNKNOWNS = 6
 
 @record
 class RangingStart:
-    """Normal equations of the initial state, and the motion since the first located ping. Source: this module."""
+    """Normal equations of the initial state, and the motion since the first ping used. Source: this module."""
 
     N: Any = quantity("1", "Information matrix of the unknowns (p0, v0, c, s).", shape=(UNKNOWNS, UNKNOWNS))
     g: Any = quantity("1", "Right-hand side of the normal equations.", shape=(UNKNOWNS,))
     square: Scalar = quantity("1", "Weighted sum of squares of the measurements, relative to the first position.")
     centre: Any = quantity(
-        "m", "First located position, the origin of all positions in the equations.", frame="W", shape=(2,)
+        "m", "First position found from ranges. The equations measure all positions from it.", frame="W", shape=(2,)
     )
-    pings: Scalar = quantity("1", "Number of located pings used.", kind="count")
-    elapsed: Scalar = quantity("s", "Time since the first located ping.")
-    turn: Scalar = quantity("rad", "Angle turned since the first located ping.", kind="angle")
+    pings: Scalar = quantity(
+        "1", "Number of pings used. For each, the unit's position was found from ranges.", kind="count"
+    )
+    elapsed: Scalar = quantity("s", "Time since the first ping used.")
+    turn: Scalar = quantity("rad", "Angle turned since the first ping used.", kind="angle")
     velocity: Any = quantity("m/s", "Integral of the specific force, in the body axes at the first ping.", shape=(2,))
     position: Any = quantity(
         "m", "Double integral of the specific force, in the body axes at the first ping.", shape=(2,)
@@ -58,7 +60,7 @@ class StartSolution(NamedTuple):
 
 
 def empty_start() -> RangingStart:
-    """Return normal equations without a ping."""
+    """Return the normal equations before the first ping."""
     o, two = np.float64(0), np.zeros(2)
     return RangingStart(np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS), o, two, np.int32(0), o, o, two, two)
 

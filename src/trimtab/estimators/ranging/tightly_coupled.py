@@ -51,8 +51,12 @@ class TightNode:
     untrusted: Any = quantity("1", "Flags of gyro and accelerometers: 1 if the sensor cannot be trusted.", shape=(2,))
     x: Any = quantity("1", "State (9 + n,): Belief.x, scale error, error of each beacon.")
     P: Any = quantity("1", "Covariance of the state's error (9 + n, 9 + n).")
-    force: Any = quantity("m/s^2", "Low-passed specific force without bias, for the Jacobian.", frame="B", shape=(2,))
-    steady: Any = quantity("m/s^2", "Low-passed specific force without bias, to detect rest.", frame="B", shape=(2,))
+    force: Any = quantity(
+        "m/s^2", "Low-pass filtered specific force, corrected for bias, used in the Jacobian.", frame="B", shape=(2,)
+    )
+    steady: Any = quantity(
+        "m/s^2", "Low-pass filtered specific force, corrected for bias, used to detect rest.", frame="B", shape=(2,)
+    )
     start: RangingStart = part("Data collected from pings until the filter can start.")
     heading_fix: HeadingFix = part("Statistics of the heading updates.")
     position_fix: RangeFix = part("Statistics of the range updates.")
@@ -60,7 +64,8 @@ class TightNode:
 
 @record
 class TightlyCoupled:
-    """Extended Kalman filter that fuses each range separately. Two beacons are useful, and outliers are rejected.
+    """Extended Kalman filter that fuses each range separately. It also uses pings with few ranges, and rejects
+    outliers.
 
     State: heading, velocity, position, gyro and accelerometer biases, scale error of all ranges, error of each beacon.
     With two units, or with a lever arm and motion, ranges alone make the heading observable.
@@ -81,7 +86,7 @@ class TightlyCoupled:
     start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
     arms: LeverArms = part("Position of the IMU on the vehicle.", default=LeverArms())
     beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
-    units: Any = quantity("m", "Positions of the vehicle's units (m, 3).", default=PAIR, frame="B")
+    units: Any = quantity("m", "Positions of the vehicle's ultrasonic units (m, 3).", default=PAIR, frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
     smoothing: Scalar = quantity(
         "s", "Time constant of the low-pass filter of the force in the Jacobian.", default=0.05, low=0
@@ -183,7 +188,8 @@ class TightlyCoupled:
     def correct_ranges(self, node: TightNode, value: Any) -> TightNode:
         """Correct the state with the ranges of a ping, or add them to the data for the start.
 
-        value: ranges (n,) and index of the unit. A range is 0 if it did not arrive, and -1 if it is not a number.
+        value: ranges (n,) and index of the unit. The value 0 marks a range that did not arrive, and -1 an invalid
+        range.
         """
         n = np.shape(self.beacons)[0]
         unit = jnp.clip(value[n], 0, np.shape(self.units)[0] - 1).astype(np.int32)
@@ -204,7 +210,7 @@ class TightlyCoupled:
         )
 
     def belief(self, node: TightNode) -> Belief:
-        """Return the estimate (Belief) of the IMU's motion."""
+        """Return the estimated motion of the IMU and its covariance, as a Belief."""
         return Belief(node.x[:DIMENSION], node.P[:DIMENSION, :DIMENSION])
 
 

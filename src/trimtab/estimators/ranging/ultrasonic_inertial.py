@@ -24,7 +24,8 @@ from trimtab.estimators.ranging.multilateration import two_unit_heading
 from trimtab.estimators.ranging.position import PAIR, RangingPosition, RangingPositionState
 
 KNOWN = 0.3
-"""Standard deviation of the heading (rad) below which it is used to move fixes from a unit to the reference point."""
+"""Standard deviation of the INS's heading (rad) below which the heading counts as known. A known heading is used to
+move fixes from a unit to the vehicle's reference point."""
 
 
 @record
@@ -70,20 +71,21 @@ class UltrasonicInertial:
     headings.
 
         position   r = position of the unit - B(phi) lever,  phi the INS's heading when the unit pinged
-        heading    from the positions of two units, the older of which is moved by the displacement since then according
-                   to the INS, or from a magnetometer
+        heading    from a magnetometer, or from the positions of two units; the older position is first moved by the
+                   displacement of the INS since then
 
-    With g (n, 2), the effect of an error of each of n ranges on a unit's position, and e the unit vector perpendicular
-    to the line of the units,
+    g (n, 2) is the effect of an error of each of n ranges on a unit's position, e is the unit vector perpendicular to
+    the line through the units, and base is the distance between the units. The variances are
 
         position   R = s^2 g'g,                                          s   range_noise
         heading    R = (s^2 sum (g_1 e)^2 + (g_2 e)^2                    s_b survey_error
                         + s_b^2 sum ((g_1 - g_2) e)^2) / base^2
 
     because the noise of each range is independent, while a displaced beacon displaces the positions of both units that
-    receive it in the same way. Until the heading of the INS is known, the possible motion of a unit between two pings
-    is added to the error of the heading, and the heading's variance to the error of B(phi) lever. A single unit is at
-    `inertial.arms.aiding`. Its position is passed to the INS unchanged, because the INS applies the lever arm itself.
+    receive it in the same way. The uncertainty of B(phi) lever is added to the error of the position. Until the heading
+    of the INS is known, the possible motion of a unit between two pings is added to the error of the heading. A single
+    unit is at `inertial.arms.aiding`. Its position is passed to the INS unchanged, because the INS applies the lever
+    arm itself.
 
     `state.position_sensor` also includes checks of the pings: frozen ranges, non-finite ranges, pings out of time.
 
@@ -137,7 +139,9 @@ class UltrasonicInertial:
         lever = np.asarray(self.positioning.units)[0, :2] if units == 1 else np.zeros(2)
         if not np.allclose(self.inertial.arms.aiding, lever):
             problem = f"inertial.arms.aiding is {np.asarray(self.inertial.arms.aiding)}; for {units} units set {lever}"
-            fix = "set it to x, y of the unit; for two units set it to zero, because lever arms are subtracted before"
+            fix = (
+                "set it to x, y of a single unit; with two units set it to 0, as their lever arms are subtracted before"
+            )
             raise InputError("UltrasonicInertial", problem, fix=fix)
         if not self.inertial.intake.position:
             raise InputError(
