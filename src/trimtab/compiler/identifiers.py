@@ -19,7 +19,7 @@ this thread_local throw true try typeid typename using virtual wchar_t xor xor_e
 """
 """Reserved words of C++ up to C++26, and the namespace of its library."""
 PYTHON_WORDS = "as async await def del elif except finally from global in is lambda nonlocal pass raise with yield"
-"""Reserved words of Python, which a Python program that calls the C code cannot use as an attribute."""
+"""Reserved words of Python. A Python program that calls the C code cannot use them as attributes."""
 MACROS = """
 assert complex environ errno hpux i386 imaginary linux m68k math_errhandling mips noreturn offsetof optarg pixel
 ppc signgam sparc stdalign stderr stdin stdout sun unix unreachable vax vector I PI B0 IN OK
@@ -124,7 +124,7 @@ def function_identifier(name: str) -> str:
 
 
 def distinct(name: str, taken: Collection[str]) -> str:
-    """Return the name itself, or with a number added if the name is taken."""
+    """Return the name, with a number added if the name is taken."""
     made, number = name, 2
     while made in taken:
         made, number = f"{name}_{number}", number + 1
