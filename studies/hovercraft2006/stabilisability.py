@@ -20,7 +20,7 @@ SECTION = "2.3.1"
 PLACE = "[1] section 2.3.1"
 CRAFT = Hovercraft()
 INPUTS = 2
-"""Number of inputs: along and across the vehicle at the rudder pivot. A third would be a separate torque."""
+"""Number of inputs: forces along and across the vehicle at the rudder pivot. A third would be a separate torque."""
 
 
 def rows() -> Iterator[Row]:

@@ -33,7 +33,7 @@ WANTED = {
 }
 """Quantities compared at AT, and their units."""
 DT, SECONDS = 0.005, 60.0
-LINEAR = "The paper uses this form, but its practically vanishing error needs the exact one."
+LINEAR = "The paper uses this form, but only the exact form gives the practically vanishing error that it reports."
 
 
 def rows() -> Iterator[Row]:

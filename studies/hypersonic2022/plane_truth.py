@@ -54,7 +54,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Plot shares of success along each axis."""
+    """Plot the share of successful flights over each parameter."""
     from studies.hypersonic2022._plane_picture import draw_shares
 
     yield draw_shares(folder, AXES)
