@@ -55,7 +55,7 @@ def reference_flag(id: str, what: str, computed: Any, citation: str, *, name: st
 def reference_seeds(
     id: str, what: str, computed: Any, citation: str, *, name: str = "", part: int = 0, **about: Any
 ) -> Row:
-    """Return a row for the mean over n seeds. It must be within 4 standard errors of the oracle's mean over 40 seeds.
+    """Return a row for the mean over n seeds, within 4 standard errors of the difference from the oracle's mean.
 
     The noise is drawn by another generator, so only its statistics can agree.
     """

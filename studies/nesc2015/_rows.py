@@ -13,8 +13,8 @@ from trimtab.plots.style import BLUE, GREY, VERMILION, new_figure, save_figure, 
 from trimtab.study import Row, at_most
 
 OF_BAND, OF_SIZE, OF_FEW = 0.01, 1e-6, 0.1
-"""Accepted distance outside a band: OF_BAND times its largest width, plus OF_SIZE times the signal's largest magnitude, as
-units (feet, slugs) were rounded. A band of at most FEW simulations is narrow, so there OF_FEW replaces OF_BAND."""
+"""Accepted distance outside a band: OF_BAND times its largest width, plus OF_SIZE times the largest magnitude of the
+signal, as units (feet, slugs) were rounded. If the band is of at most FEW simulations, OF_FEW replaces OF_BAND."""
 FEW = 3
 JUMPS = {"13p1": 5, "13p2": 5, "13p3": 15, "13p4": 20}
 """Times of command steps (s). There and at the start, surfaces and aerodynamic forces have two values."""
