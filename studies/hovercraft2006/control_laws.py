@@ -46,7 +46,7 @@ def published_laws() -> dict[str, Any]:
 
 
 def rows() -> Iterator[Row]:
-    """Yield settings, energy identities, eigenvalues, limit points, and the slow manifold."""
+    """Yield rows on settings, energy identities, eigenvalues, limit points, and the slow manifold."""
     yield from _settings()
     yield from _identities()
     for name, law in published_laws().items():

@@ -26,7 +26,7 @@ FIT = "The model was chosen to fit this value. The thesis shows only a plot (err
 
 
 def rows() -> Iterator[Row]:
-    """Yield rudder geometry, thrust law, table shapes, and the two tables in series."""
+    """Yield rows on rudder geometry, thrust law, shapes of the tables, and the two tables in series."""
     yield from _rudder()
     yield from _thrust()
     yield from _tables()

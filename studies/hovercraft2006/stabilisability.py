@@ -24,7 +24,7 @@ INPUTS = 2
 
 
 def rows() -> Iterator[Row]:
-    """Yield ranks and verdicts of both conditions."""
+    """Yield rows on the ranks and verdicts of the conditions by Byrnes and Isidori and by Brockett."""
     byrnes = byrnes_isidori(_f1, _f2, 3, 3, INPUTS)
     text: dict[str, Any] = {"basis": "text"}
     yield same("byrnes-isidori/rank-f2", "rank of ∂f2/∂x1 at the origin", 3, byrnes.rank_f2, PLACE, **text)

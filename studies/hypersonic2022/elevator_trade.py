@@ -52,7 +52,7 @@ GAINS = (
 
 
 def rows() -> Iterator[Row]:
-    """Yield equal noise on both modes, the trade-off curve, better settings, and other gains."""
+    """Yield rows on equal noise on both modes, the trade-off curve, better settings, and other gains."""
     yield from _shipped_rows()
     yield from _errors_of_the_modes()
     yield from _curve()

@@ -45,7 +45,7 @@ INPUT: Any = {"basis": "input"}
 
 
 def rows() -> Iterator[Row]:
-    """Yield settings, numbers of the model, time constants, the table of settings, and the printed claim."""
+    """Yield rows on settings, numbers of the model, time constants, errors by setting, and the printed claim."""
     yield from _settings()
     yield from _model()
     yield from _constants()

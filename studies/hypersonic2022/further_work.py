@@ -47,7 +47,7 @@ ABOUT: Any = {"basis": "own"}
 
 
 def rows() -> Iterator[Row]:
-    """Yield success by size of the errors, by disturbance and with another filter, then both rankings."""
+    """Yield rows on success by size of the errors, by disturbance and with another filter, and on both rankings."""
     yield from _nominal()
     for integral in (False, True):
         yield from _success(integral)

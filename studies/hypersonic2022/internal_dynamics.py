@@ -37,7 +37,7 @@ LINEAR = "The paper uses this form, but only the exact form gives the practicall
 
 
 def rows() -> Iterator[Row]:
-    """Yield command and bounded solution at 30 s, iteration, residual, ends, and errors in closed loop."""
+    """Yield rows on command and solution at 30 s, iteration, residual, ends of the solution, and closed-loop errors."""
     climb = FilteredClimb(dh=LARGE[0], dV=LARGE[1])
     _, report = noncausal_table(Hypersonic(), climb, SECONDS)
     yield from _values(climb, report)

@@ -35,7 +35,7 @@ STATED = {
 
 
 def rows() -> Iterator[Row]:
-    """Yield the claim, and one row for each parameter that is made worse."""
+    """Yield a row on the paper's claim, and one row for each parameter that is made worse."""
     success, runs = without_measurement()
     note = "Modes 10 % off, turbulence, lags: without the accelerometer no flight succeeds."
     yield same(

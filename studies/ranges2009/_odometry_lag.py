@@ -63,7 +63,7 @@ class LaggedOdometry:
         self.filter.check()
         if self.kept < 2:
             raise InputError(
-                "LaggedOdometry.kept", f"{self.kept} poses span no time; at least 2 are needed", fix="keep 2 or more"
+                "LaggedOdometry.kept", f"kept must be at least 2 poses, got {self.kept}", fix="keep 2 or more"
             )
 
     def init(self, key: Key) -> LaggedState:

@@ -342,7 +342,7 @@ def _walk(tree: Any, results: bool) -> Any:
     elif isinstance(tree, ArrayType) if results else jax.tree_util.all_leaves([tree]):
         yield TreeNode("leaf")
     else:
-        raise TypeError("another kind of tree")
+        raise TypeError("the tree contains an unsupported kind of node")
     for part in parts:
         yield from _walk(part, results)
 

@@ -9,7 +9,7 @@ auto break case char const continue default do double else enum extern float for
 restrict return short signed sizeof static struct switch typedef typeof typeof_unqual union unsigned void volatile while
 asm fortran near far huge interrupt
 """
-"""Reserved words of C up to C23, and those that compilers add."""
+"""Reserved words of C up to C23, and further reserved words of compilers."""
 CPP_WORDS = """
 alignas alignof and and_eq atomic_cancel atomic_commit atomic_noexcept bitand bitor bool catch char8_t char16_t char32_t
 class co_await co_return co_yield compl concept const_cast consteval constexpr constinit contract_assert decltype delete

@@ -22,8 +22,8 @@ from trimtab.core.errors import InputError
 Rule = Callable[["Site"], list[Array]]
 
 ALTERNATIVES = {
-    "eig": "jnp.linalg.eigh for symmetric matrices, or compute it before the flight, in design/",
-    "schur": "jnp.linalg.eigh for symmetric matrices, or compute it before the flight, in design/",
+    "eig": "jnp.linalg.eigh for symmetric matrices, or compute it before the flight",
+    "schur": "jnp.linalg.eigh for symmetric matrices, or compute it before the flight",
     "fft": "a sum of products with cosines and sines that are computed beforehand: jnp.cos(k n) @ x",
     "rng_bit_generator": "jax.random.key(seed) without impl, which uses the generator threefry",
     "reduce_window": "jax.lax.reduce_window with jax.lax.max and -jnp.inf, or jax.lax.add and 0.0, as Python numbers",

@@ -119,7 +119,7 @@ class _Select(NamedTuple):
 
 
 def _uniform_select(item: Any, varying: VaryingValues) -> _Select | None:
-    """Return a statement as a select if it selects vectors by a test that is equal in all lanes, else None."""
+    """Return the select of a statement that selects vectors by a test equal in all lanes; None for other statements."""
     if not isinstance(item, Define) or item.value.op != "select" or not varying(item.value):
         return None
     test = item.value.args[TEST]

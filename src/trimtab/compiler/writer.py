@@ -55,7 +55,7 @@ class Writer:
         return self.varying is not None and self.varying(thing)
 
     def write_line(self, text: str) -> None:
-        """Write one line of C with the present indentation."""
+        """Write one line of C with the current indentation."""
         self.lines.append("    " * self.depth + text)
 
     def fresh(self, prefix: str = "v") -> str:
@@ -195,7 +195,7 @@ class Writer:
                 self.live_pairs.add((v.op, id(v.args[0])))
 
     def write_store(self, item: Store) -> None:
-        """Write the C statement `buffer[index] = value;` for the lanes that the present mask selects."""
+        """Write the C statement `buffer[index] = value;` for the lanes that the current mask selects."""
         target, index = self.name(item.buffer), self.name(item.index)
         if not self.varies(item.buffer):
             self.write_line(f"{target}[{index}] = {self.name(item.value)};")
@@ -210,7 +210,7 @@ class Writer:
             self.write_line(f"{target}[{index}] = {value};")
 
     def active_mask(self) -> str:
-        """Return the C text of the mask of the lanes that execute the present statement."""
+        """Return the C text of the mask of the lanes that execute the current statement."""
         return self.masks[-1] if self.masks else f"{self.note_use('tv_splat_bool')}(true)"
 
     def write_braces(self, opening: str, block: Block) -> None:

@@ -34,7 +34,7 @@ Result = TypeVar("Result")
 
 
 def cached_library_folder() -> Path:
-    """Return the folder of libraries that outlast the process. Raise OSError if no folder is safe."""
+    """Return the folder of libraries that are kept for later processes. Raise OSError if no folder is safe."""
     return _check_runnable(cache_folder("c"))
 
 
