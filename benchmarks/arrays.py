@@ -1,5 +1,7 @@
-"""Programs with larger arrays than a flight has: a network in a loop beside C written by hand, filters of 24 and 64
-states, one by one and in lanes, and rings that must take as long whatever their size. All beside `jax.jit`.
+"""Time programs whose arrays are larger than those of a flight, and compare them with `jax.jit`.
+
+The programs are a neural network in a loop (also compared with C written by hand), filters of 24 and 64 states (run one
+by one, and in lanes), and ring buffers of two sizes, which must take the same time.
 
     python benchmarks/arrays.py
 """
@@ -34,7 +36,7 @@ MASS, G, ARM, DRAG, DT = 1.2, 9.81, 0.18, 0.02, 0.002
 
 
 def quadrotor(x, w1, b1, w2, b2, w3, b3):
-    """500 steps of reference/quadrotor.c; weights (out, in)."""
+    """Return the result of 500 steps of reference/quadrotor.c. Weights have the shape (out, in)."""
 
     def step(x, _):
         p, v, q, w = x[:3], x[3:6], x[6:10], x[10:]
@@ -53,7 +55,7 @@ def quadrotor(x, w1, b1, w2, b2, w3, b3):
 
 
 def kalman(P, F, H, R):
-    """A prediction and a measurement of a filter's covariance."""
+    """Return a filter's covariance after a prediction and a measurement update."""
     P = F @ P @ F.T + 0.01 * jnp.eye(len(P))
     S = H @ P @ H.T + R @ R.T + jnp.eye(len(R))
     K = jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(S), True), H @ P).T
@@ -61,7 +63,7 @@ def kalman(P, F, H, R):
 
 
 def ring(slots, numbers):
-    """A number goes into a ring where it is positive, another comes out; written as a select of two whole rings."""
+    """Write each positive number to a ring buffer and read another one. The write is a select of two whole buffers."""
 
     def turn(carried, x):
         slots, i = carried
@@ -73,7 +75,7 @@ def ring(slots, numbers):
 
 
 def hand_written(folder):
-    """The quadrotor in C, as a function of numpy arrays; weights (in, out)."""
+    """Return the quadrotor in C as a function of numpy arrays. Weights have the shape (in, out)."""
     library = f"{folder}/quadrotor.so"
     source = str(HERE / "reference" / "quadrotor.c")
     sh(CC, "-O3", "-march=native", "-shared", "-fPIC", "-o", library, source, "-lm")
@@ -88,7 +90,7 @@ def hand_written(folder):
 
 
 def times(calls):
-    """Seconds of one call, by name: one in each round; in a round each is called for LEAST seconds."""
+    """Return name -> times of one call (s), one per round. In a round, each function is called for LEAST seconds."""
     turns = {}
     for name, call in calls.items():
         call()
@@ -106,19 +108,19 @@ def times(calls):
 
 
 def compare(over, under):
-    """The ratio of two programs' times, taken round by round."""
+    """Return the ratio of two programs' times, computed round by round."""
     ratios = np.divide(over, under)
     return Ratio(float(np.median(ratios)), float(ratios.min()), float(ratios.max()))
 
 
 def jitted(function, *arguments):
-    """A call of jax.jit, on arrays that are there."""
+    """Return a function that calls jax.jit on arrays that are already on its device."""
     call, given = jax.jit(function), [jax.device_put(a) for a in arguments]
     return lambda: call(*given).block_until_ready()
 
 
 def check(name, result, wanted):
-    """End the program where numbers differ by more than rounding."""
+    """Exit with an error if numbers differ by more than rounding."""
     apart = float(np.max(np.abs(np.asarray(result) - np.asarray(wanted))))
     if not apart <= 1e-11 * max(1.0, float(np.max(np.abs(wanted)))):
         sys.exit(f"{name}: differs by {apart:.1e}")

@@ -1,13 +1,13 @@
-"""Instructions of an autopilot's step with an aided INS in it, on an emulated Cortex-M7: minutes, most of them export.
+"""Count the instructions of a step of an autopilot with an aided INS, on an emulated Cortex-M7.
 
-    python benchmarks/board.py                   also: --target cortex-m4
+    python benchmarks/board.py                   minutes, mostly for the export; also: --target cortex-m4
 
-The flight is that of the tests, tests/export/inertial_flight.py: feed-forward dual filter, inertial unit and heading
-each 6.5536 ms, position each 100 ms, steps of 1 ms. Counted are whole steps, as exported: samples judged, put in
-order of measurement into a history of 64, filters, what the estimate tells, law and allocation. QEMU counts
-instructions; the processor's cycles are another matter (docs/export/boards.md).
+The flight is that of the tests (tests/export/inertial_flight.py): a feed-forward dual filter, inertial unit and heading
+every 6.5536 ms, position every 100 ms, steps of 1 ms. Whole exported steps are counted: checks of the samples, their
+ordering by measurement time in a history of 64, filters, estimate, law and allocation. QEMU counts instructions, not
+the processor's cycles (docs/export/boards.md).
 
-Exits with 1 where the board computes something else, 2 where its tools are missing.
+Exits with 1 if the board computes other numbers, with 2 if its tools are missing.
 """
 
 import argparse
@@ -29,7 +29,7 @@ FLIGHT = Path(__file__).parents[1] / "tests" / "export" / "inertial_flight.py"
 
 
 def scenario():
-    """The flight of the tests."""
+    """Return the scenario of the flight."""
     found = importlib.util.spec_from_file_location("inertial_flight", FLIGHT)
     module = importlib.util.module_from_spec(found)
     found.loader.exec_module(module)
@@ -37,7 +37,7 @@ def scenario():
 
 
 def kinds(vectors, inputs):
-    """Name -> which steps (n,): by whose sample was measured at another time than that of the step before."""
+    """Return kind of step -> flags (n,). Steps are classified by the sensors that have a new sample."""
     new = {}
     for sensor in ("imu", "position"):
         t = vectors.inputs[:, next(i for i, n in enumerate(inputs) if n.endswith(f"samples.{sensor}.t"))]
@@ -52,7 +52,7 @@ def kinds(vectors, inputs):
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--target", choices=sorted(TARGETS), default="cortex-m7")
-    p.add_argument("--steps", type=int, default=1000, help="steps flown (%(default)s)")
+    p.add_argument("--steps", type=int, default=1000, help="number of steps (%(default)s)")
     p.add_argument("--markdown", action="store_true", help="print rows for the documentation's table at the end")
     a = p.parse_args()
     if missing := missing_tools():

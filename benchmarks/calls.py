@@ -1,10 +1,10 @@
-"""CPU time of a call by kind of arguments: a compiled function beside `jax.jit` on the same arguments.
+"""Measure the CPU time of a call for several kinds of arguments: a compiled function and `jax.jit`, alternately.
 
     python benchmarks/calls.py              a minute
 
-Each round measures both in turn, and the least CPU time of all rounds counts. Times of other programs on the processor
-do not count. `jax.jit` is not asked to wait for its results. The function does next to nothing, so a call is the cost
-of its arguments and results.
+Each round measures both, and the smallest CPU time of all rounds is reported. CPU time excludes other programs. The
+call of `jax.jit` does not wait for the results. The function does almost nothing, so the time is that of passing
+arguments and results.
 """
 
 import argparse
@@ -22,9 +22,9 @@ from paired import machine
 import trimtab
 
 ROUNDS, LEAST = 40, 2e-3
-"""Rounds of each kind, and the least CPU time (s) of one measurement."""
+"""Number of rounds of each kind, and minimum CPU time (s) of one measurement."""
 RUNS = 4
-"""Runs side by side in the kinds of `CompiledFunction.lanes`."""
+"""Number of runs in the comparisons of `CompiledFunction.lanes`."""
 Pair = collections.namedtuple("Pair", ["x", "k"])
 
 
@@ -73,7 +73,7 @@ def kinds() -> dict[str, Kind]:
 
 
 def cpu_time(call: Callable[[], Any]) -> float:
-    """Return the CPU time (s) of a call, from as many calls as take LEAST."""
+    """Return the CPU time (s) of a call, averaged over calls that take LEAST in total."""
     count = 1
     while True:
         start = time.process_time()
@@ -86,7 +86,7 @@ def cpu_time(call: Callable[[], Any]) -> float:
 
 
 def least_times(kind: Kind, rounds: int) -> tuple[float, float]:
-    """Return the least CPU time of a call of the compiled function, and of `jax.jit`."""
+    """Return the smallest CPU time of a call of the compiled function, and of `jax.jit`."""
     first = jax.tree.map(lambda v: v[0], kind.arguments) if kind.lanes else kind.arguments
     compiled = trimtab.compile(kind.function, *first)
     jitted = jax.jit(jax.vmap(kind.function) if kind.lanes else kind.function)
@@ -103,9 +103,9 @@ def least_times(kind: Kind, rounds: int) -> tuple[float, float]:
 
 
 def main() -> int:
-    """Print the table; return 1 if any kind takes longer than `jax.jit`."""
+    """Print the table. Return 1 if the compiled function is slower than `jax.jit` for any kind."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=ROUNDS, help="measurements of each kind")
+    parser.add_argument("--rounds", type=int, default=ROUNDS, help="number of measurements of each kind")
     rounds = parser.parse_args().rounds
     jax.config.update("jax_enable_x64", True)
     print(machine("jax"))

@@ -1,11 +1,11 @@
-"""Fly the same dispersed worlds as a campaign with a store, and by one call of simulate_batch, in turns; and memory.
+"""Time a campaign with a store against one call of simulate_batch for the same runs, and measure memory.
 
 python benchmarks/campaign.py
 
-Both fly the zero-velocity scenario with measured links, with mass, inertia, gains, delay and the navigation's noise
-dispersed, on all cores, and their largest yaw rates are compared, run by run. A campaign draws the worlds, logs the
-rows, takes metrics and keeps them on disk; simulate_batch is given the worlds, and reduces three signals in flight.
-Memory is the largest that a process of its own had resident.
+Both fly the zero-velocity scenario with measured links on all cores. Mass, inertia, gains, delay and navigation noise
+are drawn at random. The largest yaw rates are compared, run by run. A campaign draws the parameters, logs the rows,
+computes metrics and stores them on disk; simulate_batch is given the drawn parameters, and computes statistics of three
+signals. Memory is the peak resident memory of a separate process.
 """
 
 import argparse
@@ -55,20 +55,20 @@ def campaign(runs: int, seed: int) -> Campaign:
 
 
 def stored(runs: int, seed: int) -> Any:
-    """The campaign, from nothing to its rows on disk."""
+    """Run the campaign, with its rows written to a new store on disk."""
     with tempfile.TemporaryDirectory() as folder:
         return campaign(runs, seed).run(Path(folder) / "rows.zarr").columns[COMPARED]
 
 
 def worlds(runs: int, seed: int) -> tuple[Any, Any, Any, Any]:
-    """Scenario, words of the keys, spread and signals: what the campaign would draw."""
+    """Return scenario, random keys, drawn parameters and signals, as the campaign would draw them."""
     ready = campaign(runs, seed).ready
     of, values = draw_runs(ready, 0, runs)
     return ready.scenario, of.words, spread_arrays(ready.spread, ready.scenario, values), ready.logged_signals
 
 
 class Raw:
-    """One call of simulate_batch for all runs; the worlds are drawn before the clock starts."""
+    """One call of simulate_batch for all runs. The parameters are drawn before the time is measured."""
 
     def __init__(self, inputs: list[tuple[int, int]]) -> None:
         self._worlds = {given: worlds(*given) for given in inputs}
@@ -93,7 +93,7 @@ def compared(runs: int, count: int) -> Ratio | None:
 
 
 def resident(runs: int) -> float:
-    """MB of a process that flies a campaign with a store."""
+    """Return the peak memory (MB) of a process that runs a campaign with a store."""
     done = subprocess.run([sys.executable, __file__, "--once", str(runs)], capture_output=True, text=True)
     if done.returncode:
         sys.exit(done.stderr)
@@ -104,12 +104,12 @@ def once(runs: int) -> None:
     began = time.perf_counter()
     stored(runs, 1)
     print(f"{runs} runs in {time.perf_counter() - began:.1f} s", file=sys.stderr)
-    status = Path("/proc/self/status").read_text()  # getrusage counts what the parent had at the fork
+    status = Path("/proc/self/status").read_text()  # getrusage would include the parent's memory at the fork
     print(int(status.split("VmHWM:")[1].split()[0]) / 1024)
 
 
 def on_gpu(counts: list[int]) -> dict[int, float]:
-    """Runs a second of simulate_batch on JAX's device, by number of runs; the second call of each."""
+    """Return number of runs -> runs per second of simulate_batch on JAX's device, in the second call."""
     rates = {}
     for runs in counts:
         scenario, words, spread, _ = worlds(runs, 1)
@@ -125,9 +125,9 @@ def on_gpu(counts: list[int]) -> dict[int, float]:
 
 def main() -> None:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--rounds", type=int, default=5, help="pairs of campaigns; 5 if left out")
-    p.add_argument("--runs", type=int, default=10_000, help="of each campaign; 10000 if left out")
-    p.add_argument("--quick", action="store_true", help="one small pair: does it work?")
+    p.add_argument("--rounds", type=int, default=5, help="number of pairs of campaigns (default: 5)")
+    p.add_argument("--runs", type=int, default=10_000, help="number of runs of each campaign (default: 10000)")
+    p.add_argument("--quick", action="store_true", help="run one small pair, only to check that the program works")
     p.add_argument("--markdown", action="store_true", help="print the rows for the documentation's table at the end")
     p.add_argument("--once", type=int, help=argparse.SUPPRESS)
     a = p.parse_args()

@@ -1,10 +1,10 @@
-"""Time trimtab beside C and SIMD C++ written by hand, JAX and numpy, on one closed loop, and check every result.
+"""Time trimtab, C and SIMD C++ written by hand, JAX and numpy on the same closed loop, and check every result.
 
     python benchmarks/compare.py               minutes: tables of single runs, logs and campaigns, then the targets
-    python benchmarks/compare.py --quick       seconds: are the results right?
+    python benchmarks/compare.py --quick       seconds: only checks the results
     python benchmarks/compare.py --markdown    the rows of docs/benchmarks.md
 
-Exits with 1 when a result is wrong, with --strict also when a target is missed. The loop: benchmarks/README.md.
+Exits with 1 if a result is wrong, with --strict also if a target is missed. benchmarks/README.md defines the loop.
 """
 
 import argparse
@@ -34,7 +34,7 @@ from references import HAND_C, HAND_SLP, KNOWN, truth
 
 
 def singles(libraries: dict[str, Any], lanes: int) -> dict[str, Program]:
-    """The fast ones, five runs each: a round of them takes milliseconds, so neighbours see the same machine."""
+    """Return the fast programs, five runs each. A round takes milliseconds, so all see the same load of the machine."""
     made = {name: several(references.single(lib), 5, truth) for name, lib in libraries.items() if "SIMD" not in name}
     simd = references.hand_simd(lanes)
     if simd in libraries:
@@ -43,7 +43,7 @@ def singles(libraries: dict[str, Any], lanes: int) -> dict[str, Program]:
 
 
 def slower(libraries: dict[str, Any]) -> dict[str, Program]:
-    """Those that take tens to hundreds of milliseconds, beside ten runs of two fast ones."""
+    """Return the programs that take tens to hundreds of milliseconds, and ten runs each of two fast programs."""
     return {
         HAND_C: several(references.single(libraries[HAND_C]), 10, truth),
         TRIMTAB: several(compiled.single, 10),
@@ -54,7 +54,7 @@ def slower(libraries: dict[str, Any]) -> dict[str, Program]:
 
 
 def logs(libraries: dict[str, Any]) -> dict[str, Program]:
-    """The same loop with a log of 11 numbers per step, compared row by row."""
+    """Return programs of the same loop with a log of 11 numbers per step, which is compared row by row."""
     walk = workload.logged(workload.LOGGED)
     return {
         HAND_C: several(references.logged(libraries[HAND_C]), 10, after),
@@ -65,30 +65,30 @@ def logs(libraries: dict[str, Any]) -> dict[str, Program]:
 
 
 def after(log: Any) -> Any:
-    """Rows that hold the truth after the step of each tick."""
+    """Return log rows with the true state after the step of each tick."""
     return np.asarray(log)[:-1]
 
 
 def before(log: Any) -> Any:
-    """Rows that hold the truth before the step of each tick, velocities in place of momenta: as `after` has them."""
+    """Convert rows with velocities and the true state before each step to the form of `after`."""
     rows = np.asarray(log)
     return np.hstack([rows[1:, :6] * compiled.SCALE[:6], rows[:-1, 6:]])
 
 
 def scan_with_log() -> Callable[..., Any]:
-    """The bare scan with its own log."""
+    """Return the plain lax.scan with its own log."""
     flown = jax.jit(lambda gains, key: hover_jax.simulate(gains, key)[1])
     return lambda gains, key: jax.block_until_ready(flown(jnp.asarray(gains), jnp.asarray(key)))
 
 
 def campaigns(libraries: dict[str, Any], lanes: int, runs: int) -> dict[str, Program]:
-    """Many runs, on as many threads as are asked for; JAX chooses its own number."""
+    """Return programs of many runs with the given number of threads. JAX chooses its own number."""
     made = {n: Program(references.campaign(lib), runs, truth) for n, lib in libraries.items() if n != HAND_SLP}
     return {**made, CAMPAIGN: Program(compiled.campaign, runs), VMAP: Program(hover_jax.campaign, runs, truth)}
 
 
 def measured(a: argparse.Namespace, libraries: dict[str, Any], lanes: int) -> dict[str, Timed]:
-    """All tables, printed as they come."""
+    """Measure and print all tables, and return them."""
     gains, key = np.array(spec.GAINS), np.array([spec.KEY0, 0], np.uint32)
 
     def inputs(count: int) -> list[tuple[Any, ...]]:
@@ -117,14 +117,14 @@ def measured(a: argparse.Namespace, libraries: dict[str, Any], lanes: int) -> di
 def options() -> argparse.Namespace:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument(
-        "--rounds", type=int, default=31, help="rounds of single runs; a third for slower ones (%(default)s)"
+        "--rounds", type=int, default=31, help="rounds of single runs; slow programs get a third (%(default)s)"
     )
     p.add_argument("--campaign-rounds", type=int, default=7, help="rounds of campaigns (%(default)s)")
     p.add_argument("--runs", type=int, default=512, help="runs of a campaign (%(default)s)")
     p.add_argument("--threads", type=int, default=2, help="threads of a campaign (%(default)s)")
-    p.add_argument("--tol", type=float, default=1e-9, help="largest difference to hand C (%(default)s)")
-    p.add_argument("--quick", action="store_true", help="2 rounds, 16 runs: only the results mean something")
-    p.add_argument("--strict", action="store_true", help="exit with 1 also when a target is missed")
+    p.add_argument("--tol", type=float, default=1e-9, help="largest accepted difference from hand C (%(default)s)")
+    p.add_argument("--quick", action="store_true", help="2 rounds, 16 runs: checks results, but gives no useful times")
+    p.add_argument("--strict", action="store_true", help="exit with 1 also if a target is missed")
     p.add_argument("--markdown", action="store_true", help="print rows for the documentation's table at the end")
     p.add_argument("--json", metavar="FILE", help="write settings, times, ratios to FILE")
     a = p.parse_args()
@@ -136,7 +136,7 @@ def options() -> argparse.Namespace:
 
 
 def wrong(tables: dict[str, Timed], libraries: dict[str, Any], tol: float) -> list[str]:
-    """Programs that differ from hand C; hand C itself where it differs from the printed numbers."""
+    """Return the programs that differ from hand C, and hand C itself if it differs from the printed numbers."""
     bad = [f"{n} ({TITLES[t]})" for t, timed in tables.items() for n, d in timed.worst.items() if not d <= tol]
     hand = references.single(libraries[HAND_C])(np.array(spec.GAINS), np.array([spec.KEY0, 0], np.uint32))
     return bad if difference(hand, KNOWN) <= tol else [HAND_C, *bad]

@@ -1,5 +1,7 @@
-"""What a scenario takes until it can fly, scalar and over lanes: tracing and lowering, and the C compiler. CPU seconds,
-so that others' load counts little. With --whole each text is also compiled as one function, in the same round.
+"""Measure the time to build a scenario's program, scalar and over lanes: tracing, lowering, and the C compiler.
+
+Times are CPU seconds, so that other programs have little influence. With --whole, each text is also compiled as one
+function, in the same round.
 
     python benchmarks/compile_time.py                                  half a minute: the three largest of their kind
     python benchmarks/compile_time.py --all                            every scenario, each of its choices: minutes
@@ -40,11 +42,11 @@ SCENARIOS = (
     "hovercraft/heading-bang-bang:navigation=ins-magnetometer",
 )
 TARGETS = {0: 4.0, 8: 8.0}
-"""Seconds at most, by lanes."""
+"""Number of lanes (0: scalar code) -> largest accepted time (s)."""
 
 
 class Prepared(NamedTuple):
-    """A scenario's program, the inputs in which runs of a batch differ, and the seconds of tracing and lowering."""
+    """Program of a scenario. own: inputs that differ between runs. seconds: time of tracing and lowering."""
 
     program: WalkProgram
     own: frozenset[int]
@@ -52,7 +54,7 @@ class Prepared(NamedTuple):
 
 
 def prepare(name: str) -> Prepared:
-    """The program of a scenario, `name` or `name:choice=value,choice=value`."""
+    """Return the program of a scenario, given as `name` or `name:choice=value,choice=value`."""
     name, _, choices = name.partition(":")
     scenario, _ = load_scenario(name, dict(pair.split("=") for pair in choices.split(",")) if choices else {})
     scenario, table, _ = prepare_run(scenario, [0], None, ms(1))
@@ -63,7 +65,7 @@ def prepare(name: str) -> Prepared:
 
 
 def all_scenarios() -> list[str]:
-    """Every scenario of the catalogue, as it is and with each other choice alone."""
+    """Return every scenario of the catalogue, and each one with a single choice changed."""
     names = []
     for name in scenario_names():
         choices = [f"{choice}={value}" for choice, values in scenario_choices(name).items() for value in values[1:]]
@@ -72,7 +74,7 @@ def all_scenarios() -> list[str]:
 
 
 def seconds(text: str, lanes: int, extra: tuple[str, ...]) -> float:
-    """CPU time of compiling a text to a library."""
+    """Return the CPU time (s) of compiling a text to a library."""
     language = "c++" if lanes else "c"
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / ("text.cpp" if lanes else "text.c")
@@ -87,13 +89,13 @@ def seconds(text: str, lanes: int, extra: tuple[str, ...]) -> float:
 
 
 def compare(text: str, whole: str, lanes: int, flags: tuple[str, ...], rounds: int) -> tuple[float, float]:
-    """Seconds of a text, and of the same as one function where there is one; the least of the rounds."""
+    """Return the smallest time (s) of all rounds for a text, and for its form as one function if given."""
     found = [(seconds(text, lanes, flags), seconds(whole, lanes, flags) if whole else np.nan) for _ in range(rounds)]
     return min(a for a, _ in found), min(b for _, b in found)
 
 
 def whole_text(flight: Prepared, lanes: int) -> str:
-    """The program as one function."""
+    """Return the text of the program as one function."""
     limit, pieces.FUNCTION_STATEMENTS_MAX = pieces.FUNCTION_STATEMENTS_MAX, sys.maxsize
     text = flight.program.text(lanes, flight.own if lanes else frozenset())
     pieces.FUNCTION_STATEMENTS_MAX = limit
@@ -103,9 +105,9 @@ def whole_text(flight: Prepared, lanes: int) -> str:
 def main() -> int:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("scenarios", nargs="*", default=SCENARIOS, help="name, or name:choice=value")
-    p.add_argument("--all", action="store_true", help="every scenario of the catalogue, each of its choices")
-    p.add_argument("--whole", action="store_true", help="also as one function: minutes")
-    p.add_argument("--rounds", type=int, default=1, help="the least of so many is printed")
+    p.add_argument("--all", action="store_true", help="all scenarios of the catalogue, with each of their choices")
+    p.add_argument("--whole", action="store_true", help="compile each text also as one function (takes minutes)")
+    p.add_argument("--rounds", type=int, default=1, help="number of measurements; the smallest time is printed")
     p.add_argument("--markdown", action="store_true", help="print rows for the documentation's table at the end")
     a = p.parse_args()
     print(machine("jax"))
@@ -114,13 +116,13 @@ def main() -> int:
     for name in all_scenarios() if a.all else a.scenarios:
         try:
             flight = prepare(name)
-        except InputError as reason:  # a choice that stands only beside another
+        except InputError as reason:  # this choice is allowed only with another one
             print(f"{name:57} {reason.problem[:60]}")
             continue
         for lanes, target in TARGETS.items():
             text = flight.program.text(lanes, flight.own if lanes else frozenset())
             if text in texts:
-                continue  # a choice of numbers alone
+                continue  # the choice changes only numbers
             texts.add(text)
             other = whole_text(flight, lanes) if a.whole else ""
             compiler, whole = compare(text, other, lanes, build_level(flight.program.blocks, lanes), a.rounds)

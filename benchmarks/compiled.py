@@ -1,4 +1,4 @@
-"""The workload as trimtab compiles it: one run, one run with its log, and campaigns over lanes and threads."""
+"""Workload compiled by trimtab: one run, one run with its log, and campaigns over lanes and threads."""
 
 from functools import cache
 from pathlib import Path
@@ -17,17 +17,17 @@ from trimtab.run.program import fly_runs, row_numbers
 from trimtab.run.walk_structure import WalkStructure, build_walk_library, final_columns, lower_structure, walk_structure
 
 NOTHING = ("truth.heading",)
-"""Logged at no instant: only the end is wanted."""
+"""Signal given to programs without a log. It is logged at no instant."""
 ENDS = [f"truth.{n}" for n in ("surge_velocity", "sway_velocity", "yaw_rate", "north", "east", "heading")]
 SCALE = np.array([spec.M, spec.M, spec.J, 1.0, 1.0, 1.0])
-"""Velocities to momenta; the rest as it is."""
+"""Factors from velocities to momenta, and 1 for the other states."""
 
 
 class Loop(NamedTuple):
-    """A traced loop.
+    """Traced loop.
 
-    whole: its inputs.  table: instants.  of: structure.  at: where the truth stands among the last values.
-    widths: numbers in a row of the log, and last values.  row: the row that each instant writes.
+    whole: inputs.  table: instants.  of: structure.  at: positions of the true state in the final values.
+    widths: numbers in a row of the log, and number of final values.  row: row that each instant writes.
     """
 
     whole: RunInputs
@@ -40,7 +40,7 @@ class Loop(NamedTuple):
 
 @cache
 def parts(signals: tuple[str, ...] = ()) -> Loop:
-    """The loop with these signals logged at each instant, or with none; traced at the first call."""
+    """Return the loop with these signals logged at each instant. It is traced at the first call."""
     world, autopilot, x = workload.loop(np.array(spec.GAINS))
     whole = RunInputs(world, autopilot, x, Key(np.uint32(spec.KEY0), np.uint32(0)))
     table = timetable([*world.periods(), autopilot.period], ms(spec.N), world.max_step)
@@ -55,7 +55,7 @@ def parts(signals: tuple[str, ...] = ()) -> Loop:
 
 @cache
 def inputs() -> tuple[Any, list[int]]:
-    """The inputs of a single run, and where gains and key stand in them."""
+    """Return the inputs of a single run, and the positions of gains and key in them."""
     whole = parts().whole
     places = [input_position(whole, p) for p in ("autopilot.law.k1", "autopilot.law.k2", "key.seed", "key.run")]
     return flat_inputs(whole), places
@@ -63,7 +63,7 @@ def inputs() -> tuple[Any, list[int]]:
 
 @cache
 def library(signals: tuple[str, ...] = ()) -> Path:
-    """The scalar library; the first call compiles it."""
+    """Return the path of the scalar library. The first call compiles it."""
     return build_walk_library(parts(signals).of)
 
 
@@ -75,43 +75,43 @@ def _flown(loop: Loop, path: Path, gains: Any, key: Any, log: bool) -> Any:
 
 
 def single(gains: Any, key: Any) -> Any:
-    """The truth at the end of one run."""
+    """Return the true state at the end of one run."""
     loop = parts()
     return _flown(loop, library(), gains, key, log=False).final[0, loop.at] * SCALE
 
 
 def logged(gains: Any, key: Any) -> Any:
-    """The log of one run (instants, 11): truth before each step, estimate, thrust and rudder."""
+    """Return the log of one run (instants, 11): true state before each step, estimate, thrust and rudder."""
     signals = workload.LOGGED
     return _flown(parts(signals), library(signals), gains, key, log=True).log[0]
 
 
 def width() -> int:
-    """Runs that fly side by side in a vector register; 1 where there is none."""
+    """Return the number of runs computed side by side in vector registers; 1 without vector registers."""
     compiler = find_compiler("c++")
     return lane_count(compiler) if compiler else 1
 
 
 def _own(loop: Loop) -> frozenset[int]:
-    """Position of the run's number among the inputs: the only one in which runs of a campaign differ."""
+    """Return the position of the run number in the inputs, the only input that differs between runs."""
     return frozenset([len(jax.tree.leaves(loop.whole)) - 1])
 
 
 def text(lanes: int) -> str:
-    """C of a single run, or C++ of a campaign over lanes."""
+    """Return the C text of a single run, or the C++ text of a campaign over lanes."""
     loop = parts()
     flight = lower_structure(loop.of)
     return flight.text(lanes, _own(loop)) if lanes else flight.text()
 
 
 def campaign_inputs() -> Any:
-    """The inputs that all runs of a campaign share."""
+    """Return the inputs that all runs of a campaign share."""
     loop = parts()
     return flat_inputs(loop.whole, _own(loop))
 
 
 def campaign(runs: int, threads: int) -> Any:
-    """The truth at the end of each of many runs, over lanes and threads."""
+    """Return the true states at the ends of many runs, simulated over lanes and threads."""
     loop, n = parts(), width()
     path = build_walk_library(loop.of, n if n > 1 else 0, _own(loop))
     numbers = np.arange(runs, dtype=np.float64)[:, None]

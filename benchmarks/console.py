@@ -1,10 +1,10 @@
-"""What a pilot console costs and how quick it is: its server's share of a core, the loop's deadlines, stick and pixels.
+"""Measure a pilot console: CPU share of its server, deadlines of the loop, delay of the stick and of the plots.
 
     python benchmarks/console.py                    a minute without a page, with one, with three, and with a crowd
-    python benchmarks/console.py --one-page 600     ten minutes with one page, the others as before
+    python benchmarks/console.py --one-page 600     ten minutes with one page, one minute for each other phase
 
-The real command flies `hovercraft/pilot`; the pages are Chromium's (Debian's package), each plotting 12 signals,
-without a GPU, on the same cores. Lateness and overruns are read from the flight's log, phase by phase.
+The real command flies `hovercraft/pilot`. The pages run in Chromium (Debian's package) on the same cores, without a
+GPU. Each page plots 12 signals. Lateness and overruns are read from the flight's log, phase by phase.
 """
 
 import argparse
@@ -34,7 +34,7 @@ navigator.getGamepads = () => [window.pad];
 
 
 class Phase(NamedTuple):
-    """A stretch of the flight, on the monotonic clock (s). cpu: the server's seconds; memory: its MB."""
+    """Phase of the flight, in monotonic time (s). cpu: CPU time of the server (s). memory: its memory (MB)."""
 
     name: str
     began: float
@@ -45,7 +45,7 @@ class Phase(NamedTuple):
 
 
 def server_pid(parent: int) -> int:
-    """The server's process, a child of the flight's."""
+    """Return the process ID of the server, a child of the flight's process."""
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             line, stat = (folder / "cmdline").read_bytes(), (folder / "stat").read_text()
@@ -57,18 +57,18 @@ def server_pid(parent: int) -> int:
 
 
 def cpu_seconds(pid: int) -> float:
-    """Processor time that it has had."""
+    """Return the CPU time (s) that a process has used."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def memory_mb(pid: int) -> float:
-    """What it has in memory."""
+    """Return the resident memory (MB) of a process."""
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def watch(name: str, pid: int, seconds: float, count_rows) -> Phase:
-    """A phase, after a few seconds for what was just opened."""
+    """Measure a phase, after a few seconds in which newly opened pages load."""
     time.sleep(SETTLE_S)
     began, cpu, memory, rows = time.monotonic(), cpu_seconds(pid), memory_mb(pid), count_rows()
     time.sleep(seconds)
@@ -77,7 +77,7 @@ def watch(name: str, pid: int, seconds: float, count_rows) -> Phase:
 
 
 def open_page(browser, url: str):
-    """A page that plots a dozen signals."""
+    """Open a page that plots a dozen signals."""
     page = browser.new_page(viewport={"width": 1280, "height": 720})
     page.add_init_script(GAMEPAD)
     page.goto(url)
@@ -93,7 +93,7 @@ def open_page(browser, url: str):
 
 
 def print_phases(phases: list[Phase], log, offset: float) -> None:
-    """A row a phase. offset: the log's time minus the monotonic clock (s)."""
+    """Print one row for each phase. offset: log time minus monotonic time (s)."""
     heads = {
         "server, % of a core": 22,
         "its memory, MB": 22,
@@ -114,13 +114,13 @@ def print_phases(phases: list[Phase], log, offset: float) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=60.0, help="of each phase")
-    parser.add_argument("--one-page", type=float, help="seconds with one page, where not the same")
+    parser.add_argument("--seconds", type=float, default=60.0, help="duration of each phase (s)")
+    parser.add_argument("--one-page", type=float, help="duration (s) of the phase with one page, if different")
     given = parser.parse_args()
     seconds = given.seconds
     chromium = shutil.which("chromium")
     if chromium is None:
-        raise SystemExit("needs Debian's chromium")
+        raise SystemExit("chromium must be installed (Debian: apt-get install chromium)")
     from playwright.sync_api import sync_playwright
 
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as play:

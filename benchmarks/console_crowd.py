@@ -1,8 +1,8 @@
-"""A crowd at a pilot console: twenty pages that read, one that reads 1 kB/s, and a stranger that tries what it can.
+"""Load a pilot console with twenty pages that read, one page that reads 1 kB/s, and an attacker.
 
     python benchmarks/console_crowd.py URL --seconds 30       the address that `trimtab console` printed
 
-`benchmarks/console.py` starts it beside a flight and measures what the flight notices.
+`benchmarks/console.py` starts this program during a flight, and measures the effect on the flight.
 """
 
 import argparse
@@ -26,7 +26,7 @@ class _NoRedirect(urllib.request.HTTPRedirectHandler):
 
 
 def fetch_cookie(url: str) -> str:
-    """What the token in the address is exchanged for."""
+    """Return the cookie that the console gives in exchange for the token in the address."""
     try:
         urllib.request.build_opener(_NoRedirect).open(url, timeout=10)
     except urllib.error.HTTPError as answer:
@@ -36,7 +36,7 @@ def fetch_cookie(url: str) -> str:
 
 
 async def read_all(host: str, cookie: str, seconds: float) -> int:
-    """A page: rows that came."""
+    """Read as a normal page. Return the number of rows received."""
     rows, end = 0, time.monotonic() + seconds
     async with websockets.connect(
         f"ws://{host}/live", origin=f"http://{host}", additional_headers={"Cookie": cookie}
@@ -47,7 +47,7 @@ async def read_all(host: str, cookie: str, seconds: float) -> int:
 
 
 async def read_slowly(host: str, cookie: str, seconds: float) -> int:
-    """A page on a bad line, byte by byte at its rate: bytes that came."""
+    """Read as a page on a slow link. Return the number of bytes received."""
     name, _, port = host.partition(":")
     reader, writer = await asyncio.open_connection(name, int(port), limit=SLOW_BYTES)
     head = (
@@ -64,11 +64,11 @@ async def read_slowly(host: str, cookie: str, seconds: float) -> int:
 
 
 async def attack(host: str, cookie: str, seconds: float) -> int:
-    """Guess tokens, come from elsewhere, send 10 MB, send what is no JSON: attempts."""
+    """Guess tokens, use a wrong origin, send 10 MB, and send invalid JSON. Return the number of attempts."""
     tries, end = 0, time.monotonic() + seconds
     own = {"Cookie": cookie}
     while time.monotonic() < end:
-        with contextlib.suppress(Exception):  # each is to be refused, in whatever way
+        with contextlib.suppress(Exception):  # each attempt must be rejected, with any error
             if tries % 4 == 0:
                 await asyncio.to_thread(urllib.request.urlopen, f"http://{host}/?token=guess{tries}", timeout=2)
             elif tries % 4 == 1:
@@ -85,7 +85,7 @@ async def attack(host: str, cookie: str, seconds: float) -> int:
 
 
 async def crowd(url: str, seconds: float) -> None:
-    """All of them at once."""
+    """Run all readers and the attacker at the same time."""
     host, cookie = urlsplit(url).netloc, fetch_cookie(url)
     pages = [read_all(host, cookie, seconds) for _ in range(PAGES)]
     *rows, slow, tries = await asyncio.gather(

@@ -1,9 +1,9 @@
-"""Fly a hovercraft in real time with and without its log, in turns: deadlines, and what logging costs the loop.
+"""Fly a hovercraft in real time with and without its log, alternately. Measure deadlines and the cost of logging.
 
 python benchmarks/deadlines.py
 
-The vehicle is a program of its own, over a loopback line; each round arms it anew. The share of logging is the
-difference of the median work of a period with and without the log, of a pair of rounds, as a part of the period.
+The vehicle is a separate program on a loopback link. Each round arms it again. The cost of logging is the difference of
+the median computing time per period with and without the log, in a pair of flights, as a fraction of the period.
 """
 
 import argparse
@@ -32,7 +32,7 @@ START = "import sys; from trimtab.cli import main; sys.exit(main())"
 
 @contextlib.contextmanager
 def vehicle(line):
-    """The vehicle, as a program; it runs until the end of the block."""
+    """Run the vehicle as a separate program, until the end of the `with` block."""
     asked = ("vehicle", SCENARIO, "--listen", line, "--unsigned", "--json")
     process = subprocess.Popen(
         [sys.executable, "-c", START, *asked], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -57,7 +57,7 @@ def fly(scenario, line, step, duration, log) -> LiveFlightSummary:
 
 
 def rounds(count: int, duration: int) -> tuple[list[tuple[LiveFlightSummary, LiveFlightSummary]], float]:
-    """Pairs of flights, with and without a log, in an order drawn anew; and the period (s)."""
+    """Return pairs of flights, with and without a log, in random order, and the period (s)."""
     scenario, rng, pairs = catalogue.load_scenario(SCENARIO)[0], random.Random(0), []
     line, step = f"loopback://benchmark-{os.getpid()}", compile_autopilot(scenario)
     with tempfile.TemporaryDirectory() as folder, vehicle(line):
@@ -72,7 +72,7 @@ def rounds(count: int, duration: int) -> tuple[list[tuple[LiveFlightSummary, Liv
 
 
 def table(pairs) -> None:
-    """All deadlines of all flights."""
+    """Print the deadlines of all flights."""
     print(f"{'us':24}{'median':>9}{'99 %':>9}{'99.9 %':>9}{'longest':>9}{'own':>6}{'sched':>6}")
     for k, both in enumerate(pairs):
         for name, flight in zip(("with log", "without"), both, strict=True):
@@ -85,16 +85,16 @@ def table(pairs) -> None:
 
 
 def spread(values) -> Ratio:
-    """Median, least, largest."""
+    """Return the median, smallest and largest value."""
     ordered = sorted(values)
     return Ratio(ordered[len(ordered) // 2], ordered[0], ordered[-1])
 
 
 if __name__ == "__main__":
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--rounds", type=int, default=5, help="pairs of flights; 5 if left out")
-    p.add_argument("--seconds", type=float, default=10.0, help="of each flight; 10 if left out")
-    p.add_argument("--quick", action="store_true", help="one pair of two seconds: does it work?")
+    p.add_argument("--rounds", type=int, default=5, help="number of pairs of flights (default: 5)")
+    p.add_argument("--seconds", type=float, default=10.0, help="duration of each flight (s) (default: 10)")
+    p.add_argument("--quick", action="store_true", help="one pair of two seconds, only to check that the program works")
     p.add_argument("--markdown", action="store_true", help="print the rows for the documentation's table at the end")
     a = p.parse_args()
     print(f"{machine('jax')}\n{load()}")

@@ -1,4 +1,4 @@
-"""Which ratios of compare.py are reported, and what is asked of them."""
+"""Ratios that compare.py reports, with their targets."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ COMMAND = "python benchmarks/compare.py"
 
 
 class Figure(NamedTuple):
-    """A ratio of two programs' times, or CPU times, in one table, with a target or without."""
+    """Ratio of two programs' times, or CPU times, in one table, with or without a target."""
 
     table: str
     over: str
@@ -33,7 +33,7 @@ class Figure(NamedTuple):
         return f"≥ {self.least:g}" if self.least is not None else ""
 
     def verdict(self, found: Ratio | None) -> str:
-        """Of the median: met, MISSED, not measured; nothing where there is no target."""
+        """Return the verdict on the median: "met", "MISSED" or "not measured"; "" without a target."""
         if found is None:
             return "not measured"
         if not self.target:
@@ -43,7 +43,7 @@ class Figure(NamedTuple):
 
 
 def figures(simd: str) -> list[Figure]:
-    """All ratios that are reported; those with a target first."""
+    """Return all ratios that are reported, first the ratios with a target."""
     return [
         Figure("single", TRIMTAB, HAND_C, most=1.1),
         Figure("campaign", simd, CAMPAIGN, least=0.95),
@@ -60,7 +60,7 @@ def figures(simd: str) -> list[Figure]:
 
 
 def report(found: dict[Figure, Ratio | None]) -> bool:
-    """Print ratios and targets; whether all targets are met."""
+    """Print ratios and targets. Return True if all targets are met."""
     print(f"\n{'ratios within a round':58}{'median (min..max)':>24}{'target':>9}")
     for figure, x in found.items():
         print(f"{figure.name:58}{x or '-'!s:>24}{figure.target:>9}  {figure.verdict(x)}")

@@ -1,14 +1,14 @@
-"""Filter updates per second of an aided INS, and of a plain Kalman filter: trimtab's C beside numpy and filterpy.
+"""Measure filter updates per second of an aided INS and of a plain Kalman filter: trimtab's C, numpy and filterpy.
 
     python benchmarks/filters.py            times, ratios, and the largest difference of the results
-    python benchmarks/filters.py --quick    seconds: are the results right?
+    python benchmarks/filters.py --quick    seconds: only checks the results
 
-The INS is the source's: dual filter (2 and 6 states) with the printed matrices, a heading at each tick of 6.5536 ms, a
-position at each 15th. The plain filter has 8 states and a measurement of 2 at each tick. All run the same numbers
-through the same equations, from Python, whole flights at a call. An update is a measurement with the prediction before
-it. filterpy: pip install "trimtab[bench]"; without it the others run.
+The INS is that of the thesis [1]: a dual filter (2 and 6 states) with the printed matrices, a heading at each tick of
+6.5536 ms, a position at each 15th tick. The plain filter has 8 states and a measurement of 2 numbers at each tick. All
+programs compute the same equations on the same numbers. Each call from Python computes a whole flight. An update is a
+prediction and a measurement update. filterpy is optional: pip install "trimtab[bench]".
 
-Exits with 1 when a result is wrong, with --strict also when a target is missed.
+Exits with 1 if a result is wrong, with --strict also if a target is missed.
 """
 
 import argparse
@@ -41,12 +41,12 @@ EVERY, STATES, REPEATS = 15, 8, 50
 NOISE = InertialNoise(covariance="literal")
 DT = to_seconds(NOISE.tick)
 OPEN = 1e300
-"""A gate that lets everything through, as the others have none."""
+"""NIS gate that accepts every measurement, because the other programs have no gate."""
 START = InertialStart(sigma_heading=np.sqrt(1.6e-4), sigma_position=np.sqrt(5.6e-4))
 
 
 def setting():
-    """The numbers of the INS, as filters_np.py reads them."""
+    """Return the parameters of the INS in the form that filters_np.py reads."""
     start = to_arrays(START)
     return {
         "dt": DT,
@@ -61,7 +61,7 @@ def setting():
 
 
 def flight(n, seed):
-    """A weaving vehicle: what an IMU with biases and noise feels (n, 3), headings (n,), positions (n, 2)."""
+    """Return IMU samples with biases and noise (n, 3), headings (n,) and positions (n, 2) of a weaving vehicle."""
     g, t = np.random.default_rng(seed), np.arange(n) * DT
     heading, rate = 0.7 * np.sin(0.4 * t), 0.28 * np.cos(0.4 * t)
     position = np.stack([2 * np.sin(0.9 * t), 1.5 * np.cos(0.7 * t) - 1.5], axis=1)
@@ -74,7 +74,7 @@ def flight(n, seed):
 
 
 def inertial(n):
-    """trimtab's feed-forward INS over a flight, compiled: the form's own steps, without its history of late fixes."""
+    """Return trimtab's feed-forward INS for a whole flight, compiled, without the history for delayed fixes."""
     intake = Intake(gate_heading=OPEN, gate_position=OPEN, patience_position=0)
     form = to_arrays(AidedInertialFeedforward(intake=intake, noise=NOISE, start=START))
 
@@ -94,7 +94,7 @@ def inertial(n):
 
 
 def plain(seed=0):
-    """F, Q, H, R, P of a filter of 8 states: four oscillators that push each other, two of them measured."""
+    """Return F, Q, H, R, P of a filter of 8 states: four coupled oscillators, two of which are measured."""
     g = np.random.default_rng(seed)
     blocks = np.kron(np.eye(4), [[0.0, 1.0], [-1.0, -0.1]]) + 0.1 * g.standard_normal((STATES, STATES))
     F = np.eye(STATES) + DT * blocks + DT * DT / 2 * blocks @ blocks
@@ -103,7 +103,7 @@ def plain(seed=0):
 
 
 def tracked(n):
-    """trimtab's Kalman filter over measurements, compiled."""
+    """Return trimtab's Kalman filter for a series of measurements, compiled."""
 
     def fly(F, Q, H, R, P, measured):
         def tick(carry, z):
@@ -120,7 +120,7 @@ def tracked(n):
 
 
 def again(call):
-    """A short flight, flown often enough to be measured as long as its neighbours are."""
+    """Return a program that repeats a short flight, so that its measurement lasts as long as the others'."""
 
     def calls(*given):
         for _ in range(REPEATS):
@@ -131,7 +131,7 @@ def again(call):
 
 
 def makers():
-    """How each program in Python makes a filter."""
+    """Return program name -> function that creates a filter, for the programs in Python."""
     found = {NUMPY: filters_np.Kalman}
     if importlib.util.find_spec("filterpy") is None:
         print('filterpy is not installed: pip install "trimtab[bench]"', file=sys.stderr)
@@ -145,8 +145,8 @@ def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--rounds", type=int, default=11, help="rounds of flights (%(default)s)")
     p.add_argument("--ticks", type=int, default=3000, help="ticks of a flight (%(default)s)")
-    p.add_argument("--quick", action="store_true", help="2 rounds of 150 ticks: only the results mean something")
-    p.add_argument("--strict", action="store_true", help="exit with 1 also when a target is missed")
+    p.add_argument("--quick", action="store_true", help="2 rounds of 150 ticks: checks results, not times")
+    p.add_argument("--strict", action="store_true", help="exit with 1 also if a target is missed")
     p.add_argument("--markdown", action="store_true", help="print rows for the documentation's table at the end")
     a = p.parse_args()
     if a.quick:

@@ -1,18 +1,18 @@
-"""Time one call of functions of other libraries by trimtab.compile beside jax.jit and CasADi, and compare the results.
+"""Time functions of other libraries, compiled by trimtab.compile, jax.jit and CasADi, and compare the results.
 
     python benchmarks/foreign.py                      all of tests/compiler/foreign: a line for each, then the means
     python benchmarks/foreign.py --library jaxlie     one library
-    python benchmarks/foreign.py --quick              two rounds: do they compile and agree?
+    python benchmarks/foreign.py --quick              two rounds: only checks that they compile and agree
     python benchmarks/foreign.py --write              put the table into docs/benchmarks.md
 
-The programs take turns, in rounds whose order is drawn, each round on another input; a time is the least of all rounds,
-and a ratio that of two times: XLA hands even small programs to other threads, and on a busy machine its median says
-more about the machine. jax.jit is given arrays that lie on its device, and is waited for; trimtab.compile is given
-numpy arrays. CasADi's function is the C that it generates, compiled with -O3 -march=native, and called through its
-FunctionBuffer: the fastest way that it offers.
-The packages: pip install "trimtab[foreign,bench]"; a library that is not installed is left out.
+Each round has a random order of the programs and another input. The smallest time of all rounds is reported, because
+XLA runs even small programs in other threads, whose median time depends on the load of the machine. jax.jit gets arrays
+on its device, and the time includes the wait for its results. trimtab.compile gets numpy arrays. CasADi's function is
+the C that it generates, compiled with -O3 -march=native, and called by the fastest way that CasADi offers,
+FunctionBuffer.
+Packages: pip install "trimtab[foreign,bench]". A library that is not installed is left out.
 
-Exits with 1 where a function doesn't compile or agree as its list says, with --strict also when a target is missed.
+Exits with 1 if a function does not compile or agree as stated in its list, with --strict also if a target is missed.
 """
 
 import argparse
@@ -47,13 +47,13 @@ LIBRARIES = ("jaxlie", "brax", "equinox", "jaxopt", "blackjax", "diffrax", "opti
 COMMAND = "python benchmarks/foreign.py"
 PAGE, BEGIN, END = ROOT / "docs" / "benchmarks.md", "<!-- made by benchmarks/foreign.py -->", "<!-- end of foreign -->"
 TARGET, AGREE, TURN = 5.0, 65, 1e-3
-"""Wanted: times as fast as jax.jit, and functions that agree. How long a program's turn lasts (s)."""
+"""Target speed relative to jax.jit, target number of functions that agree, and duration of one measurement (s)."""
 
 
 class Figure(NamedTuple):
-    """What was found of one function.
+    """Results for one function.
 
-    apart: difference relative to scale.  verdict: in words.  times: least per call (s) by program.
+    apart: relative difference of the results.  verdict: text.  times: program -> smallest time of a call (s).
     """
 
     library: str
@@ -64,12 +64,12 @@ class Figure(NamedTuple):
     good: bool = True
 
     def ratio(self, program: str) -> float | None:
-        """Its time over trimtab's; None where it was not measured."""
+        """Return a program's time divided by trimtab's, or None if it was not measured."""
         return self.times[program] / self.times["trimtab"] if program in self.times else None
 
 
 def load_cases(library: str) -> list[Case]:
-    """The list of a library; empty where it is not installed."""
+    """Return the functions of a library; an empty list if it is not installed."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -80,7 +80,7 @@ def load_cases(library: str) -> list[Case]:
 
 
 def programs(library: str, case: Case) -> dict[str, Any]:
-    """Functions of the number of a run, that compute it and wait for it; numbers are prepared."""
+    """Return program name -> function that computes a run, given by its number, and waits for the results."""
     runs = draw_runs(case)
     compiled, jitted = trimtab.compile(case.function, *runs[0]), jax.jit(lambda *arguments: case.function(*arguments))
     on_device = [jax.tree.map(jax.numpy.asarray, r) for r in runs]
@@ -105,7 +105,7 @@ def programs(library: str, case: Case) -> dict[str, Any]:
 
 
 def measure_times(calls: dict[str, Any], rounds: int, runs: int) -> dict[str, float]:
-    """Least time of a call (s), by rounds in an order that is drawn anew."""
+    """Return program -> smallest time of a call (s) in rounds of random order."""
     counts = {name: _calls_per_turn(call) for name, call in calls.items()}
     times = dict.fromkeys(calls, math.inf)
     rng = random.Random(0)
@@ -140,13 +140,13 @@ def measure(library: str, case: Case, rounds: int) -> Figure:
 
 
 def geometric_mean(figures: list[Figure], program: str) -> Ratio:
-    """Of a program's times over trimtab's, with the least and largest of them."""
+    """Return the geometric mean, smallest and largest ratio of a program's time to trimtab's."""
     ratios = [r for r in (f.ratio(program) for f in figures) if r is not None]
     return Ratio(math.exp(np.mean(np.log(ratios))), min(ratios), max(ratios)) if ratios else Ratio(*[math.nan] * 3)
 
 
 def summary(figures: list[Figure]) -> list[str]:
-    """The rows of the page's first table."""
+    """Return the rows for the first table of the docs page."""
     timed = [f for f in figures if f.times]
     agree = sum(f.apart <= CLOSE for f in figures)
     jit, twins = geometric_mean(figures, "jax.jit"), sum("casadi" in f.times for f in figures)
@@ -162,7 +162,7 @@ def summary(figures: list[Figure]) -> list[str]:
 
 
 def table(figures: list[Figure]) -> str:
-    """A row for each function."""
+    """Return the table in Markdown, with a row for each function."""
     lines = ["| library | function | trimtab (us) | jax.jit / trimtab | CasADi / trimtab | apart | |", "|---" * 7 + "|"]
     for f in figures:
         took = f"{1e6 * f.times['trimtab']:.2f}" if f.times else ""
@@ -174,15 +174,15 @@ def table(figures: list[Figure]) -> str:
 
 def main() -> int:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--library", choices=LIBRARIES, action="append", help="only this one; may be given again")
-    p.add_argument("--rounds", type=int, default=15, help="(%(default)s)")
-    p.add_argument("--quick", action="store_true", help="2 rounds: only the agreement means something")
-    p.add_argument("--strict", action="store_true", help="exit with 1 also when a target is missed")
+    p.add_argument("--library", choices=LIBRARIES, action="append", help="time only this library; may be repeated")
+    p.add_argument("--rounds", type=int, default=15, help="number of rounds (%(default)s)")
+    p.add_argument("--quick", action="store_true", help="2 rounds: checks agreement, but gives no useful times")
+    p.add_argument("--strict", action="store_true", help="exit with 1 also if a target is missed")
     p.add_argument("--markdown", action="store_true", help="print rows for the documentation's table at the end")
     p.add_argument("--write", action="store_true", help="put the table into docs/benchmarks.md")
     a = p.parse_args()
     if a.write and (a.library or a.quick):
-        p.error("the page's table is of all libraries, in full rounds")
+        p.error("--write needs all libraries and full rounds: leave out --library and --quick")
     began, figures = load(), []
     print(f"{machine('jax')}\n{began}")
     for library in a.library or LIBRARIES:

@@ -1,6 +1,6 @@
-"""Functions of tests/compiler/foreign written again by hand in CasADi, as its users would: SX, and SX inside of folds.
+"""Functions of tests/compiler/foreign, written by hand in CasADi as its users would: with SX, and with folds of SX.
 
-Each is generated as C, compiled with gcc -O3 -march=native, and called through CasADi's FunctionBuffer.
+CasADi generates C for each function. It is compiled with gcc -O3 -march=native and called through FunctionBuffer.
 """
 
 import os
@@ -20,7 +20,7 @@ def _skew(w: Any) -> Any:
 
 
 def _flat(*results: Any) -> Any:
-    """All results in one column, row after row."""
+    """Return all results in one column, row by row."""
     return ca.vertcat(*(ca.vec(r.T) if r.shape[1] > 1 else r for r in map(ca.SX, results)))
 
 
@@ -44,7 +44,7 @@ def _product(p: Any, q: Any) -> Any:
 
 
 def _pose(x: Any) -> tuple[Any, Any]:
-    """Attitude and position of the exponential on SE(3)."""
+    """Return attitude and position of the exponential map on SE(3)."""
     w = x[3:]
     n2 = ca.dot(w, w)
     n = ca.sqrt(n2)
@@ -55,7 +55,7 @@ def _pose(x: Any) -> tuple[Any, Any]:
 
 def _log_pose(q: Any, p: Any) -> Any:
     n = ca.sqrt(ca.dot(q[1:], q[1:]))
-    # the shorter way round
+    # the shorter rotation
     angle = 2 * ca.if_else(q[0] < 0, ca.atan2(-n, -q[0]), ca.atan2(n, q[0]))
     w = angle / n * q[1:]
     K = _skew(w)
@@ -118,7 +118,7 @@ def _linearisation(x: Any, u: Any) -> Any:
 
 
 def _fold(step: Callable[..., Any], size: int, others: list[Any], count: int) -> Any:
-    """A function of the state and other arguments that takes a step again and again."""
+    """Return a function of the state and other arguments that repeats a step."""
     state, symbols = ca.SX.sym("state", size), [ca.SX.sym(f"o{i}", *o.shape) for i, o in enumerate(others)]
     return ca.Function("step", [state, *symbols], [step(state, *symbols)]).fold(count)
 
@@ -208,11 +208,11 @@ TWINS: dict[tuple[str, str], tuple[Callable[..., Any], Any]] = {
     ("own", "linear-quadratic regulator"): (_regulator, ca.MX),
     ("own", "PID loop of 200 steps"): (_pid_loop, ca.MX),
 }
-"""By library and name: the function, and the kind of symbols that it is written in."""
+"""(Library, name) -> function, and CasADi's kind of symbols in which it is written."""
 
 
 def twin(library: str, name: str, runs: list[tuple[Any, ...]]) -> Callable[[int], Any] | None:
-    """The function of the number of a run that CasADi computes into one array; None where there is none."""
+    """Return CasADi's function of the number of a run, with results in one array, or None if it is not in TWINS."""
     if (library, name) not in TWINS:
         return None
     function, kind = TWINS[library, name]
@@ -237,7 +237,7 @@ def twin(library: str, name: str, runs: list[tuple[Any, ...]]) -> Callable[[int]
 def _compile(function: Any) -> Any:
     folder = Path(tempfile.mkdtemp())
     here = Path.cwd()
-    os.chdir(folder)  # CasADi writes where it stands
+    os.chdir(folder)  # CasADi writes files to the current folder
     try:
         function.generate("twin.c")
         subprocess.run(["gcc", "-O3", "-march=native", "-shared", "-fPIC", "twin.c", "-o", "twin.so"], check=True)

@@ -1,12 +1,15 @@
-"""Time and text of one program against its size: n signals with a sine, a hyperbolic tangent and an exponential each,
-in straight lines, each coupled to its neighbours. trimtab, one run and lanes, beside jax.jit and CasADi's C.
+"""Measure compile time and text size of a program over its number of signals, with trimtab, jax.jit and CasADi.
+
+The program has n signals, each with a sine, a hyperbolic tangent and an exponential. Each is coupled to its neighbours.
+The program has no loops. trimtab compiles it for one run and for lanes.
 
     python benchmarks/growth.py                                  some minutes
     python benchmarks/growth.py --sizes 100 200 400 --peers 400  quicker
-    python benchmarks/growth.py --plot docs/growth.svg   and the picture of the documentation
+    python benchmarks/growth.py --plot docs/growth.svg   also writes the plot for the docs page
 
-Times are CPU seconds, compilers' included, so that others' load counts little: from the function to the loaded library,
-with the tracing. CasADi (extra `bench`) writes C, which is compiled by the same compiler with the flags of trimtab's.
+Times are CPU seconds, so that other programs have little influence. They cover everything from the function to the
+loaded library: tracing, and the C compiler. CasADi (extra `bench`) writes C, which the same compiler builds with
+trimtab's flags.
 """
 
 import argparse
@@ -35,43 +38,43 @@ jax.config.update("jax_enable_x64", True)
 
 SIZES = (100, 200, 400, 800, 1600, 3000)
 TARGET = 15.0
-"""Seconds at most for the largest."""
+"""Largest accepted time (s) for the largest program."""
 SLOPE = 1.15
 """Largest exponent of n that counts as linear, fitted over the upper half of the sizes."""
 TRIMTAB, LANES, JAX, CASADI = "trimtab, one run", "trimtab, lanes", "jax.jit", "CasADi, C by gcc"
 
 
 class Measured(NamedTuple):
-    """CPU seconds, and bytes of text (0 where there is none)."""
+    """CPU time (s), and size of the text in bytes (0 if no text is written)."""
 
     seconds: float
     text: int
 
 
 def signals(x: Any, m: Any = jnp) -> list[Any]:
-    """Rates of n signals, each coupled to its neighbours in a ring; m: jax.numpy or casadi."""
+    """Return the rates of n signals, each coupled to its neighbours in a ring. m: jax.numpy or casadi."""
     n = x.shape[0]
     v = [x[k] for k in range(n)]
     return [-0.5 * v[k] + m.sin(v[k - 1]) * m.tanh(v[(k + 1) % n]) + 0.1 * m.exp(-v[k] * v[k]) for k in range(n)]
 
 
 def rates(x: Any) -> Any:
-    """The same as an array."""
+    """Return the rates of the signals as an array."""
     return jnp.stack(signals(x))
 
 
 def cpu() -> float:
-    """CPU seconds of this process and of those that it waited for."""
+    """Return the CPU time (s) of this process and of the processes that it waited for."""
     return sum(os.times()[:4])
 
 
 def pointer(a: Any) -> Any:
-    """Where an array lies."""
+    """Return the address of an array."""
     return a.ctypes.data_as(ctypes.c_void_p)
 
 
 def by_trimtab(x: Any, lanes: int) -> tuple[Any, int]:
-    """What trimtab computes, and the bytes of its text."""
+    """Return the result of trimtab's program, and the size of its text in bytes."""
     made = lower_function(rates, (x,)).program_text("growth", lanes)
     library = build_library(made.text, "c++" if lanes else "c", extra=made.flags)
     out, memory = np.empty(x.size), np.empty(made.workspace // 8 + 8)
@@ -81,20 +84,20 @@ def by_trimtab(x: Any, lanes: int) -> tuple[Any, int]:
 
 
 def by_jax(x: Any) -> tuple[Any, int]:
-    """What jax.jit computes; its text is XLA's."""
+    """Return the result of jax.jit, and the size of XLA's text in bytes."""
     lowered = jax.jit(rates).lower(x)
     return np.asarray(lowered.compile()(x)), len(lowered.as_text())
 
 
 def by_casadi(x: Any) -> tuple[Any, int]:
-    """What the C of CasADi computes, built with trimtab's flags."""
+    """Return the result of CasADi's C, built with trimtab's flags, and the size of its text in bytes."""
     import casadi
 
     state = casadi.SX.sym("x", x.size)
     function = casadi.Function("growth", [state], [casadi.vertcat(*signals(state, casadi))])
     with tempfile.TemporaryDirectory() as folder:
         here = os.getcwd()
-        os.chdir(folder)  # it writes only there
+        os.chdir(folder)  # CasADi writes files only to the current folder
         try:
             function.generate("growth.c")
         finally:
@@ -109,7 +112,7 @@ def by_casadi(x: Any) -> tuple[Any, int]:
 
 
 def measure(program: Callable[[Any], tuple[Any, int]], x: Any) -> Measured:
-    """Time and text of a program; its numbers are compared with numpy's."""
+    """Return compile time and text size of a program, after a comparison of its results with numpy's."""
     before = cpu()
     given, text = program(x)
     seconds = cpu() - before
@@ -121,17 +124,17 @@ def measure(program: Callable[[Any], tuple[Any, int]], x: Any) -> Measured:
 
 
 def slope(found: dict[int, float]) -> float:
-    """The exponent of n, fitted over the upper half of the sizes."""
+    """Return the exponent of n, fitted over the upper half of the sizes."""
     sizes = sorted(found)[len(found) // 2 - 1 :]
     return float(np.polyfit(np.log(sizes), np.log([found[n] for n in sizes]), 1)[0])
 
 
 def draw(found: dict[str, dict[int, Measured]], path: Path) -> None:
-    """Time and text against n."""
+    """Plot compile time and text size over n."""
     import matplotlib
 
     matplotlib.use("agg")
-    matplotlib.rcParams["svg.fonttype"] = "none"  # text stays text
+    matplotlib.rcParams["svg.fonttype"] = "none"  # text is not converted to outlines
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
@@ -153,7 +156,7 @@ def draw(found: dict[str, dict[int, Measured]], path: Path) -> None:
 
 
 def programs(peers: bool) -> dict[str, Callable[[Any], tuple[Any, int]]]:
-    """Who is measured."""
+    """Return the programs to measure, by name."""
     compiler = find_compiler("c++")
     lanes = lane_count(compiler) if compiler else 1
     found: dict[str, Callable[[Any], tuple[Any, int]]] = {TRIMTAB: lambda x: by_trimtab(x, 0)}
@@ -174,7 +177,7 @@ def programs(peers: bool) -> dict[str, Callable[[Any], tuple[Any, int]]]:
 def main() -> int:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--sizes", type=int, nargs="+", default=SIZES, help="numbers of signals")
-    p.add_argument("--peers", type=int, default=3000, help="largest size for jax.jit and CasADi, 0 for none")
+    p.add_argument("--peers", type=int, default=3000, help="largest size for jax.jit and CasADi; 0: none")
     p.add_argument("--plot", type=Path, help="write the picture to this file")
     p.add_argument("--markdown", action="store_true", help="print rows for the documentation's table at the end")
     a = p.parse_args()

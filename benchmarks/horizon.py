@@ -1,10 +1,10 @@
-"""What a plan of the receding-horizon law costs: time on this machine, instructions on an emulated Cortex-M7.
+"""Measure a plan of the receding-horizon law: time on this machine, instructions on an emulated Cortex-M7.
 
     python benchmarks/horizon.py               a minute; --no-board leaves the board out
 
-The law alone, compiled, along a circle, one step each 20 ms; on the board the whole autopilot of hovercraft/track with
-its INS, one step each ms, for as long as it takes to get an estimate and to plan a few times. QEMU counts instructions;
-the processor's cycles are another matter (docs/export/boards.md).
+On this machine, only the compiled law runs, along a circle, with one step every 20 ms. On the board, the whole
+autopilot of hovercraft/track with its INS runs, one step per millisecond, until it has planned a few times. QEMU counts
+instructions, not the processor's cycles (docs/export/boards.md).
 """
 
 import argparse
@@ -31,7 +31,7 @@ BOARD = "cortex-m7"
 
 
 def time_steps(count):
-    """Times (us) of steps that plan, and of steps that hold."""
+    """Return the times (us) of steps that compute a plan, and of steps that keep the last plan."""
     law = RecedingHorizon()
     state = jax.tree.map(np.asarray, law.init(key(0)))
 
@@ -51,8 +51,8 @@ def time_steps(count):
 
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--no-board", action="store_true", help="time on this machine only")
-    p.add_argument("--steps", type=int, default=400, help="of the board (%(default)s)")
+    p.add_argument("--no-board", action="store_true", help="measure only the time on this machine")
+    p.add_argument("--steps", type=int, default=400, help="number of steps on the board (%(default)s)")
     a = p.parse_args()
     print(machine("jax"))
     for name, times in zip(("plans", "holds"), time_steps(500), strict=True):

@@ -1,11 +1,12 @@
-"""Instructions per tick under callgrind: the same on a quiet and on a busy machine.
+"""Count instructions per tick with callgrind. The load of the machine does not change the count.
 
     python benchmarks/instructions.py               half a minute
-    python benchmarks/instructions.py --markdown    and the rows of docs/benchmarks.md
+    python benchmarks/instructions.py --markdown    also prints the rows of docs/benchmarks.md
 
-Hand C without and with SLP, trimtab's C, and per run hand SIMD and trimtab over 4 lanes: all for x86-64-v3 (AVX2),
-because valgrind lacks AVX-512. Start-up is subtracted: a run of 0 ticks is counted too. Results are compared as well.
-Equal counts don't mean equal times: SLP lowers the count and raises the time. Needs gcc, g++ and valgrind, on x86-64.
+The programs are hand C without and with SLP, trimtab's C, and, per run, hand SIMD and trimtab over 4 lanes. All are
+built for x86-64-v3 (AVX2), because valgrind lacks AVX-512. The count of a run with 0 ticks (start-up) is subtracted.
+Results are compared, too. Equal counts do not mean equal times: SLP lowers the count and raises the time. Needs gcc,
+g++ and valgrind, on x86-64.
 """
 
 import argparse
@@ -33,14 +34,14 @@ MARCH, LANES = "-march=x86-64-v3", 4
 
 
 class Counted(NamedTuple):
-    """Instructions per tick and run, and the numbers of the first run."""
+    """Number of instructions per tick and run, and the results of the first run."""
 
     instructions: float
     numbers: Any
 
 
 def callgrind(folder: Path, ticks: int) -> tuple[int, Any]:
-    """Instructions of the program in a folder, and what it printed."""
+    """Return the number of instructions of the program in a folder, and its output."""
     command = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null", "./program", str(ticks)]
     done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
     if done.returncode or "Collected : " not in done.stderr:
@@ -49,13 +50,13 @@ def callgrind(folder: Path, ticks: int) -> tuple[int, Any]:
 
 
 def counted(folder: Path, runs: int = 1) -> Counted:
-    """Per tick and run, start-up subtracted."""
+    """Count instructions per tick and run, without start-up."""
     whole, numbers = callgrind(folder, spec.N)
     return Counted((whole - callgrind(folder, 0)[0]) / spec.N / runs, numbers)
 
 
 def hand(source: str, *flags: str, runs: int = 1) -> Counted:
-    """A program of reference/, with the flags of its yardstick."""
+    """Count the instructions of a program of reference/."""
     compiler, libraries = (CXX, ["-lmvec"]) if source.endswith("cpp") else (CC, [])
     language = "c++" if libraries else "c"
     with tempfile.TemporaryDirectory() as name:
@@ -65,7 +66,7 @@ def hand(source: str, *flags: str, runs: int = 1) -> Counted:
 
 
 def generated(lanes: int) -> Counted:
-    """trimtab's own text for one run, or over lanes, with its own flags but the CPU's."""
+    """Count the instructions of trimtab's program for one run, or over lanes, with its flags except that of the CPU."""
     loop, language = compiled.parts(), "c++" if lanes else "c"
     own, shared = np.arange(lanes, dtype=np.float64), compiled.campaign_inputs() if lanes else compiled.inputs()[0]
     table = loop.table

@@ -1,11 +1,12 @@
-"""CPU time of every scenario over lanes, beside libraries of another version, in turns: least times of many rounds.
+"""Measure the CPU time of every scenario over lanes, and compare it with libraries built by another version.
 
     python benchmarks/lanes.py --save FOLDER               with the old version: keep its libraries
-    python benchmarks/lanes.py --against FOLDER            with the new one: both, in paired rounds
-    python benchmarks/lanes.py hovercraft/spin             one scenario, this version alone
+    python benchmarks/lanes.py --against FOLDER            with the new version: time both, alternately
+    python benchmarks/lanes.py hovercraft/spin             one scenario, only this version
 
-Eight runs on one thread, with their statistics as in a campaign. The time is that of the thread: other programs count
-little. Results of both versions are compared; --strict exits with 1 where they differ or the new one is slower.
+Eight runs are simulated in one thread, with statistics as in a campaign. The smallest CPU time of the thread in many
+rounds is reported, so that other programs have little influence. Results of both versions are compared. With --strict,
+the program exits with 1 if results differ or the new version is slower.
 """
 
 import argparse
@@ -32,11 +33,11 @@ from trimtab.scenarios.catalogue import load_scenario, scenario_names
 RUNS = 8
 SEEDS = list(range(RUNS))
 SLOWER = 1.02
-"""Largest ratio of the new time to the old one that may be noise."""
+"""Largest ratio of the new time to the old time that counts as noise."""
 
 
 def flight(name: str, duration: int, lanes: int) -> tuple[Path, Callable[[Path], list[Any]]]:
-    """The library of a scenario over lanes, and a call that flies its runs with a library."""
+    """Return the library of a scenario over lanes, and a function that simulates its runs with a library."""
     scenario, _ = load_scenario(name)
     scenario, table, written = prepare_run(scenario, SEEDS, min(duration, scenario.duration), ms(10))
     inputs = run_inputs(scenario)
@@ -53,7 +54,7 @@ def flight(name: str, duration: int, lanes: int) -> tuple[Path, Callable[[Path],
 
 
 def least_times(fly: Callable[[Path], list[Any]], libraries: list[Path], rounds: int) -> tuple[list[float], bool]:
-    """The least CPU time per run of each library (s), and whether their results are the same bits."""
+    """Return the smallest CPU time per run of each library (s), and True if their results are bit-identical."""
     results = [fly(path) for path in libraries]
     same = all(a.tobytes() == b.tobytes() for other in results for a, b in zip(results[0], other, strict=True))
     times: list[list[float]] = [[] for _ in libraries]
@@ -68,16 +69,16 @@ def least_times(fly: Callable[[Path], list[Any]], libraries: list[Path], rounds:
 def main() -> int:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("scenarios", nargs="*", help="names; every scenario of the catalogue by default")
-    p.add_argument("--rounds", type=int, default=25, help="rounds (%(default)s)")
+    p.add_argument("--rounds", type=int, default=25, help="number of rounds (%(default)s)")
     p.add_argument("--milliseconds", type=int, default=1000, help="duration of each run (%(default)s)")
     p.add_argument("--save", metavar="FOLDER", help="keep the libraries in FOLDER")
     p.add_argument("--against", metavar="FOLDER", help="compare with the libraries in FOLDER")
-    p.add_argument("--strict", action="store_true", help="exit with 1 where results differ or the new time is longer")
+    p.add_argument("--strict", action="store_true", help="exit with 1 if results differ or the new time is longer")
     a = p.parse_args()
     compiler = find_compiler("c++")
     lanes = lane_count(compiler) if compiler else 1
     if lanes == 1:
-        sys.exit("this CPU or compiler has no lanes")
+        sys.exit("this CPU or compiler does not support lanes")
     print(f"{machine('jax')}\n{load()}\n\n{'':40}{'us/run':>10}{'before':>10}{'ratio':>8}  ({lanes} lanes)")
     bad = []
     for name in a.scenarios or scenario_names():

@@ -1,10 +1,12 @@
-"""What one result everywhere costs: elementary functions by policy, and flights with and without fused multiply-add.
+"""Measure the cost of bit-identical results on all machines: elementary functions and flights by policy.
+
+A policy is a set of compiler flags, with or without fused multiply-add (FMA).
 
     python benchmarks/one_result.py               two minutes
-    python benchmarks/one_result.py --markdown    and the tables of docs/compiler/generator.md
+    python benchmarks/one_result.py --markdown    prints the tables of docs/compiler/generator.md
 
-Functions: CPU time of a call, least of many rounds. Flights: CPU time of one run and of 64 runs over lanes in one
-thread, in processes that take turns; least of the rounds, as ratios to the default. Needs gcc and g++.
+Functions: smallest CPU time of a call in many rounds. Flights: CPU time of one run, and of 64 runs over lanes in one
+thread, in alternating processes; smallest time of the rounds, as a ratio to the default. Needs gcc and g++.
 """
 
 import argparse
@@ -74,7 +76,7 @@ for _ in sys.stdin:
 
 
 def time_functions(flags: tuple[str, ...], calls: dict[str, str]) -> dict[str, float]:
-    """Nanoseconds a call."""
+    """Return the time of a call (ns), by name."""
     lines = "".join(
         f"{{ double least = 1e9; for (int r = 0; r < 100; r++) {{ double sum = 0, start = now(); "
         f"for (int i = 0; i < 4096; i++) {{ double x = 0.1 + (i & 4095) * 7e-4; sum += {call}; }} "
@@ -92,7 +94,7 @@ def time_functions(flags: tuple[str, ...], calls: dict[str, str]) -> dict[str, f
 
 
 def time_flights(name: str, span: float, rounds: int) -> dict[str, tuple[float, float]]:
-    """Seconds of one run and of 64 over lanes, by policy."""
+    """Return policy -> times (s) of one run, and of 64 runs over lanes."""
     children = {}
     for policy, options in POLICIES.items():
         own = {**os.environ, "CC": "gcc" + options, "CXX": "g++" + options}
@@ -120,7 +122,7 @@ def time_flights(name: str, span: float, rounds: int) -> dict[str, tuple[float, 
 def main() -> int:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--markdown", action="store_true", help="print the documentation's tables")
-    p.add_argument("--rounds", type=int, default=5, help="rounds in which flights take turns")
+    p.add_argument("--rounds", type=int, default=5, help="number of rounds of alternating flights")
     a = p.parse_args()
     print(machine("jax"), load(), sep="\n")
     builds = {k: v for k, v in BUILDS.items() if "CPU" not in k or platform.machine() == "x86_64"}

@@ -1,4 +1,4 @@
-"""Times that can be compared: programs take turns, in shuffled rounds on one input; ratios are taken within a round."""
+"""Paired timing: in each round, all programs run once, in random order, on one input. Ratios are taken per round."""
 
 import os
 import platform
@@ -13,10 +13,10 @@ import numpy as np
 
 
 class Program(NamedTuple):
-    """What is timed.
+    """Program to time.
 
-    call: inputs to numbers, all of them there when it returns.  runs: how many runs one call makes.
-    result: the numbers as they are compared, taken after the clock stopped.
+    call: function of the inputs that has computed all numbers when it returns.  runs: number of runs per call.
+    result: function that converts the numbers for the comparison. It is not timed.
     """
 
     call: Callable[..., Any]
@@ -25,11 +25,11 @@ class Program(NamedTuple):
 
 
 class Timed(NamedTuple):
-    """What the rounds gave, per program.
+    """Results of the rounds, by program.
 
     first: time of the first call (s), which traces and compiles.  times: per run (s), one for each later round.
-    worst: largest difference to the reference, over all rounds, the first included.  cpu: as times, of all threads of
-    this process on the processor: other programs count little.
+    worst: largest difference from the reference in all rounds, including the first.  cpu: like `times`, CPU times of
+    all threads of this process. Other programs have little influence on them.
     """
 
     first: dict[str, float]
@@ -51,7 +51,7 @@ class Ratio(NamedTuple):
 
 
 def rounds(programs: dict[str, Program], inputs: Sequence[tuple[Any, ...]], reference: str, seed: int = 0) -> Timed:
-    """Call all programs once on each input, in an order that is drawn anew; the first input is the warm-up."""
+    """Call all programs once on each input, in random order. The first input is the warm-up."""
     order, rng = list(programs), random.Random(seed)
     timed = Timed({}, {name: [] for name in order}, dict.fromkeys(order, 0.0), {name: [] for name in order})
     for i, given in enumerate(inputs):
@@ -73,7 +73,7 @@ def rounds(programs: dict[str, Program], inputs: Sequence[tuple[Any, ...]], refe
 
 
 def several(call: Callable[..., Any], runs: int, result: Callable[..., Any] = np.asarray) -> Program:
-    """A short program, measured as long as its neighbours: runs with keys from the given one on; gives the first."""
+    """Return a program that repeats a short run, with increasing keys. Its result is that of the first run."""
 
     def calls(gains: Any, key: Any) -> Any:
         first = call(gains, key)
@@ -85,7 +85,7 @@ def several(call: Callable[..., Any], runs: int, result: Callable[..., Any] = np
 
 
 def difference(found: Any, truth: Any) -> float:
-    """The largest difference; infinite where a number is not finite or the shapes differ."""
+    """Return the largest difference; infinity if a difference is not finite or the shapes differ."""
     if np.shape(found) != np.shape(truth):
         return float("inf")
     apart = np.abs(np.subtract(found, truth))
@@ -93,7 +93,7 @@ def difference(found: Any, truth: Any) -> float:
 
 
 def ratio(timed: Timed, over: str, under: str, cpu: bool = False) -> Ratio | None:
-    """Time, or CPU time, of one program over that of another; None where one was not measured."""
+    """Return the ratio of two programs' times, or CPU times; None if one of them was not measured."""
     times = timed.cpu if cpu else timed.times
     if not times.get(over) or not times.get(under):
         return None
@@ -102,7 +102,7 @@ def ratio(timed: Timed, over: str, under: str, cpu: bool = False) -> Ratio | Non
 
 
 def show(title: str, timed: Timed, base: str, steps: int) -> None:
-    """Print a table: times per run, the ratio to the base with its least and largest, and the same in CPU time."""
+    """Print times per run and ratios to the base (median, smallest, largest), and the same for CPU times."""
     heads = (
         f"{'median ms':>11}{'min':>9}{'max':>9}{'us/step':>9}{'x ' + base:>17}{'min..max':>16}{'CPU ms':>9}{'x CPU':>7}"
     )
@@ -120,12 +120,12 @@ def show(title: str, timed: Timed, base: str, steps: int) -> None:
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def machine(*packages: str) -> str:
-    """The class of machine, without its name, and the versions that matter."""
+    """Return a description of the machine's CPU, and the versions of compiler, Python and packages."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         cpu = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
@@ -143,12 +143,12 @@ def machine(*packages: str) -> str:
 
 
 def load() -> str:
-    """The load line: how busy the machine was over the last minute, with a warning where that is too much."""
+    """Return a text with the machine's load over the last minute, and a warning if the load is too high."""
     now = os.getloadavg()[0]
     busy = "   busy: only ratios mean something, run again when it is quiet" if now > 0.3 * cores() else ""
     return f"load {now:.2f} on {cores()} cores{busy}"
 
 
 def row(what: str, figure: object, target: str, command: str) -> str:
-    """One line of the table on the documentation's page of benchmarks."""
+    """Return a row of the table on the docs page of benchmarks."""
     return f"| {what} | {figure} | {target} | `{command}` |"

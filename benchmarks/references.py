@@ -1,4 +1,4 @@
-"""The loop as C and SIMD C++ written by hand: built with the machine's compiler, called through ctypes."""
+"""C and SIMD C++ of the loop, written by hand, built with the machine's compiler, and called through ctypes."""
 
 import ctypes
 import os
@@ -24,18 +24,18 @@ KNOWN = np.array(
         *(0.0132121395138743, -0.0239376256565529, 0.0282358010078955, -0.0204137281635220),
     ]
 )
-"""The 14 numbers of gains (1, 2.5) and key (7, 0), printed in README.md."""
+"""The 14 numbers for gains (1, 2.5) and key (7, 0), as printed in README.md."""
 TRUTH = 6
-"""How many of them, from the first, are the truth: the last values of a compiled run."""
+"""Number of these, counted from the first, that are the true state, the final values of a compiled run."""
 
 
 def truth(numbers: Any) -> Any:
-    """The truth of some numbers, or of each row of them."""
+    """Return the true state in the numbers of a run, or in each row of several runs."""
     return np.asarray(numbers)[..., :TRUTH]
 
 
 def sh(*command: str) -> str:
-    """Output of a command; ends the program with the command's own message if it fails."""
+    """Return the output of a command. If the command fails, exit with its message."""
     try:
         done = subprocess.run(command, capture_output=True, text=True)
     except FileNotFoundError:
@@ -46,7 +46,7 @@ def sh(*command: str) -> str:
 
 
 def widest(march: str) -> int:
-    """Lanes for code with this -march: 8 with AVX-512, 4 with AVX2, 0 with neither."""
+    """Return the number of lanes for code with this -march: 8 with AVX-512, 4 with AVX2, else 0."""
     macros = sh(CC, f"-march={march}", "-dM", "-E", "-x", "c", os.devnull)
     if all(f"__AVX512{x}__" in macros for x in ("F", "DQ", "VL")):
         return 8
@@ -54,7 +54,7 @@ def widest(march: str) -> int:
 
 
 def hand(folder: str, march: str) -> dict[str, ctypes.CDLL]:
-    """Hand C, and the same with SLP (gcc packs neighbouring scalars into vectors)."""
+    """Build hand C without and with SLP, by which gcc packs neighbouring scalars into vectors."""
     libraries = {}
     for name, extra in ((HAND_C, ["-fno-tree-vectorize"]), (HAND_SLP, [])):
         out = f"{folder}/hand{len(libraries)}.so"
@@ -64,7 +64,7 @@ def hand(folder: str, march: str) -> dict[str, ctypes.CDLL]:
 
 
 def simd(folder: str, march: str, lanes: int) -> dict[str, ctypes.CDLL]:
-    """Hand SIMD; nothing, with a line why, where it can't be had."""
+    """Build hand SIMD. If that is impossible, print the reason and return an empty dict."""
     if not lanes:
         print("hand SIMD is left out: no AVX2")
         return {}
@@ -78,17 +78,17 @@ def simd(folder: str, march: str, lanes: int) -> dict[str, ctypes.CDLL]:
 
 
 def hand_simd(lanes: int) -> str:
-    """What hand SIMD is called."""
+    """Return the name of hand SIMD in the tables."""
     return f"hand SIMD x{lanes}"
 
 
 def at(a: Any) -> ctypes.c_void_p:
-    """Where an array lies."""
+    """Return the address of an array."""
     return ctypes.c_void_p(a.ctypes.data)
 
 
 def single(library: ctypes.CDLL) -> Callable[..., Any]:
-    """One run: gains, key to 14 numbers."""
+    """Return a function of (gains, key) that simulates one run and returns 14 numbers."""
     out = np.empty(14)
 
     def call(gains: Any, key: Any) -> Any:
@@ -99,7 +99,7 @@ def single(library: ctypes.CDLL) -> Callable[..., Any]:
 
 
 def block(library: ctypes.CDLL, lanes: int) -> Callable[..., Any]:
-    """As many runs as there are lanes, keys from the given one on; gives the first."""
+    """Return a function that simulates a run in each lane, with increasing keys, and returns the first run's."""
     out = np.empty((lanes, 14))
 
     def call(gains: Any, key: Any) -> Any:
@@ -111,7 +111,7 @@ def block(library: ctypes.CDLL, lanes: int) -> Callable[..., Any]:
 
 
 def logged(library: ctypes.CDLL) -> Callable[..., Any]:
-    """One run: gains, key to the log of 11 numbers after each step: x 6, estimate 3, thrust, rudder."""
+    """Return a function of (gains, key) that returns a log of 11 numbers per step: x 6, estimate 3, thrust, rudder."""
 
     def call(gains: Any, key: Any) -> Any:
         log = np.empty((spec.N, 11))
@@ -122,7 +122,7 @@ def logged(library: ctypes.CDLL) -> Callable[..., Any]:
 
 
 def campaign(library: ctypes.CDLL) -> Callable[..., Any]:
-    """Runs, threads to runs x 14."""
+    """Return a function of (runs, threads) that simulates a campaign and returns runs x 14 numbers."""
     gains = np.array(spec.GAINS)
 
     def call(runs: int, threads: int) -> Any:

@@ -1,10 +1,10 @@
-"""What a servo's frame costs the hovercraft, which is told by pulses: docs page, Servo pulses.
+"""Measure the effect of the servo frame on a hovercraft with pulse outputs (docs page, Servo pulses).
 
-python benchmarks/servo_frame.py                  1000 runs a row: a minute
-python benchmarks/servo_frame.py --runs 100       a look
+python benchmarks/servo_frame.py                  1000 runs per row: a minute
+python benchmarks/servo_frame.py --runs 100       a quick look
 
-The same worlds in each row, so that differences are known better than errors. Both uplinks are 40 ms late; the source's
-takes a command each 20 ms, the other each 1 ms.
+Each row has the same random draws, so that differences have narrower intervals than errors. Both uplinks have a delay
+of 40 ms. The uplink of the thesis accepts a command every 20 ms, the other every 1 ms.
 """
 
 import argparse
@@ -23,13 +23,13 @@ ROWS = [
 
 
 def fly(settings: dict[str, str], frame: str, runs: int) -> np.ndarray:
-    """The error of each run."""
+    """Return the yaw-rate error of each run."""
     scenario = build(SCENARIO, {**settings, "world.actuators.frame": frame})
     return np.asarray(Campaign(scenario, runs=runs, seed=0, metrics=[METRIC]).run().columns[METRIC])
 
 
 def main() -> None:
-    """A table: of each uplink and frame the median of the error, and what the frame adds to it in the mean."""
+    """Print the median error for each uplink and frame, and the mean increase relative to the first row."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=1000)
     runs = parser.parse_args().runs

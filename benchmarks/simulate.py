@@ -1,10 +1,10 @@
-"""Time `simulate` beside its flight alone, the compiled function on arrays at hand: what Python adds to a run.
+"""Measure the time that Python adds to a run: `simulate` compared with the compiled function alone.
 
 python benchmarks/simulate.py
 
-In turns, the same scenario is flown again and again with another seed, as studies do, with all signals logged at each
-millisecond; a third program also reads each log's truth. Times are those of the processor for this process: others on
-the machine don't count. The rows of both are compared, and are equal to the bit.
+The programs simulate the same scenario alternately, each time with another seed, with all signals logged every
+millisecond. A third program also reads the true state from each log. Times are CPU times of this process, so other
+programs have little influence. The log rows of both must be bit-identical.
 """
 
 import argparse
@@ -32,18 +32,18 @@ from trimtab.scenarios import catalogue
 
 COMMAND = "python benchmarks/simulate.py"
 CALLS = 10
-"""Of each program in a round."""
+"""Number of calls of each program in a round."""
 
 
 def scenarios() -> dict[str, Scenario]:
-    """What is flown: a scenario of the catalogue, and the loop of README.md."""
+    """Return the scenarios: one of the catalogue, and the loop of README.md."""
     world, autopilot, x = workload.loop(np.array(spec.GAINS))
     loop = Scenario(world=world, autopilot=autopilot, initial=x, duration=ms(spec.N), name="benchmark's loop")
     return {"zero-velocity": catalogue.load_scenario("hovercraft/zero-velocity")[0], "benchmark's loop": loop}
 
 
 def flight(scenario: Scenario) -> tuple[Callable[[int], None], Any]:
-    """The C function on arrays that are there already, by seed, and the rows that it writes."""
+    """Return a function of the seed that calls the C function on existing arrays, and the rows that it writes."""
     program = compile_scenario(scenario)
     table = timetable(program.periods, program.duration, program.max_step)
     row = row_numbers(table.t % ms(1) == 0)
@@ -75,7 +75,7 @@ def check(scenario: Scenario, fly: Callable[[int], None], rows: Any) -> None:
 
 
 def seconds_of(call: Callable[[int], Any], first: int) -> float:
-    """Of the processor, of one call; seeds rise from the first."""
+    """Return the CPU time of one call (s). Seeds increase from the first."""
     began = time.process_time()
     for seed in range(first, first + CALLS):
         call(seed)
@@ -83,7 +83,7 @@ def seconds_of(call: Callable[[int], Any], first: int) -> float:
 
 
 def compare(name: str, scenario: Scenario, count: int) -> list[tuple[str, Ratio]]:
-    """Ratios to the flight alone, by what was done."""
+    """Return the ratio of each program's time to that of the compiled function alone."""
     fly, rows = flight(scenario)
     check(scenario, fly, rows)
     truth = [p for p in simulate(scenario).paths if p.startswith("truth.")]
@@ -108,7 +108,7 @@ def compare(name: str, scenario: Scenario, count: int) -> list[tuple[str, Ratio]
 
 def main() -> None:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--rounds", type=int, default=31, help=f"of {CALLS} calls each (%(default)s)")
+    p.add_argument("--rounds", type=int, default=31, help=f"number of rounds, of {CALLS} calls each (%(default)s)")
     p.add_argument("--markdown", action="store_true", help="print the rows for the documentation's table at the end")
     a = p.parse_args()
     print(f"{machine('jax')}\n{load()}")

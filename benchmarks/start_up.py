@@ -1,7 +1,7 @@
-"""Time `trimtab run` on a warm cache against `python -c "import jax, matplotlib"`, whole processes in turn.
+"""Time `trimtab run` with a warm cache against `python -c "import jax, matplotlib"`, as alternating processes.
 
 python benchmarks/start_up.py               a few seconds; the target of the ratio is under 2.5
-python benchmarks/start_up.py --markdown    and the row of docs/benchmarks.md
+python benchmarks/start_up.py --markdown    also prints the row of docs/benchmarks.md
 """
 
 import argparse
@@ -17,7 +17,7 @@ IMPORT = [sys.executable, "-c", "import jax, matplotlib"]
 
 
 def took(command: list[str]) -> float:
-    """Wall time of a process (s)."""
+    """Return the wall time of a process (s)."""
     start = time.perf_counter()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return time.perf_counter() - start

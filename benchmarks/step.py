@@ -1,4 +1,4 @@
-"""Time one step of the hovercraft's autopilot called from Python: compiled to C, beside jitted by JAX, in turns.
+"""Time one step of the hovercraft's autopilot, called from Python: compiled to C, and jitted by JAX, alternately.
 
 python benchmarks/step.py
 """
@@ -21,7 +21,7 @@ ROUNDS, CALLS = 21, 2000
 
 
 def programs():
-    """Functions of no argument that make one step each."""
+    """Return functions without arguments that compute one step each."""
     scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     world, autopilot, x = (to_arrays(v) for v in (scenario.world, scenario.autopilot, scenario.initial))
     key = Key(np.uint32(0), np.uint32(0))
@@ -38,7 +38,7 @@ def programs():
 
 
 def took(call):
-    """Time of one call (s), over CALLS of them."""
+    """Return the time of one call (s), averaged over CALLS calls."""
     began = time.perf_counter()
     for _ in range(CALLS):
         call()

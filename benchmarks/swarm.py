@@ -1,7 +1,7 @@
-"""How fast a swarm flies, by number of craft, and how often five of them collide.
+"""Measure the simulation speed of a swarm by number of craft, and the collision rate of five craft.
 
 python benchmarks/swarm.py                        5, 10, 100 craft: compile time, speed per CPU second, distances
-python benchmarks/swarm.py --runs 10000           five craft, each from a place and heading of its own: two minutes
+python benchmarks/swarm.py --runs 10000           five craft with random starts: two minutes
 """
 
 import argparse
@@ -16,12 +16,12 @@ from trimtab.core.time import ms, to_seconds
 from trimtab.run.simulate import compile_scenario
 
 TOUCH = 0.64
-"""Two craft, each a disc as far as its rudder reaches from its centre of mass (0.32 m), touch at this distance (m)."""
+"""Distance (m) at which two craft touch. Each is a disc with its rudder's arm (0.32 m) as radius."""
 SPACING, ASTRAY = "least:sensors.arena.value.spacing", "final:sensors.arena.value.astray"
 
 
 def starts(scenario: Any, room: float = 0.15) -> dict[str, str]:
-    """Spreads of each craft's start: places up to `room` (m) off in both directions, any heading."""
+    """Return spreads of each craft's start: position up to `room` (m) off in both directions, any heading."""
     spread = {}
     for i in range(len(scenario.initial.north)):
         for name in ("north", "east"):
@@ -32,7 +32,7 @@ def starts(scenario: Any, room: float = 0.15) -> dict[str, str]:
 
 
 def time_swarms() -> None:
-    """A table of one row for each number of craft."""
+    """Print a table with one row for each number of craft."""
     print(f"{'craft':>6} {'ready (s)':>10} {'s per CPU s':>16} {'least distance (m)':>19} {'astray at end (m)':>18}")
     for n in (5, 10, 100):
         scenario, signals = build("swarm/formation", {"craft": str(n)}), ("sensors.arena",)
@@ -46,7 +46,7 @@ def time_swarms() -> None:
 
 
 def fly_campaign(runs: int) -> None:
-    """How many runs end well, with bounds."""
+    """Print the share of successful runs, with confidence intervals."""
     scenario = build("swarm/formation")
     metrics = [SPACING, ASTRAY]
     success = [f"{SPACING} >= {TOUCH}"]
@@ -63,7 +63,7 @@ def fly_campaign(runs: int) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, help="fly a campaign of so many runs instead")
+    parser.add_argument("--runs", type=int, help="fly a campaign with this number of runs instead")
     chosen = parser.parse_args()
     if chosen.runs:
         fly_campaign(chosen.runs)

@@ -1,11 +1,11 @@
-"""Make the table of docs/benchmarks.md anew, all of it on this machine: half an hour at most, 3 GB for the peers.
+"""Measure all rows of the table of docs/benchmarks.md on this machine: half an hour at most, 3 GB for the peers.
 
     python benchmarks/table.py                  print it
     python benchmarks/table.py --write          put it into the page
-    python benchmarks/table.py --without-peers  nothing is installed; can't be written
-    python benchmarks/table.py --write --only elodin   rows of the commands with this in them; others stay
+    python benchmarks/table.py --without-peers  without peers; cannot be combined with --write
+    python benchmarks/table.py --write --only elodin   only rows of the commands that contain this text
 
-Runs the commands one after the other, which print their own rows, and stops at the first that fails.
+Runs one command after the other. Each prints its own rows. Stops at the first command that fails.
 """
 
 import argparse
@@ -30,7 +30,7 @@ HEAD = "| figure | median (least..largest) | target | command |\n|---|---|---|--
 
 
 def rows(command: str) -> list[str]:
-    """The rows that a command prints; its other lines are shown."""
+    """Run a command and return the rows that it prints. Its other lines are printed."""
     full = [sys.executable, *command.split(), "--markdown"]
     print(f"\n$ {' '.join(['python', *full[1:]])}", flush=True)
     found = []
@@ -46,7 +46,7 @@ def rows(command: str) -> list[str]:
 
 
 def merge(old: str, new: list[str], commands: list[str], began: str, ended: str) -> str:
-    """The page's table with the rows of some commands in place of theirs before; a command's that is new comes last."""
+    """Return the page's table with the rows of some commands replaced. Rows of a new command come last."""
     names = [f"`python {command}`" for command in commands]
     about, _, *lines = old.strip().splitlines()
     kept = [line for line in lines if not any(name in line for name in names)]
@@ -59,18 +59,16 @@ def merge(old: str, new: list[str], commands: list[str], began: str, ended: str)
 def main() -> None:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--write", action="store_true", help="put the table into docs/benchmarks.md")
-    p.add_argument("--without-peers", action="store_true", help="leave the peers out")
-    p.add_argument(
-        "--only", metavar="TEXT", help="run only the commands that have TEXT in them, and keep the other rows"
-    )
+    p.add_argument("--without-peers", action="store_true", help="leave out the peers")
+    p.add_argument("--only", metavar="TEXT", help="run only the commands that contain TEXT, and keep the other rows")
     a = p.parse_args()
     if a.write and a.without_peers:
-        p.error("the page's table is of one machine, whole: --write needs the peers")
+        p.error("--write needs all rows from one machine, so it cannot be used with --without-peers")
     commands = COMMANDS if a.without_peers else [*COMMANDS, *PEERS]
     if a.only is not None:
         commands = [command for command in commands if a.only in command]
     if not commands:
-        p.error(f"no command has {a.only!r} in it: {', '.join([*COMMANDS, *PEERS])}")
+        p.error(f"no command contains {a.only!r}; the commands are: {', '.join([*COMMANDS, *PEERS])}")
     began = load()
     lines = [line for command in commands for line in rows(command)]
     start, end = (text.split("   ")[0] for text in (began, load()))

@@ -1,12 +1,12 @@
-"""How long the outputs of a vehicle act on after its process was killed, stopped or starved: a histogram of each.
+"""Measure the time for which a vehicle's outputs act after its process was killed, stopped or starved.
 
-And how long it takes until a vehicle knows that the process of its outputs was killed; on a craft the servos lose their
-pulses then.
+Also measure the time until a vehicle detects that the process of its outputs was killed. On a real craft, the
+servos then get no pulses.
 
     python benchmarks/watchdog.py --times 100
 
-A process hands rows over each millisecond, as a vehicle's loop does; it is killed (SIGKILL), stopped (SIGSTOP) or
-starved (a process before it in the queue takes its processor for a while, root only), and the time from then to the
+A process hands over rows every millisecond, as a vehicle's loop does. It is killed (SIGKILL), stopped (SIGSTOP) or
+starved (a process with higher priority takes its processor for a while; only as root). The time from this event to the
 safe row is read from the outputs' port.
 """
 
@@ -49,7 +49,7 @@ KILLED, STOPPED, STARVED, OUTPUTS_KILLED = "killed", "stopped", "starved", "outp
 
 
 def measure_once(what: str, timeout: int) -> int:
-    """Time (ns) from what is done to the safe row; of the outputs' death, until the vehicle's process knows."""
+    """Return the time (ns) from the event to the safe row, or until the vehicle detects the death of the outputs."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "outputs.bin"
         command = [sys.executable, "-c", FEEDER, folder, str(timeout)]
@@ -75,7 +75,7 @@ def measure_once(what: str, timeout: int) -> int:
 
 
 def kill_outputs(process: "subprocess.Popen[str]") -> int:
-    """Kill the process of a vehicle's outputs; time (ns) until the vehicle's knows."""
+    """Kill the process of a vehicle's outputs. Return the time (ns) until the vehicle detects it."""
     (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     assert process.stdout is not None
     began = monotonic_ns()
@@ -84,17 +84,19 @@ def kill_outputs(process: "subprocess.Popen[str]") -> int:
 
 
 def start_hog(process: "subprocess.Popen[str]") -> "subprocess.Popen[str]":
-    """Take a process's processor away for 0.3 s, to which the outputs are not confined; it prints when it began."""
+    """Take a process's processor away for 0.3 s, but not that of the outputs. The hog prints its start time."""
     core = max(os.sched_getaffinity(0))
     os.sched_setaffinity(process.pid, {core})
     return subprocess.Popen([sys.executable, "-c", HOG, str(core)], stdout=subprocess.PIPE, text=True)
 
 
 def main() -> None:
-    """Print a table for each way to die."""
+    """Print a table for each event."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--times", type=int, default=50, help="how often each [50]")
-    parser.add_argument("--watchdog", type=float, default=50.0, help="silence in ms [50]")
+    parser.add_argument("--times", type=int, default=50, help="number of measurements of each event [50]")
+    parser.add_argument(
+        "--watchdog", type=float, default=50.0, help="time without data after which outputs go safe (ms) [50]"
+    )
     options = parser.parse_args()
     ways = (KILLED, STOPPED, *((STARVED,) if os.geteuid() == 0 else ()), OUTPUTS_KILLED)
     for what in ways:

@@ -1,6 +1,6 @@
-"""The benchmark loop of `benchmarks/README.md`, built from trimtab's own World, Autopilot and walk.
+"""Benchmark loop of `benchmarks/README.md`, built from trimtab's World, Autopilot and walk.
 
-`single(gains, key)` gives the 14 numbers that every program in `reference/` gives: momenta, pose, both filters.
+`single(gains, key)` returns the same 14 numbers as every program in `reference/`: momenta, pose, filter states.
 """
 
 import sys
@@ -29,25 +29,25 @@ import spec
 I2, Z2 = np.eye(2), np.zeros((2, 2))
 LOGGED = ("truth", *(f"sensors.navigation.value.{n}" for n in ("surge_velocity", "sway_velocity", "yaw_rate")))
 LOGGED += ("actuators.thrust", "actuators.rudder")
-"""The 11 numbers that the programs of `reference/` log."""
+"""Paths of the 11 numbers that the programs of `reference/` log."""
 
 
 def shared_stream(key: Key) -> Key:
-    """The workload numbers its streams itself: all parts share the run's key."""
+    """Return the key unchanged. All parts share the run's key, because the workload numbers its random streams."""
     return Key(key.seed, key.run)
 
 
 @record
 class Filters:
-    """True biases, heading filter (hx, hP), navigation filter (nx, nP). Source: benchmarks/README.md."""
+    """State: true biases, heading filter (hx, hP), navigation filter (nx, nP). Source: benchmarks/README.md."""
 
-    key: Any = part("Noise.")
+    key: Any = part("Key of the noise.")
     bias: Any = quantity("1", "True sensor biases.", shape=(3,))
-    om: Any = quantity("rad/s", "Yaw rate.")
-    hx: Any = quantity("1", "Heading and gyro bias.", shape=(2,))
-    hP: Any = quantity("1", "Their covariance.", shape=(2, 2))
-    nx: Any = quantity("1", "Position, velocity, accelerometer bias.", shape=(6,))
-    nP: Any = quantity("1", "Their covariance.", shape=(6, 6))
+    om: Any = quantity("rad/s", "Estimated yaw rate.")
+    hx: Any = quantity("1", "Estimated heading and gyro bias.", shape=(2,))
+    hP: Any = quantity("1", "Covariance of heading and gyro bias.", shape=(2, 2))
+    nx: Any = quantity("1", "Estimated position, velocity and accelerometer bias.", shape=(6,))
+    nP: Any = quantity("1", "Covariance of position, velocity and accelerometer bias.", shape=(6, 6))
 
 
 @record
@@ -57,7 +57,7 @@ class Navigator:
     period: int = period("Base tick.", default=ms(1))
 
     def init(self, key: Key) -> Filters:
-        """The workload's start."""
+        """Return the initial state of the workload."""
         return Filters(
             key=shared_stream(key),
             bias=jnp.array(spec.BIAS0),
@@ -69,11 +69,11 @@ class Navigator:
         )
 
     def measure(self, motion: Motion) -> Any:
-        """Yaw rate and acceleration."""
+        """Return yaw rate and acceleration."""
         return jnp.stack([motion.w_WB_B[2], motion.a_WB_B[0], motion.a_WB_B[1]])
 
     def step(self, t: Any, s: Filters, motion: Motion) -> tuple[Filters, Sample]:
-        """Sample, filter, estimate."""
+        """Take a sample, run the filters, and return the estimate."""
         k = t // ms(1)
         s = jax.lax.cond(t % spec.IMU_U < ms(1), lambda: imu(s, k, self.measure(motion)), lambda: s)
         due = (k % spec.FIX_TICKS == 0) & (k > 0)
@@ -83,7 +83,7 @@ class Navigator:
 
 
 def imu(s: Filters, k: Any, true: Any) -> Filters:
-    """IMU sample and time update of both filters."""
+    """Take an IMU sample, and do the time update of both filters."""
     n0, n1 = normal2(s.key, k, 1)
     n2, n3 = normal2(s.key, k, 2)
     n4, n5 = normal2(s.key, k, 3)
@@ -104,7 +104,7 @@ def imu(s: Filters, k: Any, true: Any) -> Filters:
 
 
 def fix(s: Filters, k: Any, position: Any, heading: Any) -> Filters:
-    """Position and heading fix: measurement update of both filters."""
+    """Take a position and heading fix, and do the measurement update of both filters."""
     n0, n1 = normal2(s.key, k, spec.STREAM_FIX_POS)
     n2, _ = normal2(s.key, k, spec.STREAM_FIX_PSI)
     K = s.hP[:, 0] / (s.hP[0, 0] + spec.SPSI**2)
@@ -119,19 +119,19 @@ def fix(s: Filters, k: Any, position: Any, heading: Any) -> Filters:
 
 @record
 class ReadDelay:
-    """Ring buffer read with a delay that is drawn anew each tick. Source: benchmarks/README.md, steps 3 and 5."""
+    """Ring buffer read with a random delay, drawn at each tick. Source: benchmarks/README.md, steps 3 and 5."""
 
     ticks: Scalar = quantity("1", "Smallest delay, in periods.", kind="count")
-    jitter: Scalar = quantity("1", "Periods of jitter.", kind="real")
-    draw: int = option("Which of the two uniforms of stream 0 it uses.")
+    jitter: Scalar = quantity("1", "Range of the jitter, in periods.", kind="real")
+    draw: int = option("Index of the uniform number of stream 0 that sets the delay, 0 or 1.")
     period: int = period("Base tick.", default=ms(1))
 
     def init(self, key: Key, like: Sample) -> Any:
-        """An empty ring."""
+        """Return an empty ring buffer."""
         return shared_stream(key), jax.tree.map(lambda a: jnp.zeros((spec.NB, *jnp.shape(a))), like.value)
 
     def step(self, t: Any, state: Any, sample: Sample) -> tuple[Any, Sample]:
-        """Write now, read some ticks ago."""
+        """Write the sample, and return the one written some ticks ago."""
         key, ring = state
         k = t // self.period
         delay = self.ticks + (self.jitter * uniform2(key, k, spec.STREAM_DELAY)[self.draw]).astype(np.int32)
@@ -149,14 +149,14 @@ class Thrust:
 
 @record
 class Demand:
-    """What the law gives. Source: benchmarks/README.md."""
+    """Output of the control law. Source: benchmarks/README.md."""
 
     demand: PlanarForce = part("Force.")
 
 
 @record
 class LateralLaw:
-    """Zero velocity. Source: benchmarks/README.md, step 4."""
+    """Control law to zero velocity. Source: benchmarks/README.md, step 4."""
 
     k1: Scalar = quantity("kg/s", "Surge gain.")
     k2: Scalar = quantity("kg/s", "Sway gain.")
@@ -177,7 +177,7 @@ class LateralLaw:
 
 @record
 class Polar:
-    """Force to thrust and angle, with dead zone and limits. Source: benchmarks/README.md, step 4."""
+    """Allocation of a force to thrust and angle, with dead zone and limits. Source: benchmarks/README.md, step 4."""
 
     dead: Scalar = quantity("N", "Dead zone.", default=spec.DEAD)
 
@@ -196,17 +196,17 @@ class Polar:
 
 @record
 class FanState:
-    """Latch, brake and lags. Source: benchmarks/README.md."""
+    """State of the fan: latch, brake and lags. Source: benchmarks/README.md."""
 
-    latch: Thrust = part("Servo latch.")
-    act: Thrust = part("Thrust and rudder.")
-    mode: Scalar = quantity("1", "0 forward, 1 braking, 2 reverse.", kind="mode")
-    timer: Scalar = quantity("1", "Ticks of brake left.", kind="count")
+    latch: Thrust = part("Command latched by the servo.")
+    act: Thrust = part("Thrust and rudder angle after the lags.")
+    mode: Scalar = quantity("1", "Mode: 0 forward, 1 braking, 2 reverse.", kind="mode")
+    timer: Scalar = quantity("1", "Remaining ticks of braking.", kind="count")
 
 
 @record
 class FanOutput:
-    """What acts. Source: benchmarks/README.md."""
+    """Output of the fan. Source: benchmarks/README.md."""
 
     u: PlanarForce = part("Force.")
     thrust: Scalar = quantity("N", "Thrust.")
@@ -215,7 +215,7 @@ class FanOutput:
 
 @record
 class Fan:
-    """Servo latch, speed controller, lags. Source: benchmarks/README.md, steps 5 to 7."""
+    """Fan: servo latch, speed controller, lags. Source: benchmarks/README.md, steps 5 to 7."""
 
     period: int = period("Base tick.", default=ms(1))
 
@@ -229,7 +229,7 @@ class Fan:
         return FanState(latch=zero, act=zero, mode=0, timer=0)
 
     def step(self, t: Any, s: FanState, command: Sample) -> tuple[FanState, FanOutput]:
-        """One base tick."""
+        """Compute one base tick."""
         servo = t % ms(spec.SERVO_TICKS) == 0
         latch = jax.tree.map(lambda new, old: jnp.where(servo, new, old), command.value, s.latch)
         want, busy = jnp.where(latch.thrust < 0, 2, 0), s.mode == 1
@@ -245,7 +245,7 @@ class Fan:
 
 
 def loop(gains: Any) -> tuple[World, Autopilot, HovercraftState]:
-    """The two sides and the start."""
+    """Return world, autopilot and initial state."""
     world = World(
         vehicle=Hovercraft(mass=spec.M, inertia=spec.J, arm=spec.D),
         sensors={"navigation": Navigator()},
@@ -261,7 +261,7 @@ def loop(gains: Any) -> tuple[World, Autopilot, HovercraftState]:
 
 
 def fly(gains: Any, key: Any, wanted: tuple[str, ...], n: int = spec.N) -> Any:
-    """The 14 numbers, and the log of the wanted signals at every tick; without a wanted signal nothing is logged."""
+    """Return the 14 numbers, and the log of the wanted signals at every tick. wanted: paths; () logs nothing."""
     world, autopilot, x = loop(np.zeros(2))
     autopilot = replace(autopilot, law=replace(autopilot.law, k1=gains[0], k2=gains[1]))
     table = timetable([*world.periods(), autopilot.period], ms(n), world.max_step)
@@ -281,12 +281,12 @@ def _compiled(wanted: tuple[str, ...]) -> Any:
 
 
 def single(gains: Any, key: Any) -> Any:
-    """The 14 numbers of one run, without a log."""
+    """Return the 14 numbers of one run, without a log."""
     return np.asarray(_compiled(())(gains, key))
 
 
 def logged(wanted: tuple[str, ...]) -> Any:
-    """A run that gives the 14 numbers and the log (ticks, signals)."""
+    """Return a function that simulates a run and returns the 14 numbers and the log (ticks, signals)."""
     return lambda gains, key: jax.block_until_ready(_compiled(wanted)(gains, key))
 
 

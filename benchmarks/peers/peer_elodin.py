@@ -1,18 +1,19 @@
-"""Hovercraft closed loop in Elodin: components and systems, which its own compiler (Cranelift) makes machine code of.
+"""Hovercraft closed loop in Elodin: components and systems, which Elodin's own compiler (Cranelift) compiles.
 
     python benchmarks/peers/run.py elodin
 
-Simplified: nothing in the numbers; order, noise and delays are the loop's. A world flies once: each is built before the
-clock starts. Telemetry of one row a second, its last the end of the run, is the least it takes: at the 1000 rows that
-are its own choice a run takes three times as long.
+Simplified: nothing that changes results. Order, noise and delays are those of the loop. A world can be simulated only
+once, so it is built before the time is measured. Telemetry has one row per second, the minimum, and its last row is the
+end of the run. With Elodin's default of 1000 rows per second, a run takes three times as long.
 
-Three ways to write the loop gave wrong numbers without a word in 0.18.0, and right ones on its other backend, JAX; this
-program avoids them, and tests/compiler/test_shapes_of_peers.py holds ours to them:
+Elodin 0.18.0 computes wrong numbers, without a message, for three ways to write the loop. Its other backend, JAX, is
+right. This program avoids them. tests/compiler/test_shapes_of_peers.py tests trimtab's compiler on the same cases:
 
-- `map` over several crafts, whose ring buffers are then read at a place of its own in each: `map_seq` for many;
-- a command chosen by one truth value, `where(k % 20 == 0, received, latch)`, after a read at a drawn delay: the second
-  number is never chosen; the truth value is repeated for each number;
-- the tick as one function: what is drawn after a branch that draws noise changes the noise in it; a system for each.
+- `map` over several vehicles if each ring buffer is read at a different position. Instead: `map_seq`.
+- A command selected by one truth value, `where(k % 20 == 0, received, latch)`, after a read with a random delay: the
+  second number is never selected. Instead: the truth value is repeated for each number.
+- The whole tick as one function: draws after a branch that draws noise change the noise of the branch. Instead: one
+  system for each part.
 """
 
 from dataclasses import field, make_dataclass
@@ -120,7 +121,7 @@ def plant(tick: Tick, x: X, act: Act) -> tuple[X, Tick]:
 
 
 def build(gains, keys):
-    """A world of one craft for each key, compiled."""
+    """Return a compiled world with one vehicle for each key."""
     mapped = el.map if len(keys) == 1 else el.map_seq
     first, *others = [mapped(system) for system in (imu, fix, downlink, controller, actuators, plant)]
     for system in others:
@@ -132,7 +133,7 @@ def build(gains, keys):
 
 
 def end(world, craft):
-    """x, hx and nx of the telemetry's last row."""
+    """Return x, hx and nx from the last row of the telemetry."""
     row = world.history([f"craft{craft}.{name}" for name in ("x", "hx", "nx")]).tail(1)
     return np.concatenate([np.asarray(row[c][0], float).ravel() for c in row.columns if c != "time"])
 
@@ -141,7 +142,7 @@ WORLDS = {}
 
 
 def prepare(gains, key, runs=1):
-    """Build the world of one run, or of several from the key's on."""
+    """Build the world of one run, or of several runs with increasing keys."""
     keys = [(int(key[0]), int(key[1]) + i) for i in range(runs)]
     WORLDS.setdefault((*gains, *keys), []).append(build(gains, keys))
 

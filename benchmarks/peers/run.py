@@ -1,14 +1,14 @@
-"""Time a peer beside trimtab's compiled single run and a numpy loop, on the closed loop of benchmarks/README.md.
+"""Time a peer toolkit, trimtab's compiled single run and a numpy loop on the closed loop of benchmarks/README.md.
 
     python benchmarks/peers/run.py drake              also: control, pathsim, jaxonomy, elodin
-    python benchmarks/peers/run.py drake --remove     and delete the environment (0.4 to 1.4 GB) afterwards
+    python benchmarks/peers/run.py drake --remove     also deletes the environment (0.4 to 1.4 GB) afterwards
 
-The peer is installed with pip, at the version named below, into a virtual environment of its own in benchmarks/.peers.
-It runs there in a process that is asked for one run at a time; so does the numpy loop, on the same numpy. The pipe adds
-about 0.1 ms to runs of 50 ms and more. Each peer_*.py says what it simplifies. Elodin wants Python 3.13, which is
-looked for on PATH and among pyenv's; it builds a world for each run, before the clock starts, and flies campaigns too.
+pip installs the peer, at the version given below, into its own virtual environment in benchmarks/.peers. A process in
+this environment computes one run per request, of the peer or of the numpy loop. The pipe adds about 0.1 ms to runs of
+at least 50 ms. Each peer_*.py states its simplifications. Elodin needs Python 3.13, which is searched on PATH and among
+the versions of pyenv. It builds a world for each run, before the time is measured, and also simulates campaigns.
 
-Exits with 1 when a result is wrong, 2 when the peer could not be installed.
+Exits with 1 if a result is wrong, with 2 if the peer could not be installed.
 """
 
 import argparse
@@ -37,12 +37,12 @@ TRIMTAB, NUMPY = "trimtab C", "numpy loop"
 
 
 class Peer(NamedTuple):
-    """What pip is asked for, the peer first, and how far its results may be from hand C's.
+    """Peer: pip's requirements (the peer first), and the accepted difference of its results from hand C's.
 
-    Where the peer's events can't happen in the loop's order, or at its instants, the runs differ a little from the
-    start; its file says how. The others compute the same numbers.
+    If the peer's events cannot have the order or the instants of the loop, its runs differ a little from the start, as
+    its file describes. The other peers compute the same numbers.
 
-    python: the oldest that it runs on.  prepares: it is built anew for each run.  campaign: runs side by side, or none.
+    python: oldest version of Python.  prepares: True if each run is built separately.  campaign: number of runs, or 0.
     """
 
     requirements: tuple[str, ...]
@@ -66,7 +66,7 @@ PEERS = {
 
 
 def environment(name: str) -> Path:
-    """The Python of the peer's environment, which is made if need be; ends the program where it can't be."""
+    """Return the Python of the peer's environment, which is created if missing. Exit if that is impossible."""
     folder, wanted = ENVIRONMENTS / name, PEERS[name].requirements
     python, done = folder / "bin" / "python", folder / "installed"
     if done.exists() and done.read_text() == " ".join(wanted):
@@ -89,7 +89,7 @@ def environment(name: str) -> Path:
 
 
 def interpreter(peer: Peer) -> str:
-    """A Python that is new enough for the peer, this one where it is; ends the program where there is none."""
+    """Return a Python that is new enough for the peer, preferably this one. Exit if none is found."""
     if sys.version_info[:2] >= peer.python:
         return sys.executable
     version = ".".join(map(str, peer.python))
@@ -98,17 +98,17 @@ def interpreter(peer: Peer) -> str:
         check = f"import sys, venv; sys.exit(sys.version_info[:2] != {peer.python})"
         if candidate and subprocess.run([candidate, "-c", check], capture_output=True, env=clean()).returncode == 0:
             return str(candidate)
-    print(f"{peer.requirements[0]} needs Python {version}, and there is none on PATH or in pyenv", file=sys.stderr)
+    print(f"{peer.requirements[0]} needs Python {version}, which was not found on PATH or in pyenv", file=sys.stderr)
     sys.exit(2)
 
 
 def clean() -> dict[str, str]:
-    """This environment's variables without those that would bring this Python's packages along."""
+    """Return the environment variables without those that would add this Python's packages."""
     return {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")}
 
 
 class Worker:
-    """A process in the peer's environment that runs what it is asked for."""
+    """Process in the peer's environment that computes runs on request."""
 
     def __init__(self, python: Path, name: str) -> None:
         command = [str(python), str(HERE / "worker.py"), f"peer_{name}"]
@@ -122,7 +122,7 @@ class Worker:
         self.process.communicate()
 
     def ask(self, program: str, gains: Any, key: Any, *runs: int) -> Any:
-        """The 14 numbers of one run of "peer" or "numpy", or of each of some runs of "campaign"."""
+        """Return the 14 numbers of one run of "peer" or "numpy", or of each run of "campaign"."""
         assert self.process.stdin
         self.process.stdin.write(json.dumps([program, gains.tolist(), key.tolist(), *runs]) + "\n")
         self.process.stdin.flush()
@@ -137,7 +137,7 @@ class Worker:
 
 
 def beside(worker: Worker, peer: Peer, count: int) -> Timed:
-    """Rounds of the peer, the numpy loop, and fifty runs each of trimtab and hand C."""
+    """Time rounds of the peer, the numpy loop, and fifty runs each of trimtab and hand C."""
     gains, key = np.array(spec.GAINS), np.array([spec.KEY0, 0], np.uint32)
     inputs = [(gains + 0.01 * i, key + np.array([0, i], np.uint32)) for i in range(count + 1)]
     began = time.perf_counter()
@@ -157,7 +157,7 @@ def beside(worker: Worker, peer: Peer, count: int) -> Timed:
 
 
 def campaigns(worker: Worker, peer: Peer, count: int) -> Timed:
-    """Rounds of a campaign of the peer's, and of one of 512 runs of trimtab."""
+    """Time rounds of a campaign of the peer, and of a campaign of 512 runs of trimtab."""
     runs, many = peer.campaign, 512
     given = np.array(spec.GAINS), np.array([spec.KEY0, 0], np.uint32)
     for _ in range(count + 1):
@@ -172,7 +172,7 @@ def campaigns(worker: Worker, peer: Peer, count: int) -> Timed:
 def main() -> int:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("peer", choices=PEERS)
-    p.add_argument("--rounds", type=int, default=7, help="rounds that count (%(default)s)")
+    p.add_argument("--rounds", type=int, default=7, help="number of rounds after the warm-up (%(default)s)")
     p.add_argument("--remove", action="store_true", help="delete the peer's environment afterwards")
     p.add_argument("--markdown", action="store_true", help="print rows for the documentation's table at the end")
     a = p.parse_args()

@@ -1,10 +1,11 @@
-"""Runs in a peer's environment: reads [program, gains, key] a line, answers with 14 numbers a line.
+"""Process in a peer's environment: reads lines [program, gains, key] and prints 14 numbers for each line.
 
-Asked for "prepare" or "campaign", with the number of runs as a fourth, it answers nothing, or with 14 numbers a run.
+For the programs "prepare" and "campaign", the line has the number of runs as fourth element. The reply to "prepare" is
+empty, the reply to "campaign" has 14 numbers for each run.
 
     python worker.py peer_drake
 
-Started by run.py. What the peer prints goes to the standard error.
+run.py starts it. Output of the peer goes to standard error.
 """
 
 import importlib
@@ -22,7 +23,7 @@ import hover_np
 
 
 def versions() -> str:
-    """What this environment has of the packages that matter."""
+    """Return the versions of the relevant packages in this environment."""
     found = [f"Python {platform.python_version()}"]
     for name in ("numpy", "scipy", "jax", "drake", "control", "pathsim", "jaxonomy", "elodin"):
         try:

@@ -1,4 +1,4 @@
-"""filterpy's KalmanFilter behind the two calls that filters_np.py makes."""
+"""filterpy's KalmanFilter with the interface that filters_np.py uses."""
 
 import filterpy
 import numpy as np
@@ -8,7 +8,7 @@ NAME = f"filterpy {filterpy.__version__}"
 
 
 class Filter(KalmanFilter):
-    """States as (n,), as filterpy allows; F, Q and R are given with each call."""
+    """Filter with states of shape (n,). F, Q and R are arguments of each call."""
 
     def __init__(self, x, P, H):
         super().__init__(dim_x=len(x), dim_z=len(H))

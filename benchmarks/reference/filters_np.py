@@ -1,14 +1,15 @@
-"""The aided INS of filters.py in numpy, as one would write it in Python: mechanisation, two filters of errors.
+"""Aided INS of filters.py in plain numpy: mechanisation and two error-state filters.
 
-The filters are given, so that numpy's and a library's run on the same matrices. Each has x, P, predict(F, Q) and
-update(z, R). Source of the equations: [1] chapter 3, as on the page of the aided INS; matrices as printed (literal).
+The filter class is an argument, so that the numpy filter and a library's use the same matrices. A filter has x, P,
+predict(F, Q) and update(z, R).
+Source of the equations: [1] chapter 3, as on the page of the aided INS; matrices as printed (literal).
 """
 
 import numpy as np
 
 
 class Kalman:
-    """Predict and update in Joseph's form."""
+    """Kalman filter with the update in Joseph's form."""
 
     def __init__(self, x, P, H):
         self.x, self.P, self.H, self.eye = x, P, H, np.eye(len(x))
@@ -28,10 +29,11 @@ class Kalman:
 
 
 def navigate(make, setting, felt, headings, positions):
-    """Estimates (n, 8), heading, velocity, position, biases of gyro and forces, and the last covariances, as one array.
+    """Return the estimates (n, 8) and the last covariances in one array.
 
-    make: (x, P, H) to a filter.  setting: dt, every, the variances, and P1, P2 at first.
-    felt (n, 3), headings (n,), positions (n, 2): of the IMU at each tick, of what aids it.
+    An estimate is heading, velocity, position, and biases of gyro and accelerometers.
+    make: function of (x, P, H) that returns a filter.  setting: dt, every, variances, and initial P1, P2.
+    felt: IMU samples (n, 3).  headings (n,), positions (n, 2): aiding measurements.
     """
     dt, every = setting["dt"], setting["every"]
     a = make(np.zeros(2), np.diag(setting["P1"]), np.array([[1.0, 0.0]]))
@@ -61,13 +63,13 @@ def navigate(make, setting, felt, headings, positions):
 
 
 def planar(angle):
-    """From body to world."""
+    """Return the rotation matrix from body to world axes."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s], [s, c]])
 
 
 def track(make, F, Q, H, R, P, measured):
-    """A plain filter over measurements (n, m): states (n, 8) and the last covariance, as one array."""
+    """Run a plain filter on measurements (n, m). Return states (n, 8) and the last covariance in one array."""
     one = make(np.zeros(len(F)), P, H)
     told = np.empty((len(measured), len(F)))
     for k, z in enumerate(measured):

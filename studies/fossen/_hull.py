@@ -52,9 +52,9 @@ def projected_area() -> float:
 
 
 def added_mass(power: int) -> float:
-    """Return the integral of x^power m_a(x).
+    """Return the integral of x^power m_a(x) along the hull.
 
-    The added mass m_a is that of a circle, with fins where the hull has fins.
+    m_a is the added mass per length of a circular cross-section, with fins where the hull has fins.
     """
 
     def bare(x: float, R: float) -> float:

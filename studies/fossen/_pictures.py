@@ -33,13 +33,13 @@ def draw_hull(path: Path) -> Path:
     strip = np.where(within, a**2 - R**2 + R**4 / a**2, R**2) * np.pi * _hull.RHO
     mass.plot(x, strip, color=BLUE, lw=1.2)
     style_axes(lines, "hull of REMUS by Myring's formula", "dot: centre of buoyancy; red: fins", "m")
-    style_axes(mass, "added mass of a strip", "including the fins", "kg/m")
+    style_axes(mass, "added mass per length", "including the fins", "kg/m")
     mass.set_xlabel("ahead of the centre of buoyancy (m)", fontsize=9)
     return _save(figure, path)
 
 
 def draw_fin_steps(path: Path, turn: Any, climb: Any, dive: Any) -> Path:
-    """Plot a turn to both sides from above, its yaw rate, and pitch after steps of the stern planes."""
+    """Plot turns to both sides (seen from above), their yaw rate, and the pitch after steps of the stern planes."""
     figure = new_figure(13.0, 4.2)
     plan, rate, pitch = figure.subplots(1, 3)
     plan.plot(turn.place[:, 1], turn.place[:, 0], color=BLUE, lw=1.2)

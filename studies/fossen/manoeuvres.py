@@ -23,7 +23,7 @@ from trimtab.vehicles.mariner import Mariner, MarinerControls, MarinerState
 
 SECTION = "turning circles and zigzags of [4]"
 CIRCLE, ZIGZAG = (0.1, 700.0), (0.02, 200.0)
-"""Time step and duration (s). A rudder order is late by at most one step, in a zigzag 0.01 degrees of heading."""
+"""Time step and duration (s). A rudder order is at most one step late, which is 0.01 degrees of heading in a zigzag."""
 CIRCLES = {
     15: {"advance": 752.91, "transfer": 553.35, "tactical": 1273.61, "radius": 665.38},
     35: {"advance": 570.18, "transfer": 420.23, "tactical": 1029.22, "radius": 555.72},

@@ -45,7 +45,7 @@ def mariner_steering() -> Nomoto:
 
 @cache
 def cybership_straight(rpm: float) -> tuple[float, np.ndarray]:
-    """Return the speed (m/s) at which thrust equals resistance, and the roots (1/s) of sway and yaw there."""
+    """Return the speed (m/s) at which thrust equals resistance, and the roots (1/s) of sway and yaw at it."""
     vessel, n = SurfaceVessel(), rpm / 60 * TURN
     surge = jax.jit(lambda u: vessel.accelerations(VesselState(surge_velocity=u, shaft_speed=n))[0])
     u, low, high = 1.5, 0.0, 3.0

@@ -1,4 +1,4 @@
-"""Flights of the simulated autopilot that several groups use. Each is simulated once."""
+"""Flights of the simulated autopilot that several files of the study use. Each is simulated once."""
 
 import dataclasses
 from collections.abc import Mapping

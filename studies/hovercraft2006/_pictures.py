@@ -10,7 +10,8 @@ WIDTH, HEIGHT = 4.2, 2.6
 class Panel(NamedTuple):
     """One plot with its curves.
 
-    curves: (x, y, label or "", Matplotlib style).  limits: of y, None if unknown.  equal: x and y to one scale.
+    curves: (x, y, label or "", Matplotlib style).  limits: limits of y; None if unknown.
+    equal: True for the same scale of x and y.
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""Runs of the rotating platform that several groups use. Each is simulated once.
+"""Runs of the rotating platform that several files of the study use. Each is simulated once.
 
 An estimate is valid at the time of its newest inertial sample, so it is compared with the truth at that time.
 """

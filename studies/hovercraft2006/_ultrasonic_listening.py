@@ -44,12 +44,12 @@ class HeardRanges:
 
 @record
 class ListeningState:
-    """Chirps of this window, and the ranges received. Source: this module."""
+    """State of the sensor: chirps of the current window, and ranges received. Source: this module."""
 
     key: Key = part("Key of the random draws.")
     begins: Any = quantity("100 ns", "Time at which each beacon chirps (n,).", kind="time")
     ends: Any = quantity("100 ns", "Time at which each beacon's message ends (n,); never if it is lost.", kind="time")
-    taken: Any = quantity("m", "Ranges whose messages have not ended yet (n,).")
+    taken: Any = quantity("m", "Measured ranges whose messages have not ended yet (n,).")
     audible: Any = quantity("1", "True for each chirp received (n,).", kind="flag")
     held: HeardRanges = part("Most recent sample that was output.")
     any: Scalar = quantity("1", "True once a sample has been output.", kind="flag")
@@ -75,7 +75,7 @@ class UltrasonicListening:
     channel: CarrierSense = part("Rules by which chirps share the radio channel.", default=CarrierSense())
     errors: RangeErrors = part("Errors of single ranges.", default=RangeErrors())
     medium: Medium = part("Air that carries the sound.", default=Medium())
-    cone_error: bool = switch("Model the cone error: ranges are too long off the axis.", "cone-error")
+    cone_error: bool = switch("Model the cone error: ranges measured off the beacon's axis are too long.", "cone-error")
     window: int = period("Time in which each beacon chirps once.", default=seconds(1))
     period: int = period("Time between checks for new ranges.", default=ms(1))
 

@@ -46,7 +46,7 @@ def published_laws() -> dict[str, Any]:
 
 
 def rows() -> Iterator[Row]:
-    """Yield settings, energy identities, eigenvalues, limit points, and the slow manifold."""
+    """Yield rows on settings, energy identities, eigenvalues, limit points, and the slow manifold."""
     yield from _settings()
     yield from _identities()
     for name, law in published_laws().items():
@@ -133,7 +133,7 @@ def _limit_points() -> Iterator[Row]:
     yield reference_row("spin/eps", "switching energy ε, 3 rad/s", eps, "[1] eq. 2.48", **joule)
     slower = switching_energy(CRAFT, 1.5)
     yield reference_row("spin/eps-slower", "switching energy ε, 1.5 rad/s", slower, "[1] eq. 2.48", **joule)
-    note = "The thesis bounds two roots by one. Separate bounds raise the limit by this factor."
+    note = "The thesis uses one bound for two roots. Separate bounds raise the limit by this factor."
     what = "sharp bound divided by ε"
     yield reference_row("spin/eps-sharp", what, sharp / eps, "[1] eq. 2.47", note=note, tolerance=1e-6)
     bounds = {"": (0.0, 1.0), "-swinging": (0.2, 2.0)}

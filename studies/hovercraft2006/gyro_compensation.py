@@ -72,7 +72,7 @@ def rows() -> Iterator[Row]:
             PLACE,
             tolerance=0.055,
             basis="input",
-            note="The model's bandwidth, 30 Hz, was fitted to these seven gains. Its phase is right up to 20 Hz only.",
+            note="The model's bandwidth, 30 Hz, was fitted to these seven gains. Its phase is right only up to 20 Hz.",
         )
 
 

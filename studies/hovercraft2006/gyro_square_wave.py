@@ -31,7 +31,7 @@ def rows() -> Iterator[Row]:
             tolerance=0.05,
             unit="rad/s",
             basis="input" if c == "no" else "printed",
-            note="The motor's time constant fits the uncompensated error. With 0.1 or 0.05 s it is 17 % less or more.",
+            note="The motor's time constant fits the uncompensated error. At 0.1 s it is 17 % less, at 0.05 s more.",
         )
     ratio = errors["yes"].yaw_rate / errors["no"].yaw_rate
     words = "smaller with compensation"

@@ -65,7 +65,7 @@ def _spin() -> Iterator[Row]:
     what = "sway velocity in the spin with viscous torque"
     yield direction("friction/sway", what, "small, negative", sway, PLACE, above=-0.1, below=-0.02, unit="m/s")
     times = [float(np.median(first_time(f.t, f["yaw_rate"] > 0.9 * _late_mean(f, "yaw_rate")))) for f in (slow, plain)]
-    note = "It reaches 90 % of its slower spin just as soon. Friction in yaw alone does not explain the two seconds."
+    note = "With friction, 90 % of the slower spin is reached just as soon. Friction in yaw alone does not explain 2 s."
     yield within(
         "friction/spin-longer",
         "time to reach the spin, with friction minus without",
@@ -92,7 +92,7 @@ def _rest() -> Iterator[Row]:
 def _straight() -> Iterator[Row]:
     forward = [_late_mean(f, "surge_velocity") for f in (fly_real("forward", settings=FRICTION), fly_real("forward"))]
     what = "forward speed with friction divided by that without"
-    note = "Equal speeds with and without friction are taken as within 3 %."
+    note = "Speeds that differ by less than 3 % count as equal."
     yield band(
         "friction/forward",
         what,
@@ -117,7 +117,7 @@ def _half_turn() -> Iterator[Row]:
         off = np.abs(flown["heading"] - 0.5 * np.pi)
         times[short] = float(np.median(first_time(flown.t, off < np.radians(5))))
     place = "[1] section 6.2.2, figs. 6.25 and 6.26"
-    note = "Similar times are taken as within 25 %."
+    note = "Times that differ by less than 25 % count as similar."
     yield band(
         "heading/270-to-90",
         "turn from 270° to 90°: time to 5°, proportional divided by bang-bang",

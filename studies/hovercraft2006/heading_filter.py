@@ -40,7 +40,7 @@ def rows() -> Iterator[Row]:
         low=0.4,
         high=0.6,
         unit="deg",
-        note="Nothing fitted: the magnetometer's noise is the printed R1.",
+        note="No parameter is fitted: the magnetometer's noise is the printed R1.",
     )
     yield within(
         "rate/magnetometer",
@@ -87,7 +87,7 @@ def _two_unit_rows() -> Iterator[Row]:
     raw, helped = two_unit_errors((*LITERAL, ("rate", "-115")))
     yield band(
         "two-units/raw",
-        "two units located 100 ms apart, -115 deg/s, heading error",
+        "two units with fixes 100 ms apart, -115 deg/s, heading error",
         25.0,
         raw,
         PLACE,

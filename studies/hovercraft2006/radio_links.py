@@ -28,7 +28,7 @@ PACKETS = 300
 """Number of packets of a measurement. It is reconstructed from the printed greatest latencies."""
 PLACE = "[1] table 5.1"
 NOT_ADDITIVE = ("free2move/linksys 2.9/41.0", "free2move/linksys 2.9/16.2")
-"""Pairs whose printed mean round trip exceeds the sum of up and down."""
+"""Pairs of radios whose printed mean round trip exceeds the sum of the means of uplink and downlink."""
 SUM = "Sum of two independent paths. The round trip was measured separately, so three sampling errors add up."
 
 

@@ -22,11 +22,11 @@ SECTION = "4.3"
 PLACE = "[1] section 4.3"
 ROUND_TRIPS = 20_000
 GEOMETRY, SERVO, FAN = RudderGeometry(), RudderServo(), Thruster()
-FIT = "The model was chosen to fit this. The thesis shows only a plot (errata)."
+FIT = "The model was chosen to fit this value. The thesis shows only a plot (errata)."
 
 
 def rows() -> Iterator[Row]:
-    """Yield rudder geometry, thrust law, table shapes, and the two tables in series."""
+    """Yield rows on rudder geometry, thrust law, shapes of the tables, and the two tables in series."""
     yield from _rudder()
     yield from _thrust()
     yield from _tables()
@@ -78,7 +78,7 @@ def _tables() -> Iterator[Row]:
     force = draws.uniform(-0.55, 1.1, ROUND_TRIPS)
     at = jax.jit(jax.vmap(BilinearTable.at, in_axes=(None, 0, 0)))
     error = np.abs(np.asarray(at(to_arrays(back), theta, at(to_arrays(full), theta, force))) - force).max()
-    note = "Only demands that the fan can meet at every rudder angle. Table cells at its top speed include the limit."
+    note = "Demands are within the fan's range at every rudder angle. Table cells at its top speed include the limit."
     yield direction(
         "table/round-trip",
         "force after both tables minus the demand, largest of 20 000",

@@ -115,7 +115,7 @@ def _rest() -> Iterator[Row]:
     yield direction(
         "fig-6.7/stops-later", "delay of the real stop after the ideal stop", "longer", later, fig, above=0.0, **s
     )
-    weak = "A largest thrust of 1.1 to 1.3 N would come nearer, but table 4.2 and fig. 4.5 require more."
+    weak = "A largest thrust of 1.1 to 1.3 N would agree better, but table 4.2 and fig. 4.5 require more."
     yield within(
         "fig-6.7/extra-time",
         "real, extra time to stop turning",
@@ -262,7 +262,7 @@ def _readings(met: dict[str, int]) -> Iterator[Row]:
     every = sum(at is not None for signals in BANDS.values() for bands in signals.values() for at in bands)
     what = f"axis limits met, out of {every}, with navigation noise read as"
     note = (
-        "At most half are met, so the printed noise is not meant like this. Reading C, used above, was chosen by this."
+        "At most half are met, so the printed noise has another meaning. Reading C, used above, was chosen in this way."
     )
     about: dict[str, Any] = {"high": every / 2, "basis": "axis", "note": note}
     yield at_most("noise/A", f"{what} standard deviations", every, met["A"], place, **about)

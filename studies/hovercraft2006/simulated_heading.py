@@ -82,7 +82,7 @@ def _bang_bang() -> Iterator[Row]:
     error = np.abs(log["law.heading_error"][log.t > 30]).mean()
     yield reference_row("fig-6.12/bang-error", "ideal bang-bang, mean |error| after 30 s", error, FIG, **rad)
     switches = float(log["law.switches"][log.t <= 1.5].max()), float(log["law.switches"][-1])
-    what = "ideal bang-bang, switches a second after the first 1.5 s"
+    what = "ideal bang-bang, switches per second after the first 1.5 s"
     often = (switches[1] - switches[0]) / (log.t[-1] - 1.5)
     yield direction("fig-6.12/bang-chatters", what, "chatters", often, FIG, above=10.0, unit="1/s")
     sway = abs(log["truth.sway_velocity"][-1])
@@ -164,7 +164,7 @@ def _axis_end_row(side: str, end: str, signal: str, values: Any, at: tuple[float
         about |= {"must_hold": False, "note": note}
         at = 1e-3, at[1]
     if (side, end, signal) == ("real", "greatest", "sway_velocity"):
-        about |= {"must_hold": False, "note": "The runs slide a third less to starboard than the axis says."}
+        about |= {"must_hold": False, "note": "The runs slide a third less to starboard than the axis shows."}
     of = "2 … 98 % of runs" if side == "real" else "of both algorithms"
     what = f"{side}, {end} {signal.replace('_', ' ')}, {of}"
     pair = np.quantile(values, (0.02, 0.98))

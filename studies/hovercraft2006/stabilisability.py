@@ -20,11 +20,11 @@ SECTION = "2.3.1"
 PLACE = "[1] section 2.3.1"
 CRAFT = Hovercraft()
 INPUTS = 2
-"""Number of inputs: along and across the vehicle at the rudder pivot. A third would be a separate torque."""
+"""Number of inputs: forces along and across the vehicle at the rudder pivot. A third would be a separate torque."""
 
 
 def rows() -> Iterator[Row]:
-    """Yield ranks and verdicts of both conditions."""
+    """Yield rows on the ranks and verdicts of the conditions by Byrnes and Isidori and by Brockett."""
     byrnes = byrnes_isidori(_f1, _f2, 3, 3, INPUTS)
     text: dict[str, Any] = {"basis": "text"}
     yield same("byrnes-isidori/rank-f2", "rank of ∂f2/∂x1 at the origin", 3, byrnes.rank_f2, PLACE, **text)

@@ -43,7 +43,7 @@ TABLE_5_2 = (
 
 
 def rows() -> Iterator[Row]:
-    """Yield the fit at each angle, the range compensated with it, and the fit repeated with the table's data."""
+    """Yield rows on the fit at each angle, the range compensated with it, and a new fit to the table's data."""
     for row in TABLE_5_2[1:]:  # at 0°, the ratio is 1 and the range is the height by definition
         at = f"{row.angle:g}°"
         ratio = range_ratio(np.radians(row.angle))
@@ -66,7 +66,7 @@ def rows() -> Iterator[Row]:
     yield within("fit/linear", "coefficient of the angle", 0.0032, linear, text, tolerance=1e-4)
     circle = float(np.median(np.hypot(*_fix_at_rest().T)))
     note = (
-        "The range noise was chosen to match this. The text says half of the ranges, and must mean positions (errata)."
+        "The range noise was chosen to match this. The text says half of the ranges, but must mean positions (errata)."
     )
     what = "radius that contains half of the fixes at rest"
     given: dict[str, Any] = {"unit": "cm", "basis": "input", "note": note}

@@ -67,9 +67,11 @@ CHUNK = 2048
 
 
 class FlightOutcomes(NamedTuple):
-    """Outcome of each run (n,).  lacks_trim: no level trim in limits and fit range at start or end of the command.
+    """Outcome of each run (n,).
 
-    lost: left 80-95 kft, 7-9 kft/s or 0-4 deg of alpha.  is_saturated: an input at its limit in the last 20 s.
+    lacks_trim: True if no level trim exists at the start or end of the command, within limits and fit range.
+    lost: True if the flight left 80-95 kft, 7-9 kft/s or 0-4 deg of alpha.
+    is_saturated: True if an input was at its limit in the last 20 s.
     h, V: largest errors in the last 20 s (ft, ft/s), infinite if the flight diverged.
     """
 

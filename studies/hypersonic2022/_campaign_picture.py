@@ -45,7 +45,7 @@ def draw_success(folder: Path) -> Path:
 
 
 def draw_ranking(folder: Path) -> Path:
-    """Plot each coefficient's total index with its interval, and its tolerance alone. Each law has a row of panels."""
+    """Plot each coefficient's total index, and its largest tolerable error alone. Each law has a row of panels."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12.0, 8.0), dpi=DPI, facecolor="white", layout="constrained")
@@ -66,7 +66,7 @@ def draw_ranking(folder: Path) -> Path:
             right.barh(y[~ends], np.full((~ends).sum(), sign * 100 * FARTHEST), color="#E8E8E8", height=0.7)
         right.axvline(0, color="black", lw=0.8)
         right.set_xlim(-95, 95)
-        _style_axes(right, "Largest error of one coefficient alone (%); pale: no failure")
+        _style_axes(right, "Largest tolerable error of one coefficient alone (%); pale: no failure")
         for axes in (left, right):
             axes.set_yticks(y, [NAMES[i] for i in first])
             axes.invert_yaxis()

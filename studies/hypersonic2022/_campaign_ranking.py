@@ -33,9 +33,9 @@ class Indices(NamedTuple):
 
 
 class Threshold(NamedTuple):
-    """Tolerance of each of NAMES (37,).
+    """Tolerable error of each coefficient in NAMES (37,).
 
-    down, up: fraction by which it can fall or rise alone without failure, infinite if 0.9 does not fail.
+    down, up: fraction by which it alone can fall or rise without failure. Infinite if a change of 0.9 does not fail.
     """
 
     down: Any
@@ -90,7 +90,7 @@ def failure_thresholds(integral: bool) -> Threshold:
 
 
 def _bracket_failure(grid: Any, signs: Any, integral: bool, start: Any = 0.0) -> tuple[Any, Any]:
-    """Return the last error before the first failure, and the failing one (else inf): (37, 2).
+    """Return the last error before the first failure, and the first error that fails (inf if none does): (37, 2).
 
     grid: errors (37, 2, n).
     """

@@ -18,7 +18,7 @@ SEED = 1000
 
 @cache
 def fly_size(size: float, integral: bool, each: int = EACH, Q: tuple[float, ...] = EQUAL_Q) -> FlightOutcomes:
-    """Return the flights at a size of the errors, `each` per disturbance.
+    """Return the flights with parameter errors of this size, `each` per disturbance.
 
     All laws and filters get equal plants and noise.
     """

@@ -67,7 +67,7 @@ class ContinuousModeFilter:
     make the equations stiff, and `check` rejects a step that is too long for P(0). Flights use `FlexibleModeFilter`.
 
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
-             flight vehicle", Aerospace 2022, 9(4), 206. Its P(0) is not printed: chosen here.
+             flight vehicle", Aerospace 2022, 9(4), 206. Its P(0) is not printed. The default is an assumption.
     """
 
     craft: Hypersonic = part("Vehicle model used by the filter.", default=Hypersonic())
@@ -113,7 +113,7 @@ class ContinuousModeFilter:
         )
 
     def integrate(self, eta: Any, P: Any, b: Any, modal: Any, used: Any) -> tuple[Any, Any]:
-        """Return eta (4,) and P (4, 4) after one period under held forcing b (4,); `modal` is used if available."""
+        """Return eta (4,) and P (4, 4) after a period of constant forcing b (4,). used: True if `modal` is valid."""
         A, C = modal_dynamics(self.craft)
         Q, weight = jnp.diag(jnp.asarray(self.Q)), jnp.where(used, 1 / self.R, 0.0)
 

@@ -1,4 +1,4 @@
-"""Flights that several groups use, each simulated once. Equal lengths of the command's table save compilations.
+"""Flights that several files of the study use. Command tables of equal length save compilations.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206.
@@ -67,7 +67,7 @@ class RunSignals:
         return np.abs(self.window(path, after)).max(axis=1)
 
     def final_mean(self, path: str) -> Any:
-        """Return the mean over the last 10 s of each run (runs,), as the final value freed of noise."""
+        """Return the mean over the last 10 s of each run (runs,): the final value with little noise."""
         return self.window(path, self.t[-1] - 10).mean(axis=1)
 
     def mode_error(self, after: float, until: float = np.inf) -> Any:
@@ -92,7 +92,7 @@ def fly_seeds(scenario: Scenario, runs: int = 1, length: float | None = None, pe
 def fly_climb(
     climb: tuple[float, float], runs: int = 1, length: float = LONG, brisk: bool = False, **options: Any
 ) -> RunSignals:
-    """Fly a climb (ft, ft/s) with options besides SOURCE. brisk: with BRISK as the filter's Q."""
+    """Fly a climb (ft, ft/s) with options in addition to SOURCE. brisk: use BRISK as the filter's Q."""
     return fly_seeds(build_climb(climb, brisk=brisk, **options), runs, length)
 
 
@@ -104,13 +104,13 @@ def build_climb(climb: tuple[float, float], brisk: bool = False, **options: Any)
 
 
 def change_filter(scenario: Scenario, **changes: Any) -> Scenario:
-    """Return the scenario with other parameters in the filter of the modes."""
+    """Return the scenario with these parameters of the modal filter changed."""
     autopilot = scenario.autopilot
     return replace(scenario, autopilot=replace(autopilot, estimator=replace(autopilot.estimator, **changes)))
 
 
 def change_robust(scenario: Scenario, **changes: Any) -> Scenario:
-    """Return the scenario with other parameters in the robust terms."""
+    """Return the scenario with these parameters of the robust terms changed."""
     autopilot = scenario.autopilot
     law = replace(autopilot.law, robust=replace(autopilot.law.robust, **changes))
     return replace(scenario, autopilot=replace(autopilot, law=law))

@@ -32,7 +32,8 @@ class Quality(NamedTuple):
     """Performance of one setting.
 
     elevator: rms of the elevator from noise (rad).  h, V: rms of the errors from noise (ft, ft/s).
-    growth: growth rate of the slowest motion with an exact model (1/s).  worst: largest over DETUNED.  at: its factors.
+    growth: growth rate of the slowest motion with an exact model (1/s).  worst: largest growth
+    rate over DETUNED.  at: frequency factors of this case.
     """
 
     elevator: float
@@ -59,7 +60,7 @@ def growth_rate(Q: Any, R: float, K: Any = K_FLOWN, detuned: tuple[float, float]
 
 
 def widest_error(Q: Any, R: float, K: Any = K_FLOWN, most: float = 0.4) -> float:
-    """Return the largest relative error of the frequencies, in any of the eight directions, with a stable loop."""
+    """Return the largest relative error of the frequencies at which the loop is stable in all eight directions."""
     low, high = 0.0, most
     while high - low > 1e-3:
         x = (low + high) / 2

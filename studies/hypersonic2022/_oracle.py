@@ -33,7 +33,7 @@ def oracle_number(name: str, part: int = 0) -> float:
 
 
 def oracle_poles(name: str) -> Any:
-    """Return the poles of a name in the oracles' table, with imaginary parts that are not negative."""
+    """Return the poles with this name in the oracles' table: those without negative imaginary part."""
     real, imaginary = oracle_values()[name].reshape(-1, 2).T
     return real + 1j * imaginary
 
@@ -55,7 +55,7 @@ def reference_flag(id: str, what: str, computed: Any, citation: str, *, name: st
 def reference_seeds(
     id: str, what: str, computed: Any, citation: str, *, name: str = "", part: int = 0, **about: Any
 ) -> Row:
-    """Return a row for the mean over n seeds, within 4 deviations of the difference from the oracle's mean over 40.
+    """Return a row for the mean over n seeds, within 4 standard errors of the difference from the oracle's mean.
 
     The noise is drawn by another generator, so only its statistics can agree.
     """
@@ -67,5 +67,5 @@ def reference_seeds(
 
 
 def pole_error(poles: Any, name: str) -> float:
-    """Return the largest distance of the oracle's poles to the nearest computed one."""
+    """Return the largest distance of an oracle's pole from the nearest computed pole."""
     return max(float(np.abs(np.asarray(poles) - p).min()) for p in oracle_poles(name))

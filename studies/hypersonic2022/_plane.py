@@ -33,7 +33,8 @@ SIGNALS = ("law.h_error", "law.V_error", "law.saturated", "truth.h", "truth.V", 
 class Axis(NamedTuple):
     """Parameter of the truth model, with values from mild to severe.
 
-    name, unit: as displayed.  path: of the setting.  values: in `unit`.  scale: from `unit` to the setting's.
+    name, unit: texts to display.  path: path of the setting.  values: values in `unit`.
+    scale: factor from `unit` to the unit of the setting.
     """
 
     name: str

@@ -51,7 +51,7 @@ LOW = "Fuel and elevator are at their limits within half a second, and the angle
 
 
 def rows() -> Iterator[Row]:
-    """Yield nominal climbs, readings of k_i, control periods, initial errors."""
+    """Yield rows on nominal climbs, readings of k_i, control periods, and initial errors."""
     yield from _nominal()
     yield from _variants()
     yield from _first_errors()
@@ -118,7 +118,7 @@ def _nominal() -> Iterator[Row]:
 
 
 def _variants() -> Iterator[Row]:
-    """Yield readings of k_i, control periods, and the true state instead of the estimate."""
+    """Yield rows on readings of k_i, control periods, and the true state instead of the estimate."""
     medium = build_climb(MEDIUM, filter="printed")
     about: Any = {"relative": FLIGHT_DIGITS, "unit": "ft"}
     for period in PERIODS:

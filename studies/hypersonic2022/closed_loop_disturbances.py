@@ -36,7 +36,7 @@ PRICE = "Cost of the filter's bandwidth: the filter takes the moment for modal m
 
 
 def rows() -> Iterator[Row]:
-    """Yield peaks, remaining errors, settling, the filter's response to an impulse, weaker coupling."""
+    """Yield rows on peaks, remaining errors, settling, the filter's response to an impulse, and weaker coupling."""
     for name in CASES:
         yield from _case(name)
     for name in IMPULSES:

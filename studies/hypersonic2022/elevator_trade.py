@@ -52,7 +52,7 @@ GAINS = (
 
 
 def rows() -> Iterator[Row]:
-    """Yield equal noise on both modes, the trade-off curve, better settings, and other gains."""
+    """Yield rows on equal noise on both modes, the trade-off curve, better settings, and other gains."""
     yield from _shipped_rows()
     yield from _errors_of_the_modes()
     yield from _curve()
@@ -92,7 +92,7 @@ def _shipped_rows() -> Iterator[Row]:
 
 
 def _errors_of_the_modes() -> Iterator[Row]:
-    """Yield flights with the plant's modal frequencies 10 % off: both alike, both opposite, each alone."""
+    """Yield flights with the plant's modal frequencies 10 % off: in the same or opposite directions, or one alone."""
     each, runs = _detuned_by_name(), len(DETUNED) * SEEDS
     mine = each[EQUAL.name]
     words = f"modes 10 % off, equal noise: runs outside the envelope, of {runs}"

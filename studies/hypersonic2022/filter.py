@@ -45,7 +45,7 @@ INPUT: Any = {"basis": "input"}
 
 
 def rows() -> Iterator[Row]:
-    """Yield settings, numbers of the model, time constants, the table of settings, and the printed claim."""
+    """Yield rows on settings, numbers of the model, time constants, errors by setting, and the printed claim."""
     yield from _settings()
     yield from _model()
     yield from _constants()
@@ -54,7 +54,7 @@ def rows() -> Iterator[Row]:
 
 
 def _settings() -> Iterator[Row]:
-    """Yield the printed values of the filter, and the values flown under that name."""
+    """Yield the printed settings of the filter, compared with those of the filter that is flown as "printed"."""
     flown, place = FlexibleModeFilter.from_publication(), "[1] settings of the filter"
     names, about = ("η1", "η1'", "η2", "η2'"), INPUT
     for name, want, got in zip(names, (1.5122, 0.0, 1.122, 0.0), np.asarray(flown.eta0), strict=True):

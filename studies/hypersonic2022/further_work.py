@@ -33,7 +33,7 @@ STATED = {
     False: ((64, 72), (34, 43), (19, 27), (11, 18), (6, 12), (4, 9)),
     True: ((99, 100), (99, 100), (96, 99), (87, 92), (72, 80), (60, 68)),
 }
-"""Integral action -> interval of the success (%) at each of SIZES."""
+"""Integral action -> confidence interval of the success rate (%) at each of SIZES."""
 LEADING = {True: "w2", False: "ce"}
 """Integral action -> most important coefficient."""
 STATED_TOTALS = {
@@ -47,7 +47,7 @@ ABOUT: Any = {"basis": "own"}
 
 
 def rows() -> Iterator[Row]:
-    """Yield success by size of the errors, by disturbance and with another filter, then both rankings."""
+    """Yield rows on success by size of the errors, by disturbance and with another filter, and on both rankings."""
     yield from _nominal()
     for integral in (False, True):
         yield from _success(integral)

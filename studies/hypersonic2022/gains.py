@@ -26,7 +26,7 @@ SMALL = 1e-5
 
 
 def rows() -> Iterator[Row]:
-    """Yield the gain and poles, inequalities (14) and (15), and u_h with its weights."""
+    """Yield rows on the gain and poles, inequalities (14) and (15), and u_h with its weights."""
     yield from _gain()
     yield from _inequality()
     yield from _weight()

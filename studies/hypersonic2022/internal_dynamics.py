@@ -33,11 +33,11 @@ WANTED = {
 }
 """Quantities compared at AT, and their units."""
 DT, SECONDS = 0.005, 60.0
-LINEAR = "The paper uses this form, but its practically vanishing error needs the exact one."
+LINEAR = "The paper uses this form, but only the exact form gives the practically vanishing error that it reports."
 
 
 def rows() -> Iterator[Row]:
-    """Yield command and bounded solution at 30 s, iteration, residual, ends, and errors in closed loop."""
+    """Yield rows on command and solution at 30 s, iteration, residual, ends of the solution, and closed-loop errors."""
     climb = FilteredClimb(dh=LARGE[0], dV=LARGE[1])
     _, report = noncausal_table(Hypersonic(), climb, SECONDS)
     yield from _values(climb, report)

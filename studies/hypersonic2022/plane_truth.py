@@ -35,7 +35,7 @@ STATED = {
 
 
 def rows() -> Iterator[Row]:
-    """Yield the claim, and one row for each parameter that is made worse."""
+    """Yield a row on the paper's claim, and one row for each parameter that is made worse."""
     success, runs = without_measurement()
     note = "Modes 10 % off, turbulence, lags: without the accelerometer no flight succeeds."
     yield same(
@@ -54,7 +54,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Plot shares of success along each axis."""
+    """Plot the share of successful flights over each parameter."""
     from studies.hypersonic2022._plane_picture import draw_shares
 
     yield draw_shares(folder, AXES)

@@ -34,7 +34,7 @@ CLAIM = "Neither sign is stable with the printed matrices, with the exact matric
 
 
 def rows() -> Iterator[Row]:
-    """Yield spectra of every variant, the gain itself, and its effect in flight."""
+    """Yield rows on the poles of every variant, the gain itself, and its effect in flight."""
     for name, words in SPECTRA.items():
         yield from _spectrum(name, words)
     exact = error_model()[0]

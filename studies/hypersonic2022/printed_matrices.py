@@ -42,7 +42,7 @@ UNEXPLAINED = "No variant that was tried gives this value: raw or transposed G, 
 
 
 def rows() -> Iterator[Row]:
-    """Yield 33 magnitudes, the signs that differ, and the consequences of these signs."""
+    """Yield rows on 33 magnitudes, the signs that differ, and the consequences of these signs."""
     made, exact = emulate_linearisation(), error_model()[0]
     for letter, printed, got, right, names in (
         ("A", A_PRINTED, made.A, exact.A, COLUMNS),

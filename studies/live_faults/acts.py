@@ -67,7 +67,7 @@ def bend_both_ways(make: Callable[[random.Random], Bend], seconds: float) -> Act
 
 
 def spoil_packets(loss: float, late: float) -> Callable[[random.Random], Bend]:
-    """Return a bend that loses packets, repeats one in twenty, and delays each by up to `late` seconds."""
+    """Return a packet change that loses packets, repeats one in twenty, and delays each by up to `late` seconds."""
 
     def make(draw: random.Random) -> Bend:
         def bend(data: bytes) -> list[tuple[float, bytes]]:
@@ -81,12 +81,12 @@ def spoil_packets(loss: float, late: float) -> Callable[[random.Random], Bend]:
 
 
 def truncate_packets(draw: random.Random) -> Bend:
-    """Return a bend that cuts three in four packets short."""
+    """Return a packet change that cuts three in four packets short."""
     return lambda data: [(0.0, data[: draw.randrange(len(data))] if draw.random() < 0.75 else data)]
 
 
 def flip_bits(draw: random.Random) -> Bend:
-    """Return a bend that flips one bit in three of four packets."""
+    """Return a packet change that flips one bit in three of four packets."""
 
     def bend(data: bytes) -> list[tuple[float, bytes]]:
         if draw.random() < 0.75:
@@ -98,22 +98,22 @@ def flip_bits(draw: random.Random) -> Bend:
 
 
 def drop_half(draw: random.Random) -> Bend:
-    """Return a bend that loses half of the packets."""
+    """Return a packet change that loses half of the packets."""
     return lambda data: [(0.0, data)] if draw.random() < 0.5 else []
 
 
 def shuffle_packets(draw: random.Random) -> Bend:
-    """Return a bend that delays each packet by up to 100 ms, so that packets overtake each other."""
+    """Return a packet change that delays each packet by up to 100 ms, so that packets overtake each other."""
     return lambda data: [(draw.uniform(0.0, 0.1), data)]
 
 
 def delay_packets(seconds: float) -> Callable[[random.Random], Bend]:
-    """Return a bend that delays each packet by this time."""
+    """Return a packet change that delays each packet by this time."""
     return lambda _: lambda data: [(seconds, data)]
 
 
 def repeat_packets(_: random.Random) -> Bend:
-    """Return a bend that sends each packet three times."""
+    """Return a packet change that sends each packet three times."""
     return lambda data: [(0.0, data), (0.0, data), (0.03, data)]
 
 
@@ -243,7 +243,7 @@ def kill_writer(who: str) -> Act:
 
 
 def prepare_clock(who: str, seconds: int) -> Prepare:
-    """Prepare a process whose wall clock jumps at `step_clocks`."""
+    """Return a function that prepares a process for a jump of its wall clock at `step_clocks`."""
     return lambda flight: {who: flight.prepare_clock(seconds)}
 
 
@@ -254,7 +254,7 @@ def step_clocks(flight: FaultFlight) -> None:
 
 
 def prepare_disk(name: str) -> Prepare:
-    """Prepare a small disk for the log of a process."""
+    """Return a function that prepares a small disk for the log of a process."""
 
     def prepare(flight: FaultFlight) -> dict[str, dict[str, str]]:
         flight.prepare_disk(name)

@@ -32,7 +32,7 @@ FAILSAFE = logged_event(VEHICLE, "failsafe: no command")
 CAUSE, UNEXPLAINED, REPLAY = "cause:", "unexplained:", "replay"
 """First words of problems that do not concern safety."""
 WAITING_S = 0.1
-"""Longest wait (s) of a process, the link or the campaign. After a longer wait, the wait may cause a failure."""
+"""Longest accepted wait (s) of a process, the link or the campaign. A longer wait may be the cause of a failure."""
 UNHEARD_S = 0.04
 """Delay of a vehicle (s) after which its outputs may have gone safe on their own. Outputs wait for 50 ms."""
 
@@ -118,7 +118,7 @@ class CaseOutcome(NamedTuple):
     acted_s: dict[str, float] = {}
 
     def has_problem(self, kind: str | None) -> bool:
-        """Return True if a problem is of this kind. None is no kind: the vehicle was not safe, or a process crashed."""
+        """Return True if a problem is of this kind. kind None: the vehicle was not safe, or a process crashed."""
         kinds = [next((k for k in (CAUSE, UNEXPLAINED, REPLAY) if p.startswith(k)), None) for p in self.problems]
         return kind in kinds
 

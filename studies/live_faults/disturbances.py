@@ -112,7 +112,7 @@ class Disturbance(NamedTuple):
 
 
 def kill_autopilot(_: random.Random) -> Disturbance:
-    """Draw an autopilot that is killed."""
+    """Draw a disturbance: the autopilot is killed."""
     return Disturbance(
         "autopilot killed",
         "autopilot killed",
@@ -126,7 +126,7 @@ def kill_autopilot(_: random.Random) -> Disturbance:
 
 
 def freeze_autopilot(draw: random.Random) -> Disturbance:
-    """Draw an autopilot that is stopped and continued."""
+    """Draw a disturbance: the autopilot is stopped and continued."""
     seconds = round(draw.uniform(0.5, 1.5), 2)
     return Disturbance(
         "autopilot frozen",
@@ -142,7 +142,7 @@ def freeze_autopilot(draw: random.Random) -> Disturbance:
 
 
 def replace_autopilot(draw: random.Random) -> Disturbance:
-    """Draw a second autopilot. It asks to arm unconfirmed after the first was killed, or takes over and flies on."""
+    """Draw a second autopilot: it asks to arm without confirmation after the first was killed, or it takes over."""
     if draw.random() < 0.5:
         return Disturbance(
             "autopilot replaced",
@@ -184,7 +184,7 @@ def replace_autopilot(draw: random.Random) -> Disturbance:
 
 
 def impersonate(draw: random.Random) -> Disturbance:
-    """Draw an attacker: with the key, without it, or with recorded packets."""
+    """Draw an attack: with the key, without the key, or with recorded packets."""
     count = draw.randrange(5, 60)
     foreign = logged_event(VEHICLE, "commands without authority refused, from 7/191")
     refused = logged_event(VEHICLE, "refused: .* frames so far were unsigned or signed with another key")
@@ -289,7 +289,7 @@ def misconfigure(draw: random.Random) -> Disturbance:
 
 
 def kill_vehicle(_: random.Random) -> Disturbance:
-    """Draw a vehicle that is killed."""
+    """Draw a disturbance: the vehicle is killed."""
     return Disturbance(
         "vehicle killed",
         "vehicle killed",
@@ -308,7 +308,7 @@ def kill_vehicle(_: random.Random) -> Disturbance:
 
 
 def freeze_vehicle(draw: random.Random) -> Disturbance:
-    """Draw a vehicle that is stopped and continued. Its outputs are safe meanwhile, and latched."""
+    """Draw a disturbance: the vehicle is stopped and continued. Its outputs are safe meanwhile, and latched."""
     seconds = round(draw.uniform(0.5, 2.0), 2)
     return Disturbance(
         "vehicle frozen",
@@ -331,7 +331,7 @@ def freeze_vehicle(draw: random.Random) -> Disturbance:
 
 
 def kill_outputs(_: random.Random) -> Disturbance:
-    """Draw the death of the process that applies the vehicle's outputs."""
+    """Draw a disturbance: the process that applies the vehicle's outputs is killed."""
     return Disturbance(
         "outputs killed",
         "the process of the vehicle's outputs killed",
@@ -350,7 +350,7 @@ def kill_outputs(_: random.Random) -> Disturbance:
 
 
 def restart_vehicle(_: random.Random) -> Disturbance:
-    """Draw a vehicle that is killed and started again without being armed."""
+    """Draw a disturbance: the vehicle is killed and started again, and nothing arms it."""
     return Disturbance(
         "vehicle restarted",
         "vehicle killed and started again; nobody arms it",
@@ -466,7 +466,7 @@ def spoil_network(draw: random.Random) -> Disturbance:
 
 
 def fill_disk(draw: random.Random) -> Disturbance:
-    """Draw a disk that holds one of the logs and is full for a while."""
+    """Draw a disturbance: the disk of one of the logs is full for a while."""
     who = draw.choice((VEHICLE, AUTOPILOT))
     seconds = round(draw.uniform(0.3, 1.0), 2)
     return Disturbance(
@@ -505,7 +505,7 @@ PASSING = (
 
 
 def wrong_clock(seconds: int) -> Callable[[FaultFlight], dict[str, str]]:
-    """Return the environment of an autopilot at another time of day."""
+    """Return the environment of an autopilot with a wrong time of day."""
 
     def environment(flight: FaultFlight) -> dict[str, str]:
         flight.step_clocks()

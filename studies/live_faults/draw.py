@@ -157,7 +157,7 @@ def _act_in_order(drawn: DrawnFlight) -> acts.Act:
 
 
 class KindCount(NamedTuple):
-    """Counts of the drawn flights of one kind.  waited: failed twice while a process waited.  repeated: flown twice."""
+    """Counts of the drawn flights of one kind.  waited: failed twice while a process waited. repeated: flown twice."""
 
     flights: int
     safe: int

@@ -1,7 +1,7 @@
 """Driver of a vehicle's servos and motors in virtual time, and the check of what it applies.
 
 The driver reads the port of the outputs once a millisecond, by the rule of `output_port.OutputReader`. The check knows
-which programs were frozen, starved or dead, and when the vehicle last got a packet of an autopilot. It needs no log.
+which programs were frozen, starved or dead, and when the vehicle last got an autopilot's packet. It needs no log.
 """
 
 from collections.abc import Callable, Iterable

@@ -153,7 +153,7 @@ class FaultFlight:
         return open_link(self.ends.listen), endpoint
 
     def let_fly(self, seconds: float) -> None:
-        """Let the vehicle fly, and record the excess of the wait."""
+        """Wait while the vehicle flies, and record the excess of the wait."""
         began = monotonic()
         sleep(max(seconds, 0.0))
         self.overslept_s = max(self.overslept_s, monotonic() - began - max(seconds, 0.0))

@@ -104,7 +104,7 @@ def explain_virtual_only() -> str:
 
 
 def starve_autopilot(draw: random.Random) -> Disturbance:
-    """Draw an autopilot that gets no processor time."""
+    """Draw a stall: the autopilot gets no processor time."""
     seconds = round(draw.uniform(0.5, 1.5), 2)
     return Disturbance(
         "autopilot starved",
@@ -121,7 +121,7 @@ def starve_autopilot(draw: random.Random) -> Disturbance:
 
 
 def starve_vehicle(draw: random.Random) -> Disturbance:
-    """Draw a vehicle that gets no processor time. Its outputs are safe meanwhile, and latched."""
+    """Draw a stall: the vehicle gets no processor time. Its outputs are safe meanwhile, and latched."""
     seconds = round(draw.uniform(0.5, 1.5), 2)
     return Disturbance(
         "vehicle starved",
@@ -145,7 +145,7 @@ def starve_vehicle(draw: random.Random) -> Disturbance:
 
 
 def freeze_outputs(draw: random.Random) -> Disturbance:
-    """Draw a process of outputs that is stopped and continued."""
+    """Draw a stall: the process of the outputs is stopped and continued."""
     seconds = round(draw.uniform(0.3, 1.5), 2)
     return _stalled_outputs(
         "outputs frozen",
@@ -156,7 +156,7 @@ def freeze_outputs(draw: random.Random) -> Disturbance:
 
 
 def starve_outputs(draw: random.Random) -> Disturbance:
-    """Draw a process of outputs that gets no processor time."""
+    """Draw a stall: the process of the outputs gets no processor time."""
     seconds = round(draw.uniform(0.3, 1.5), 2)
     return _stalled_outputs(
         "outputs starved",
@@ -186,7 +186,7 @@ def _stalled_outputs(kind: str, does: str, act: acts.Act, seconds: float) -> Dis
 
 
 def hang_disk(draw: random.Random) -> Disturbance:
-    """Draw a hanging disk of one of the logs, for a while or until the log is given up."""
+    """Draw a stall: the disk of one of the logs hangs, for a while or until the log is abandoned."""
     who = draw.choice((VEHICLE, AUTOPILOT))
     if draw.random() < 0.5:
         seconds = round(draw.uniform(0.5, 3.0), 2)
@@ -213,7 +213,7 @@ def hang_disk(draw: random.Random) -> Disturbance:
 
 
 def hang_terminal(draw: random.Random) -> Disturbance:
-    """Draw a terminal that accepts no lines for a while."""
+    """Draw a stall: a terminal accepts no lines for a while."""
     who, seconds = draw.choice((VEHICLE, AUTOPILOT)), round(draw.uniform(0.5, 6.0), 2)
     return Disturbance(
         "terminal hangs",
@@ -228,7 +228,7 @@ def hang_terminal(draw: random.Random) -> Disturbance:
 
 
 def cut_line(draw: random.Random) -> Disturbance:
-    """Draw a link that is cut."""
+    """Draw a disturbance: the link is cut."""
     seconds = round(draw.uniform(0.45, 1.3), 2)
     does = f"link cut for {seconds} s"
     return Disturbance(

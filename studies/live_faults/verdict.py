@@ -23,7 +23,7 @@ REASONS = {CAUSES.index(c) for c in ("arm request", "disarm request", "takeover"
 
 
 def mode_stays(log: Log) -> list[tuple[int, int, int, int]]:
-    """Return each stay in a mode: mode, cause, first row, row after the last."""
+    """Return each interval with a constant mode: mode, cause, first row, row after the last."""
     mode, cause = log["firmware.mode"].astype(int), log["firmware.cause"].astype(int)
     edges = [0, *(np.flatnonzero(np.diff(mode) | np.diff(cause)) + 1).tolist(), len(mode)]
     return [(mode[a], cause[a], a, b) for a, b in pairwise(edges)]
@@ -60,7 +60,7 @@ def _force_magnitude(log: Log) -> Any:
 
 
 def _check_force(log: Log, broken: tuple[float, float] | None) -> list[str]:
-    """Return forces without a command."""
+    """Return violations: forces without a command."""
     t, force = log.t, _force_magnitude(log)
     sound = np.ones(len(t), bool) if broken is None else (t < broken[0]) | (t > broken[1] + 2 * SERVO_S)
     found = []
@@ -74,7 +74,7 @@ def _check_force(log: Log, broken: tuple[float, float] | None) -> list[str]:
 
 
 def _check_commands(log: Log) -> list[str]:
-    """Return gaps of over 250 ms between accepted commands in flight."""
+    """Return violations: gaps of over 250 ms between accepted commands in flight."""
     steps = np.diff(log.t, prepend=log.t[0])
     seen = np.cumsum(np.where(steps > GAP_S, 0.0, steps))
     came = log["firmware.command.fresh"] & (np.diff(log["firmware.rejected"], prepend=0) == 0)
@@ -89,7 +89,7 @@ def _check_commands(log: Log) -> list[str]:
 
 
 def _check_lift(log: Log) -> list[str]:
-    """Return lift that lasts over a second after a failsafe, or after disarming."""
+    """Return violations: lift that lasts over a second after a failsafe, or any lift after disarming."""
     t, lift, found, since = log.t, log["firmware.lift"], [], None
     for mode, _, a, b in mode_stays(log):
         since = (t[a] if since is None else since) if mode == FAILSAFE else None
@@ -100,7 +100,7 @@ def _check_lift(log: Log) -> list[str]:
 
 
 def _check_latch(log: Log) -> list[str]:
-    """Return ends of failsafe that no request caused."""
+    """Return violations: ends of failsafe that no request caused."""
     found, before = [], None
     for mode, cause, a, _ in mode_stays(log):
         if before == FAILSAFE and mode != FAILSAFE and cause not in REASONS:

@@ -36,7 +36,7 @@ EvidenceCheck = Callable[[Evidence], str]
 
 
 def list_unexplained(evidence: Evidence, explains: Sequence[str]) -> list[str]:
-    """Return the log lines that neither a usual flight nor the act, given by patterns, explains."""
+    """Return the log lines that are neither usual nor explained by the act. explains: patterns of explained lines."""
     known = [re.compile(p) for p in (*USUAL, *explains)]
     return [
         f"{who}: “{text}”"

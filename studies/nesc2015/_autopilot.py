@@ -33,7 +33,7 @@ TRIM_STICK, TRIM_ANGLE = 0.1296382327486013, 2.653813535191715
 """Stick at the design point, and angle of attack there, which equals pitch (deg)."""
 SEA_DENSITY = standard_atmosphere(0.0).density
 MILE, DEGREE = 6076.12, 60 * 6076.12
-"""Length of a nautical mile, and of a degree of the earth (ft)."""
+"""Length of a nautical mile, and of a degree of latitude (ft)."""
 
 
 class Command(NamedTuple):
@@ -75,12 +75,12 @@ def move(stick: Any, lateral: Any, pedals: Any, throttle: Any) -> F16Controls:
 
 
 def circle_pole(flight: FlightCondition) -> tuple[Any, Any]:
-    """Return course (deg) and offset (ft) of a circle of three miles about the north pole."""
+    """Return course (deg) and offset (ft) from a circle of three miles about the north pole."""
     return 90.0, DEGREE * (90 - flight.latitude / DEG) - 3 * MILE
 
 
 def circle_date_line(flight: FlightCondition) -> tuple[Any, Any]:
-    """Return course (deg) and offset (ft) of an anticlockwise circle of three miles about 0° N, 180° E."""
+    """Return course (deg) and offset (ft) from an anticlockwise circle of three miles about 0° N, 180° E."""
     longitude = flight.longitude / DEG
     north = flight.latitude / DEG * DEGREE
     east = jnp.where(longitude > 0, longitude - 180, longitude + 180) * DEGREE * jnp.cos(flight.latitude)

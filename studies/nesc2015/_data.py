@@ -15,7 +15,7 @@ KNOT, RANKINE = 1852 / 3600, 5 / 9
 
 
 class Signal(NamedTuple):
-    """Signal of NASA's simulations. name, unit: in this study.  factor: NASA's unit in this study's unit."""
+    """Signal of NASA's simulations. name, unit: in this study.  factor: from NASA's unit to this unit."""
 
     name: str
     unit: str
@@ -56,7 +56,7 @@ class Band(NamedTuple):
     """Band of NASA's simulations for one signal of a case.
 
     t: (n,) s.  low, high: least and greatest at each instant (n,).  middle: the median (n,).  simulations: their names.
-    values: of each simulation (k, n). Angles are continued on the first simulation's turn.
+    values: signal of each simulation (k, n). Angles are within half a turn of the first simulation's.
     """
 
     t: Any

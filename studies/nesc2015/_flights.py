@@ -33,7 +33,7 @@ DAMPING = BluntBody(
     pitch_damping=-1.0,
     yaw_damping=-1.0,
 )
-"""Damping of the brick. NASA's file has a drag of 0.01, but the forces of its simulations show that they omitted it."""
+"""Damping of the brick. NASA's file has a drag of 0.01, but the forces of its simulations show that it was omitted."""
 
 
 class Case(NamedTuple):

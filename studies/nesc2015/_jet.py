@@ -105,7 +105,7 @@ def step_at(t: Any, begin: float, size: float) -> Any:
 
 
 def track_offset(flight: FlightCondition) -> Any:
-    """Return the distance (ft) to the right of a line north-east from Kitty Hawk, on a map that is flat there."""
+    """Return the distance (ft) to the right of a line north-east from Kitty Hawk, on a flat map around it."""
     latitude, longitude = KITTY_HAWK[0] * DEG, KITTY_HAWK[1] * DEG
     s2 = np.sin(latitude) ** 2
     north = (flight.latitude - latitude) * SEMI_MAJOR * (1 - ECCENTRICITY2) / (1 - ECCENTRICITY2 * s2) ** 1.5

@@ -13,11 +13,11 @@ from trimtab.plots.style import BLUE, GREY, VERMILION, new_figure, save_figure, 
 from trimtab.study import Row, at_most
 
 OF_BAND, OF_SIZE, OF_FEW = 0.01, 1e-6, 0.1
-"""Margins outside a band: a share of its largest width, a share of the signal's largest size (units were rounded: feet,
-slugs), and a share of the width of a band of FEW simulations, which is narrower than one of six."""
+"""Accepted distance outside a band: OF_BAND times its largest width, plus OF_SIZE times the largest magnitude of the
+signal, as units (feet, slugs) were rounded. If the band is of at most FEW simulations, OF_FEW replaces OF_BAND."""
 FEW = 3
 JUMPS = {"13p1": 5, "13p2": 5, "13p3": 15, "13p4": 20}
-"""Times of command steps (s). There and at the start, surfaces and aerodynamic forces have two values."""
+"""Times of command steps (s). At these times and at the start, surfaces and aerodynamic forces jump."""
 OPEN = {
     ("13p4", "aero_bodyForce_lbf_Y"): "A second after the step the force falls from 44 to 20 kN; here 50 ms earlier.",
     ("13p4", "airDensity_slug_ft3"): "Off by 6e-8: the air here is a millionth thinner, the height 1 cm larger.",

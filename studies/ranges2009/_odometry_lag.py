@@ -45,7 +45,7 @@ class LaggedOdometry:
     covariances with the present state let each range correct them, too. `Estimate.age` gives the age.
 
     Frames:  beacons in W; level vehicle on a flat floor.
-    Valid:   once the oldest pose has that age; before, the estimate is that of the start.
+    Valid:   once the oldest pose has that age. Before, the estimate is the initial pose.
     Source:  Moore 1973; docs page.
     """
 
@@ -63,7 +63,7 @@ class LaggedOdometry:
         self.filter.check()
         if self.kept < 2:
             raise InputError(
-                "LaggedOdometry.kept", f"{self.kept} poses span no time; at least 2 are needed", fix="keep 2 or more"
+                "LaggedOdometry.kept", f"kept must be at least 2 poses, got {self.kept}", fix="keep 2 or more"
             )
 
     def init(self, key: Key) -> LaggedState:

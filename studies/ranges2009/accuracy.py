@@ -16,7 +16,7 @@ from trimtab.study import Row, at_most, direction, within
 SECTION = "data sets, part 2"
 PLACE = "tests/oracles/ranges2009.py"
 HINDSIGHT = (
-    "The filter has no later data. By the model itself, its sigma is {bound:.2f} times that of the whole drive. "
+    "The filter has no later data. By its own model, its sigma is {bound:.2f} times the whole-drive batch's. "
     "Compared with batches of the same data, it is as good."
 )
 ERRORS = {("Plaza1", "tight"): 0.268, ("Plaza1", "particle"): 0.268}
@@ -37,7 +37,7 @@ def rows() -> Iterator[Row]:
                 tolerance=0.03 if kind == "particle" else 0.002, unit="m", basis="own",
             )  # fmt: skip
             yield at_most(
-                f"{name}/{kind}/batch", f"{what}: error over whole-drive batch's", 1.2, flight.rms / batch["rms"],
+                f"{name}/{kind}/batch", f"{what}: error / whole-drive batch's", 1.2, flight.rms / batch["rms"],
                 PLACE, high=1.2, basis="reference", must_hold=kind not in CAUSAL,
                 note=HINDSIGHT.format(bound=flight.sigma / batch["sigma"]) if kind in CAUSAL else "",
             )  # fmt: skip
@@ -45,7 +45,7 @@ def rows() -> Iterator[Row]:
                 continue
             causal = compare_causal(name, flight)
             yield at_most(
-                f"{name}/{kind}/causal", f"{what}: error over that of past-data batches", 1.2,
+                f"{name}/{kind}/causal", f"{what}: error / that of past-data batches", 1.2,
                 causal.filter_rms / causal.batch_rms, PLACE, high=1.2, basis="reference",
             )  # fmt: skip
             yield at_most(

@@ -1,8 +1,8 @@
 """Measured noise of the logs.
 
 Ranges are compared with the distance to the true position at their time. A scale and a constant are fitted to each
-radio, and the residuals are analysed. The rows also show values that odometry shares with the truth, a dependence that
-a test on these logs cannot detect.
+radio, and the residuals are analysed. The rows also show how much of the odometry equals the truth. Errors that both
+share cannot be detected by a test on these logs.
 """
 
 from collections.abc import Iterator
@@ -51,7 +51,7 @@ def range_noise(name: str) -> RangeNoise:
 
 
 def same_way(name: str) -> float:
-    """Return the share of odometry's steps that equal the step of the truth in length."""
+    """Return the share of odometry steps whose length equals that of the true step."""
     p = read_plaza(name)
     true = np.hypot(np.diff(p.north), np.diff(p.east))
     return float(np.mean(np.abs(np.diff(p.distance) - true) < SAME_WAY))

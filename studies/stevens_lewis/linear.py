@@ -50,7 +50,7 @@ NAMES = {
 }
 """Names of the poles, the largest first.
 
-With the mass at 0.35 chords there is no short period, and pitch is unstable.
+With the centre of mass at 0.35 chords there is no short period, and pitch is unstable.
 """
 FIGURES = 1e-3
 """Relative tolerance. The printed numbers are finite differences, with a trim and inertias of four figures."""

@@ -59,7 +59,7 @@ def test_header_says_whether_loops_are_bounded():
     def until(p, s, u):
         return s, jax.lax.while_loop(lambda x: x < u, lambda x: x * p.k + 1.0, jnp.float64(0.0))
 
-    assert "some loops end on data" in made(until).header
+    assert "the length of some loops depends on data" in made(until).header
 
 
 def test_members_carry_unit_and_meaning_and_the_chosen_type():

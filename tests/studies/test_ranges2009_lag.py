@@ -77,5 +77,5 @@ def test_it_waits_until_it_is_so_old():
 
 
 def test_a_single_pose_is_refused():
-    with pytest.raises(InputError, match="span no time"):
+    with pytest.raises(InputError, match="kept must be at least 2"):
         LaggedOdometry(kept=1).check()

@@ -152,7 +152,7 @@ def find_varying(blocks: list[Block], inputs: list[Any], feedback: list[tuple[An
 
 
 def _mark_block(block: Block, varying: VaryingValues, masked: bool) -> None:
-    """Mark the values and buffers of a block that differ between runs. masked: only some of the runs execute it."""
+    """Mark the values and buffers of a block that differ between runs. masked: True if only some of them execute it."""
     for item in block.items:
         if isinstance(item, Define):
             varying.value(item.value)
@@ -180,13 +180,13 @@ def _mark_block(block: Block, varying: VaryingValues, masked: bool) -> None:
 CHEAP = ("sqrt", "floor", "ceil", "round_even", "round_away")
 """Elementary functions that compile to one or two instructions."""
 CALL, TURNS = 40, 16
-"""Assumed cost of an elementary function, in operations, and assumed iterations of a loop whose end depends on data."""
+"""Assumed cost of an elementary function (operations), and assumed iterations of a loop whose end depends on data."""
 
 
 def vector_share(blocks: list[Block]) -> float:
     """Return the fraction of a single run's operations that are in loops which a C compiler vectorises.
 
-    Such a loop contains no other loop, carries no value from turn to turn, and calls no function.
+    Such a loop contains no other loop, carries no value from one iteration to the next, and calls no function.
     """
     work, vectors = _count_operations(blocks)
     return vectors / max(work, 1)

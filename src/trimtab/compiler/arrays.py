@@ -28,10 +28,10 @@ class ElementUpdate(NamedTuple):
 
 
 class Array:
-    """Array of one type: `items`, an object array of scalar values, or a `buffer`, row-major from `offset`.
+    """Array of one type. Its elements are in `items`, an object array of scalars, or in `buffer`, from `offset` on.
 
     updates: elements that are not yet written to the buffer. They are written once it is known whether the old
-    elements are read later: only then is a copy of the buffer needed.
+    elements are read later. If they are, the updates are written to a copy of the buffer.
     """
 
     __slots__ = ("buffer", "dtype", "items", "offset", "shape", "updates")
@@ -132,7 +132,7 @@ def element_array(b: Builder, array: Array) -> Any:
 
 
 def store_in_memory(b: Builder, array: Array) -> Array:
-    """Return the array in a read-only buffer, which all readers at computed indices share."""
+    """Return the array in a read-only buffer. All reads at computed indices use the same buffer."""
     if array.items is None:
         return array
     elements = tuple(array.items.ravel())

@@ -163,7 +163,11 @@ def _header_text(
         "in": "Inputs of a step.",
         "out": "Outputs of a step.",
     }
-    loops = "every loop is bounded" if bounded else "some loops end on data, so the execution time has no known bound"
+    loops = (
+        "every loop is bounded"
+        if bounded
+        else "the length of some loops depends on data, so the execution time has no known bound"
+    )
     alone = not structs["params"] and not structs["state"]
     if alone:
         structs, docs = {kind: structs[kind] for kind in ("in", "out")}, {"in": "Arguments.", "out": "Results."}

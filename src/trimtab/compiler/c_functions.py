@@ -97,7 +97,7 @@ if (ttv_within(ttv_abs(x), 2147483647.0)) return __builtin_convertvector(x, vi32
 
 
 def _lane_helper(name: str) -> str:
-    """Return the text of a helper for lanes: vector code where there is some, else the scalar helper for each lane."""
+    """Return the C text of a helper for lanes: vector code if available, else a call of the scalar helper per lane."""
     if name == "tv_any":
         return _function_text("bool", name, "vi64 m", "return ttv_any(m);")
     if match := re.fullmatch(r"tv_(splat|take|pick|put|gather|scatter)_(\w+)", name):

@@ -47,7 +47,7 @@ def compile(
             ``jax.enable_x64``; the user's own setting ``jax_enable_x64`` stays as it is.
         lanes: number of runs that `CompiledFunction.lanes` computes side by side: 1, 4 or 8. If given, the code for
             lanes is built at once. If None, it is the number that the CPU supports; or 1 if lanes do not support a
-            type of the function, or if a single run is vectorised already, such as a product of large matrices.
+            type of the function, or if a single run is vectorised already, e.g. a product of large matrices.
         threads: number of threads that share the runs of `CompiledFunction.lanes`.
 
     Returns:
@@ -205,7 +205,7 @@ class CompiledFunction:
     def _flatten(self, arguments: tuple[Any, ...], batch: bool = False) -> tuple[list[Any], int]:
         """Return the arguments as contiguous arrays of the types of the C code, and the number of runs."""
         if len(arguments) != len(self._example):
-            problem = f"it takes {len(self._example)} arguments ({', '.join(self._names)}), got {len(arguments)}"
+            problem = f"needs {len(self._example)} arguments ({', '.join(self._names)}), got {len(arguments)}"
             raise self._refusal(problem)
         try:
             paths, structure = jax.tree_util.tree_flatten_with_path(arguments)
@@ -249,7 +249,7 @@ class CompiledFunction:
             raise self._refusal(f"{self._path(path)} has type {found.dtype}, the example has {wanted.dtype}", fix=fix)
         try:
             with np.errstate(over="ignore"):
-                # numpy has several types for the same numbers, e.g. long long and int64: the C code gets the latter
+                # numpy has several types for the same numbers, e.g. long long and int64; C code gets int64
                 return np.require(found, wanted.dtype, ["C", "A"]).view(wanted.dtype)
         except (OverflowError, TypeError, ValueError) as reason:
             raise self._refusal(f"{self._path(path)}: {reason}") from None
@@ -336,19 +336,19 @@ def _walk(tree: Any, results: bool) -> Any:
     elif is_record(tree) and not results:
         declared = declarations(type(tree))
         if any(isinstance(d, Option) for d in declared.values()):
-            raise TypeError("options are part of the structure, which only JAX compares")
+            raise TypeError("options are part of the tree's structure, and only JAX compares structures")
         yield TreeNode("record", type(tree), len(declared), tuple(declared))
         parts = [getattr(tree, name) for name in declared]
     elif isinstance(tree, ArrayType) if results else jax.tree_util.all_leaves([tree]):
         yield TreeNode("leaf")
     else:
-        raise TypeError("another kind of tree")
+        raise TypeError("the tree contains an unsupported kind of node")
     for part in parts:
         yield from _walk(part, results)
 
 
 def _is_own_parts(tree: tuple[Any, ...]) -> bool:
-    """Return True if JAX splits a named tuple into its elements; its class may be registered in another way."""
+    """Return True if JAX splits a named tuple into its elements, not into other parts registered for its class."""
     parts, _ = jax.tree.flatten(tree, is_leaf=lambda x: x is not tree)
     return len(parts) == len(tree) and all(a is b for a, b in zip(parts, tree, strict=True))
 

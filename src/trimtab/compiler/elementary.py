@@ -24,7 +24,7 @@ OWN_FUNCTIONS = (
     *("sqrt", "rsqrt", "floor", "ceil", "trunc", "round_even", "round_away"),
 )
 HELPER_FUNCTIONS = ("abs", "copysign", "is_finite", "splat", "all", "any")
-"""Small functions that generated code needs as well. `any` exists only for vectors."""
+"""Further small functions that generated code calls. `any` exists only for vectors."""
 EXACT_FUNCTIONS = {
     **{name: f"{name}f" for name in ("sqrt", "floor", "ceil", "trunc", "fmod")},
     **{"round_even": "rintf", "round_away": "roundf"},
@@ -34,7 +34,7 @@ FUNCTIONS = (*OWN_FUNCTIONS, "fmod")
 SINGLE_PRECISION_NAMES = {name: EXACT_FUNCTIONS.get(name, f"{name}f") for name in FUNCTIONS}
 """Name of each function in double -> name of the C library's function for float, e.g. sinf."""
 FAR = {"sin": 1, "cos": 1, "tan": 1, "log": 1, "log1p": 1, "atan2": 2, "pow": 2}
-"""Functions that have a slow path outside their range -> their number of arguments."""
+"""Functions with a slow path for arguments outside the usual range -> number of arguments of the function."""
 
 _LINE = "{inline}{type} {name}({parameters})\n{{\n{body}}}"
 
@@ -48,7 +48,9 @@ def elementary_text(lanes: int = 0, names: Iterable[str] | None = None, called: 
     called: functions that must not be inlined, e.g. "tt_sin" or "ttv_sin".
     """
     if lanes not in LANES:
-        raise InputError("elementary", f"the number of lanes is {lanes}", choices=map(str, LANES), fix="lanes=0")
+        raise InputError(
+            "elementary", f"lanes must be one of the choices, got {lanes}", choices=map(str, LANES), fix="lanes=0"
+        )
     single = [f"{name}f" for name in SINGLE_PRECISION_NAMES]
     known = dict.fromkeys([*FUNCTIONS, *HELPER_FUNCTIONS, *single])
     wanted = list(known) if names is None else list(dict.fromkeys(names))
@@ -170,7 +172,7 @@ typedef float vf32 __attribute__((vector_size(4 * LANES)));
 
 
 def preamble_text(writer: Writer, lanes: int = 0) -> str:
-    """Return the text that precedes functions written by this writer; lanes 0 for scalar C."""
+    """Return the text that precedes the functions written by this writer. lanes: 0 for scalar C."""
     parts = [LICENCE_NOTE, INCLUDES, used_elementary_text(writer, lanes)]
     if lanes:
         parts.append(LANE_TYPES)

@@ -70,7 +70,7 @@ def trace_example(function: Callable[..., Any], example: tuple[Any, ...], name: 
     except TypeError as reason:
         raise InputError(PART, f"{name!r} does not take this example: {reason}", fix="pass all arguments") from None
     except ValueError:
-        pass  # it has no signature, as some functions written in C
+        pass  # some functions written in C have no signature
     try:
         plain = functools.partial(function)  # a neural network may not be hashable
         with jax.enable_x64(True):
@@ -79,7 +79,9 @@ def trace_example(function: Callable[..., Any], example: tuple[Any, ...], name: 
         problem = f"{name!r} converts a value known only at run time to a numpy array: {str(reason).splitlines()[0]}"
         raise InputError(PART, problem, fix="use jax.numpy in place of numpy") from None
     except jax.errors.NonConcreteBooleanIndexError as reason:
-        problem = f"{name!r} has a number of elements known only at run time: {str(reason).splitlines()[0]}"
+        problem = (
+            f"{name!r} has an array whose number of elements is known only at run time: {str(reason).splitlines()[0]}"
+        )
         raise InputError(PART, problem, fix="use jnp.where(condition, x, 0)") from None
     except (jax.errors.ConcretizationTypeError, jax.errors.TracerIntegerConversionError) as reason:
         problem = f"{name!r} branches in Python on a value known only at run time: {str(reason).splitlines()[0]}"

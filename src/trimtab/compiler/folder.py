@@ -16,7 +16,7 @@ from trimtab.compiler.structs import Member, row_declarations, row_functions
 from trimtab.core.errors import InputError, argument, argument_name
 
 TOLERANCE = {"f64": 1e-9, "f32": 2e-4}
-"""Tolerance of each output, relative to its largest magnitude in the vectors, or to 1e-3 if that is larger."""
+"""Relative tolerance of each output. The reference is its largest magnitude in the vectors, and at least 1e-3."""
 
 ROUNDINGS = 8
 """Tolerance of a signal, in rounding steps (ulp) of the largest signal in the same unit. For example, an altitude error

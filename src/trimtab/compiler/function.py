@@ -1,4 +1,4 @@
-"""C text of any JAX function, which is called through pointers to arrays: tracing, lowering and writing."""
+"""Tracing, lowering and C text of any JAX function. The C function is called with pointers to arrays."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -182,6 +182,6 @@ def _lane_number(text: str, dtype: str) -> str:
 
 
 def lower_function(function: Callable[..., Any], arguments: Sequence[Any], real: str = "f64") -> Function:
-    """Lower a JAX function for arguments with the shapes and types of the given ones."""
+    """Lower a JAX function for arguments of the shapes and types of `arguments`."""
     with jax.enable_x64(True):
         return Function(jax.make_jaxpr(function)(*arguments), real)

@@ -9,7 +9,7 @@ auto break case char const continue default do double else enum extern float for
 restrict return short signed sizeof static struct switch typedef typeof typeof_unqual union unsigned void volatile while
 asm fortran near far huge interrupt
 """
-"""Reserved words of C up to C23, and those that compilers add."""
+"""Reserved words of C up to C23, and further reserved words of compilers."""
 CPP_WORDS = """
 alignas alignof and and_eq atomic_cancel atomic_commit atomic_noexcept bitand bitor bool catch char8_t char16_t char32_t
 class co_await co_return co_yield compl concept const_cast consteval constexpr constinit contract_assert decltype delete
@@ -19,7 +19,7 @@ this thread_local throw true try typeid typename using virtual wchar_t xor xor_e
 """
 """Reserved words of C++ up to C++26, and the namespace of its library."""
 PYTHON_WORDS = "as async await def del elif except finally from global in is lambda nonlocal pass raise with yield"
-"""Reserved words of Python, which a Python program that calls the C code cannot use as an attribute."""
+"""Reserved words of Python. A Python program that calls the C code cannot use them as attributes."""
 MACROS = """
 assert complex environ errno hpux i386 imaginary linux m68k math_errhandling mips noreturn offsetof optarg pixel
 ppc signgam sparc stdalign stderr stdin stdout sun unix unreachable vax vector I PI B0 IN OK
@@ -124,7 +124,7 @@ def function_identifier(name: str) -> str:
 
 
 def distinct(name: str, taken: Collection[str]) -> str:
-    """Return the name itself, or with a number added if the name is taken."""
+    """Return the name, with a number added if the name is taken."""
     made, number = name, 2
     while made in taken:
         made, number = f"{name}_{number}", number + 1

@@ -1,7 +1,7 @@
 """Intermediate representation between JAX and C: scalar values, buffers for large arrays, branches and loops.
 
 Each value is assigned once and belongs to one block. Equal computations are found and done once. The results of a
-branch are joins; values that pass from one turn of a loop to the next are carries. The same program is written as
+branch are joins. Values that pass from one iteration of a loop to the next are carries. The same program is written as
 scalar C, or as C++ for lanes (vectors with one run in each lane).
 """
 
@@ -81,7 +81,7 @@ class If:
 
 
 class Emit:
-    """Statement that outputs values, e.g. a row of the log. The writer's `record` writes its text."""
+    """Statement that outputs values, e.g. a row of the log. `Writer.record` writes its C text."""
 
     def __init__(self, values: list[Value]) -> None:
         self.values = values
@@ -91,7 +91,7 @@ class Loop:
     """Loop statement that repeats `count` times or, if count is None, while the test computed in its head block holds.
 
     count: a number, its name in C, or a value that is equal in all lanes.
-    carries: (variable, value before the first turn, value after each turn).
+    carries: (variable, value before the first iteration, value after each iteration).
     """
 
     def __init__(self, count: "int | str | Value | None", index: Value, body: Block) -> None:
@@ -113,7 +113,7 @@ class Builder:
 
     @property
     def block(self) -> Block:
-        """Return the current block for statements."""
+        """Return the block to which statements are appended now."""
         return self.blocks[-1]
 
     @contextmanager
@@ -133,7 +133,7 @@ class Builder:
         return len(self.blocks) > 2
 
     def before_all(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return the value with this key. If it is new, compute it before all loops and branches that are open."""
+        """Return the value with this key. If it is new, compute it before all enclosing loops and branches."""
         if key not in self.known[1]:
             blocks, known = self.blocks, self.known
             self.blocks, self.known = blocks[:2], known[:2]
@@ -177,7 +177,7 @@ class Builder:
         return value
 
     def load(self, buffer: Buffer, index: Value) -> Value:
-        """Return the present value of an element of a buffer."""
+        """Return the current value of an element of a buffer."""
         if buffer.data is not None and index.op == "const":
             return self.const(buffer.data[int(index.const)], buffer.dtype)
         if buffer.is_read_only:
@@ -281,8 +281,8 @@ _ARITHMETIC: dict[str, Callable[..., Any]] = {
 def _fold(b: Builder, op: str, args: tuple[Value, ...], dtype: str) -> Value | None:
     """Return the value of an operation if it is known without computing it at run time, else None.
 
-    It is known for constant operands, and by identities that are exact for every input, including NaN, infinities and
-    signed zeros. A product with zero is not folded: it is NaN if the other factor is not finite.
+    The value is known if all operands are constants, or by an identity that is exact for every input, including NaN,
+    infinities and signed zeros. A product with zero is not folded: it is NaN if the other factor is not finite.
     """
     if op == "select":
         return _fold_select(b, args)

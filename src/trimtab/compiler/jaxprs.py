@@ -38,7 +38,7 @@ def check_version(version: tuple[int, ...]) -> None:
 
 check_version(jax.__version_info__)
 
-# Imported after the check, because these modules have other names in other versions.
+# These modules are imported after the check, because they have other names in other versions of JAX.
 PRIMITIVES: Any = import_module("jax.extend.core.primitives")
 SPECIAL: Any = import_module("jax._src.lax.special")
 SOURCES: Any = import_module("jax._src.source_info_util")
@@ -109,7 +109,7 @@ def program_of_call(equation: Any) -> ClosedJaxpr | None:
 
 @_reader
 def linear_solution(equation: Any) -> tuple[ClosedJaxpr, int, int]:
-    """Return the solver of a custom_linear_solve, and the first and end position of its constants in the operands."""
+    """Return the solver of a custom_linear_solve, and the range (first, end) of its constants among the operands."""
     lengths, programs = equation.params["const_lengths"], equation.params["jaxprs"]
     first = lengths.matvec + lengths.vecmat
     return close_jaxpr(programs.solve), first, first + lengths.solve
@@ -168,7 +168,7 @@ def physical_type(aval: Any) -> Any:
 
 @_reader
 def key_implementation(equation: Any) -> Any:
-    """Return the random generator that an equation names, or else that of its keys."""
+    """Return the random generator that an equation names, or the generator of its keys if it names none."""
     return equation.params["impl"] if "impl" in equation.params else equation.invars[0].aval.dtype._impl
 
 
@@ -186,7 +186,7 @@ def implementation(equation: Any) -> Any:
     """Return the JAX function that computes a primitive of another package, or None for a primitive of JAX.
 
     Two primitives of JAX have a function here: log2, and call_hi_primitive (searchsorted). They are new in 0.11. Before
-    that, JAX composed them of other primitives.
+    0.11, JAX composed them of other primitives.
     """
     if equation.primitive.name in NEWER:
         return NEWER[equation.primitive.name]
@@ -197,7 +197,7 @@ def implementation(equation: Any) -> Any:
 
 @_reader
 def scan_parameters(equation: Any) -> Scan:
-    """Return the parameters of a scan. JAX groups a scan's inputs in a tree from 0.11 on, before that by counts."""
+    """Return the parameters of a scan. From 0.11 on, JAX groups its inputs in a tree; before, by counts."""
     p = equation.params
     if "ft_in" in p:
         constants, carries, _ = (len(list(part)) for part in p["ft_in"].unpack())
@@ -237,7 +237,7 @@ INDEXED_PRIMITIVES += ("scatter", "scatter-add", "scatter-sub", "scatter-mul", "
 
 
 def indexed_inputs(jaxpr: Any, skip: int = 0) -> set[int]:
-    """Return positions, counted after `skip`, of the inputs that are read or written at computed indices."""
+    """Return the positions, counted from input `skip`, of the inputs that are read or written at computed indices."""
     found: set[Any] = set()
     for equation in jaxpr.eqns:
         if equation.primitive.name in INDEXED_PRIMITIVES:
@@ -258,7 +258,7 @@ def _inner_programs(equation: Any) -> list[tuple[Any, Any]]:
     if name == "cond":
         return [(j.jaxpr, equation.invars[1:]) for j in cond_branches(equation)]
     if name == "scan":
-        # slices are left out: they have one axis less inside, and an index into a slice is none into the whole array
+        # slices are left out: inside they have one axis less, so an index into a slice is not an index into the array
         p = scan_parameters(equation)
         return [(p.body.jaxpr, equation.invars[: p.constants + p.carries])]
     if name == "while":

@@ -22,8 +22,8 @@ from trimtab.core.errors import InputError
 Rule = Callable[["Site"], list[Array]]
 
 ALTERNATIVES = {
-    "eig": "jnp.linalg.eigh for symmetric matrices, or do it before the flight, in design/",
-    "schur": "jnp.linalg.eigh for symmetric matrices, or do it before the flight, in design/",
+    "eig": "jnp.linalg.eigh for symmetric matrices, or compute it before the flight",
+    "schur": "jnp.linalg.eigh for symmetric matrices, or compute it before the flight",
     "fft": "a sum of products with cosines and sines that are computed beforehand: jnp.cos(k n) @ x",
     "rng_bit_generator": "jax.random.key(seed) without impl, which uses the generator threefry",
     "reduce_window": "jax.lax.reduce_window with jax.lax.max and -jnp.inf, or jax.lax.add and 0.0, as Python numbers",
@@ -40,7 +40,7 @@ ALTERNATIVES = {
 
 
 CONTROL = ("cond", "scan", "while")
-"""Primitives with programs inside, which move their operands to memory themselves if needed."""
+"""Primitives that contain programs. Their rules move operands to memory if needed."""
 
 UPDATING = ("dynamic_update_slice", "scatter")
 """Primitives that write elements of their first operand."""
@@ -90,7 +90,7 @@ class Site:
 
 
 class Lowering:
-    """Lowering of jaxprs into a builder. rules: by primitive name. real: "f64", or "f32" in place of float64."""
+    """Lowering of jaxprs into a builder. rules: primitive name -> rule. real: "f64", or "f32" to replace float64."""
 
     def __init__(self, b: Builder, rules: dict[str, Rule], real: str = "f64") -> None:
         self.b, self.rules, self.real = b, rules, real
@@ -114,7 +114,7 @@ class Lowering:
             fix = "use float64, float32, integers or bool"
             if kind.startswith("complex"):
                 fix = "compute with the real and the imaginary part as two arrays of float64"
-            raise InputError("export", f"numbers of type {dtype}{where} have no C text", fix=fix) from None
+            raise InputError("export", f"numbers of type {dtype}{where} cannot be written as C", fix=fix) from None
         return self.real if name == "f64" else name
 
     def check_sizes(self, variables: Any) -> None:
@@ -203,7 +203,7 @@ class Lowering:
         return rule(site)
 
     def _known_results(self, equation: Any, operands: list[Array]) -> list[Array] | None:
-        """Return the results if they are large tables of integers or truth values, computed from known ones; else None.
+        """Return the results if they are large integer or truth tables, computed from known tables. Else return None.
 
         Such tables are mostly indices. Floats are computed at run time, because elementary functions in C differ from
         JAX's in the last bit. Small results are left out, too: their scalars are folded one by one.
@@ -215,7 +215,7 @@ class Lowering:
         if all(map(is_small, shapes)) or max(map(math.prod, shapes)) > LONGEST_TABLE:
             return None
         types = [getattr(v.aval, "dtype", None) for v in [*equation.outvars, *equation.invars]]
-        if not all(isinstance(t, np.dtype) and t.kind in "biu" for t in types):  # a random key has a type of JAX
+        if not all(isinstance(t, np.dtype) and t.kind in "biu" for t in types):  # a random key's type is JAX's
             return None
         tables = [_known_data(a) for a in operands]
         if any(t is None for t in tables):
@@ -227,9 +227,11 @@ class Lowering:
         return [constant(self.b, np.asarray(x)) for x in each]
 
     def refusal(self, name: str) -> InputError:
-        """Return the InputError for a primitive that has no C text."""
+        """Return the InputError for a primitive that cannot be written as C."""
         fix = ALTERNATIVES.get(name, "it with primitives that trimtab.compiler.coverage lists")
-        return InputError("export", f"primitive {name!r}, from {self.source_line()}, has no C text", fix=f"write {fix}")
+        return InputError(
+            "export", f"primitive {name!r}, from {self.source_line()}, cannot be written as C", fix=f"write {fix}"
+        )
 
     def _lower_foreign(self, equation: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
         """Return the results of a primitive of another package, from the JAX function that implements it."""
@@ -238,7 +240,7 @@ class Lowering:
         return self.lower_program(jax.make_jaxpr(lambda *x: compute(*x, **params))(*shapes), operands, dying)
 
     def _store_operands(self, equation: Any, operands: list[Array]) -> None:
-        """Put small operands in memory before the loop that the rule writes. Unused ones are removed later."""
+        """Put small operands in memory before the loop that the rule writes. Unused copies are removed later."""
         if all(is_small(v.aval.shape) for v in [*equation.outvars, *equation.invars]):
             return
         for array in operands:

@@ -1,4 +1,4 @@
-"""64-bit integers of which only the low 32 bits are read: they are computed in 32 bits.
+"""Replacement of 64-bit integer operations by 32-bit operations, where only the low 32 bits of the result are read.
 
 An example is the position in a ring buffer, (instant - delay) & 63, whose instant has 64 bits. The low bits of a sum,
 difference, product or bitwise operation depend only on the low bits of its operands.
@@ -21,9 +21,9 @@ LARGEST = 8
 
 
 def narrow_integer(b: "Builder", x: Value, dtype: str) -> Value | None:
-    """Return x computed in 32 bits; None if x is not such an integer, or if that is not cheaper.
+    """Return x computed in 32 bits, or None if that is not possible or not cheaper.
 
-    It is cheaper if the operands that were widened to 64 bits are at least as many as those to be cut to 32 bits.
+    It counts as cheaper if at least as many operands were widened to 64 bits as must now be cut to 32 bits.
     """
     if dtype not in NARROW or x.dtype not in WIDE or x.op not in OPERATIONS:
         return None

@@ -41,7 +41,7 @@ PIECE_TEXT = """\
 class Pieces(NamedTuple):
     """Division of a program into pieces. Piece 0 is the function that calls the other pieces.
 
-    runs: id of a divided block -> its statements in order, in groups with the number of their piece.
+    runs: id of a divided block -> its statements in order, in groups, each with the number of its piece.
     crossing: ids of the values and buffers in the frame.
     uses: piece -> values and buffers that it needs from other pieces.
     inputs: values and buffers in the frame that no piece computes.
@@ -149,7 +149,7 @@ def plan_pieces(
 
 
 def is_large(blocks: list[Block], exported: bool = False) -> bool:
-    """Return True if a program has more statements than one function may have. exported: limit of exported blocks."""
+    """Return True if a program has more statements than one function may have. exported: limit for exported blocks."""
     return sum(_count_statements(block.items) for block in blocks) > (
         EXPORTED_STATEMENTS_MAX if exported else FUNCTION_STATEMENTS_MAX
     )
@@ -158,7 +158,7 @@ def is_large(blocks: list[Block], exported: bool = False) -> bool:
 def build_level(blocks: list[Block], lanes: int = 0) -> tuple[str, ...]:
     """Return the optimisation flag for a large program. It halves the build time and costs at most 1/7 of the speed.
 
-    For lanes it is -Og, because -O1 makes vector code little faster.
+    For lanes it is -Og, because -O1 makes vector code hardly faster.
     """
     return ("-Og" if lanes else "-O1",) if is_large(blocks) else ()
 
@@ -176,7 +176,7 @@ def _count_statements(items: list[Any]) -> int:
 def _must_stay(item: Any) -> bool:
     """Return True if a statement must stay in the calling function, as it uses the timetable or writes the log."""
     if isinstance(item, Define):
-        return item.value.op == "load" and item.value.attr.name.isidentifier()  # else reached by an argument
+        return item.value.op == "load" and item.value.attr.name.isidentifier()  # else an argument points to the buffer
     return isinstance(item, Emit) or any(_must_stay(i) for block in _inner_blocks(item) for i in block.items)
 
 

@@ -55,7 +55,7 @@ def members(tree: Any, real: str) -> list[Member]:
 
 
 def _member_path(names: tuple[str, ...], paths: dict[tuple[str, ...], str]) -> str:
-    """Return the C path of a member. paths: paths so far, all different; the new path is added to them."""
+    """Return the C path of a member. paths: paths assigned so far, to which the new path is added."""
     if not names:
         return ""
     if names not in paths:

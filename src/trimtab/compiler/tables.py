@@ -15,7 +15,7 @@ LITERALS = 1024
 
 
 def table_text(name: str, buffer: Buffer, as_data: bool) -> str:
-    """Return the C declaration of a table. as_data: without the numbers, which the loaded library receives."""
+    """Return the C declaration of a table. as_data: leave out the numbers; they are passed to the loaded library."""
     if as_data:
         return f"static {C_TYPES[buffer.dtype]} {name}[{buffer.size}];"
     numbers = ", ".join(number_literal(n, buffer.dtype) for n in buffer.data) or "0"
@@ -30,7 +30,7 @@ def table_numbers(buffer: Buffer) -> Any:
 def filling_text(function: str, names: Sequence[str], numbers: Sequence[Any], linkage: str = "") -> str:
     """Return `void FUNCTION_tables(const void *const *tables)`, which fills tables before the first call.
 
-    The digest of the numbers is part of the text, so that two functions that differ only in them are two libraries.
+    A digest of the numbers is part of the text, so functions that differ only in their tables are different libraries.
     """
     if not names:
         return ""

@@ -40,7 +40,7 @@ Use = Callable[[str], str]
 
 
 def number_literal(number: Any, dtype: str) -> str:
-    """Return C text of a number that a compiler reads as the same bits."""
+    """Return the C literal of a number. A compiler reads it as exactly the same bits."""
     if dtype == "bool":
         return "true" if number else "false"
     if is_float(dtype):
@@ -99,7 +99,7 @@ class _Operation(NamedTuple):
         return f"{self.use(('tv_' if self.lanes else 'tt_') + name)}({', '.join(operands or self.operands)})"
 
     def narrow(self, text: str) -> str:
-        """Return the text cast to the operands' type if that is narrower than int, in which C computes it."""
+        """Return the text, cast to the operands' type if that type is narrower than int. C computes in int or wider."""
         return f"({C_TYPES[self.t]})({text})" if self.t in ("i8", "i16", "u8", "u16") else text
 
 

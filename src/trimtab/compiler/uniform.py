@@ -24,7 +24,7 @@ AHEAD_MAX = 200
 TEST, YES, NO = 0, 1, 2
 """Positions of the operands of a select: the test, the value if true, the value if false."""
 _OUTSIDE = (0, -1)
-"""Marker of a use that cannot be moved into a branch: by a store, a loop or a result."""
+"""Marker of a use by a store, a loop or a result. A value with such a use is not moved into a branch."""
 
 
 def branch_uniform_selects(blocks: list[Block], varying: VaryingValues, results: Iterable[Any]) -> list[Block]:
@@ -110,7 +110,7 @@ def _rewrite_inner(item: Any, varying: VaryingValues, uses: _Uses) -> Any:
 
 
 class _Select(NamedTuple):
-    """Select statement. test: without `not`. yes, no: positions of the operands for a true and a false test."""
+    """Select statement. test: without a leading `not`. yes, no: positions of the operands for test true and false."""
 
     value: Value
     test: Value
@@ -119,7 +119,7 @@ class _Select(NamedTuple):
 
 
 def _uniform_select(item: Any, varying: VaryingValues) -> _Select | None:
-    """Return a statement as a select if it selects vectors by a test that is equal in all lanes, else None."""
+    """Return the select of a statement that selects vectors by a test equal in all lanes; None for other statements."""
     if not isinstance(item, Define) or item.value.op != "select" or not varying(item.value):
         return None
     test = item.value.args[TEST]
@@ -203,7 +203,7 @@ class _Rewriting:
         return found
 
     def may_move(self, value: Value, start: int, end: int) -> bool:
-        """Return True if a value computed at the later position `end` is the same: its buffer has not changed."""
+        """Return True if a value is the same when computed at the later position `end`: its buffer does not change."""
         if value.op != "load" or value.attr.is_read_only:
             return True
         writes = self.writes.get(id(value.attr), [])

@@ -9,7 +9,7 @@ LARGEST = 2**31 - 2**16
 
 
 class Value:
-    """Scalar value. A "const" is a number; "input", "carry", "index" and "join" are set by their surroundings."""
+    """Scalar value. A "const" is a number; "input", "carry", "index", "join": set by a function, loop or branch."""
 
     __slots__ = ("args", "attr", "const", "dtype", "invariant", "op")
 

@@ -31,7 +31,7 @@ class WalkProgram(NamedTuple):
     blocks: a block that is computed once, and a block with the start and the loop.
     inputs: parameters, initial state and random key, as a flat list.
     loop: loop over the instants.
-    final: first leaves of the state at the end.
+    final: first leaves of the state, at the end of the run.
     width: number of columns of the log.
     live: ids of the values that are needed.
     """

@@ -55,7 +55,7 @@ class Writer:
         return self.varying is not None and self.varying(thing)
 
     def write_line(self, text: str) -> None:
-        """Write one line of C with the present indentation."""
+        """Write one line of C with the current indentation."""
         self.lines.append("    " * self.depth + text)
 
     def fresh(self, prefix: str = "v") -> str:
@@ -195,7 +195,7 @@ class Writer:
                 self.live_pairs.add((v.op, id(v.args[0])))
 
     def write_store(self, item: Store) -> None:
-        """Write the C statement `buffer[index] = value;` for the lanes that the present mask selects."""
+        """Write the C statement `buffer[index] = value;` for the lanes that the current mask selects."""
         target, index = self.name(item.buffer), self.name(item.index)
         if not self.varies(item.buffer):
             self.write_line(f"{target}[{index}] = {self.name(item.value)};")
@@ -210,7 +210,7 @@ class Writer:
             self.write_line(f"{target}[{index}] = {value};")
 
     def active_mask(self) -> str:
-        """Return the C text of the mask of the lanes that execute the present statement."""
+        """Return the C text of the mask of the lanes that execute the current statement."""
         return self.masks[-1] if self.masks else f"{self.note_use('tv_splat_bool')}(true)"
 
     def write_braces(self, opening: str, block: Block) -> None:
@@ -295,7 +295,7 @@ class Writer:
             self.write_line(f"vi64 {live} = {self.active_mask()};")
         if item.count is not None:
             index = self.names[id(item.index)] = self.fresh("i")
-            assert not self.varies(item.count), "lanes take as many turns"
+            assert not self.varies(item.count), "the number of iterations must be equal in all lanes"
             count = self.name(item.count) if isinstance(item.count, Value) else item.count
             self.write_line(f"for (int32_t {index} = 0; {index} < {count}; {index}++) {{")
         else:
@@ -371,7 +371,7 @@ class Writer:
         """Write the statements that follow in these pieces, with their inputs in this frame."""
         self.pieces, self.piece, self.frame = pieces, 0, frame
         for thing in pieces.inputs:
-            if self.names[id(thing)].isidentifier():  # else reached by an argument, as in s->x
+            if self.names[id(thing)].isidentifier():  # else an argument points to it, as in s->x
                 self.share(thing)
 
     def write_piece(self, number: int, items: list[Any]) -> None:
@@ -380,7 +380,7 @@ class Writer:
         self.lines, self.depth, self.piece = [], 1, number
         for thing in self.pieces.uses.get(number, []):
             if id(thing) not in self.frame.names:
-                continue  # an array in the frame, or reached by an argument
+                continue  # the array is in the frame, or an argument points to it
             outer[id(thing)], name = self.names[id(thing)], self.frame.names[id(thing)]
             kind = self.share_type(thing)
             self.write_line(

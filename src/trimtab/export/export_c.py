@@ -52,15 +52,15 @@ def export_c(
     Args:
         scenario: a scenario, or its name; fully checked before anything is written.
         folder: folder to write; created if missing.
-        part: "autopilot": input is a frame of samples, output a command. "loop": World and Autopilot; input is the
-            time, outputs are all signals.
+        part: "autopilot": the input is a frame of samples, the output a command. "loop": World and Autopilot; the
+            input is the time, the outputs are all signals.
         real: "double" or "single", the type of real numbers in the C text.
         steps: number of steps of a simulated run to write as test vectors.
         seed: seed of that run.
         name: prefix of every name in the C text; "autopilot" or "loop" if None.
 
     Raises:
-        InputError: the scenario cannot be flown, a primitive has no C text, or the folder cannot be written.
+        InputError: the scenario cannot be flown, a primitive cannot be written as C, or the folder cannot be written.
     """
     if part not in PARTS:
         raise InputError("export", f"unknown part {part!r}", choices=PARTS, fix=argument("part", "autopilot"))
@@ -88,13 +88,13 @@ def export_c(
 
 
 def _export_autopilot(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefinition, Log, Any, int]:
-    """Return the block, a log of its inputs and outputs, the columns of the block's inputs by path, and its period."""
+    """Return the autopilot's block, a log of its inputs and outputs, a column of each input by path, and the period."""
     optional = [name for name in OPTIONAL if getattr(scenario.autopilot, name) is not None]
     period, block = scenario.autopilot.period, autopilot_block(scenario, seed=seed)
     logged = {path for path, _, _ in logged_signals(signal_structure(run_inputs(scenario)))}
     unknown = [p for p in leaf_paths(block.input) if p != "t" and "downlink" + p.removeprefix("samples") not in logged]
     if unknown:
-        problem = f"its autopilot reads {unknown[0]!r}, which is not logged, so the folder cannot be tested"
+        problem = f"the autopilot reads {unknown[0]!r}, which is not logged, so the exported folder could not be tested"
         fix = "export the step of one craft:  trimtab export FILE.py:function  (docs, Swarms)"
         raise InputError(f"export {scenario.name!r}", problem, fix=fix)
     log = simulate(
@@ -113,7 +113,7 @@ def _export_autopilot(scenario: Scenario, steps: int, seed: int) -> tuple[BlockD
 
 
 def _export_loop(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefinition, Log, Any, int]:
-    """Return the closed loop as a block, a log of its outputs, the columns of each input (by path), and the period."""
+    """Return the closed loop as a block, a log of its outputs, a column of each input by path, and the period."""
     table = timetable(
         [*scenario.world.periods(), scenario.autopilot.period], scenario.duration, scenario.world.max_step
     )
@@ -122,7 +122,7 @@ def _export_loop(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefini
     log = simulate(scenario, seed=seed, duration=duration, log_period=1, backend="jax")
     if not np.array_equal(log.ticks, table.t[:count]):
         raise InputError(
-            "export", "the instants of the run differ when the run is shortened", fix=argument("steps", len(table.t))
+            "export", "the time steps of the run change when the run is shortened", fix=argument("steps", len(table.t))
         )
     columns = {"t": table.t[:count], "h": table.h[:count]}
     return loop_block(scenario, table.always, seed=seed), log, columns.__getitem__, int(table.h[0])

@@ -52,16 +52,16 @@ def export_fmu(
 
     Args:
         scenario: scenario, fully checked before anything is written.
-        path: path of the file.
+        path: path of the FMU to write.
         version: version of FMI, 2 or 3.
-        part: "autopilot": input is a frame of samples, output a command. "vehicle": input is a command, output a frame
-            of samples. "loop": both, without inputs; outputs are all signals.
+        part: "autopilot": the input is a frame of samples, the output a command. "vehicle": the input is a command, the
+            output a frame of samples. "loop": both, without inputs; the outputs are all signals.
         real: "double" or "single", the type of real numbers in the C text.
-        seed: seed of the random numbers; also a parameter of vehicle and loop.
+        seed: seed of the random numbers. An FMU of a vehicle or loop has the seed as a parameter.
 
     Raises:
-        InputError: the scenario cannot be flown, a primitive has no C text, the compiler fails, or the file
-            cannot be written.
+        InputError: the scenario cannot be flown, a primitive cannot be written as C, the compiler fails, or the
+            file cannot be written.
     """
     if part not in FMU_PARTS:
         raise InputError("export --fmu", f"unknown part {part!r}", choices=FMU_PARTS, fix=argument("part", "autopilot"))

@@ -36,7 +36,7 @@ BASE: dict[str, tuple[float, dict[str, int]]] = {
     "lbf": (4.4482216152605, {"kg": 1, "m": 1, "s": -2}),
     "slug": (14.593902937206, {"kg": 1}),
 }
-"""Unit -> its size in SI, and its exponents of the SI base units."""
+"""Unit -> factor to SI units, and exponents of the SI base units."""
 
 
 class FmuIdentity(NamedTuple):
@@ -87,7 +87,7 @@ def description_xml(version: int, about: FmuIdentity, variables: list[FmuVariabl
 
 
 def build_description_xml(about: FmuIdentity, options: str) -> str:
-    """Return the text of sources/buildDescription.xml, by FMI 3.0."""
+    """Return the text of sources/buildDescription.xml, as FMI 3.0 defines it."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     built = ET.SubElement(root, "BuildConfiguration", modelIdentifier=about.identifier)
     files = ET.SubElement(built, "SourceFileSet", language="C99", compiler="gcc", compilerOptions=options)
@@ -99,7 +99,7 @@ def build_description_xml(about: FmuIdentity, options: str) -> str:
 
 
 def unit_in_si(unit: str) -> tuple[float, dict[str, int]] | None:
-    """Return the size of a unit in SI and its SI exponents; None if FMI cannot express the unit, e.g. a root."""
+    """Return a unit's factor to SI and its SI exponents, or None if FMI cannot express the unit, e.g. a square root."""
     factor, exponents, sign = 1.0, dict[str, int](), 1
     if match := re.fullmatch(r"(\d+) (.*)", unit):
         factor, unit = float(match[1]), match[2]

@@ -20,13 +20,13 @@ from trimtab.run.blocks import autopilot_block, loop_block, world_block
 
 TYPES = ("f64", "f32", "i32", "i64", "u32", "bool")
 UNSTAMPED = -(2**63)
-"""Time stamp of a message whose time was not set. Such a message counts as current."""
+"""Time stamp of a message whose time the importer did not set. Such a message counts as current."""
 SPLIT_AT = 256
 """Maximum size of a parameter array in FMI 2.0, which has no arrays. A larger parameter is left out."""
 
 
 class FmuVariable(NamedTuple):
-    """Variable of an FMU. place: its C path below model_data. start: its start value; None for an output."""
+    """Variable of an FMU. place: C path of the variable in model_data. start: start value; None for an output."""
 
     name: str
     place: str
@@ -49,7 +49,7 @@ class FmuModel(NamedTuple):
     """Part of a scenario that becomes an FMU.
 
     definition: block of the part.
-    prefix: text that, put before the path of a parameter in the block, gives the parameter's path as a setting.
+    prefix: text before a parameter's path in the block. Both together are the parameter's path as a setting.
     name_input: path of an input in the block -> name of the variable; None for inputs set by the FMU itself.
     begin, advance: bodies of the C functions model_begin and model_advance.
     step_s: recommended time between communication points (s).
@@ -131,14 +131,14 @@ def fmu_model(scenario: Scenario, part: str, seed: int = 0) -> FmuModel:
     if part == "vehicle":
         block = world_block(scenario, seed=seed)
         return FmuModel(block, "", _name_command, VEHICLE_BEGIN, VEHICLE_ADVANCE, period * 1e-7)
-    # A longer simulation has the same set of periods that are due at every instant.
+    # The periods that are due at every instant are the same in a longer simulation.
     always = timetable(periods, scenario.duration, scenario.world.max_step).always
     begin = "    model_advance(d, c, 0, w);\n"
     return FmuModel(loop_block(scenario, always, seed=seed), "", lambda p: None, begin, LOOP_ADVANCE, period * 1e-7)
 
 
 def _name_sample(path: str) -> str | None:
-    """Return the name of an input that is a sample: the name of the vehicle's output to which it is connected."""
+    """Return the name of an input if it is a sample: the name of the vehicle's output that connects to it."""
     return "downlink" + path.removeprefix("samples") if path.startswith("samples.") else None
 
 
@@ -274,7 +274,7 @@ def _input_start(m: Member) -> Any:
 
 
 def _function_texts(block: BlockText, kind: str) -> str:
-    """Return the text of a block's init or step, with the pieces that it is divided into."""
+    """Return the C text of a block's init or step, with the functions into which it is divided."""
     functions = re.split(r"^}$", block.source, flags=re.MULTILINE)
     return "\n".join(f for f in functions if re.search(rf"^\S.*\b{block.name}_{kind}", f, flags=re.MULTILINE))
 

@@ -76,7 +76,7 @@ def compare_samples(
 
 
 def _differences(got: Any, wanted: Any, exact: bool) -> Any:
-    """Return the error of each sample; 0 where both are NaN. exact: compare as integers, which may exceed float64."""
+    """Return the error of each sample; 0 where both are NaN. exact: compare as exact integers."""
     kind = object if exact else np.float64
     got, wanted = np.asarray(got, kind), np.asarray(wanted, kind)
     with np.errstate(invalid="ignore"):  # the difference of two infinities is NaN
@@ -86,7 +86,7 @@ def _differences(got: Any, wanted: Any, exact: bool) -> Any:
 
 
 def _read_rows(lines: list[str]) -> Any:
-    """Return the numbers in lines of text, as an array of Python numbers, in which integers are exact."""
+    """Return the numbers in lines of text as an array of Python numbers, so that integers are exact."""
     rows = [line.split(",") if line else [] for line in lines]
     width = max(map(len, rows), default=0)
     if any(len(row) != width for row in rows):
@@ -138,7 +138,9 @@ def _run_replay(cc: list[str], folder: Path, name: str, scratch: Path, extra: tu
     ran = subprocess.run([program, vectors], capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)
     if ran.returncode:
         said = "\n".join(ran.stderr.splitlines()[:20])
-        raise InputError("export --verify", f"the replay stopped with {ran.returncode}:\n{said}", fix="report this")
+        raise InputError(
+            "export --verify", f"the replay stopped with {ran.returncode}:\n{said}", fix="report this error"
+        )
     return _read_rows(ran.stdout.splitlines())
 
 
@@ -156,7 +158,7 @@ def _run_sanitizers(cc: list[str], folder: Path, name: str, scratch: Path, got: 
 
 
 def _deepest_stack(scratch: Path) -> int:
-    """Return the largest stack (bytes) of a step function, by -fstack-usage. Its calls are inlined or from libm."""
+    """Return the largest stack (bytes) of a step function, by -fstack-usage. Its calls are to libm or inlined."""
     found = [0]
     for file in scratch.glob("*.su"):
         for line in file.read_text().splitlines():

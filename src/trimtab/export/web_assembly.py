@@ -1,7 +1,7 @@
 """Export of a closed loop as WebAssembly: the exported C, compiled for a browser, and a page with parameter sliders.
 
-The program imports nothing. It has one set of parameters, simulates a whole run in one call, and stores every output of
-every instant in its memory, as double. It uses the elementary functions of the exported C, so the results have the same
+The program imports nothing and has one set of parameters. One call simulates a whole run and stores all outputs at all
+instants in memory, as double. It uses the elementary functions of the exported C, so the results have the same
 bits as on every other machine (docs page, Fly in the page).
 """
 
@@ -62,7 +62,7 @@ class Slider(NamedTuple):
 
 
 class WebFlight(NamedTuple):
-    """Closed loop for a browser. program: WebAssembly. about: description for the page, which can be stored as JSON."""
+    """Closed loop for a browser. program: WebAssembly. about: data for the page, which can be stored as JSON."""
 
     program: bytes
     about: dict[str, Any]
@@ -76,7 +76,7 @@ def delay_slider(scenario: Scenario, high: float, link: str = "uplink") -> tuple
     """
     channel = getattr(scenario.world, link)
     if not isinstance(channel, MeasuredLatency):
-        problem = f"the {link} is a {type(channel).__name__}, whose delay is part of its program"
+        problem = f"the {link} is a {type(channel).__name__}, and a slider cannot change its delay"
         raise InputError("delay slider", problem, fix=argument("settings", "measured", "links"))
     longest = float(np.asarray(channel.latency)[-1]) + high
     slots = max(channel.capacity, required_slots(longest, channel.send_period, channel.period))
@@ -98,15 +98,15 @@ def export_web(
     Args:
         scenario: scenario, fully checked before anything is compiled.
         sliders: sliders of the page.
-        signals: signals to plot, one plot each; by default the signals that have targets in the scenario.
-        seed: seed of the flight that is shown first.
+        signals: signals to plot, each in its own plot; by default the signals that have targets in the scenario.
+        seed: seed of the flight that the page shows first.
 
     Raises:
         InputError: a tool is missing, a signal or quantity is unknown, or the outputs of the flight need too much
             memory.
     """
     if missing := missing_web_tools():
-        problem = f"there is no {' and no '.join(missing)} here"
+        problem = f"this machine has no {' and no '.join(missing)}"
         raise InputError("export --wasm", problem, fix="apt-get install clang lld")
     scenario.check()
     periods = [*scenario.world.periods(), scenario.autopilot.period]
@@ -120,7 +120,7 @@ def export_web(
     for slider in sliders:
         _check_slider(slider, block, values.__getitem__)
     if (size := 8 * len(table.t) * len(names)) > MEMORY:
-        problem = f"its {len(table.t)} instants of {len(names)} numbers take {size >> 20} MB"
+        problem = f"the flight is too long: {len(table.t)} instants of {len(names)} numbers take {size >> 20} MB"
         raise InputError("export --wasm", problem, fix=f"a shorter flight, e.g. {argument('settings', 10, 'duration')}")
     program = _compile_program(block, flight_text(block, table))
     about = {
@@ -137,7 +137,7 @@ def export_web(
 
 
 def web_fragment(flight: WebFlight) -> str:
-    """Return HTML for a flight. It loads no other files, and may be put into any page, also several times."""
+    """Return HTML for a flight. The HTML loads no other files. Any page may contain it, also several times."""
     about = flight.about | {"program": base64.b64encode(flight.program).decode()}
     data = json.dumps(about).replace("</", "<\\/")
     style, script = ((WEB / name).read_text(encoding="utf-8") for name in ("flight.css", "flight.js"))
@@ -148,7 +148,7 @@ def web_fragment(flight: WebFlight) -> str:
 
 
 def write_web_page(flight: WebFlight, folder: Path) -> list[Path]:
-    """Write index.html, which works without a server, and the program and its description for use in other pages."""
+    """Write index.html, which needs no server, and the program and its description for use in other pages."""
     head = (
         '<!doctype html>\n<html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">\n'
     )
@@ -213,7 +213,7 @@ def _describe_signal(path: str, block: BlockText, scenario: Scenario) -> dict[st
 
 
 def _reference(scenario: Scenario, signals: tuple[str, ...], table: Timetable, seed: int) -> dict[str, Any]:
-    """Return the plotted signals as simulated on this machine, one row every `every` instants, as float64 in base64."""
+    """Return the plotted signals as simulated on this machine: every `every`-th instant, as float64 in base64."""
     log = simulate(scenario, seed=seed, log_period=1, signals=tuple(s.partition("[")[0] for s in signals))
     every = -(-len(table.t) // REFERENCE_ROWS)
     columns = []

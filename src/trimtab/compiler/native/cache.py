@@ -25,7 +25,7 @@ DAY = 86400.0
 MAKE_ROOM_FIX = (
     "free some space, or set TRIMTAB_CACHE to a folder that only you can write to, and in which programs can run."
 )
-"""Fix text of errors that occur if no folder can be used."""
+"""Fix text of an error if no cache folder can be used."""
 
 _private_folders: list[Path] = []
 _folder_problems: list[str] = []
@@ -34,7 +34,7 @@ Result = TypeVar("Result")
 
 
 def cached_library_folder() -> Path:
-    """Return the folder of libraries that outlast the process. Raise OSError if no folder is safe."""
+    """Return the folder of libraries that are kept for later processes. Raise OSError if no folder is safe."""
     return _check_runnable(cache_folder("c"))
 
 
@@ -147,7 +147,7 @@ def work_folder(folder: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def lock_key(folder: Path, key: str) -> Iterator[None]:
-    """Wait while another process builds the library of this key. If no lock is possible, both build it: no harm."""
+    """Wait while another process builds the library of this key. Without a lock, both build it, which does no harm."""
     from filelock import FileLock  # imported here: the import takes longer than the use of an existing library
 
     name = folder / f"{key}.lock"

@@ -1,4 +1,4 @@
-"""Compiled functions as Python callables, whose call costs well under a microsecond.
+"""Compiled functions as Python callables. A call adds much less than a microsecond.
 
 The generated text is plain C that works on pointers. One small library, built once per machine, is the interface to
 Python: it checks the arguments, passes the addresses of their numbers, and builds the results. This module describes
@@ -64,7 +64,7 @@ class LoadedFunction(NamedTuple):
     gives: tree of the results; None if `assemble` builds the results from a flat tuple.
     normalise: all arguments -> flat tuple of contiguous arrays of the types of `inputs`; raises InputError.
     assemble: flat tuple of arrays -> tree of results.
-    lanes: 0 for a single run; else the number of runs computed side by side, and arrays have an axis of runs.
+    lanes: 0 for a single run; else the number of runs computed side by side. Arrays then have an axis of runs.
     threads: number of threads that share the runs.
     """
 

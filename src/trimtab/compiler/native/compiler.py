@@ -29,7 +29,7 @@ NO_ROOM_MESSAGES = (
     "File size limit exceeded",
 )
 KILL_MESSAGES = ("Killed signal terminated", "Terminated signal terminated", "unable to execute command: Killed")
-"""Messages of gcc and clang if a program that they started was killed; their exit status does not show that."""
+"""Messages of gcc and clang if a program that they started was killed. Their exit status does not show it."""
 
 
 class CompilerOutcome(NamedTuple):
@@ -97,7 +97,7 @@ def _run_process(command: tuple[str, ...], work: Path, limit: float) -> Compiler
 
 
 NAMES = {"c": ("CC", "gcc", "clang", "cc"), "c++": ("CXX", "g++", "clang++", "c++")}
-"""Language -> environment variable that names a compiler, and the compiler names that are tried without it."""
+"""Language -> environment variable that names a compiler, and the compilers tried if the variable is not set."""
 SUFFIX = {"c": "c", "c++": "cpp"}
 REQUIRED = {"c": ("-std=c99", "-ffp-contract=off", "-fwrapv"), "c++": ("-ffp-contract=off", "-fwrapv")}
 """Flags without which results could differ. A compiler that rejects one of them cannot be used."""

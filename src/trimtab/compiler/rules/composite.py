@@ -17,7 +17,7 @@ from trimtab.compiler.arrays import Array, constant
 from trimtab.compiler.lower import Rule, Site
 
 COUNTED = 40
-"""Maximum number of elements that are sorted by counting the smaller elements; more are sorted by merging."""
+"""Maximum number of elements that are sorted by counting smaller elements. Longer arrays are sorted by merging."""
 
 
 def composite(program: Callable[..., Any]) -> Rule:
@@ -36,7 +36,7 @@ def inline_program(site: Site, program: Callable[..., Any]) -> list[Array]:
 
 
 def each_matrix(single: Callable[..., Any], axes: int, *operands: Any) -> Any:
-    """Apply single(...) to the last axes of the operands, for one index of their equal batch axes after the other."""
+    """Apply single(...) to the last axes of the operands, for each index of the batch axes in turn."""
     batch = operands[0].shape[:-axes]
     if not batch:
         return single(*operands)
@@ -277,4 +277,4 @@ def one_or_each(one: Rule, each: Rule) -> Rule:
 
 
 EACH: dict[str, Rule] = dict.fromkeys(("cholesky", "lu", "triangular_solve"), _each)
-"""Rules for batches of matrices, for primitives of which `linalg` handles a single matrix."""
+"""Rules for batches of matrices. The rules in `linalg` handle single matrices."""

@@ -120,7 +120,7 @@ def _join_arrays(b: Builder, made: If, x: Array, y: Array, held: Buffer | None) 
 
 
 class LoopCarries:
-    """Arrays that a loop carries from turn to turn: as values or, if large or indexed, in a buffer of the loop."""
+    """Arrays that a loop carries from one iteration to the next: as values or, if large or indexed, in a buffer."""
 
     def __init__(
         self, b: Builder, starts: list[Array], dying: list[bool], indexed: set[int], others: Sequence[Array] = ()
@@ -145,7 +145,7 @@ class LoopCarries:
         self.values = [v for a, held in free if held is None for v in element_list(b, a)]
 
     def arrays(self, flat: list[Value]) -> list[Array]:
-        """Return the carried arrays. flat: values of the small ones, one after the other."""
+        """Return the carried arrays. flat: values of all small arrays, one after the other."""
         rest = iter(flat)
         found = []
         for a, buffer in zip(self.like, self.buffers, strict=True):
@@ -153,7 +153,7 @@ class LoopCarries:
         return found
 
     def close_iteration(self, nexts: list[Array]) -> list[Value]:
-        """End a turn of the loop: write large results to their buffers, and return the values of the small ones."""
+        """End an iteration: write large results to their buffers, and return the values of the small results."""
         b = self.b
         flat = [v for a, held in zip(nexts, self.buffers, strict=True) if held is None for v in element_list(b, a)]
         moves = []
@@ -230,7 +230,7 @@ def _select_arrays(b: Builder, holds: Array, new: Array, old: Array) -> Array:
 
 
 def _store_constants(b: Builder, constants: list[Array], program: Any) -> None:
-    """Put small arrays that a loop reads at computed indices into memory before the loop, not at each turn."""
+    """Put small arrays that a loop reads at computed indices into memory before the loop, not in each iteration."""
     for i in jaxprs.indexed_inputs(program.jaxpr):
         if i < len(constants):
             store_in_memory(b, constants[i])

@@ -28,7 +28,7 @@ COMPARISONS = ("eq", "ne", "lt", "le", "gt", "ge")
 
 
 def elementwise(element: Element) -> Rule:
-    """Return the rule that applies element(site, values) at every index; operands of shape () are broadcast."""
+    """Return the rule that applies element(site, values) at every index. Operands of shape () are broadcast."""
 
     def rule(site: Site) -> list[Array]:
         return [map_elements(site, lambda values: element(site, values), site.operands)]
@@ -37,7 +37,7 @@ def elementwise(element: Element) -> Rule:
 
 
 def map_elements(site: Site, element: Callable[[list[Value]], Value], operands: list[Array]) -> Array:
-    """Return the array with element(values) at every index, where values are those of the operands at this index."""
+    """Return the array with element(values) at every index. values: elements of the operands at this index."""
 
     def one(index: Index) -> Value:
         return element([read_element(site.b, a, index if a.shape else []) for a in operands])

@@ -75,12 +75,12 @@ def _single_qr(a: Any, full: bool) -> Any:
 
 
 SWEEPS = 40
-"""Maximum number of sweeps of rotations. They converge quadratically: up to 100 columns need less than ten sweeps."""
+"""Maximum number of sweeps of rotations. They converge quadratically: up to 100 columns need fewer than ten."""
 
 
 def _svd(a: Any, *, full_matrices: bool, compute_uv: bool, subset_by_index: Any, **_: Any) -> Any:
     if subset_by_index is not None and tuple(subset_by_index) != (0, min(a.shape[-2:])):
-        problem = f"a subset of the singular values ({subset_by_index}) has no C text"
+        problem = f"a subset of the singular values ({subset_by_index}) cannot be written as C"
         raise InputError("export", problem, fix="compute all singular values and select some of them")
     s, u, vt = each_matrix(lambda a: _single_svd(a, full_matrices), 2, a)
     return (s, u, vt) if compute_uv else (s,)
@@ -120,7 +120,7 @@ def _single_svd(a: Any, full: bool) -> Any:
 
 def _eigh(a: Any, *, lower: bool, subset_by_index: Any, **_: Any) -> Any:
     if subset_by_index is not None and tuple(subset_by_index) != (0, a.shape[-1]):
-        problem = f"a subset of the eigenvalues ({subset_by_index}) has no C text"
+        problem = f"a subset of the eigenvalues ({subset_by_index}) cannot be written as C"
         raise InputError("export", problem, fix="compute all eigenvalues and select some of them")
     return each_matrix(lambda a: _single_eigh(a, lower), 2, a)
 
@@ -178,7 +178,11 @@ def _turn_columns(a: Any, p: Any, q: Any, c: Any, s: Any) -> Any:
 
 def _tridiagonal_solve(dl: Any, d: Any, du: Any, b: Any, *, perturb_singular: bool, **_: Any) -> Any:
     if perturb_singular:
-        raise InputError("export", "tridiagonal_solve(perturb_singular=True) has no C text", fix="leave it out")
+        raise InputError(
+            "export",
+            "tridiagonal_solve(perturb_singular=True) cannot be written as C",
+            fix="leave out perturb_singular",
+        )
     flat = [dl[..., None], d[..., None], du[..., None], b]
     return each_matrix(lambda x, y, z, b: _single_tridiagonal(x[:, 0], y[:, 0], z[:, 0], b), 2, *flat)
 

@@ -31,7 +31,7 @@ MODE = lax.GatherScatterMode
 
 
 def clamp_start(site: Site, start: Value, extent: int, window: int) -> Value:
-    """Return the start index of a window, clipped so that the window fits into the array, as an int32."""
+    """Return the start index of a window as an int32, clipped so that the window fits into the array."""
     b = site.b
     most = extent - window
     if most == 0:
@@ -72,7 +72,7 @@ def read_window(site: Site, array: Array, starts: Index) -> Array:
 
 
 def writable_operand(site: Site, which: int) -> Array:
-    """Return operand `which` in a writable buffer: its own buffer if that is not read later, else a copy."""
+    """Return operand `which` in a writable buffer: its own buffer if it is not read later, else a copy."""
     array = site.operands[which]
     if array.updates:
         return apply_updates(site.b, array, site.dying[which])

@@ -18,7 +18,7 @@ from trimtab.compiler.lower import Rule, Site
 from trimtab.compiler.values import Buffer, Value
 
 SIDES = 4
-"""Minimum number of right-hand sides that are solved side by side; fewer are solved one by one."""
+"""Minimum number of right-hand sides that are solved side by side. A smaller number is solved one by one."""
 
 
 class Matrix:
@@ -155,7 +155,7 @@ def _loop_substitution(
     place: Callable[[Value, Value], list[Value]],
     divide: Callable[[Value, Value], Value],
 ) -> Array:
-    """Solve for one row of the unknowns after the other, with all right-hand sides side by side."""
+    """Solve for the unknowns row by row, with all right-hand sides side by side."""
     b, dtype, B = site.b, site.dtype, site.operands[1]
     rows = Array((n, m), dtype, buffer=b.local_buffer(dtype, n * m))
     X = Matrix(site, rows)

@@ -29,7 +29,7 @@ from trimtab.compiler.values import Value
 WIDTH = 8
 """Number of neighbouring elements of a result that are summed together."""
 DEPTH = 16
-"""Number of terms that are added before a result is stored, if there are too many terms to unroll."""
+"""Number of terms added before each store of a result, if there are too many terms to unroll the whole sum."""
 PANEL = 1024
 """Minimum size of a factor whose neighbouring columns are copied to contiguous memory before use for all rows."""
 PACK = 4
@@ -40,7 +40,7 @@ Read = Callable[[Index, Value], Value]
 
 
 class _Factor:
-    """Array in a product. Its axes: shared by both factors (batch), summed over (along), and its own (free)."""
+    """Array in a product. Axes are: batch (in both factors), along (summed over), free (only in this factor)."""
 
     def __init__(self, array: Array, along: tuple[int, ...], batch: tuple[int, ...]) -> None:
         self.array, self.along, self.batch = array, along, batch
@@ -90,7 +90,7 @@ class _Factor:
         if array.items is not None:
             packed = Array(shape, array.dtype, array.items.transpose(order))
         elif self.is_constant:
-            # The key contains everything on which the copy depends: the same numbers reshaped are another matrix.
+            # The key contains everything on which the copy depends. The same numbers reshaped are another matrix.
             packed = b.before_all(("packed", array.buffer, array.shape, array.dtype, tuple(order)), move)
         else:
             packed = move()
@@ -107,7 +107,7 @@ class _Product:
         self.along = tuple(rows.array.shape[a] for a in rows.along)
         buffer = self.b.local_buffer(site.dtype, math.prod(site.shape))
         self.buffer, self.result = buffer, Array(site.shape, site.dtype, buffer=buffer)
-        # equal to the unrolled sum, which starts with the first product: -0 + x is x, also for x = -0
+        # -0 + x is x, also for x = -0, so the sum equals the unrolled sum, which starts with the first product
         zero = -0.0 if is_float(site.dtype) and is_small(self.along) else 0
         self.zero = self.b.const(zero, site.dtype)
 

@@ -1,4 +1,4 @@
-"""Lowering rules for random keys (jax.random). A key is two 32-bit words in a last axis. The bits equal JAX's."""
+"""Lowering rules for random keys (jax.random). A key is two 32-bit words, in the last axis. Random bits equal JAX's."""
 
 import math
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from trimtab.compiler.lower import Rule, Site
 
 
 def _words(program: Callable[..., Any], keys: bool = True) -> Rule:
-    """Return the rule that applies program(generator, words of a key, *other operands, **parameters) to keys."""
+    """Return the rule that applies program(generator, words of a key, *other operands, **parameters) to each key."""
 
     def rule(site: Site) -> list[Array]:
         params = {k: v for k, v in site.params.items() if k != "impl"}

@@ -1,4 +1,4 @@
-"""Lowering rules for sums, products, minima, maxima and their positions along axes, and for cumulative ones."""
+"""Lowering rules for reductions along axes: sum, product, minimum, maximum and its position, also cumulative."""
 
 import math
 from collections.abc import Callable

@@ -31,7 +31,7 @@ def _strided_index(site: Site, i: Value, start: int, step: int = 1) -> Value:
 
 
 def reshape_array(array: Array, shape: tuple[int, ...]) -> Array:
-    """Return the same elements in another shape; a buffer is shared."""
+    """Return the same elements in another shape. The new array uses the same buffer."""
     if array.items is not None:
         return Array(shape, array.dtype, array.items.reshape(shape))
     return Array(shape, array.dtype, buffer=array.buffer, offset=array.offset)

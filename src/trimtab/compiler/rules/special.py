@@ -1,4 +1,4 @@
-"""Lowering rules for special functions. Functions that JAX computes by a program of its own are lowered from it."""
+"""Lowering rules for special functions. If JAX has its own program for a function, that program is lowered."""
 
 import math
 from typing import Any
@@ -31,7 +31,7 @@ def _zeta(s: Any, a: Any, **_: Any) -> Any:
         total = total + bernoulli / math.factorial(2 * k) * factor * power
         factor = factor * (s + (2 * k - 1)) * (s + 2 * k)
         power = power / (end * end)
-    # at integer a <= 0 one term is infinite, of known sign only for even s; for a < 0 terms are real only for integer s
+    # at integer a <= 0 a term is infinite, its sign known only for even s; for a < 0 terms are real only for integer s
     pole = jnp.where(s % 2 == 0, jnp.inf, jnp.nan)
     below = jnp.where(a == jnp.floor(a), pole, jnp.where(s == jnp.floor(s), total, jnp.nan))
     found = jnp.where(a <= 0, below, total)
@@ -80,7 +80,7 @@ def _chebyshev(t: Any, coefficients: Any) -> Any:
 
 
 def _own(name: str) -> Rule:
-    """Return the rule that runs JAX's own program number by number, so that each number ends its loops by itself."""
+    """Return the rule that runs JAX's own program number by number, so that loops end separately for each number."""
 
     def program(*operands: Any, **_: Any) -> Any:
         function, together = jaxprs.special_function(name), jnp.broadcast_arrays(*operands)
