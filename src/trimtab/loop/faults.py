@@ -252,10 +252,7 @@ def _select(condition: Any, a: Any, b: Any) -> Any:
 def apply_to_output(
     t: Any, s: FaultMemory, fault: Fault, output: Any, neutral: Any, signals: Any, *, step: int
 ) -> tuple[FaultMemory, Any]:
-    """Return the fault's memory, and the actuators' output with the fault applied.
-
-    neutral: output of the actuators at rest. Other arguments are those of `apply_to_sample`.
-    """
+    """Return the fault's memory, and the actuators' output with the fault applied. neutral: their output at rest."""
     k, capacity = t // step, jax.tree.leaves(s.ring)[0].shape[0]
     output = cast_like(output, s.output)
     begin = fault.begin_time(t, s.begin, signals)

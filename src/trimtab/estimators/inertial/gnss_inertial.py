@@ -70,9 +70,7 @@ IMU_WIDTH = 6
 class GnssFix:
     """Statistics of the updates with satellite measurements. Source: docs page, Gnss and inertial."""
 
-    innovation: Any = quantity(
-        "1", "Innovations (measured minus predicted) of the last measurement: those in m, then those in m/s."
-    )
+    innovation: Any = quantity("1", "Innovations of the last measurement (measured minus predicted): m, then m/s.")
     normalised: Any = quantity("1", "Innovations of the last measurement, divided by their standard deviations.")
     nis: Scalar = quantity(
         "1", "NIS: sum of squared normalised innovations, chi-square with as many degrees of freedom as values."
@@ -88,9 +86,7 @@ class GnssFix:
         "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
         kind="count",
     )
-    late: Scalar = quantity(
-        "1", "Number of measurements not used because they came too late or the queue was full.", kind="count"
-    )
+    late: Scalar = quantity("1", "Unused measurements: they were too late, or the queue was full.", kind="count")
 
 
 @record
@@ -153,12 +149,8 @@ class GnssInertial:
     noise: SpatialNoise = part("Noise of the IMU and of the receiver's clock.", default=SpatialNoise())
     receiver: GnssNoise = part("Noise of the receiver's fixes or ranges.", default=GnssNoise())
     start: SpatialStart = part("Initial estimate and its uncertainty.", default=SpatialStart())
-    lever_arm: Any = quantity(
-        "m", "Position of the GNSS antenna, measured from the IMU.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,)
-    )
-    gravity: Any = quantity(
-        "m/s^2", "Gravity vector: north, east, down.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,)
-    )
+    lever_arm: Any = quantity("m", "GNSS antenna from the IMU.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,))
+    gravity: Any = quantity("m/s^2", "Gravity vector.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
     gate: Scalar = quantity(
         "1", "NIS gate for fixes; default: 0.9999 quantile with 6 degrees of freedom.", default=27.856, above=0
     )
@@ -212,9 +204,7 @@ class GnssInertial:
     def check(self) -> None:
         """Raise InputError if a number of samples is too small or a sensor name is used twice."""
         if self.slots < 2:
-            raise InputError(
-                "slots", f"must be at least 2, got {self.slots}", fix="set slots above delay / (period of the IMU)"
-            )
+            raise InputError("slots", f"must be at least 2, got {self.slots}", fix="set slots above delay / IMU period")
         if self.carried < 1:
             raise InputError(
                 "carried",

@@ -51,10 +51,7 @@ class OdometryNoise:
     """
 
     slip: Scalar = quantity(
-        "m/sqrt(m)",
-        "Random walk of the position over the distance driven, along and across the path.",
-        default=0.03,
-        above=0,
+        "m/sqrt(m)", "Random walk of the position with distance, along and across the path.", default=0.03, above=0
     )
     turn: Scalar = quantity("rad/sqrt(s)", "Random walk of the heading over time.", default=2e-3, above=0)
     bias_walk: Scalar = quantity("rad/s/sqrt(s)", "Random walk of the yaw rate's bias.", default=1e-5, low=0)
@@ -103,10 +100,7 @@ class PlanarStart:
         "rad/s", "Standard deviation of the yaw rate's initial bias.", default=5e-3, low=0
     )
     sigma_course: Scalar = quantity(
-        "rad",
-        "Standard deviation of the initial angle from the body's x axis to the direction of motion.",
-        default=0.03,
-        low=0,
+        "rad", "Initial standard deviation of the angle from x axis to direction of motion.", default=0.03, low=0
     )
 
 
@@ -118,9 +112,7 @@ class RadioFix:
     normalised: Any = quantity("1", "Range innovations divided by their standard deviations.")
     nis: Any = quantity("1", "NIS of each beacon's range.")
     accepted: Any = quantity("1", "True for each beacon whose range was used.", kind="flag")
-    refused_in_a_row: Any = quantity(
-        "1", "Number of ranges of each beacon rejected since its last accepted range.", kind="count"
-    )
+    refused_in_a_row: Any = quantity("1", "Rejected ranges of each beacon since the last accepted one.", kind="count")
     used: Scalar = quantity("1", "Number of ranges used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
     rejected_in_a_row: Scalar = quantity("1", "Number of ranges rejected since the last accepted range.", kind="count")
@@ -129,9 +121,7 @@ class RadioFix:
         "Number of restarts of the pose from ranges that agree with each other.",
         kind="count",
     )
-    late: Scalar = quantity(
-        "1", "Number of messages not used because their ranges were too far in time from the odometry.", kind="count"
-    )
+    late: Scalar = quantity("1", "Unused messages: their ranges were too far in time from odometry.", kind="count")
 
 
 @record
@@ -187,8 +177,7 @@ class OdometryRanging:
 
     Frames:  beacons in W; level vehicle on a flat floor.
     Valid:   from the first odometry sample on, with a given initial pose (`OdometryParticle` finds the pose itself).
-    Not modelled: antennas away from the vehicle's reference point; a range's curvature, which is small at distances of
-                  metres.
+    Not modelled: antennas away from the vehicle's reference point; a range's curvature, small at metres.
     Source:  docs page, Odometry and ranges.
     """
 
