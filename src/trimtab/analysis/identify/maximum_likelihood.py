@@ -37,7 +37,7 @@ COLLINEAR = 1e-4
 SHARE = 0.3
 """Smallest component of a non-identifiable eigenvector for which the corresponding parameter is reported."""
 REACHES = np.array([-1.4, -0.8, 0.8, 1.4])
-"""Points at which the profile likelihood is computed, in half-widths of the interval that the information matrix gives."""
+"""Points at which the profile likelihood is computed, in half-widths of the information matrix's interval."""
 CORRECTIONS = 1
 """Number of scoring steps for the other parameters at each point of the profile likelihood."""
 

@@ -70,7 +70,7 @@ def fit_servo(data: Measurements) -> ServoFit:
         problem = f"no angle was measured near {pulses} ms"
         raise InputError(f"file {data.file!r}", problem, fix="measure at 1.00, 1.05, … 2.00 ms, best three times each")
     if len(data) <= PULSES:
-        problem = f"more than {PULSES} readings are needed for {PULSES} pulses and an uncertainty, got {len(data)}"
+        problem = f"{len(data)} readings at {PULSES} pulses are too few for an uncertainty"
         fix = "measure again, up and down: two or three readings for each pulse, numbered in a column trial"
         raise InputError(f"file {data.file!r}", problem, fix=fix)
     A, both = _add_ways(A, data)
