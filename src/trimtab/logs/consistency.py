@@ -21,7 +21,7 @@ from trimtab.core.errors import InputError
 CONSISTENT, OPTIMISTIC, PESSIMISTIC, UNDECIDED = "consistent", "optimistic", "pessimistic", "undecided"
 HONEST, TELLING = 1.1, 2.0
 """Limits of the ratio of errors to sigmas. Up to HONEST the ratio counts as 1. The verdict `consistent` requires that
-the ratio is below TELLING and above 1/TELLING."""
+the ratio's confidence interval lies between 1/TELLING and TELLING."""
 FEW = 10
 """Effective number of draws below which a verdict on one run can only be `optimistic` or `undecided`."""
 WINDOW = 6

@@ -23,7 +23,7 @@ class JoinedRows(NamedTuple):
 
 
 def join_by_time(times: Mapping[str, Sequence[int]]) -> JoinedRows:
-    """Form rows from the messages of all topics with equal times. A time without a message of each topic is no row.
+    """Form rows from the messages of all topics with equal times. Other times give no row.
 
     times: topic -> time (ns) of each message.
     """

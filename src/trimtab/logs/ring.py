@@ -135,7 +135,7 @@ class Ring:
         return True
 
     def write_text(self, text: str) -> bool:
-        """Write a text, cut to TEXT_BYTES bytes. Return False if the text is dropped because there is no room."""
+        """Write a text, cut to TEXT_BYTES bytes. Return False if the text is dropped for lack of room."""
         head = self._head
         n = head[TEXTS_WRITTEN]
         if n - head[TEXTS_READ] >= self.events:

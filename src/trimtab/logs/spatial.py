@@ -67,7 +67,7 @@ class SpatialSignals(NamedTuple):
 
 
 def find_spatial(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Quantity]) -> SpatialSignals | None:
-    """Find the signals of a vehicle's motion in three dimensions. Return None if there is no attitude signal.
+    """Find the signals of a vehicle's motion in three dimensions. Return None without an attitude signal.
 
     Args:
         shapes: path of each signal -> its shape at one instant.

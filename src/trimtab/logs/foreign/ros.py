@@ -143,7 +143,7 @@ def _cdr_decoder(path: Path, name: str, form: str, text: str) -> Decode | None:
     Args:
         path: path of the file, for errors.
         name: name of the message type.
-        form: format of the definition: ``ros2msg`` or ``ros2idl``; any other text: there is no definition.
+        form: format of the definition: ``ros2msg`` or ``ros2idl``; any other text: the file has no definition.
         text: text of the definition. Without a definition, the types of ROS 2 Humble are used.
     """
     typesys = import_package(name_file(path), "rosbags.typesys")

@@ -1,7 +1,7 @@
 """Methods of tuning: CMA-ES without derivatives, or gradient descent with derivatives through the simulated loop.
 
-**Search**: CMA-ES minimises the mean cost of many runs, the same runs for every candidate. A candidate with infinite
-cost in some runs ranks after all candidates with finite costs. More such runs make its rank worse.
+**Search**: CMA-ES minimises the mean cost of many runs, the same runs for every candidate. The share of
+runs with infinite cost is added to the score of a candidate, see `merit`.
 
 **Gradient**, smoothed over switches: the cost is averaged over nearby gains and over runs.
 
