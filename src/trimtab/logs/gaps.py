@@ -70,6 +70,6 @@ def describe_gaps(damages: Sequence[Damage], joined: JoinedRows, epoch: int) -> 
         earlier = times[times < missing[0]]
         where = f"{seconds(int(missing[0])):g} s"
         where += f" to {seconds(int(missing[-1])):g} s" if len(missing) > 1 else ""
-        text = f"{len(missing)} instants, {where}, are left out: they lack a message of some topic"
+        text = f"{len(missing)} instants, {where}, are left out: the message of at least one topic is missing"
         gaps.append({"after_s": seconds(int(earlier[-1])) if len(earlier) else None, "text": text})
     return gaps

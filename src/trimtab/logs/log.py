@@ -367,7 +367,7 @@ def _check_numbers(part: str, values: Any) -> np.ndarray:
     if array.dtype.kind not in "biuf" or array.dtype.itemsize > 8:
         choices = ("bool", "int8..int64", "uint8..uint64", "float16..float64")
         raise InputError(
-            part, f"holds values of type {array.dtype}", choices=choices, fix="convert the values to one of these types"
+            part, f"has values of type {array.dtype}", choices=choices, fix="convert the values to one of these types"
         )
     return array
 

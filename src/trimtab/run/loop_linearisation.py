@@ -273,7 +273,7 @@ def _count_round(tick: int, count: int, round_time: float) -> int:
     rounds = round(seconds(round_time) / (tick * count))
     if rounds < 1 or rounds * tick * count != seconds(round_time):
         problem = f"must be a multiple of the loop's period of {to_seconds(tick * count):g} s, got {round_time:g} s"
-        raise InputError(argument_name("round"), problem, fix="give the time of one or several laps that is a multiple")
+        raise InputError(argument_name("round"), problem, fix="give the time of one or more laps, a multiple of it")
     if rounds * count > MOST_INSTANTS:
         problem = f"{round_time:g} s are {rounds * count} instants, but must be at most {MOST_INSTANTS}"
         raise InputError(

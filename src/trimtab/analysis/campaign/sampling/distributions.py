@@ -199,7 +199,7 @@ def parse_distribution(text: str, part: str = "") -> Distribution:
     amounts = tuple(_parse_amount(part, text, piece) for piece in inside)
     kind = KINDS[name]
     if name != ALONG and len(amounts) != kind.usage.count(",") + 1:
-        raise InputError(part, f"{text!r} has the wrong number of numbers: {len(amounts)}", fix=f"write {kind.usage}")
+        raise InputError(part, f"{text!r} has the wrong number of arguments: {len(amounts)}", fix=f"write {kind.usage}")
     distribution = Distribution(text, name, amounts)
     if not distribution.has_shares or distribution.is_relative:
         _check_numbers(part, distribution, [a.number for a in amounts])

@@ -89,7 +89,7 @@ def fly_rows(plain: Mapping[str, Any], asker: Mapping[str, str], first: int, las
         shown = "; ".join(f"{name}: {here.get(name)} there, {asker[name]} here" for name in apart)
         same = "install the same trimtab, packages and files on the worker's machine, and restart the worker"
         fix = "install a C compiler on the worker's machine" if apart == ["backend"] else same
-        raise InputError(f"worker {address}", f"would give different rows: {shown}", fix=fix)
+        raise InputError(f"worker {address}", f"would compute different rows: {shown}", fix=fix)
     return fly_block(ready, first, last, backend=asker["backend"], threads=threads)
 
 
