@@ -269,6 +269,6 @@ def _refuse_repeats(where: str, data: Measurements) -> None:
         row = tuple(v[i] for v in data.values.values())
         if row in seen:
             problem = f"lines {seen[row]} and {line} are the same"
-            fix = f"leave one out; or number repeated measurements in a column {TRIAL}"
+            fix = f"leave one line out, or number repeated measurements in a column {TRIAL}"
             raise InputError(where, problem, fix=fix)
         seen[row] = int(line)

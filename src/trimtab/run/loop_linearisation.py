@@ -84,7 +84,7 @@ def linearise_loop(
         raise InputError(
             "linearise",
             problem,
-            fix=f"{argument_name('direct')} leaves out the actuators; {argument_name('without')} an imperfection",
+            fix=f"leave out actuators with {argument_name('direct')}, imperfections with {argument_name('without')}",
         )
     return found
 
@@ -231,9 +231,7 @@ def _find_rest(run: _Tick, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any
         order = own.flatten(run.align(*own.place_indices((s, a)), span))
         A[-1], B[-1] = A[-1][order], B[-1][order]
         if not all(np.isfinite(M).all() for M in (A, B, C)):
-            fix = (
-                f"{argument('direct', True)} leaves out the actuators; {argument('off', ['dead zone'])} an imperfection"
-            )
+            fix = f"leave out actuators with {argument('direct', True)}, or a dead zone: {argument('off', ['dead zone'])}"
             raise InputError("linearise", "the loop has no derivative at rest", fix=fix)
         whole = np.eye(len(A[0]))
         for Aj, Bj, Cj in zip(A, B, C, strict=True):

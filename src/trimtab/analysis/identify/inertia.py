@@ -121,7 +121,7 @@ def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
     """
     t, r = np.asarray(t, np.float64), np.asarray(yaw_rate, np.float64)
     if len(t) < 20 or not (np.isfinite(t).all() and np.isfinite(r).all()):
-        problem = f"at least 20 finite samples are needed to find a release and a rise, got {len(t)}"
+        problem = f"at least 20 samples, all finite, are needed to find a release and a rise; got {len(t)} samples"
         raise InputError("spin-up", problem, fix="log from before the release, 20 finite samples or more")
     top = float(np.max(np.abs(r)))
     low = r[: max(int(np.argmax(np.abs(r) >= 0.6 * top)) + 1, 8)]

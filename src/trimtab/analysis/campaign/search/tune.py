@@ -168,7 +168,7 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
             raise InputError(
                 part,
                 problem,
-                fix=f"a wider range, or another start: {argument('settings', f'{low:g}', factor.text)}",
+                fix=f"give a wider range, or another start: {argument('settings', f'{low:g}', factor.text)}",
             )
         log = factor.distribution.kind == "loguniform"
         values.append(own)

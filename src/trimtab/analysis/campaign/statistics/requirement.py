@@ -90,7 +90,7 @@ def evaluate_requirement(
     if requirement.statistic in EXTREMES:
         return _evaluate_extreme(requirement, x, bad)
     if requirement.statistic == "mean" and bad:
-        note = f"{bad} runs have no finite value, so the mean has none"
+        note = f"{bad} runs have no finite value, so the mean is not finite"
         return RequirementVerdict(requirement, NOT_MET, math.inf, math.inf, math.inf, len(x), bad, note)
     value, low, high = _one_sided_bounds(requirement, x, anytime)
     upwards = requirement.relation == ">="

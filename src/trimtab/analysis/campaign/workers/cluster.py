@@ -341,7 +341,7 @@ def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) ->
     except OSError as error:  # the worker with these columns does not answer
         raise watch.silent_scheduler(error) from None
     except KilledWorker as error:
-        problem = f"{runs} crashed one worker after another, the last {error.last_worker}"
+        problem = f"{runs} crashed several workers in turn, the last {error.last_worker}"
         fix = f"check that worker's log, for example for a lack of memory, then {RESUME_HINT}"
         raise WorkersLost(argument_name("cluster"), problem, fix) from None
     except BaseException as error:
