@@ -53,7 +53,7 @@ class Topic(NamedTuple):
 
 
 def group_by_topic(paths: tuple[str, ...]) -> dict[str, Fields]:
-    """Return topic -> path of a signal -> keys of the signal in a message."""
+    """Return topic -> its signals, as path of a signal -> keys under which its value is nested in a message."""
     topics: dict[str, Fields] = {}
     for path in paths:
         names = path.split(".")

@@ -299,7 +299,7 @@ def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
 
 
 def uplink_block(uplink: Any, command: Command, *, seed: int = 0) -> BlockDefinition:
-    """Return a channel between a link and the failsafe as a block. Its input and its output are one sample each.
+    """Return a channel between a link and the failsafe as a block. Input and output are one sample each.
 
     command: example with the structure of the commands.
     """

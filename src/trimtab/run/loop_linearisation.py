@@ -231,7 +231,7 @@ def _find_rest(run: _Tick, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any
         order = own.flatten(run.align(*own.place_indices((s, a)), span))
         A[-1], B[-1] = A[-1][order], B[-1][order]
         if not all(np.isfinite(M).all() for M in (A, B, C)):
-            fix = f"leave out actuators with {argument('direct', True)}, or a dead zone: {argument('off', ['dead zone'])}"
+            fix = f"leave out actuators with {argument('direct', True)}, or e.g. {argument('off', ['dead zone'])}"
             raise InputError("linearise", "the loop has no derivative at rest", fix=fix)
         whole = np.eye(len(A[0]))
         for Aj, Bj, Cj in zip(A, B, C, strict=True):

@@ -202,7 +202,7 @@ class _Study:
 
     ladder: Ladder
     roots: int
-    """Number of roots in a batch."""
+    """Number of roots (independent starting points) in a batch."""
     words: int
 
     def __init__(self, ready: PreparedCampaign, options: Mapping[str, Any], folder: Path | None, used: str) -> None:
