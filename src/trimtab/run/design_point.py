@@ -120,7 +120,7 @@ def _carried_states(plant: Plant) -> list[str]:
 
 
 def _refuse_carried(plant: Plant, c: Conditions, carried: list[str]) -> None:
-    """Raise InputError if ``--at`` sets a state that only records motion or an output of a vehicle with such a state."""
+    """Raise InputError if ``--at`` sets a state that only records the motion, or an output of such a vehicle."""
     model = plant.model
     said = {*c.fixed, *c.free, *c.kept, *c.rates, *c.outputs}
     asked = [n for n in (*carried, *model.outputs) if n in said and (n in carried or n not in model.states)]
