@@ -96,7 +96,7 @@ class UplinkParameters:
     """Parameters of the step of an uplink. Source: docs page, Vehicle."""
 
     uplink: Any = part("Channel of the uplink.")
-    key: Any = part("Seed and run of the random numbers.")
+    key: Any = part("Seed and run number, from which the random numbers are generated.")
 
 
 def has_stepped_vehicle(scenario: Scenario) -> bool:
