@@ -46,7 +46,7 @@ def test_words_for_instants_that_lack_a_message():
     joined = join_by_time({"a": [0, MS, 2 * MS, 3 * MS, 5 * MS], "b": [0, 3 * MS, 5 * MS]})
     (gap,) = describe_gaps([], joined, 0)
     assert gap["after_s"] == 0.0
-    assert gap["text"] == "2 instants, 0.001 s to 0.002 s, are left out: they lack a message of some topic"
+    assert gap["text"] == "2 instants, 0.001 s to 0.002 s, are left out: the message of at least one topic is missing"
 
 
 @pytest.mark.parametrize(

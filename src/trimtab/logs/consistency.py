@@ -1,8 +1,8 @@
 """Consistency of a filter: averages of NIS and NEES against chi-square bounds, and whiteness of innovations.
 
-A filter is consistent if its errors match its sigmas, optimistic if they are larger, and pessimistic if smaller. Errors
-of one run are correlated in time, so that a thousand samples may count as ten draws. An average over one run is judged
-by its effective number of independent draws. A factor is the ratio of the errors to the filter's sigmas.
+A filter is consistent if its errors match its sigmas, optimistic if the errors are larger, and pessimistic if they are
+smaller. Errors of one run are correlated in time, so that a thousand samples may count as ten draws. An average over
+one run is judged by its effective number of independent draws. A factor is the ratio of errors to sigmas.
 
 Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001, section
 5.4; [6] Ljung, Box, "On a measure of lack of fit in time series models", Biometrika 65 (1978); [9] Bayley, Hammersley,
@@ -20,19 +20,20 @@ from trimtab.core.errors import InputError
 
 CONSISTENT, OPTIMISTIC, PESSIMISTIC, UNDECIDED = "consistent", "optimistic", "pessimistic", "undecided"
 HONEST, TELLING = 1.1, 2.0
-"""Limits for the ratio of errors to sigmas: up to HONEST it counts as 1; `consistent` excludes ratios above TELLING."""
+"""Limits of the ratio of errors to sigmas. Up to HONEST the ratio counts as 1. The verdict `consistent` requires that
+the ratio's confidence interval lies between 1/TELLING and TELLING."""
 FEW = 10
-"""Number of independent draws below which the verdict can only be `optimistic` or `undecided`."""
+"""Effective number of draws below which a verdict on one run can only be `optimistic` or `undecided`."""
 WINDOW = 6
-"""Longest lag up to which correlations are summed, in correlation times."""
+"""Largest lag up to which autocorrelations are summed, in correlation times."""
 
 
 class Consistency(NamedTuple):
     """Verdict on the average of NIS or NEES over runs.
 
-    mean: average of NIS or NEES.  expected: average of a consistent filter, the degrees of freedom.
+    mean: average of NIS or NEES.  expected: expected average of a consistent filter, i.e. the degrees of freedom.
     low, high: bounds of the average for a consistent filter.
-    inside: share of the instants at which the average over runs lies within the bounds for one instant.
+    inside: share of the instants at which the average over the runs lies within the bounds for a single instant.
     verdict: consistent, optimistic or pessimistic.
     """
 
@@ -45,13 +46,13 @@ class Consistency(NamedTuple):
 
 
 class SingleRunConsistency(NamedTuple):
-    """Verdict on the average of NIS, or of squared normalised errors, over one run.
+    """Verdict on the average of NIS, or of squared normalised errors, over a single run.
 
     mean: average over the instants.  expected: value of this average for a consistent filter.
     low, high: bounds of the average for a consistent filter.  draws: effective number of independent squares.
     factor: ratio of errors to sigmas.  factor_low, factor_high: confidence interval of this ratio.
-    verdict: consistent, optimistic (sigmas too small), pessimistic (sigmas too large), or undecided if a factor of two
-    would not be detected.
+    verdict: consistent, optimistic (sigmas too small), pessimistic (sigmas too large), or undecided if the data would
+    not show a factor of two.
     """
 
     mean: float
@@ -66,7 +67,7 @@ class SingleRunConsistency(NamedTuple):
 
 
 class Whiteness(NamedTuple):
-    """Autocorrelation of innovations, and a test if they are white.
+    """Autocorrelation of innovations, and a test of their whiteness.
 
     correlation: autocorrelation at lags 1, 2, … (lags,).  bound: bound of the autocorrelation of a white sequence at
     one lag.  inside: share of the lags within the bound.  statistic: statistic of Ljung and Box over all lags.
@@ -84,8 +85,8 @@ class Whiteness(NamedTuple):
 class Convergence(NamedTuple):
     """Convergence of an estimate to the truth.
 
-    time: time (s) from which sigma stays below the wanted sigma, None if never.  final: last error in sigmas.
-    inside: share of the samples from this time on whose error is below two sigmas.
+    time: time (s) after which sigma stays below the wanted sigma; None if it does not.  final: last error in sigmas.
+    inside: share of the samples after this time with an error below two sigmas.
     """
 
     time: float | None
@@ -112,14 +113,14 @@ def chi_square_bounds(dof: int, n: int, probability: float = 0.95) -> tuple[floa
 
 
 def gate_threshold(dof: int, probability: float) -> float:
-    """Return the NIS that a measurement of dimension dof exceeds with 1 - probability if the filter is consistent."""
+    """Return the NIS gate that a consistent filter's measurement of dimension dof meets with this probability."""
     return float(chi_square_quantile(probability, dof))
 
 
 def chi_square_quantile(probability: Any, dof: Any) -> Any:
-    """Return the chi-square quantile of a probability; dof may be a fraction.
+    """Return the chi-square quantile of a probability. dof need not be a whole number.
 
-    scipy.special is used, because importing scipy.stats takes longer than a run.
+    The function uses scipy.special, because importing scipy.stats takes longer than a run.
     """
     return 2 * special.gammaincinv(np.asarray(dof) / 2, probability)
 
@@ -128,7 +129,7 @@ def nees_verdict(nees: Any, dof: int, probability: float = 0.95) -> Consistency:
     """Judge the NEES of independent runs: compare its average over runs and time with chi-square bounds.
 
     Errors of one run are correlated in time, so that more instants do not count as more draws. The bounds are therefore
-    those of the average over runs at one instant, which are rather too wide than too narrow.
+    those of the average over the runs at a single instant. They are too wide rather than too narrow.
 
     Args:
         nees: NEES (runs, instants).
@@ -159,7 +160,7 @@ def nis_verdict(nis: Any, dof: int, probability: float = 0.95) -> Consistency:
 
 
 def whiteness(innovations: Any, lags: int = 20, probability: float = 0.95) -> Whiteness:
-    """Test if normalised innovations are white: autocorrelation at lags 1 to `lags`, and Ljung and Box's test.
+    """Test if normalised innovations are white, by their autocorrelation at lags 1 to `lags` and the Ljung-Box test.
 
     Args:
         innovations: normalised innovations (updates,) or (updates, m), in the order of the measurements.
@@ -181,12 +182,12 @@ def whiteness(innovations: Any, lags: int = 20, probability: float = 0.95) -> Wh
 
 
 def convergence(t: Any, error: Any, sigma: Any, wanted: float) -> Convergence:
-    """Describe the convergence of an estimate, e.g. of a bias.
+    """Evaluate the convergence of an estimate, e.g. of a bias.
 
     Args:
         t: times in s (n,).
         error: estimate minus truth (n,).
-        sigma: the filter's own sigma (n,).
+        sigma: standard deviation of the error (n,) according to the filter.
         wanted: sigma below which the estimate counts as converged.
     """
     t, error, sigma = (_check_finite(name, x) for name, x in (("t", t), ("error", error), ("sigma", sigma)))
@@ -199,11 +200,11 @@ def convergence(t: Any, error: Any, sigma: Any, wanted: float) -> Convergence:
 
 
 def effective_draws(z: Any) -> Any:
-    """Return the effective number of independent squares in the mean square of each column of z (n, m), shape (m,).
+    """Return the effective number of independent draws (m,) in the mean square of each column of z (n, m).
 
-    The number is n / (1 + 2 sum (1 - k/n) rho_k²) with the autocorrelation rho_k of Gaussian numbers, summed up to
-    WINDOW correlation times. The mean is not subtracted, so that a constant error counts as one draw. A column of zeros
-    also counts as one draw.
+    It is n / (1 + 2 sum (1 - k/n) rho_k²) for Gaussian numbers with autocorrelation rho_k, summed up to WINDOW
+    correlation times. The mean is not subtracted, so that a constant error counts as one draw. A column of zeros also
+    counts as one draw.
     """
     n = len(z)
     spectrum = np.fft.rfft(z, 2 * n, axis=0)
@@ -224,7 +225,7 @@ def assess_average(mean: Any, draws: Any, dof: int, tail: float) -> SingleRunCon
         mean: average of the sum.
         draws: effective number of draws of each square (dof,).
         dof: number of squares in the sum.
-        tail: probability below the lower bound, and above the upper bound, each.
+        tail: probability below the lower bound; also the probability above the upper bound.
     """
     N = float(np.sum(draws))
     low, high = chi_square_quantile(np.array([tail, 1 - tail]), N) / N
@@ -255,6 +256,6 @@ def _check_finite(name: str, values: Any, dimensions: int | None = None) -> Any:
     if not array.size or not np.isfinite(array).all() or (dimensions is not None and array.ndim != dimensions):
         problem = f"{name} must have finite numbers and the right axes, got an array of shape {array.shape}"
         raise InputError(
-            "consistency", problem, fix="leave out instants without a measurement; the first axis is that of the runs"
+            "consistency", problem, fix="leave out instants without a measurement; the first axis must be the runs"
         )
     return array

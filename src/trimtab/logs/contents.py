@@ -28,7 +28,7 @@ LARGEST_CHUNK = 1 << 28
 
 
 class Damage(NamedTuple):
-    """Damaged part of a file. why: reason.  after: time (ns) of the last message before it, or None."""
+    """Damaged part of a file. why: kind of damage.  after: time (ns) of the last message before it, or None."""
 
     why: str
     after: int | None
@@ -38,8 +38,8 @@ class Damage(NamedTuple):
 class Contents:
     """Content of an MCAP file.
 
-    is_truncated: True if the file has no end.  metadata: name -> metadata record.  times, texts: topic -> times (ns)
-    and contents of its messages.  damages: damaged parts of the file.
+    is_truncated: True if the end of the file is missing.  metadata: name -> metadata record.  times, texts: topic ->
+    times (ns) and contents of its messages.  damages: damaged parts of the file.
     """
 
     is_truncated: bool
@@ -50,11 +50,11 @@ class Contents:
 
 
 class _DamagedFileError(Exception):
-    """Error for a file with bytes that no writer produces."""
+    """Error for a file that contains invalid bytes."""
 
 
 def parse_contents(path: Any, data: bytes) -> Contents:
-    """Parse the bytes of an MCAP file, which may be truncated; raise InputError if it is damaged outside its chunks."""
+    """Parse the bytes of an MCAP file, which may be truncated. Raise InputError for damage outside of the chunks."""
     contents = Contents(is_truncated=len(data) < 2 * len(MAGIC) or not data.endswith(MAGIC))
     reader = _ContentsReader(contents)
     try:
@@ -68,7 +68,7 @@ def parse_contents(path: Any, data: bytes) -> Contents:
 
 
 class _ContentsReader:
-    """Reader of one MCAP file. Messages are stored by channel, as the topics of channels may follow at the end."""
+    """Reader of one MCAP file. Messages are stored by channel, because a channel's topic may follow after them."""
 
     def __init__(self, contents: Contents) -> None:
         self._contents = contents
@@ -161,7 +161,7 @@ class _ContentsReader:
 
 
 def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, start and stop of the content of each record. The last stop may lie beyond the end of the data."""
+    """Yield opcode, start and end of each record's content. The last end may lie beyond the end of the data."""
     at = 0
     while at + RECORD.size <= len(data):
         opcode, length = RECORD.unpack_from(data, at)

@@ -1,4 +1,4 @@
-"""Reader of CSV files of other loggers: columns of numbers, units in the headings, and the unit of the times.
+"""Reader of CSV files of other loggers: columns of numbers, units in the headings, and the time unit.
 
     # a comment
     timestamp [us],gyro[0] [rad/s],gyro[1] [rad/s],mode
@@ -33,14 +33,14 @@ _UNITS = {
     "nsec": "ns",
     "nanos": "ns",
 }
-"""Ending of a column's name that gives a unit of time, e.g. "us" -> the unit."""
+"""Ending of the name of a time column, e.g. "usec" -> its time unit."""
 _SUFFIXES = "|".join(_UNITS)
 _TIME = re.compile(
     rf"(?i:t|time|timestamp|stamp)(?i:_boot|_sample|_unix|_utc)?(?:_(?i:({_SUFFIXES}))|(S|MS|US|NS))?"
     rf"|(?i:(seconds|millis|micros|nanos))"
 )
 ROS_TIME = "%time"
-"""Name of the column of times (ns) in the output of `rostopic echo -p`."""
+"""Name of the time column (ns) in the output of `rostopic echo -p`."""
 SHOWN = 24
 """Maximum number of characters of a cell that an error shows."""
 
@@ -48,8 +48,8 @@ SHOWN = 24
 class CsvColumn(NamedTuple):
     """Column of a CSV file.
 
-    name: name without the unit.  unit: unit from the heading, or empty.  values: numbers (n,), or texts if there is a
-    problem.  problem: line and cell that is not a number, or empty.
+    name: name without the unit.  unit: unit from the heading, or empty.  values: numbers (n,), or texts if a cell is
+    not a number.  problem: description of the first cell that is not a number, or empty.
     """
 
     name: str
@@ -70,7 +70,7 @@ class CsvTable(NamedTuple):
 
 
 def time_unit(name: str) -> str | None:
-    """Return the unit in the name of a column of times, "" without a unit; None if the column is not one of times."""
+    """Return the time unit in the name of a time column, "" without a unit; None if it is not a time column."""
     if name.lower() == ROS_TIME:
         return "ns"
     match = _TIME.fullmatch(name)
@@ -86,14 +86,14 @@ def split_heading(heading: str) -> tuple[str, str]:
 
 
 def read_table(path: str | os.PathLike[str], *, gaps: bool = False) -> CsvTable:
-    """Read the columns of a CSV file. A column that contains text has a `problem` and no numbers.
+    """Read the columns of a CSV file. A column with a cell that is not a number has a `problem` and no numbers.
 
     Args:
         path: path of the file.
         gaps: True to read empty and non-finite cells as NaN; False to report them as a problem of the column.
 
     Raises:
-        InputError: a file that can't be read, without rows, or with rows of different lengths.
+        InputError: the file can't be read, has no rows, or has rows of different lengths.
     """
     where = f"log file '{path}'"
     head, rows, lines = _read_cells(where, path)

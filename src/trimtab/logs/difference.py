@@ -1,7 +1,7 @@
 """Comparison of two logs: first difference, and largest difference of each signal.
 
-Values at common instants are compared exactly; NaN equals NaN. The two logs may come from different flights.
-`run.replay.compare_logs` instead checks if two backends computed the same flight, within rounding.
+Values at common instants are compared exactly; NaN equals NaN. The two logs may come from different flights. Use
+`run.replay.compare_logs` to check if two backends computed the same flight up to rounding.
 """
 
 from typing import Any, NamedTuple
@@ -15,7 +15,8 @@ from trimtab.logs.log import Log
 class SignalDifference(NamedTuple):
     """Difference of one signal between two logs.
 
-    first_s: time (s) of the first difference.  one, other: values at this time.  largest: largest difference.
+    first_s: time (s) of the first difference.  one, other: values at this time in the first and in the second log.
+    largest: largest difference at any time.
     """
 
     path: str
@@ -40,12 +41,12 @@ class LogDifference(NamedTuple):
 
     @property
     def equal(self) -> bool:
-        """True if all common signals are equal at all common instants."""
+        """Return True if all common signals are equal at all common instants."""
         return not self.signals
 
 
 def find_difference(one: Log, other: Log) -> LogDifference:
-    """Compare two logs.
+    """Find the differences of two logs.
 
     Raises: InputError if they have no common instant or no common signal.
     """

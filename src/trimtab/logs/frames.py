@@ -1,6 +1,7 @@
 """Poses of a vehicle as messages that Foxglove and Lichtblick show on a map and in a 3-D scene.
 
-    /tf        foxglove.FrameTransform   the vehicle's frame in W (north, east, down), and W in "map" (east, north, up)
+    /tf        foxglove.FrameTransform   the vehicle's frame in the world frame W (north, east, down), and W in "map"
+                                         (east, north, up)
     /scene     foxglove.SceneUpdate      a box and an arrow fixed in the vehicle's frame, once
     /location  foxglove.LocationFix      latitude, longitude and height, if the origin of W on the earth is known
 
@@ -24,7 +25,7 @@ TRANSFORM_PERIOD, PLACE_PERIOD = ms(50), ms(200)
 MAP, WORLD = "map", "world"
 HALF = math.sqrt(0.5)
 NED_IN_ENU = (0.0, HALF, HALF, 0.0)
-"""Quaternion w, x, y, z that rotates the axes north, east, down to east, north, up."""
+"""Quaternion w, x, y, z of the rotation from the axes north, east, down to the axes east, north, up."""
 NO_TURN = (1.0, 0.0, 0.0, 0.0)
 BODY_COLOR, NOSE_COLOR = (0.2, 0.5, 0.9, 1.0), (0.9, 0.3, 0.1, 1.0)
 BODY_SIZE, NOSE_LENGTH = (0.6, 0.35, 0.15), 0.5
@@ -116,11 +117,14 @@ class FrameWriter:
         self._has_scene = False
 
     def begin_file(self) -> None:
-        """Prepare for another file, at whose start the fixed messages are repeated."""
+        """Prepare for a new file. The constant messages are repeated at its start."""
         self._has_scene = False
 
     def messages(self, ticks: Any, poses: Any, epoch: int) -> list[FrameMessage]:
-        """Return messages of rows: times (n,) in 100 ns, poses (n, POSE_COLUMNS). epoch: time of day at zero (ns)."""
+        """Return the messages for n rows of a log.
+
+        ticks: times (n,) in 100 ns.  poses: (n, POSE_COLUMNS).  epoch: time of day at time zero (ns).
+        """
         messages = list[FrameMessage]()
         for t, pose in zip(ticks.tolist(), poses.tolist(), strict=True):
             if t - self._transform_time < TRANSFORM_PERIOD or not all(map(math.isfinite, pose[:6])):

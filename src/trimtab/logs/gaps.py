@@ -1,4 +1,4 @@
-"""Rows of a log, joined by time from the messages of its topics, and descriptions of the missing instants."""
+"""Assembly of a log's rows from messages with equal times, and descriptions of missing rows."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -12,9 +12,9 @@ SECONDS_PER_NS = 1e-9
 
 
 class JoinedRows(NamedTuple):
-    """Rows of a log. times: times of the rows (n,) in ns.  places: topic -> index of the message of each row (n,).
+    """Rows of a log. times: times of the rows (n,) in ns.  places: topic -> index of each row's message (n,).
 
-    missing: times (ns) before the last row at which at least one topic has no message.
+    missing: times (ns), before the last row, at which the message of at least one topic is missing.
     """
 
     times: Any
@@ -23,7 +23,7 @@ class JoinedRows(NamedTuple):
 
 
 def join_by_time(times: Mapping[str, Sequence[int]]) -> JoinedRows:
-    """Join the messages of all topics with equal times to rows, in the order of time.
+    """Form rows from the messages of all topics with equal times. Other times give no row.
 
     times: topic -> time (ns) of each message.
     """
@@ -44,9 +44,9 @@ def join_by_time(times: Mapping[str, Sequence[int]]) -> JoinedRows:
 
 
 def describe_gaps(damages: Sequence[Damage], joined: JoinedRows, epoch: int) -> list[dict[str, Any]]:
-    """Return a dictionary for each damaged part of a file, and one for the instants that lack a message.
+    """Return a dictionary for each damaged part of a file, and a dictionary for the times with a missing message.
 
-    Keys of a dictionary: "after_s", time (s) of the last instant before the gap, or None; "text", a line for the user.
+    Keys of a dictionary: "after_s", time (s) of the last row before the gap, or None; "text", a line for the user.
 
     Args:
         damages: damaged parts of the file.
@@ -70,6 +70,6 @@ def describe_gaps(damages: Sequence[Damage], joined: JoinedRows, epoch: int) -> 
         earlier = times[times < missing[0]]
         where = f"{seconds(int(missing[0])):g} s"
         where += f" to {seconds(int(missing[-1])):g} s" if len(missing) > 1 else ""
-        text = f"{len(missing)} instants, {where}, are left out: they lack a message of some topic"
+        text = f"{len(missing)} instants, {where}, are left out: the message of at least one topic is missing"
         gaps.append({"after_s": seconds(int(earlier[-1])) if len(earlier) else None, "text": text})
     return gaps

@@ -1,6 +1,6 @@
-"""MCAP file that grows by chunks: each chunk is written completely, or the file remains unchanged.
+"""MCAP file that grows by chunks. Each chunk is written completely, or the file remains unchanged.
 
-A chunk that does not fit on the disk leaves no trace, so a file with such a gap is still valid.
+A chunk that does not fit on the disk is removed completely, so the file stays valid and can be continued.
 
 Source: MCAP format specification 0 (mcap.dev/spec).
 """
@@ -20,23 +20,24 @@ from trimtab.logs.messages import Topic
 MESSAGE_INDEX = 0x07
 MESSAGE_RECORD = struct.Struct("<BQHIQQ")
 LEVEL = 1
-"""Compression level of zstd: takes a third of the default level's time, and files of numbers are hardly larger."""
+"""Compression level of zstd. It needs a third of the default level's time. Files of numbers are hardly larger."""
 
 Message = tuple[int, int, int, bytes]
-"""Message of a log's file: channel, sequence number, time (ns), text."""
+"""Message of a log file: channel, sequence number, time (ns), text."""
 
 
 class GrowingFile:
-    """MCAP file of a log while the log is being written.
+    """MCAP file of a log that is still being written.
 
     Args:
         file: descriptor of an empty file, open for writing.
-        metadata: name -> metadata record. They are written first and uncompressed, so that a text search finds them.
+        metadata: name -> metadata record. The records are written first and uncompressed, so that a text search in
+            the file finds them.
         topics: topics of the messages. Channel k + 1 belongs to topic k.
     """
 
     def __init__(self, file: int, metadata: dict[str, dict[str, str]], topics: Sequence[Topic]) -> None:
-        """Write the head of the file; raise OSError if that fails."""
+        """Write the beginning of the file. Raise OSError if this fails."""
         from mcap import records
 
         self._file, self._size, self._sum = file, 0, 0
@@ -54,7 +55,7 @@ class GrowingFile:
         self._append(_encode_record([*self._schemas, *self._channels]))
 
     def add_metadata(self, metadata: dict[str, dict[str, str]]) -> None:
-        """Add metadata records; a later record replaces one of the same name. Raises OSError if the disk is full."""
+        """Add metadata records. Records replace earlier ones of the same name. Raise OSError if the disk is full."""
         from mcap.records import Metadata, MetadataIndex
 
         for name, content in metadata.items():
@@ -63,7 +64,7 @@ class GrowingFile:
             self._metadata.append(MetadataIndex(offset=at, length=len(text), name=name))
 
     def write(self, messages: Sequence[Message]) -> None:
-        """Add messages as one chunk; raise OSError, with the file unchanged, if that fails."""
+        """Add messages as one chunk. If this fails, raise OSError and leave the file unchanged."""
         import zstandard
         from mcap.records import ChunkIndex
 
@@ -99,7 +100,7 @@ class GrowingFile:
             self._counts[channel] = self._counts.get(channel, 0) + 1
 
     def finish(self) -> None:
-        """Write the summary and the end of the file; raise OSError if the disk is full."""
+        """Write the summary and the end of the file. Raise OSError if the disk is full."""
         from mcap import records
         from mcap.opcode import Opcode
 

@@ -28,8 +28,8 @@ class LazyMapping(Mapping[str, T], Generic[T]):
     """Read-only mapping that computes each value when it is first read, and then stores it.
 
     Args:
-        names: keys in their order.
-        make: function that computes the value of a key; released when all values are computed.
+        names: mapping whose keys are the keys, in their order.
+        make: function that computes the value of a key. It is released when all values are computed.
     """
 
     def __init__(self, names: Mapping[str, Any], make: Callable[[str], T]) -> None:
@@ -69,12 +69,12 @@ class Log:
 
     Args:
         t: instants in seconds, shape (n,).
-        ticks: the same instants in integer units of 100 ns, int64 (n,), strictly rising, from 0 on. They
-            determine t, which is exactly ``core.time.to_seconds(ticks)``.
+        ticks: the same instants in units of 100 ns, int64 (n,), strictly increasing and not negative. t is computed
+            from them: t = ``core.time.to_seconds(ticks)``.
         signals: path -> array (n,) or (n, k) of booleans, integers or floats. The type of each array is preserved.
-        declarations: path -> declared quantity, with unit, meaning, frame, kind and names of the modes.
+        declarations: path -> declaration of the signal, with unit, meaning, frame, kind and names of the modes.
         metadata: JSON-compatible values: version, scenario, seed, run, backend, duration_s, parameters, ...
-        final: path -> value at the end of the run, after the last step, for signals that end one step earlier.
+        final: path -> value after the last step of the run. The last row is one step earlier.
     """
 
     t: np.ndarray
@@ -113,7 +113,7 @@ class Log:
         metadata: LazyMapping[Any],
         final: Mapping[str, Any],
     ) -> "Log":
-        """Create a log from a compiled flight without checks or copies; the arrays must be read-only."""
+        """Create a log of a compiled simulation without checks or copies. The arrays must be read-only."""
         log = object.__new__(cls)
         last = MappingProxyType({path: _check_value(path, value) for path, value in final.items()})
         for name, value in (
@@ -129,7 +129,7 @@ class Log:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Paths of all signals, in the order of the loop as recorded."""
+        """Return the paths of all signals, in the order in which the loop recorded them."""
         return tuple(self.signals)
 
     def __reduce__(self) -> Any:
@@ -158,7 +158,10 @@ class Log:
         return values[:, index] if values.ndim == 2 and index < values.shape[1] else None
 
     def __getitem__(self, path: str) -> np.ndarray:
-        """Return the signal at a path: a read-only array (n,) or (n, k); "truth.velocity[2]" is one element, (n,)."""
+        """Return the signal at a path, as a read-only array (n,) or (n, k).
+
+        "truth.velocity[2]" returns one element of a vector, (n,).
+        """
         if not isinstance(path, str):  # pyright: ignore[reportUnnecessaryIsInstance]
             fix = f'write log["{self.paths[0]}"][:10]; for an interval of time, log.between(t0, t1)'
             raise InputError("log", f"a signal is read by its path, got {path!r}", fix=fix)
@@ -176,7 +179,7 @@ class Log:
         return self.signals[path]
 
     def declaration(self, path: str) -> Quantity | None:
-        """Return the declared quantity of a signal or of one of its elements; None without a declaration."""
+        """Return the declaration of a signal or of one of its elements; None if the signal has no declaration."""
         return self.declarations.get(split_component(path)[0] if path not in self.declarations else path)
 
     def unit(self, path: str) -> str:
@@ -186,11 +189,11 @@ class Log:
         return "" if declared is None else declared.unit
 
     def numbers(self, path: str) -> list[str]:
-        """Return the path of each number of a signal: the path itself, or "truth.velocity[0]" etc. for a vector."""
+        """Return the path of each element of a signal: "truth.velocity[0]" etc. for a vector, else the path itself."""
         return component_paths(path, self[path].shape[1:])
 
     def between(self, t0: float, t1: float) -> "Log":
-        """Return the log at t0 <= t < t1 (s, rounded to ticks), with metadata and final values of the whole run."""
+        """Return the rows of the log with t0 <= t < t1 (s). Metadata and final values stay those of the whole run."""
         low, high = (float(np.clip(t, -1e11, 1e11)) for t in (t0, t1))
         first, last = (int(np.searchsorted(self.ticks, round(t * UNITS_PER_SECOND))) for t in (low, high))
         window = slice(first, max(first, last))
@@ -281,7 +284,7 @@ OTHER_SPELLINGS = {
 
 
 def _other_spelling(log: Log, name: str) -> str:
-    """Return the expression to write instead of an attribute that a log does not have; "" if none is similar."""
+    """Return the expression to write instead of an attribute that a log does not have; "" if it is unknown."""
     signals = log.__dict__.get("signals", {})
     below = [path for path in signals if path.startswith(f"{name}.")]
     if name in OTHER_SPELLINGS:
@@ -299,7 +302,7 @@ def _other_spelling(log: Log, name: str) -> str:
 
 
 def check_log(log: Any, call: str) -> None:
-    """Raise InputError for a value that is not a log. call: call to suggest, with {} in place of the log."""
+    """Raise InputError if a value is not a log. call: function call to suggest, with {} in place of the log."""
     if not isinstance(log, Log):
         source = "read_log({!r})" if str(log).endswith(".mcap") else "simulate({!r})"
         own = source.format(log) if isinstance(log, str) else 'read_log("run.mcap")'
@@ -307,12 +310,18 @@ def check_log(log: Any, call: str) -> None:
 
 
 def provenance() -> dict[str, str]:
-    """Return version and machine (processor, operating system). Equal machines run bit-equal compiled code."""
+    """Return the package's version and the type of machine (processor, operating system).
+
+    Machines of the same type run bit-equal compiled code.
+    """
     return {"version": __version__, "machine": f"{platform.machine()} {platform.system()}"}
 
 
 def to_plain(part: str, value: Any) -> Any:
-    """Convert a value to plain Python (dict, list, str, float, int, bool, None); InputError for other types."""
+    """Convert a value to plain Python types (dict, list, str, float, int, bool, None).
+
+    Raise InputError if this is not possible.
+    """
     if isinstance(value, Mapping):
         return {_check_key(part, k): to_plain(f"{part}.{k}", v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -358,7 +367,7 @@ def _check_numbers(part: str, values: Any) -> np.ndarray:
     if array.dtype.kind not in "biuf" or array.dtype.itemsize > 8:
         choices = ("bool", "int8..int64", "uint8..uint64", "float16..float64")
         raise InputError(
-            part, f"holds values of type {array.dtype}", choices=choices, fix="convert the values to one of these types"
+            part, f"has values of type {array.dtype}", choices=choices, fix="convert the values to one of these types"
         )
     return array
 

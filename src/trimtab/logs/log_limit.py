@@ -1,9 +1,9 @@
 """Limit of a log's size on the disk, and the behaviour at the limit.
 
-A log that rolls continues in numbered files, vehicle.mcap, vehicle-2.mcap, …, each a complete log. The oldest files are
+A rolling log continues in numbered files, vehicle.mcap, vehicle-2.mcap, …, each a complete log. The oldest files are
 deleted when all files together are too large, so the end of a flight is kept. A log that does not roll stops at the
-limit. Later rows are counted as unwritten, and the flight continues. The start of the flight is kept, from which it can
-be replayed. Source: docs page, Stream.
+limit. Later rows are counted as unwritten, and the flight continues. The start of the flight is kept, so the flight can
+be replayed from its start. Source: docs page, Stream.
 """
 
 import re
@@ -20,19 +20,22 @@ DEFAULT_LIMIT = 2 * UNITS["GB"]
 
 
 class LogLimit(NamedTuple):
-    """Limit of a log's size. size: bytes of all its files.  rolls: True to delete the oldest files and continue."""
+    """Limit of a log's size. size: total size of its files (bytes).
+
+    rolls: True to delete the oldest files at the limit, False to stop the log.
+    """
 
     size: int
     rolls: bool
 
     @property
     def file_size(self) -> int:
-        """Size (bytes) at which a file of the log is full."""
+        """Return the size (bytes) at which a file of the log is full."""
         return self.size // FILES if self.rolls else self.size
 
 
 def parse_size(text: str) -> int:
-    """Parse a size, e.g. "500 MB", and return bytes; raise InputError if it is invalid or too small for a log."""
+    """Return the bytes of a size such as "500 MB". Raise InputError if it is invalid or too small for a log."""
     found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([kMGT]B)\s*", text)
     size = round(float(found[1]) * UNITS[found[2]]) if found else 0
     if size < SMALLEST:
@@ -48,7 +51,7 @@ def format_size(size: int) -> str:
 
 
 def round_size(size: float) -> str:
-    """Format a size with two significant digits, for estimates."""
+    """Format a size in bytes with two significant digits, for estimates."""
     return format_size(int(float(f"{size:.2g}")))
 
 

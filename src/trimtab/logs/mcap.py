@@ -1,7 +1,7 @@
 """Logs as MCAP files, which Foxglove and the mcap command line tool open directly.
 
-Each block of the loop has a topic with JSON messages. The schemas are made from the declared quantities. This module
-reads and writes finished files, and writes each file atomically. `logs.stream` writes logs during a flight.
+Each block of the loop has a topic with JSON messages. The schemas are made from the declarations of the signals. This
+module reads and writes complete logs, and writes each file atomically. `logs.stream` writes logs during a flight.
 
 Source: MCAP format specification 0 (mcap.dev/spec), well-known encodings "json" and "jsonschema".
 """
@@ -51,23 +51,23 @@ if TYPE_CHECKING:  # the library is imported only where a file is read or writte
 CHUNK_BYTES = 64 * 1024
 """Size (bytes) of a chunk before compression. A truncated file may lose its last chunk."""
 VEHICLE = "vehicle"
-"""Name of the frame of the vehicle, for the poses in a log."""
+"""Name of the vehicle's frame in the pose messages of a log."""
 BLOCK_ROWS = 4096
 """Number of rows that are converted to text at a time."""
 SAMPLE_ROWS, SAMPLES = 250, 4
-"""Numbers of consecutive rows in a sample, and of samples, from which the size of a log's file is estimated."""
+"""Number of consecutive rows in a sample, and number of samples, for an estimate of the size of a log file."""
 
 
 @explain_call()
 def write_mcap(log: Log, path: str | os.PathLike[str]) -> Path:
-    """Write a log atomically, and return its path.
+    """Write a log to an MCAP file atomically, and return the path of the file.
 
     >>> import tempfile
     >>> from trimtab import simulate, write_log
     >>> write_log(simulate("hovercraft/spin", duration="100 ms"), f"{tempfile.mkdtemp()}/run.mcap").name
     'run.mcap'
 
-    For a vehicle in space, poses for maps and 3-D scenes are written too, see `logs.frames`.
+    For a vehicle that moves in three dimensions, poses for maps and 3-D scenes are written too, see `logs.frames`.
     """
     with replace_file(path) as stream:
         _write_blocks(log, stream, [slice(first, first + BLOCK_ROWS) for first in range(0, len(log), BLOCK_ROWS)])
@@ -75,7 +75,7 @@ def write_mcap(log: Log, path: str | os.PathLike[str]) -> Path:
 
 
 def estimate_size(log: Log) -> int:
-    """Estimate the size in bytes of a log's file from a few of its rows, before it is written.
+    """Estimate the size (bytes) of a log's file before it is written, from a few of the log's rows.
 
     The rows are taken from all parts of the flight, because rows at rest compress better than rows in motion.
     """
@@ -121,9 +121,9 @@ def read_mcap(path: str | os.PathLike[str]) -> Log:
     >>> read_log(write_log(log, f"{tempfile.mkdtemp()}/run.mcap")).paths == log.paths
     True
 
-    From a truncated file (full disk, interrupted copy) the instants before the cut are read, and
-    ``metadata["truncated"]`` is True; `final` is still that of the whole run. Rows are joined by time. An instant that
-    lacks a message, or whose chunk is damaged, is left out, and ``metadata["gaps"]`` describes the missing instants.
+    From a truncated file (full disk, interrupted copy), the rows before the cut are read. ``metadata["truncated"]`` is
+    then True, and `final` is still that of the whole run. The messages of all topics with the same time form a row. A
+    row with a missing message, or in a damaged chunk, is left out. ``metadata["gaps"]`` describes the missing rows.
     """
     contents = parse_contents(path, _read_bytes(Path(path)))
     if LAYOUT not in contents.metadata or RUN not in contents.metadata:
@@ -143,7 +143,7 @@ def read_mcap(path: str | os.PathLike[str]) -> Log:
 
 @contextmanager
 def replace_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
-    """Open a stream to a new file, which replaces `path` when it is complete. After an error the old file remains."""
+    """Open a stream to a new file, which replaces `path` when it is complete. After an error, the old file remains."""
     target = Path(path)
     beside = target.with_name(f".{target.name}.{uuid.uuid4().hex[:8]}.part")
     try:
@@ -185,7 +185,7 @@ def _write_rows(writer: "Writer", log: Log, channels: list[tuple[int, Fields]], 
 
 
 def _missing_content(contents: Contents) -> str:
-    """Describe the problem of a file without the metadata records of a trimtab log."""
+    """Return the reason why a file has no metadata records of a trimtab log."""
     if not contents.is_truncated:
         return "is an MCAP file, but not a log of trimtab"
     known = {key: load_json(text) for key, text in contents.metadata.get(RUN, {}).items()}

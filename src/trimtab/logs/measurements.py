@@ -4,9 +4,9 @@
     6000,41
     8000,72
 
-Columns may be in any order, and unknown columns are ignored. The column ``trial`` numbers repeated measurements. Errors
-are reported with line and column: text instead of a number, a wrong unit, values outside the range of the column (wrong
-unit, swapped columns), and duplicate lines.
+Columns may be in any order, and unknown columns are ignored. The column ``trial`` numbers repeated measurements. These
+errors are reported with line and column: text instead of a number, a wrong unit, a value outside the column's range
+(from a wrong unit or swapped columns), and duplicate lines.
 """
 
 import csv
@@ -25,19 +25,19 @@ from trimtab.core.units import UNITS, find_size
 from trimtab.core.user_file import read_user_text
 
 TRIAL = "trial"
-"""Name of the column that numbers repeated measurements, so that otherwise equal lines are accepted."""
+"""Name of the column that numbers repeated measurements. With this column, otherwise equal lines are accepted."""
 
 
 NEIGHBOURS = 2
-"""Number of readings before and after a reading with which it is compared, to find spikes."""
+"""Number of readings before a reading, and number after it, with which the reading is compared to find spikes."""
 SPIKE = 12.0
-"""Multiple of the usual deviation from surrounding readings above which a reading counts as a spike."""
+"""Deviation of a reading from its neighbours above which it is a spike, as a multiple of the usual deviation."""
 
 
 class MeasuredColumn(NamedTuple):
     """Column in the file of a calibration procedure.
 
-    low, high: valid range, in the column's unit.  most: smallest plausible maximum of the column.
+    low, high: valid range of a value, in the column's unit.  most: smallest plausible value of the column's maximum.
     needed: True if the file must have the column.  usual: unit in which the quantity is usually written.
     """
 
@@ -57,7 +57,7 @@ class MeasuredColumn(NamedTuple):
 
 @dataclass(frozen=True)
 class Measurements:
-    """Rows of a file of measurements.
+    """Content of a file of measurements.
 
     file: name of the file.  lines: line number of each row (n,).  values: column -> values (n,) in the column's unit.
     """
@@ -102,9 +102,9 @@ def read_measurements(path: str | Path, columns: Iterable[MeasuredColumn], *, se
     Args:
         path: path of the file, a text in UTF-8.
         columns: columns of the procedure. Columns without `needed=False` are required.
-        series: True if the first column is time, which must rise. Otherwise duplicate lines are rejected.
+        series: True if the first column is the time, which must increase. False: duplicate lines are rejected.
 
-    Raises: InputError with file, line and column, and the text to write.
+    Raises: InputError with file, line and column, and the text to write instead.
     """
     columns, where = tuple(columns), f"file '{path}'"
     rows = _read_rows(where, Path(path), columns)
@@ -130,7 +130,7 @@ def read_measurements(path: str | Path, columns: Iterable[MeasuredColumn], *, se
 
 
 def refuse_spikes(data: Measurements, name: str) -> None:
-    """Raise InputError if a series of speeds has single readings far from their neighbours."""
+    """Raise InputError if single readings of a time series are far from the readings around them."""
     values = np.asarray(data[name], np.float64)
     if len(values) < 2 * NEIGHBOURS + 1:
         return
@@ -153,7 +153,7 @@ def describe_columns(columns: Iterable[MeasuredColumn]) -> str:
 
 
 def _read_rows(where: str, path: Path, columns: Sequence[MeasuredColumn]) -> list[tuple[int, list[str]]]:
-    """Return line number and cells of each row, the headings first. Comments (#) and empty lines are left out."""
+    """Return line number and cells of each row; the first row has the headings. Skip comments (#) and empty lines."""
     wanted = f"first line {describe_columns(columns)}, then a line of numbers for each measurement"
     try:
         text = read_user_text(path, "utf-8-sig")
@@ -269,6 +269,6 @@ def _refuse_repeats(where: str, data: Measurements) -> None:
         row = tuple(v[i] for v in data.values.values())
         if row in seen:
             problem = f"lines {seen[row]} and {line} are the same"
-            fix = f"leave one out; or number repeated measurements in a column {TRIAL}"
+            fix = f"leave one line out, or number repeated measurements in a column {TRIAL}"
             raise InputError(where, problem, fix=fix)
         seen[row] = int(line)

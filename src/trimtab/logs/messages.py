@@ -1,4 +1,4 @@
-"""Text content of a log's file: topics and their signals, JSON Schemas, and one message for each instant.
+"""JSON content of a log file: topics and their signals, JSON Schemas, and one message for each row.
 
 Numbers are exact. A float is written as the shortest JSON text that is read as the same bits. Infinity is ``1e999`` or
 ``-1e999``, which is valid JSON and is read as infinity. NaN is ``null``.
@@ -17,16 +17,16 @@ from trimtab.core.quantity import Quantity
 from trimtab.logs.log import Log, to_plain
 
 Fields = dict[str, tuple[str, ...]]
-"""Mapping from the path of a signal to its keys in a message."""
+"""Path of a signal -> keys under which its value is nested in a message."""
 GROUPED = ("sensors", "downlink")
-"""Blocks of the loop with several members, each of which has a topic."""
+"""Blocks of the loop with several members. Each member has its own topic in the log file."""
 NOTE = "One message an instant. In numbers null stands for NaN, 1e999 for infinity."
 RUN, LAYOUT, FORMAT = "trimtab", "trimtab.layout", "1"
 """Names of the metadata records of the run and of its signals, and version of the log's format."""
 CLOCK, EPOCH = "trimtab.clock", "epoch_ns"
 """Name of the metadata record with the time of day at time zero (ns since 1970), and key of that time."""
 EVENTS = "/events"
-"""Topic of texts with times. Foxglove shows messages of its schema as a text log."""
+"""Topic of text events with their times. Foxglove shows messages with this topic's schema as a text log."""
 EVENT_SCHEMA = {
     "title": "foxglove.Log",
     "type": "object",
@@ -44,7 +44,7 @@ NS_PER_SECOND = 1_000_000_000
 
 
 class Topic(NamedTuple):
-    """Topic of a log's file. fields: its signals.  schema: name of its schema.  text: JSON text of the schema."""
+    """Topic of a log file. fields: its signals.  schema: name of its schema.  text: JSON text of the schema."""
 
     name: str
     fields: Fields
@@ -53,7 +53,7 @@ class Topic(NamedTuple):
 
 
 def group_by_topic(paths: tuple[str, ...]) -> dict[str, Fields]:
-    """Return topic -> path of a signal -> keys of the signal in a message."""
+    """Return topic -> its signals, as path of a signal -> keys under which its value is nested in a message."""
     topics: dict[str, Fields] = {}
     for path in paths:
         names = path.split(".")
@@ -117,9 +117,10 @@ def layout_record(log: Log) -> dict[str, str]:
 
 
 def message_texts(log: Log, fields: Fields, rows: slice) -> list[bytes]:
-    """Return the messages of a topic, one for each instant. A template is filled with the texts of the numbers.
+    """Return the messages of a topic, one for each row of the log.
 
-    This is much faster than json.dumps, and a constant number is converted only once.
+    A template is filled with the texts of the numbers. This is much faster than json.dumps, also because a constant
+    number is converted only once.
     """
     columns: list[list[str]] = []
     template = _template(_tree(log, fields), rows, columns)
@@ -134,7 +135,7 @@ def event_text(time: int, text: str) -> bytes:
 
 
 def dump_json(value: Any) -> str:
-    """Return the JSON text of any plain value. A non-finite number becomes e.g. {"$float": "nan"}, not null."""
+    """Return the JSON text of a value of plain Python types. A non-finite number becomes e.g. {"$float": "nan"}."""
     return json.dumps(_mark_non_finite(value), allow_nan=False, ensure_ascii=False)
 
 
@@ -144,7 +145,7 @@ def load_json(text: str) -> Any:
 
 
 def parse_quantity(fields: dict[str, Any]) -> Quantity:
-    """Return the declared quantity from its fields in the layout record."""
+    """Create the declaration of a signal from its fields in the layout record."""
     plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()}
     return Quantity(**plain)
 
@@ -176,7 +177,7 @@ def _tree(log: Log, fields: Fields) -> dict[str, Any]:
 
 
 def _template(node: Any, rows: slice, columns: list[list[str]]) -> str:
-    """Return the JSON text of a node with %s for each number; append the texts of the numbers to columns."""
+    """Return the JSON text of a node with %s in place of each number, and append the numbers' texts to `columns`."""
     if isinstance(node, dict):
         inner = (json.dumps(k).replace("%", "%%") + ":" + _template(v, rows, columns) for k, v in node.items())
         return "{" + ",".join(inner) + "}"

@@ -11,7 +11,7 @@ from trimtab.core.explain_call import explain_call
 from trimtab.logs.log import Log
 
 SHORT = {name: f"truth.{name}" for name in ("surge_velocity", "sway_velocity", "yaw_rate", "heading")}
-"""Short name of a common signal -> path of the signal."""
+"""Short name of a common signal -> its path in a log."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +53,7 @@ def target_path(log: Log, target: Target) -> str:
 
 @explain_call()
 def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict[str, dict[str, float | None]]:
-    """Compute settling_s, first_reach_s, overshoot, tail_mean and tail_rms by signal; None if undefined.
+    """Compute settling_s, first_reach_s, overshoot, tail_mean and tail_rms of each signal; None if undefined.
 
     >>> from trimtab import Target, metrics, simulate
     >>> log = simulate("hovercraft/spin", duration="100 ms")
@@ -95,7 +95,7 @@ def nearest_target_value(log: Log, target: Target) -> float:
 
 def _merits(log: Log, path: str, target: Target | None) -> dict[str, float | None]:
     if log[path].ndim != 1:
-        problem = f"signal {path!r} has {log[path].shape[1]} components"
+        problem = f"signal {path!r} has {log[path].shape[1]} components, but a metric needs one number"
         raise InputError("metrics", problem, choices=log.numbers(path), fix=f"use one component, e.g. {path}[0]")
     t, x = log.t, log[path].astype(np.float64)
     numbers: dict[str, float | None] = {"settling_s": None, "first_reach_s": None, "overshoot": None}

@@ -1,8 +1,8 @@
 """Consistency of the navigation in one run: errors of an aided INS compared with the filter's own sigmas.
 
-Each update by a sensor is counted once, and states that no sensor corrected are left out. One run has few independent
-draws. Every average is therefore judged by its effective number of draws (`logs.consistency`, with the sources), and
-the bounds of all rows together hold with the requested probability.
+Each update by a sensor is counted once. States that no sensor corrected are left out. The errors of one run are
+correlated, so every average is judged by its effective number of draws (`logs.consistency`, with the sources). A
+consistent filter stays within all bounds together with the requested probability.
 """
 
 from typing import Any, NamedTuple
@@ -24,11 +24,11 @@ from trimtab.logs.log import Log
 BY_POSITION = ("surge_velocity", "sway_velocity", "north", "east", "forward_bias", "starboard_bias")
 """States that only position or range measurements correct."""
 BY_HEADING = ("heading", "gyro_bias")
-"""States that heading measurements correct directly, and position measurements through the motion."""
+"""States that heading measurements correct directly. In motion, position measurements correct them, too."""
 
 
 SETTLED = 1.5
-"""Multiple of a sigma's largest value in the second half of the run below which the sigma has settled."""
+"""Limit below which a sigma has settled, as a multiple of its largest value in the second half of the run."""
 LAGS = 20
 GROUPS = {
     "heading": ("heading",),
@@ -38,14 +38,15 @@ GROUPS = {
     "gyro bias": ("gyro_bias",),
     "force bias": ("forward_bias", "starboard_bias"),
 }
-"""Name of a group -> fields of a NavigationState that are judged together, if the log has their truth."""
+"""Name of a group -> fields of a NavigationState that are judged together, if the log contains their true values."""
 
 
 class AidingUpdates(NamedTuple):
     """Updates of the filter by one aiding sensor.
 
     t: times (n,) (s).  nis: NIS (n,).  normalised_innovations: (n, dof).  refusals: number of updates that the gate
-    rejected.  missed_updates: number of updates that no row of the log shows, because another followed before the row.
+    rejected.  missed_updates: number of updates that are missing in the log, because another update followed before the
+    next row.
     """
 
     t: Any
@@ -58,10 +59,10 @@ class AidingUpdates(NamedTuple):
 class Aiding(NamedTuple):
     """Verdict on the measurements of one aiding sensor.
 
-    updates: number of measurements in the log, including rejected ones.  refused: number that the gate rejected.
-    unseen: number that no row of the log shows, because another measurement followed before the row.
+    updates: number of measurements in the log, including rejected ones.  refused: number of rejected measurements.
+    unseen: number of measurements that are missing in the log, because another one followed before the next row.
     nis: verdict on NIS.  white: True if the innovations are white, None if they are too few.
-    p: probability of such a correlation in a white sequence.
+    p: probability that a white sequence is at least as correlated as the innovations.
     """
 
     updates: int
@@ -76,8 +77,8 @@ class SigmaConvergence(NamedTuple):
     """Convergence of a state's sigma in a run, which shows the state's observability along the trajectory.
 
     first: sigma at the first valid estimate.  last: largest sigma in the last quarter of the run.
-    settled_s: time (s) from which sigma stays below 1.5 times its largest value in the second half of the run.
-    trend: converged, converging (still falling at the end), unseen (hardly below its first value), or growing.
+    settled_s: time (s) after which sigma stays below 1.5 times its largest value in the second half of the run.
+    trend: converged, converging (still decreasing at the end), unseen (hardly below the first sigma), or growing.
     """
 
     first: float
@@ -89,10 +90,10 @@ class SigmaConvergence(NamedTuple):
 class Navigation(NamedTuple):
     """Consistency of the navigation in a run.
 
-    verdict: verdict on all rows together.  probability: probability that a consistent filter stays within all bounds.
-    since_s: time (s) from which errors and innovations are judged, when the sigmas have settled.
-    where: path of the state in the log.  aiding: sensor -> its verdict.  errors: group of states -> its verdict.
-    learned: state -> convergence of its sigma.
+    verdict: verdict on all sensors and states together.  probability: probability that a consistent filter stays within
+    all bounds.  since_s: time (s) at which the sigmas have settled. Errors and innovations after it are judged.
+    where: path of the navigation state in the log.  aiding: aiding sensor -> verdict.  errors: group of states ->
+    verdict.  learned: state -> convergence of its sigma.
     """
 
     verdict: str
@@ -104,14 +105,14 @@ class Navigation(NamedTuple):
     learned: dict[str, SigmaConvergence]
 
     def plain(self) -> dict[str, Any]:
-        """Return the result as dictionaries of plain numbers and words, for JSON."""
+        """Return the result as JSON-compatible dictionaries."""
         aiding = {name: a._asdict() | {"nis": a.nis._asdict()} for name, a in self.aiding.items()}
         rows = {part: {k: v._asdict() for k, v in getattr(self, part).items()} for part in ("errors", "learned")}
         return self._asdict() | {"aiding": aiding} | rows
 
 
 class Series(NamedTuple):
-    """A state at the times of its estimates: t (n,) (s), estimate (n,), error (n,) or None, sigma (n,)."""
+    """Time series of one state: t (n,) (s), estimate (n,), error (n,) or None if the truth is unknown, sigma (n,)."""
 
     t: Any
     estimate: Any
@@ -120,11 +121,11 @@ class Series(NamedTuple):
 
 
 def assess_navigation(log: Log, probability: float = 0.95) -> Navigation | None:
-    """Assess the navigation in a log; None if its estimate has no innovations and sigmas.
+    """Return the consistency of the navigation in a log; None if the estimate in the log has no innovations or sigmas.
 
     Args:
         log: log of a run, with the default signals.
-        probability: probability that a consistent filter stays within the bounds of all rows.
+        probability: probability that a consistent filter stays within all bounds.
     """
     aids, states = fix_paths(log), state_series(log)
     if not aids or not states:
@@ -151,11 +152,11 @@ def assess_navigation(log: Log, probability: float = 0.95) -> Navigation | None:
 
 
 def state_series(log: Log) -> dict[str, Series]:
-    """Return state -> series at new estimates, for states with a sigma; with errors if the log has the truth.
+    """Return state -> its time series at new estimates, for the states that have a sigma.
 
-    States without aiding in this run are left out (`unaided_states`). The result is empty without a valid estimate. An
-    estimate is compared with the truth at the time of its newest measurement; while the filter coasts, with the truth
-    at the time of the row.
+    The series contain errors if the log contains the truth. States without aiding in this run are left out, see
+    `unaided_states`. The result is empty without a valid estimate. An estimate is compared with the truth at the time
+    of its newest measurement. While the filter coasts, it is compared with the truth at the time of the row.
     """
     base = state_path(log)
     if base is None:
@@ -179,19 +180,19 @@ def state_series(log: Log) -> dict[str, Series]:
 
 
 def innovations(log: Log) -> dict[str, tuple[Any, Any, int]]:
-    """Return aiding sensor -> times of updates (n,) (s), NIS (n,), degrees of freedom. Each range is one update."""
+    """Return aiding sensor -> times of its updates (n,) (s), NIS (n,), degrees of freedom. Each range is an update."""
     updates = {name: find_updates(log, path, -np.inf) for name, path in fix_paths(log).items()}
     return {name: (u.t, u.nis, u.normalised_innovations.shape[1]) for name, u in updates.items() if len(u.nis)}
 
 
 def state_path(log: Log) -> str | None:
-    """Return the path of the navigation state with sigmas in a log; None if the log has none."""
+    """Return the path of the navigation state with sigmas in a log; None if the log contains no such state."""
     sigmas = (p for p in log.paths if p.startswith("estimate.") and p.endswith(".sigma_heading"))
     return next((p.rpartition(".")[0] for p in sigmas), None)
 
 
 def fix_paths(log: Log) -> dict[str, str]:
-    """Return aiding sensor -> path of its fix in the log. The sensor is "range" if each range is an update."""
+    """Return aiding sensor -> path of its statistics in the log. The sensor is "range" if each range is an update."""
     ends = ("nis", "normalised", "used", "rejected")
     fixes = [p[:-4] for p in log.paths if p.startswith("estimate.") and p.endswith(".nis")]
     whole = [p for p in fixes if all(f"{p}.{end}" in log for end in ends)]
@@ -219,7 +220,10 @@ def unaided_states(log: Log) -> frozenset[str]:
 
 
 def find_updates(log: Log, path: str, since: float) -> AidingUpdates:
-    """Return the updates by a sensor: rows in which its number of used and rejected measurements rises."""
+    """Return the updates by a sensor: the rows in which its number of used or rejected measurements increases.
+
+    path: path of the sensor's statistics.  since: time (s) before which updates are left out.
+    """
     refused = log[f"{path}.rejected"].astype(np.int64)
     more = np.diff(log[f"{path}.used"].astype(np.int64) + refused, prepend=0)
     new, nis = np.diff(refused, prepend=0), log[f"{path}.nis"]
@@ -233,10 +237,10 @@ def find_updates(log: Log, path: str, since: float) -> AidingUpdates:
 
 
 def _find_range_updates(log: Log, path: str, rows: Any, more: Any, new: Any) -> AidingUpdates:
-    """Return the updates of a RangeFix (rows, n). Each predicted range is an update with one degree of freedom.
+    """Return the updates by single ranges. Each predicted range is an update with one degree of freedom.
 
-    A range is not predicted if it disagrees with the other ranges, or if the filter has not started; the log then still
-    has the last innovations.
+    A range is not predicted if it disagrees with the other ranges, or if the filter has not started. The row then
+    repeats the last innovations, so it is left out.
     """
     nis, ran = log[f"{path}.nis"], flag_signal(log, f"{path}.tracking", True)
     rows = rows & np.append(ran[:1], ran[:-1])
@@ -278,5 +282,5 @@ def _assess_convergence(s: Series) -> SigmaConvergence:
 
 
 def _combine_verdicts(verdicts: list[str]) -> str:
-    """Combine verdicts: optimistic if any is, else pessimistic if any is, else consistent if any is, else undecided."""
+    """Return the first of optimistic, pessimistic, consistent that occurs in the verdicts; undecided if none occurs."""
     return next((v for v in (OPTIMISTIC, PESSIMISTIC, CONSISTENT) if v in verdicts), UNDECIDED)

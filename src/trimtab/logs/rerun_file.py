@@ -1,9 +1,9 @@
-"""Recording of a flight for Rerun's viewer: the moving body with its path, and every number over time.
+"""Recording of a flight for Rerun's viewer: the moving body with its path, and all signals over time.
 
-    /world/vehicle        the body's frame and axes, in W      /world/way        the path so far
-    /signals/truth/…      every signal of the log, by its path; vectors number by number
+    /world/vehicle        the body's frame and axes, in the world frame W      /world/way        the path of the body
+    /signals/truth/…      every signal of the log, by its path; each element of a vector separately
 
-The scene has W's axes: x north, y east, z down, as declared to Rerun.
+The axes of the scene are those of W: x north, y east, z down, as declared to Rerun.
 Source: Rerun's manual, Transform3D and send_columns.
 """
 
@@ -26,7 +26,7 @@ MOST_NUMBERS = 64
 
 
 def write_rerun(file: Path, log: Log, motion: Any) -> dict[str, int]:
-    """Write a Rerun recording; return path in the recording -> number of rows of the body, or of signals.
+    """Write a Rerun recording. Return the number of poses and of signal elements, by their paths in the recording.
 
     Args:
         file: path that ends in .rrd; an existing file is replaced.
@@ -71,5 +71,5 @@ def _import_rerun() -> Any:
     try:
         return importlib.import_module("rerun")
     except ImportError:
-        fix = f"{install_command('rerun')}; or {argument('as', 'ros2')}, or the log itself in Foxglove"
+        fix = f"{install_command('rerun')}; or use {argument('as', 'ros2')}, or open the log itself in Foxglove"
         raise InputError("Rerun", "needs the package 'rerun-sdk', which is not installed", fix=fix) from None

@@ -1,7 +1,8 @@
 """Bounded ring buffer in shared memory, for rows of numbers and short texts from one process to another.
 
-The writing process never waits. When the ring is full, a row is dropped and counted, and a gap in the sequence numbers
-shows the reading process where rows are missing. Either process may end at any moment; rows in the ring stay readable.
+The writing process never waits. When the ring buffer is full, a new row is dropped and counted. A gap in the sequence
+numbers shows the reading process where rows are missing. Either process may end at any time. Rows in the ring buffer
+stay readable.
 """
 
 import math
@@ -19,22 +20,22 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 COLUMNS, ROWS, EVENTS, ROWS_WRITTEN, ROWS_READ, ROWS_DROPPED, TEXTS_WRITTEN, TEXTS_READ = range(8)
-"""Indices in the head of the ring: its sizes, then the counters of the writing and of the reading process."""
+"""Indices in the header of the ring buffer: sizes, then counters of the writing and of the reading process."""
 HEAD = 128
 TEXT_HEAD = struct.Struct("<qqd")
-"""Head of a text event: sequence number of the next row, length of the text (bytes), first number of the newest row."""
+"""Header of a text event: sequence number of the next row, length of the text (bytes), first number of the last row."""
 TEXT_BYTES = 232
-"""Maximum length of a text in the ring (bytes)."""
+"""Maximum length of a text in the ring buffer (bytes)."""
 TEXT = TEXT_HEAD.size + TEXT_BYTES
 SETTLE = 1e-4
-"""Time (s) after which a value that one core has written is visible to all cores, in any memory order."""
+"""Time (s) after which all cores see the values that one core has written, on machines with any memory ordering."""
 SHARED = Path("/dev/shm")
 
 
 class TextEvent(NamedTuple):
-    """Text in the ring. before: sequence number of the first row written after the text.
+    """Text in the ring buffer. before: sequence number of the first row written after the text.
 
-    newest: first number, e.g. the time, of the newest row when the text was written; NaN before the first row.
+    newest: first number, e.g. the time, of the last row written before the text; NaN before the first row.
     """
 
     before: int
@@ -43,13 +44,13 @@ class TextEvent(NamedTuple):
 
 
 class Ring:
-    """Ring as one process sees it: `Ring.create` creates it, and `Ring.attach` opens it in another process.
+    """Ring buffer in shared memory. `Ring.create` creates it, `Ring.attach` opens it in another process.
 
     Only one thread may write, and only one thread may read.
     """
 
     def __init__(self, memory: shared_memory.SharedMemory, sizes: tuple[int, int, int]) -> None:
-        """Map the ring onto shared memory. sizes: numbers of columns, rows and events."""
+        """Map the ring buffer onto shared memory. sizes: numbers of columns, rows and events."""
         columns, rows, events = sizes
         places = rows * (columns + 1)
         start = HEAD + 8 * places
@@ -64,12 +65,12 @@ class Ring:
 
     @classmethod
     def create(cls, name: str = "", *, columns: int, rows: int = 4096, events: int = 256) -> "Ring":
-        """Create a ring, and write to its memory so that all pages are allocated.
+        """Create a ring buffer, and write to its memory so that all pages are allocated.
 
         Args:
-            name: name of the ring for the other process; chosen automatically if empty.
+            name: name with which the other process opens the ring buffer; chosen automatically if empty.
             columns: number of numbers in a row.
-            rows: capacity in rows. When the ring is full, rows are dropped.
+            rows: capacity in rows. When it is reached, new rows are dropped.
             events: capacity in texts.
         """
         if min(columns, rows, events) < 1:
@@ -94,7 +95,7 @@ class Ring:
 
     @classmethod
     def attach(cls, name: str) -> "Ring":
-        """Open an existing ring by its name, from another process."""
+        """Open a ring buffer that another process has created, by its name."""
         try:
             memory = _open_memory(name)
         except FileNotFoundError:
@@ -107,21 +108,21 @@ class Ring:
 
     @property
     def name(self) -> str:
-        """Name with which the other process opens the ring."""
+        """Return the name with which another process opens the ring buffer."""
         return self._memory.name
 
     @property
     def dropped_rows(self) -> int:
-        """Number of rows that were dropped because the ring was full."""
+        """Return the number of rows that were dropped because the ring buffer was full."""
         return self._head[ROWS_DROPPED]
 
     @property
     def waiting_rows(self) -> int:
-        """Number of rows that are written and not yet read."""
+        """Return the number of rows that are written and not yet read."""
         return self._head[ROWS_WRITTEN] - self._head[ROWS_READ]
 
     def write_row(self, row: Any) -> bool:
-        """Write a row, float64 (columns,), without waiting; return False if the ring is full and the row is dropped."""
+        """Write a row, float64 (columns,), without waiting. Return False if it is dropped for lack of room."""
         head, n, sequence = self._head, self._written, self._sequence
         self._sequence = sequence + 1
         if n - head[ROWS_READ] >= self.rows:
@@ -134,7 +135,7 @@ class Ring:
         return True
 
     def write_text(self, text: str) -> bool:
-        """Write a text, cut to TEXT_BYTES bytes; return False if the ring is full and the text was dropped."""
+        """Write a text, cut to TEXT_BYTES bytes. Return False if the text is dropped for lack of room."""
         head = self._head
         n = head[TEXTS_WRITTEN]
         if n - head[TEXTS_READ] >= self.events:
@@ -148,7 +149,7 @@ class Ring:
         return True
 
     def read_rows(self) -> tuple[Any, Any]:
-        """Return all waiting rows: their sequence numbers (n,) int64, and copies of the rows (n, columns)."""
+        """Return the sequence numbers (n,) int64 of all unread rows, and copies of these rows (n, columns)."""
         first, last = self._head[ROWS_READ], self._head[ROWS_WRITTEN]
         time.sleep(SETTLE)
         places = np.arange(first, last) % self.rows
@@ -157,7 +158,7 @@ class Ring:
         return taken
 
     def read_texts(self) -> list[TextEvent]:
-        """Return all waiting texts."""
+        """Return all unread texts."""
         first, last = self._head[TEXTS_READ], self._head[TEXTS_WRITTEN]
         time.sleep(SETTLE)
         texts = []
@@ -170,7 +171,7 @@ class Ring:
         return texts
 
     def close(self) -> None:
-        """Detach from the ring. The ring remains until `unlink`, or until the process that created it has ended."""
+        """Detach from the ring buffer. It remains until `unlink`, or until the process that created it ends."""
         if self._memory.buf is None:
             return
         del self._sequences, self._numbers
@@ -179,7 +180,7 @@ class Ring:
         self._memory.close()
 
     def unlink(self) -> None:
-        """Remove the name of the ring. The memory is freed when no process uses the ring."""
+        """Remove the name of the ring buffer. The memory is freed when no process uses it any more."""
         self._memory.unlink()
 
     def __enter__(self) -> "Ring":

@@ -1,7 +1,7 @@
-"""Robustness of a formula of signal temporal logic at each row of a log; vectorised over runs.
+"""Robustness of a formula of signal temporal logic at each row of a log, for several runs at once.
 
-Only times of rows count: for a row at time t, the interval [a, b] is the set of rows at times t' with
-t + a <= t' <= t + b. The minimum over no rows is +inf, and the maximum is -inf. The robustness of a formula is:
+A formula is evaluated only at the times of rows. For a row at time t, the interval [a, b] is the set of rows at times
+t' with t + a <= t' <= t + b. The minimum over no rows is +inf, the maximum is -inf. The robustness of a formula is:
 
     x <= c, x < c    c - x         x == c   -|x - c|       always[a, b] F       min of F over the interval
     x >= c, x > c    x - c         x != c   |x - c|        F until[a, b] G      max over t' in the interval of
@@ -9,9 +9,9 @@ t + a <= t' <= t + b. The minimum over no rows is +inf, and the maximum is -inf.
 
 The formula holds if the robustness is above 0, and does not hold if it is below 0. A comparison of equal numbers has
 the robustness +EQUALITY_ROBUSTNESS if it holds and -EQUALITY_ROBUSTNESS otherwise, so that the sign always decides. A
-comparison with NaN and its negation both have the robustness -inf. Minimum and maximum over a sliding window take time
-in proportion to the number of rows, for any length of the window. Each window is split at a boundary, and the running
-extremes from the boundary to both sides are combined.
+comparison with NaN and its negation both have the robustness -inf. The time to compute a minimum or maximum over a
+sliding window is proportional to the number of rows, for any length of the window: each window is split at a boundary,
+and the running extremes on both sides of the boundary are combined.
 
 Source: Donze, Maler, "Robust satisfaction of temporal logic over real-valued signals", FORMATS 2010; bounded until from
 an unbounded one: Donze, Ferrere, Maler, "Efficient robust monitoring for STL", CAV 2013, section 4; the windows: van
@@ -32,7 +32,7 @@ from trimtab.logs.log import Log
 from trimtab.logs.metrics import full_path
 
 EQUALITY_ROBUSTNESS = 1e-30
-"""Absolute robustness of a comparison of equal numbers, so that its sign shows if the comparison holds."""
+"""Magnitude of the robustness of a comparison of equal numbers. Its sign shows if the comparison holds."""
 EXTREMES = {"always": np.minimum, "historically": np.minimum, "eventually": np.maximum, "once": np.maximum}
 PENDING, HOLDS, VIOLATED = range(3)
 VERDICTS = ("pending", "holds", "violated")
@@ -42,7 +42,7 @@ OPPOSITE = {"historically": "always", "once": "eventually", "since": "until"}
 
 
 class Assessment(NamedTuple):
-    """Verdict on a formula in a log. robustness: value at the first row, in `unit`; above 0 if the formula holds."""
+    """Verdict on a formula for a log. robustness: value at the first row, in `unit`; above 0 if the formula holds."""
 
     formula: str
     robustness: float
@@ -50,7 +50,7 @@ class Assessment(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """True if the log satisfies the formula."""
+        """Return True if the log satisfies the formula."""
         return self.robustness > 0
 
     def __str__(self) -> str:
@@ -65,16 +65,16 @@ def format_robustness(assessment: Assessment) -> str:
 
 
 def fit_to_log(text: str, log: Log) -> Formula:
-    """Parse a formula about the signals of a log; raise InputError if it does not fit these signals."""
+    """Parse a formula about the signals of a log. Raise InputError if a signal is missing or a unit is wrong."""
     shapes = {path: values.shape[1:] for path, values in log.signals.items()}
     return fit_formula(text, shapes, {path: log.unit(path) for path in log.signals}, full_path)
 
 
 def assess_formula(log: Log, text: str) -> Assessment:
-    """Evaluate a formula on a log, from its first row on.
+    """Evaluate a formula at the first row of a log.
 
     Raises:
-        InputError: an invalid formula, or a log that ends before the formula's last instant.
+        InputError: the formula is invalid, or the log ends before the last instant that the formula needs.
     """
     formula = fit_to_log(text, log)
     end = log.metadata.get("duration_s")
@@ -85,7 +85,7 @@ def assess_formula(log: Log, text: str) -> Assessment:
 
 
 def check_length(formula: Formula, duration: int) -> None:
-    """Raise InputError for a formula with an interval beyond the end of a run of this duration (100 ns)."""
+    """Raise InputError if a formula needs a longer run than this duration (100 ns)."""
     needed = least_length(formula.root)
     if needed > duration:
         problem = f"the formula looks {format_time(needed)} ahead, but the run lasts {format_time(duration)}"
@@ -98,7 +98,7 @@ def robustness(formula: Formula, ticks: Any, read: Callable[[str], Any]) -> Any:
 
     Args:
         formula: formula that fits the signals.
-        ticks: times of the rows, int64 (m,), strictly rising.
+        ticks: times of the rows, int64 (m,), strictly increasing.
         read: function that returns the values (n, m) or (n, m, k) of a path.
     """
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
@@ -107,7 +107,7 @@ def robustness(formula: Formula, ticks: Any, read: Callable[[str], Any]) -> Any:
 
 
 class _Rows:
-    """Evaluation of formulas on m rows of n runs, as arrays (m, n). The sign is -1 for a negated formula, else 1."""
+    """Evaluation of formulas on m rows of n runs, as arrays (m, n). sign: -1 for a negated formula, else 1."""
 
     def __init__(self, ticks: Any, read: Callable[[str], Any]) -> None:
         self.ticks, self.read = ticks, read
@@ -129,7 +129,7 @@ class _Rows:
 
 
 def evaluate_number(tree: Any, read: Callable[[str], Any]) -> Any:
-    """Return the value of a numeric expression in a formula. read: path -> values, with a signal's components last."""
+    """Return the value of a numeric expression in a formula. read: function from a path to values (…, components)."""
     if isinstance(tree, Literal):
         return tree.value
     if isinstance(tree, SignalPath):
@@ -149,7 +149,10 @@ def evaluate_number(tree: Any, read: Callable[[str], Any]) -> Any:
 
 
 def compare(xp: Any, left: Any, relation: str, right: Any, sign: int) -> Any:
-    """Return the robustness of a comparison. xp: numpy or jax.numpy.  sign: -1 if negated, so that NaN never holds."""
+    """Return the robustness of a comparison. xp: numpy or jax.numpy.
+
+    sign: -1 if the comparison is negated, else 1. With it, neither a comparison with NaN nor its negation holds.
+    """
     room = right - left if relation in ("<", "<=") else left - right
     if relation in ("==", "!="):
         room = -abs(room) if relation == "==" else abs(room)
@@ -186,9 +189,10 @@ def _look_ahead(ticks: Any, word: str, low: int, high: int | None, below: list[A
 
 
 def slide(x: Any, first: Any, last: Any, extreme: Any) -> Any:
-    """Return the minimum or maximum of x (m, n) over the rows first[i] … last[i] for each row i, shape (m, n).
+    """Return the minimum or maximum of x (m, n) over the rows first[i] … last[i], for each row i, shape (m, n).
 
-    first, last: non-decreasing.  extreme: np.minimum or np.maximum; for no rows the result is +inf or -inf.
+    first, last: first and last row of each window, both non-decreasing.  extreme: np.minimum or np.maximum. For a
+    window without rows the result is +inf or -inf.
     """
     result = np.full(x.shape, np.inf if extreme is np.minimum else -np.inf)
     full = np.flatnonzero(first <= last)

@@ -5,8 +5,8 @@
     /imu           sensor_msgs/msg/Imu       measurements of an ideal IMU
     /NAME/imu      sensor_msgs/msg/Imu       measurements of the three-axis IMU NAME of the vehicle
 
-The axes of ROS are east, north, up, and forward, left, up (REP 103). The axes of this package are north, east, down,
-and forward, starboard, down. Source: REP 103, 105, 145; rosbag2, storage MCAP.
+World axes are east, north, up in ROS, and north, east, down in this package. Body axes are forward, left, up in ROS,
+and forward, starboard, down in this package. Source: REP 103, 105, 145; rosbag2, storage MCAP.
 """
 
 import math
@@ -57,13 +57,13 @@ def multiply_quaternions(p: Any, q: Any) -> Any:
 
 
 def write_ros2_bag(folder: Path, motion: Any, imus: Mapping[str, Any], epoch: int = 0) -> dict[str, int]:
-    """Write a ROS 2 bag; return topic -> number of messages. Rows with NaN are left out.
+    """Write a ROS 2 bag. Return topic -> number of its messages. Rows with NaN are left out.
 
     Args:
         folder: path of a folder that does not exist yet.
         motion: motion of the body, `run.log_motion.MotionRows`.
         imus: name of an IMU -> its measurements, `run.log_motion.ImuRows`.
-        epoch: time of day at time zero (ns).
+        epoch: time of day at time zero of the log (ns).
 
     Raises:
         InputError: the package rosbags is missing, or the folder exists already.

@@ -1,8 +1,8 @@
 """Reading of a sensor's samples from a log, and creation of a log from samples.
 
-The rows of a log repeat the last sample until a new sample arrives. The time of measurement in the row shows which
-sample it is, so that each sample is read once. CSV files of other loggers become logs with a signal for each column of
-numbers.
+The rows of a log repeat the last sample of a sensor until a new sample arrives. Each row also contains the sample's
+time of measurement, by which repeated samples are recognised and read once. CSV files of other loggers become logs with
+a signal for each column of numbers.
 """
 
 import os
@@ -23,16 +23,16 @@ from trimtab.logs.log import Log
 BLOCK = "csv"
 """Name of the block of all signals read from a CSV file, as in ``csv.gyro_z``."""
 GAPS_MAX = 0.01
-"""Maximum ratio of gaps to samples for which the longest stretch without gaps is used instead of an error."""
+"""Largest ratio of gaps to samples at which the longest stretch without gaps is used. Above it, an error is raised."""
 PERIOD_MIN = 2e-5
-"""Shortest plausible period of a sensor's samples (s)."""
+"""Shortest plausible sample period of a sensor (s). It serves to detect a wrong time unit."""
 PERIOD_MAX = 2.0
-"""Longest accepted period of a sensor's samples (s) if the times have no unit."""
+"""Longest plausible sample period of a sensor (s). It serves to check the assumed unit if a log states no time unit."""
 PERIOD_LIKELY = 0.5
-"""Longest likely period of a sensor's samples (s), with which an error suggests a unit of the times."""
+"""Longest likely sample period of a sensor (s). It serves to suggest a time unit in an error message."""
 
 RECEIVED, TRUTH = "downlink", "truth"
-"""Names of two blocks of a log: signals received by the autopilot, and the truth."""
+"""Names of two blocks of a log: signals received by the autopilot, and the true state."""
 
 
 class Samples(NamedTuple):
@@ -51,7 +51,7 @@ class Samples(NamedTuple):
 class SampleSeries(NamedTuple):
     """Samples of one sensor, or of the truth.
 
-    ticks: times of measurement, int64 (n,), in 100 ns, rising.  values: field -> values (n,) or (n, k).
+    ticks: times of measurement, int64 (n,), in 100 ns, increasing.  values: field -> values (n,) or (n, k).
     declarations: field -> unit and meaning.
     """
 
@@ -63,18 +63,18 @@ class SampleSeries(NamedTuple):
 def log_samples(
     sensors: Mapping[str, SampleSeries], truth: SampleSeries | None = None, metadata: Mapping[str, Any] | None = None
 ) -> Log:
-    """Create a log from samples recorded by another system, for a replay and, with truth, for comparison.
+    """Create a log from samples recorded by another system, for a replay. With truth, results can be compared.
 
     The log has a row at each time of measurement, as if each sample had arrived without delay. Each row contains the
-    newest sample of each sensor. Times of the samples may begin anywhere; the first row of the log is at 0.
+    newest sample of each sensor. Sample times may start at any value; they are shifted so that the first row is at 0.
 
     Args:
-        sensors: name of a sensor in the estimator -> its samples.
-        truth: samples of the truth, which are interpolated to the rows.
+        sensors: name of a sensor, as in the estimator -> its samples.
+        truth: samples of the true state, which are interpolated to the rows.
         metadata: metadata to add to the log.
 
     Raises:
-        InputError: no sensor, ticks that do not rise, or a field of another length than the ticks.
+        InputError: no sensor is given, ticks do not increase, or a field has not one value for each tick.
     """
     if not sensors:
         raise InputError("log_samples", "no sensor was given", fix='give some, e.g. {"ranging": SampleSeries(…)}')
@@ -122,12 +122,12 @@ def _check_series(name: str, series: SampleSeries) -> None:
 
 
 def samples(log: Log, path: str, *, longest: bool = False) -> Samples:
-    """Return the samples of a signal, each once; raise InputError for missing samples or uneven times.
+    """Return the samples of a signal, each once. Raise InputError if samples are missing or unevenly spaced.
 
     Args:
         log: log of a run or of a sensor.
-        path: path of a signal in a sample, e.g. ``sensors.imu.value.angular_rate``. For other signals each row is a
-            sample.
+        path: path of a sensor's signal, e.g. ``sensors.imu.value.angular_rate``, or of another signal, for which each
+            row is a sample.
         longest: True to return the longest stretch without gaps if few samples are missing.
     """
     values, ticks = log[path], log.ticks
@@ -142,7 +142,7 @@ def samples(log: Log, path: str, *, longest: bool = False) -> Samples:
     gaps = np.diff(ticks)
     settings = log.metadata.get("parameters", {})
     period = settings.get(f"world.{sample}.period") if isinstance(settings, dict) else None
-    usual = float(period or np.median(gaps))  # period in the run's settings, or the median gap
+    usual = float(period or np.median(gaps))  # period in the run's settings, or the median interval
     loose = 0.01 if sample else 0.5  # samples of a sensor are periodic; rows of other loggers vary
     uneven = np.flatnonzero(np.abs(gaps - usual) > loose * usual)
     left_out = ""
@@ -161,7 +161,7 @@ def samples(log: Log, path: str, *, longest: bool = False) -> Samples:
 
 
 def sample_path(log: Log, path: str) -> str | None:
-    """Return the path of the sample to which a signal belongs, e.g. ``sensors.imu``; None for other signals."""
+    """Return the path of the sensor sample to which a signal belongs, e.g. ``sensors.imu``; None for other signals."""
     before, value, _ = path.partition(".value.")
     return before if value and f"{before}.t" in log else None
 
@@ -175,7 +175,7 @@ def _refuse_gaps(log: Log, path: str, ticks: Any, uneven: Any, usual: float, *, 
     fix = "cut the log to a stretch without gaps, or log again"
     rows = float(np.median(np.diff(log.ticks)))
     if rows_hide:
-        problem += f"; the log has a row every {format_time(round(rows))}, so it misses samples"
+        problem += f"; the log has a row only every {format_time(round(rows))}, so it misses samples"
         fix = "log rows more often than samples come, e.g. simulate(…, log_period=ms(1))"
     raise InputError(f"signal {path!r}", problem, fix=fix)
 
@@ -183,13 +183,13 @@ def _refuse_gaps(log: Log, path: str, ticks: Any, uneven: Any, usual: float, *, 
 def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
     """Read a CSV file as a log. Its times are shifted to start at 0 and rounded to 100 ns.
 
-    Columns with a cell that is not a finite number are left out. The metadata of the log give the reason for each
-    under ``left_out``.
+    Columns with a cell that is not a finite number are left out. The log's metadata ``left_out`` give the reason for
+    each of these columns.
 
     Args:
         path: path of the file.
-        time: name of the column of times, with its unit if neither the heading nor the name gives it, e.g.
-            ``stamp [us]``; None: the first column whose name is one of a time, such as t or stamp.
+        time: name of the time column. Add the unit if the column's name and heading do not state it, e.g.
+            ``stamp [us]``. None: the first column with a usual name of a time, such as t or stamp.
     """
     where = f"log file '{path}'"
     table = read_table(path)
@@ -223,9 +223,9 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
 
 
 def _time_scale(where: str, clock: CsvColumn, unit: str) -> float:
-    """Return the length in seconds of one unit of the column of times.
+    """Return the unit of the time column, in seconds. Raise InputError if the unit is unknown or not plausible.
 
-    unit: unit that the user gave, or empty. Without any unit, the times are in seconds if their period is plausible.
+    unit: unit that the user gave, or empty. If no unit is given or stated in the file, seconds are assumed.
     """
     said = unit or clock.unit or time_unit(clock.name) or ""
     scale = find_size(said or "s", "s")
@@ -250,7 +250,7 @@ def usual_period(times: Any) -> float:
 
 
 def _signal_paths(where: str, names: list[str], time: str) -> dict[str, str]:
-    """Return column -> path of its signal, except for times; raise InputError if two columns have the same path."""
+    """Return column -> path of its signal, without the time column. Raise InputError if two paths are equal."""
     paths: dict[str, str] = {}
     for i, name in enumerate(names):
         whole, index = re.fullmatch(r"(.*?)((?:\[\d+\])?)", name).groups()  # pyright: ignore[reportOptionalMemberAccess]

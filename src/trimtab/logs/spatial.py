@@ -1,14 +1,14 @@
 """Readable signals of a flight in three dimensions: roll, pitch, yaw, altitude and speeds, from a log's truth.
 
-A vehicle's attitude is a quaternion, and its position is a vector. Both are hard to read in a table or a plot. Their
-signals are found by the declarations:
+The quaternion of a vehicle's attitude and the vector of its position are hard to read in a table or a plot. The source
+signals are recognised by their declarations:
 
     attitude   (4,), unit 1, frame WB or IB: a quaternion, scalar first
     position   (3,), m, frame of the attitude, W or I      velocity  (3,), m/s, frame W, I or B
     rate       (3,), rad/s, frame B
 
-A state with angles as numbers is found by the names `roll` and `pitch`. Its other signals are then found by their names
-in `DECLARED`.
+A state that contains the angles themselves is recognised by the names `roll` and `pitch`. Its other signals are then
+recognised by their names in `DECLARED`.
 
 Derived signals are in the log as `flight.roll` etc., in SI units and radians. In a world frame W, angles and velocities
 are relative to W. Over the rotating earth, in an inertial frame I, they are relative to north, east and down at the
@@ -53,7 +53,7 @@ POSE = {"north", "east", "altitude", *ANGLES}
 
 
 class SpatialSignals(NamedTuple):
-    """Paths of the signals of a vehicle's motion in space; "" for a missing signal.
+    """Paths of the signals of a vehicle's motion in three dimensions; "" for a missing signal.
 
     frame: frame of attitude and position, "W" or "I".  velocity_frame: frame of the velocity; "" without a velocity.
     """
@@ -67,7 +67,7 @@ class SpatialSignals(NamedTuple):
 
 
 def find_spatial(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Quantity]) -> SpatialSignals | None:
-    """Find the signals of a vehicle's motion in space; None without an attitude.
+    """Find the signals of a vehicle's motion in three dimensions. Return None without an attitude signal.
 
     Args:
         shapes: path of each signal -> its shape at one instant.
@@ -87,10 +87,10 @@ def find_spatial(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Q
 
 
 class FlightSource(NamedTuple):
-    """Source signals of a flight in space, in a log or in a campaign.
+    """Source signals from which `flight.roll` etc. are computed, in a log or in a campaign.
 
-    signals: signals of a state with a quaternion, or None.  named: name in DECLARED -> path, for a state with angles as
-    numbers.
+    signals: signals of a state with a quaternion, or None.  named: name in DECLARED -> path of the signal, for a state
+    that contains the angles themselves.
     """
 
     signals: SpatialSignals | None
@@ -98,18 +98,18 @@ class FlightSource(NamedTuple):
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Paths of the source signals of the flight."""
+        """Return the paths of the source signals."""
         return tuple(p for p in (self.signals[:4] if self.signals else self.named.values()) if p)
 
     def work_out(
         self, t: Any, rows: Mapping[str, Any], ends: Mapping[str, Any], end: float, parameters: Mapping[str, Any]
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Compute `flight.roll` etc. of one flight, each (n,), and their final values if `ends` has all sources.
+        """Compute `flight.roll` etc. of one flight, each (n,), and their final values if `ends` has all source signals.
 
         Args:
             t: instants (n,) (s).
-            rows: path of a signal -> its values (n, …).
-            ends: path of a signal -> its value (…) at the end of the flight. Angles are unwrapped up to the end.
+            rows: path of a source signal -> its values (n, …).
+            ends: path of a source signal -> its value (…) at the end of the flight.
             end: time of the end of the flight (s).
             parameters: parameters of the run, as in `work_out_flight`.
         """
@@ -126,13 +126,13 @@ class FlightSource(NamedTuple):
         return {p: x[:n] for p, x in flight.items()}, {p: x[-1] for p, x in flight.items()} if has_end else {}
 
     def flight_paths(self, shapes: Mapping[str, tuple[int, ...]], parameters: Mapping[str, Any]) -> list[str]:
-        """Return the paths of the derived signals that can be computed from signals of these shapes."""
+        """Return the paths of the derived signals that can be computed. shapes: path of each signal -> its shape."""
         any_rows = {p: np.full((2, *shapes[p]), 7e6) for p in self.paths}
         return list(self.work_out(np.arange(2.0), any_rows, {}, 2.0, parameters)[0])
 
 
 def find_flight(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Quantity]) -> FlightSource | None:
-    """Find the source signals of a single vehicle in space; return None for another vehicle or a swarm.
+    """Find the source signals of a flight. Return None for a vehicle that moves in a plane, and for a swarm.
 
     Args:
         shapes: path of each signal -> its shape at one instant. Only signals of the truth are used.
@@ -144,12 +144,12 @@ def find_flight(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Qu
 
 
 def find_logged_flight(log: Log) -> FlightSource | None:
-    """Find the source signals of a flight in space in the truth of a log."""
+    """Find the source signals of a flight in the truth of a log, as `find_flight`."""
     return find_flight({p: log[p].shape[1:] for p in log.paths if p.startswith(TRUTH)}, log.declarations)
 
 
 def find_named(paths: Iterable[str], prefix: str) -> dict[str, str]:
-    """Return name in DECLARED -> path, for a state with angles as numbers; empty without signals roll and pitch."""
+    """Return name in DECLARED -> path, for a state that contains roll and pitch themselves; otherwise return {}."""
     known = set(paths)
     found = {name: prefix + name for name in DECLARED if prefix + name in known}
     return found if {"roll", "pitch"} <= found.keys() else {}
@@ -162,7 +162,7 @@ def flight_sources(log: Log) -> set[str]:
 
 
 def with_flight(log: Log) -> Log:
-    """Add `flight.roll` etc. to the log of a vehicle in space; return any other log unchanged."""
+    """Add `flight.roll` etc. to the log of a vehicle that moves in three dimensions. Return other logs unchanged."""
     found = find_logged_flight(log)
     if found is None or f"{FLIGHT}roll" in log:
         return log
@@ -171,10 +171,10 @@ def with_flight(log: Log) -> Log:
 
 
 def spatial_poses(log: Log) -> Any:
-    """Return poses (n, 9) for `logs.frames` of a vehicle in space; None if attitude or position is unknown.
+    """Return the vehicle's poses (n, 9) for `logs.frames`; None if attitude or position is unknown.
 
-    A pose is position, roll, pitch and yaw in W, and latitude, longitude and height, which are NaN unless the vehicle
-    flies over the rotating earth.
+    A pose is position, roll, pitch and yaw in W, then latitude, longitude and height. The last three are NaN unless the
+    vehicle flies over the rotating earth.
     """
     signals, named = find_logged_flight(log) or (None, {})
     if named.keys() >= POSE:
@@ -190,7 +190,7 @@ def spatial_poses(log: Log) -> Any:
 
 
 def _complete(numbers: dict[str, Any], t: Any) -> dict[str, Any]:
-    """Unwrap the angles, and add speeds from differences of the position, for a state with angles as numbers."""
+    """Unwrap roll and yaw, and add missing speeds, computed from differences of the position."""
     for name in ("roll", "yaw"):
         if name in numbers:
             numbers[name] = np.unwrap(numbers[name])
@@ -220,7 +220,7 @@ def _extend(log: Log, flight: Mapping[str, Any], ends: Mapping[str, Any]) -> Log
 def display_unit(path: str, unit: str) -> tuple[str, float]:
     """Return the unit in which a signal is displayed, and the conversion factor.
 
-    Degrees are used for angles and rates of a flight in space, and for headings, such as `law.heading_error`.
+    Degrees are used for the angles and rates in `flight.`, and for headings, such as `law.heading_error`.
     """
     is_heading = path.rpartition(".")[2].startswith("heading") and unit == "rad"
     in_degrees = is_heading or (path.startswith(FLIGHT) and unit.startswith("rad"))
@@ -236,7 +236,7 @@ def work_out_flight(
         signals: paths of the source signals.
         t: instants (n,) (s).
         rows: path of a signal -> its values (n, …).
-        parameters: path -> parameter of the run. Those of earth, origin and wind are needed for the frame I.
+        parameters: path -> parameter of the run. The frame I needs the parameters of earth, origin and wind.
     """
     R, found = rotation_matrices(rows[signals.attitude]), dict[str, Any]()
     place: Any = rows.get(signals.position)
@@ -262,7 +262,7 @@ def work_out_flight(
 
 
 def place_parameters(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return path -> value of the parameters of a run that `work_out_flight` reads."""
+    """Return path -> value of the parameters of a run that `work_out_flight` needs."""
     return {p: v for p, v in parameters.items() if any(f".{part}." in p for part in ("earth", "origin", "wind"))}
 
 
@@ -284,7 +284,7 @@ class _Local(NamedTuple):
 
 
 def _locate(t: Any, p_I: Any, parameters: Mapping[str, Any]) -> _Local:
-    """Locate the positions p_I (n, 3) (m) at times t (n,) (s) over the earth of the run's parameters, or WGS 84."""
+    """Locate the positions p_I (n, 3) (m) at times t (n,) (s) over the earth of the parameters (default: WGS 84)."""
     from trimtab.environment import geodetic  # imports JAX, which few logs need
 
     found = (p.removesuffix("earth.rate") for p in parameters if p.endswith(".earth.rate"))

@@ -1,4 +1,4 @@
-"""Log written during a flight by another process, from a ring buffer, so that the disk never delays the flight."""
+"""Log that another process writes during a flight, from a ring buffer. The disk therefore never delays the flight."""
 
 import contextlib
 import json
@@ -27,18 +27,19 @@ COUNTER_SIGNALS: dict[str, Quantity] = {
     "log.dropped": Quantity("1", "Number of rows lost before this row because the ring buffer was full.", kind="count"),
     "log.unwritten": Quantity("1", "Number of rows lost before this row because the disk had no room.", kind="count"),
 }
-"""Path of a signal that the writing process adds to each row -> its declaration."""
+"""Signals that the writing process adds to each row: path -> declaration."""
 START_S, END_S, KILL_S = 30.0, 5.0, 1.0
 """Time limits (s) for the writing process to start, to write each chunk when the log ends, and to end when killed."""
 
 
 class LogFileSummary(NamedTuple):
-    """Summary of a log's file.
+    """Summary of a log file.
 
-    rows: number of rows in the file.  dropped: number of rows lost because the ring was full.  unwritten: number of
-    rows lost because the disk was full, or because they were not later than the row before.  size: size (bytes).
-    minute_size: bytes for a minute of flight, None for fewer than two rows.  cpu_s: processor time of the writing
-    process (s).  whole: True if the end of the file was written.  gone: True if the file was deleted or moved before.
+    rows: number of rows in the file.  dropped: number of rows lost because the ring buffer was full.  unwritten: number
+    of rows lost because the disk was full, or because their time was not later than that of the row before.
+    size: size of the file (bytes).  minute_size: bytes per minute of flight; None for fewer than two rows.
+    cpu_s: processor time of the writing process (s).  whole: True if the file was completed.
+    gone: True if the file was deleted or moved during the flight.
     """
 
     rows: int
@@ -60,23 +61,23 @@ class LogStream:
 
     @property
     def is_alive(self) -> bool:
-        """True while the writing process runs."""
+        """Return True while the writing process runs."""
         return self._process.poll() is None
 
     @property
     def pid(self) -> int:
-        """ID of the writing process."""
+        """Return the process ID of the writing process."""
         return self._process.pid
 
     def set_epoch(self, epoch: int) -> None:
-        """Set the time of day (ns since 1970) at time zero, before the first row is written."""
+        """Set the time of day (ns since 1970) at time zero of the log. Call this before the first row."""
         with contextlib.suppress(OSError):
             assert self._process.stdin is not None
             self._process.stdin.write(json.dumps({EPOCH: epoch}).encode() + b"\n")
             self._process.stdin.flush()
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
-        """End the log, wait until it is on the disk; return None if the writing process has ended or makes no progress.
+        """End the log, and wait until it is on the disk. Return None if the writing process has ended or hangs.
 
         Args:
             final: path -> value at the end of the run, see `Log`.
@@ -93,7 +94,7 @@ class LogStream:
         return None
 
     def _await_end(self, order: bytes | None) -> bytes:
-        """Send the last order and return the answer; raise TimeoutExpired after END_S without progress."""
+        """Send the last command and return the process's output. Raise TimeoutExpired after END_S without progress."""
         heard = b""
         while True:
             try:
@@ -113,21 +114,21 @@ def start_writer(
     frame: str = "",
     limit: LogLimit | None = None,
 ) -> LogStream:
-    """Start a process that writes a ring's content to a log file, at least four times a second.
+    """Start a process that writes the content of a ring buffer to a log file, at least four times a second.
 
-    A row of the ring is the integer time (100 ns, rising from 0 on), then the numbers of the signals in their order.
+    A row of the ring buffer is the time (100 ns, increasing, not negative) and the numbers of the signals in order.
 
     Args:
         path: path of a new file.
-        ring: ring that this process has created.
-        signals: signals in a row, after its time.
-        metadata: metadata of the log: scenario, parameters, seed, backend, calibration, ...; version, machine and the
-            time of day are added at the front.
-        frame: name of the vehicle's frame, whose pose then ends each row, see `logs.frames`; empty: no frame.
+        ring: ring buffer that this process has created.
+        signals: signals in a row, after the time.
+        metadata: metadata of the log: scenario, parameters, seed, backend, calibration, ...; version, machine and time
+            of day are added.
+        frame: name of the vehicle's frame. Each row then ends with the pose, see `logs.frames`. Empty: no frame.
         limit: limit of the log's size on the disk; None: no limit.
 
     Raises:
-        InputError: the signals do not fit the ring, or the file exists already or cannot be written.
+        InputError: the signals do not match the width of the ring buffer, or the file exists or cannot be written.
     """
     target, empty = Path(path), _empty_log(signals, metadata)
     width = 1 + sum(int(np.prod(shape)) for _, shape, _, _ in signals) + (POSE_COLUMNS if frame else 0)
@@ -148,7 +149,7 @@ def start_writer(
 
 
 def _empty_log(signals: Sequence[Signal], metadata: Mapping[str, Any]) -> Log:
-    """Return an empty log with the signals and metadata; raise InputError for a reserved name."""
+    """Return an empty log with the signals and metadata. Raise InputError if a signal has a reserved name."""
     taken = [path for path, _, _, _ in signals if path.startswith(("log.", f"{EVENTS[1:]}."))]
     if taken:
         problem = f"signal {taken[0]!r} has a name reserved for the log"
@@ -167,7 +168,7 @@ def _empty_log(signals: Sequence[Signal], metadata: Mapping[str, Any]) -> Log:
 
 
 def _await_start(process: "subprocess.Popen[bytes]", about: bytes) -> None:
-    """Send the orders to the writing process; raise InputError if it rejects them or does not start."""
+    """Send the settings to the writing process. Raise InputError if it rejects them or does not start."""
     said = b""
     with contextlib.suppress(OSError):
         assert process.stdin is not None

@@ -1,6 +1,6 @@
 """Process that writes a log during a flight, started by `logs.stream`.
 
-It reads its orders, a line of JSON, from standard input. A later line may set the time of day. A line with the final
+It reads its settings, a line of JSON, from standard input. A later line may set the time of day. A line with the final
 values, or the end of the input, ends the log. The input also ends if the flying process dies.
 """
 
@@ -44,21 +44,21 @@ from trimtab.logs.messages import (
 from trimtab.logs.ring import Ring
 
 POLL_S, CHUNK_S = 0.05, 0.2
-"""Periods (s) of reading the ring, and of writing to the disk."""
+"""Period (s) of reading the ring buffer, and period (s) of writing to the disk."""
 ROWS = 1000
 """Maximum number of rows in a chunk of the file."""
 NICE = 5
 
 
 class Recorder:
-    """Recorder that writes the rows and texts of a ring to a file.
+    """Recorder that writes the rows and texts of a ring buffer to a log file.
 
     Args:
-        ring: ring to read.
+        ring: ring buffer to read.
         file: descriptor of a new file.
         run, layout: metadata records of the run and of its signals, as text.
-        frame: name of the vehicle's frame, whose pose ends each row, if the time of day is set before the first row;
-            empty: no frame and no time of day.
+        frame: name of the vehicle's frame. Each row then ends with the pose, and the recorder waits for the time of
+            day before it writes. Empty: no frame and no time of day.
         path: path of the file.
         limit: limit of the size of all files of the log; None: no limit.
     """
@@ -74,7 +74,7 @@ class Recorder:
         path: Path | None = None,
         limit: LogLimit | None = None,
     ) -> None:
-        """Write the head of the file; raise OSError if that fails."""
+        """Write the beginning of the file. Raise OSError if this fails."""
         self._ring, self._run, self._layout = ring, run, layout
         self._signals: dict[str, Any] = load_json(layout["signals"])
         self._declared = {path: parse_quantity(d) for path, d in load_json(layout["declared"]).items()}
@@ -95,7 +95,7 @@ class Recorder:
         self._full = ""
 
     def set_epoch(self, epoch: int) -> None:
-        """Set the time of day at time zero (ns since 1970), before the first row; unknown if the disk is full."""
+        """Set the time of day at time zero (ns since 1970), before the first row. Not stored if the disk is full."""
         with contextlib.suppress(OSError):
             self._file.add_metadata({CLOCK: {EPOCH: str(epoch)}})
             self._epoch = epoch
@@ -103,7 +103,7 @@ class Recorder:
         self._epoch = 0
 
     def read_ring(self) -> None:
-        """Read all rows and texts from the ring, and store them until `write`."""
+        """Read all rows and texts from the ring buffer, and store them until `write` is called."""
         heard = self._ring.read_texts()
         sequences, rows = self._ring.read_rows()
         later = np.maximum.accumulate(np.append(self._last, rows[:, 0]))
@@ -157,7 +157,7 @@ class Recorder:
             self._full, self._lost = "", 0
 
     def _follow_limit(self, limit: LogLimit) -> None:
-        """End a full file, continue in a new file, and delete the oldest. Without room for a new file, do nothing."""
+        """End a full file, continue in a new file, and delete the oldest files. Do nothing if no file can be made."""
         if not limit.rolls or self._path is None or self._file.size >= limit.size:
             return
         before, following = self._file, self._open_next(numbered_file(self._path, self._number + 1))
@@ -176,7 +176,7 @@ class Recorder:
             self._removed += self._sizes.pop(oldest)
 
     def _open_next(self, path: Path) -> GrowingFile | None:
-        """Open the next file of the log with the same metadata; return None if the disk has no room."""
+        """Open the next file of the log with the same metadata. Return None if this fails, e.g. on a full disk."""
         try:
             file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         except OSError:
@@ -193,7 +193,7 @@ class Recorder:
         return following
 
     def _end_file(self, file: GrowingFile, about: dict[str, str], final: str) -> bool:
-        """Write the last metadata and the end of a file; return False if the disk has no room."""
+        """Write the last metadata and the end of a file. Return False if this fails, e.g. on a full disk."""
         layout = {**self._layout, "rows": dump_json(self._file_rows), "final": final}
         number = {"file": dump_json(self._number)} if self._number > 1 else {}
         try:
@@ -237,7 +237,7 @@ class Recorder:
         return [(first + m.topic, 0, m.time, m.text) for m in messages]
 
     def _rows_as_log(self, rows: Any, dropped: Any, unwritten: Any) -> Log:
-        """Return rows of the ring as a log, with each signal in its own type."""
+        """Return rows of the ring buffer as a log, with each signal in its own type."""
         ticks, arrays, at = rows[:, 0].astype(np.int64), {}, 1
         for path, about in self._signals.items():
             if path in ("log.dropped", "log.unwritten"):
@@ -251,7 +251,7 @@ class Recorder:
         return Log(t=to_seconds(ticks), ticks=ticks, signals=arrays, declarations=self._declared)
 
     def finish(self, final: str | None, report_progress: Callable[[], None] = lambda: None) -> dict[str, Any]:
-        """Write the remaining rows and the end of the file; return the fields of `LogFileSummary`.
+        """Write the remaining rows and the end of the file. Return the fields of `LogFileSummary`.
 
         final: final values as JSON text; None if the flying process sent no final values.
         report_progress: function that is called after each chunk.
@@ -269,12 +269,12 @@ class Recorder:
         return counts | costs
 
     def _minute_size(self, size: int) -> float | None:
-        """Return the size (bytes) of a minute of flight, deleted files included; None before the second row."""
+        """Return the log's growth (bytes) per minute of flight, including deleted files; None before the second row."""
         return None if self._last <= 0 else 60 * (size + self._removed - self._head) / to_seconds(self._last)
 
 
 def main() -> None:
-    """Write a log as ordered on standard input, and answer on standard output."""
+    """Write a log with the settings from standard input, and send replies to standard output."""
     _isolate_process()
     orders = json.loads(sys.stdin.buffer.readline())
     try:
@@ -305,7 +305,7 @@ def main() -> None:
 
 
 def record_until_stopped(recorder: Recorder) -> str | None:
-    """Write until standard input ends or gives the final values; return the final values, or None if it ended."""
+    """Write the log until the final values arrive on standard input. Return them, or None if the input ends before."""
     due, heard = time.monotonic() + CHUNK_S, b""
     while True:
         if select.select([sys.stdin.buffer], [], [], POLL_S)[0]:

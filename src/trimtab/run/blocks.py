@@ -1,8 +1,8 @@
 """Blocks of a scenario that are compiled separately. Each block is a step function that is called once per instant.
 
-The blocks "autopilot" and "world" are the loop of `simulate`, split at the messages frame and command. They compute in
-the same order and give the same numbers (docs page, Time). Uplink, failsafe and motion are blocks of the vehicle, used
-by a virtual vehicle and by a microcontroller.
+The blocks "autopilot" and "world" are the loop of `simulate`, split at the messages between them, frame and command.
+They compute in the same order and give the same numbers (docs page, Time). Uplink, failsafe and motion are blocks of
+the vehicle. A virtual vehicle and a microcontroller use them.
 """
 
 import functools
@@ -32,7 +32,7 @@ from trimtab.run.inputs import RunInputs, leaf_paths, run_inputs
 from trimtab.run.kept_blocks import MOST_KEPT, Content, compile_kept
 
 UNLIMITED = 3e38
-"""Limit of commands without declared limits. Every finite float is within this limit."""
+"""Limit of commands without declared limits. Practically every finite float32 is within this limit."""
 
 
 @record
@@ -96,11 +96,11 @@ class UplinkParameters:
     """Parameters of the step of an uplink. Source: docs page, Vehicle."""
 
     uplink: Any = part("Channel of the uplink.")
-    key: Any = part("Seed and run of the random numbers.")
+    key: Any = part("Seed and run number, from which the random numbers are generated.")
 
 
 def has_stepped_vehicle(scenario: Scenario) -> bool:
-    """Return True if the scenario's vehicle is stepped by another program, as an FMU is, and so can't be compiled."""
+    """Return True if another program steps the scenario's vehicle, e.g. an FMU. Such a vehicle can't be compiled."""
     return optional_member(scenario.world.vehicle, "is_stepped") is not None
 
 
@@ -116,13 +116,13 @@ def hold_vehicle(scenario: Scenario) -> Scenario:
 
 
 def refuse_stepped_vehicle(scenario: Scenario) -> None:
-    """Raise InputError if the vehicle can't be compiled. Called before all other checks."""
+    """Raise InputError if the vehicle can't be compiled. Call this before all other checks."""
     if has_stepped_vehicle(scenario):
         scenario.world.vehicle.dynamics(0.0, scenario.initial, None)
 
 
 def refuse_swarm(scenario: Scenario, end: str) -> None:
-    """Raise InputError for a swarm where one vehicle is needed. end: name of the user of one vehicle, "firmware"."""
+    """Raise InputError if the vehicle is a swarm. end: name of the program that needs a single vehicle, "firmware"."""
     swarm = scenario.world.vehicle
     if isinstance(swarm, Swarm):
         problem = f"{end} is for one vehicle, but this is a swarm of {swarm.count} craft, which no link supports"
@@ -135,7 +135,7 @@ def refuse_swarm(scenario: Scenario, end: str) -> None:
 def message_structures(scenario: Scenario) -> tuple[Frame, Command]:
     """Return examples of a scenario's frame and command, with every number zero.
 
-    Raise InputError if parts don't fit each other.
+    Raise InputError if parts of the scenario are incompatible.
     """
     return _keep_structures(Content(hold_vehicle(scenario)))
 
@@ -150,7 +150,7 @@ def _keep_structures(content: Content) -> tuple[Frame, Command]:
 def carried_structures(scenario: Scenario) -> tuple[Frame, Command]:
     """Return frame and command as a link carries them, with every number zero.
 
-    The frame does not contain the sample of a stick that a pilot moves at the autopilot's end of the link.
+    The frame does not contain samples of a stick that a pilot moves at the autopilot. They do not cross the link.
     """
     scenario = add_stick_sensor(scenario)
     frame, command = message_structures(scenario)
@@ -159,9 +159,9 @@ def carried_structures(scenario: Scenario) -> tuple[Frame, Command]:
 
 
 def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> BlockDefinition:
-    """Return the autopilot of a checked scenario: `Frame` in, `AutopilotOutput` out.
+    """Return the autopilot of a checked scenario as a block with input `Frame` and output `AutopilotOutput`.
 
-    seed, run: key of the random numbers in the autopilot's initial state.
+    seed, run: seed and run number for random numbers in the autopilot's initial state.
     """
     inputs = run_inputs(scenario, seed, run)
     frame, key = message_structures(scenario)[0], inputs.key
@@ -190,7 +190,7 @@ def compile_autopilot(scenario: Scenario, *, seed: int = 0) -> CompiledBlock:
 
 
 def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> BlockDefinition:
-    """Return the whole closed loop of a checked scenario: `LoopInput` in, the signals of the instant out.
+    """Return the closed loop of a checked scenario as a block with input `LoopInput`. Its output are the signals.
 
     always: periods that are due at every instant.
     """
@@ -208,16 +208,17 @@ def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> 
 
 
 def _keep_logged(seen: Signals) -> Signals:
-    """Return the signals with None for each signal that a log cannot contain, such as messages between craft."""
+    """Return the signals, with None in place of each signal that a log cannot contain, e.g. messages between craft."""
     logged = {path for path, _, _ in logged_signals(seen)}
     values, structure = jax.tree.flatten(seen)
     return structure.unflatten([v if p in logged else None for p, v in zip(leaf_paths(seen), values, strict=True)])
 
 
 def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
-    """Return a scenario's world, checked: `WorldInput` in, `WorldOutput` out. A step leads to the next instant.
+    """Check a scenario, and return its world as a block with input `WorldInput` and output `WorldOutput`.
 
-    The input of a step contains the command of the last instant, and the output the frame of this instant.
+    A step advances the world by one instant. Its input contains the command of the last instant, its output the frame
+    of this instant.
     """
     scenario = add_stick_sensor(scenario)
     scenario.check()
@@ -259,7 +260,7 @@ def compile_world(scenario: Scenario, *, seed: int = 0) -> tuple[CompiledBlock, 
 
 
 def timed_block(name: str, doc: str, block: Any, input: Any) -> BlockDefinition:
-    """Return a block with the input `StepInput`, made from a part with step(t, state, input) -> (state, output)."""
+    """Return a part with a function step(t, state, input) -> (state, output) as a block with input `StepInput`."""
 
     def step(p: Any, s: Any, now: StepInput) -> Any:
         return p.step(now.t, s, now.input)
@@ -282,9 +283,9 @@ def failsafe_block(failsafe: Failsafe, command: Command) -> BlockDefinition:
 
 
 def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
-    """Return the failsafe of the scenario, or else that of the command's record, or else a default.
+    """Return the failsafe of the scenario, else the failsafe of the command's record, else a default.
 
-    The default stops the vehicle when no commands arrive, and accepts all finite numbers.
+    The default sets all commands to zero when no commands arrive, and accepts all finite numbers.
     """
     if isinstance(scenario.failsafe, Failsafe):
         return scenario.failsafe
@@ -298,7 +299,7 @@ def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
 
 
 def uplink_block(uplink: Any, command: Command, *, seed: int = 0) -> BlockDefinition:
-    """Return the block of a channel between a link and the failsafe: one sample in, one sample out.
+    """Return a channel between a link and the failsafe as a block. Input and output are one sample each.
 
     command: example with the structure of the commands.
     """
@@ -325,7 +326,7 @@ def _no_sample(value: Any) -> Sample:
 def motion_block(scenario: Scenario) -> BlockDefinition:
     """Return the block that computes a vehicle's motion from its state, for displays.
 
-    The inputs below `input` are "truth", the state, and "u", the vehicle's input.
+    The block's inputs are `input.truth`, the state, and `input.u`, the vehicle's input.
     """
     inputs = run_inputs(hold_vehicle(scenario))
     s, _ = jax.eval_shape(inputs.initial_states)
@@ -352,10 +353,9 @@ def place_block() -> BlockDefinition:
 
 
 def replace_links(scenario: Scenario) -> Scenario:
-    """Return the scenario with ideal channels instead of simulated ones, because a real link has its own delays and
-    losses.
+    """Return the scenario with ideal channels instead of simulated channels, for a flight over a real link.
 
-    Faults of the channels are kept.
+    The real link has its own delays and losses. Faults of the channels are kept.
     """
     world = scenario.world
     downlink, uplink = _replace_with_wire(world.downlink), _replace_with_wire(world.uplink)

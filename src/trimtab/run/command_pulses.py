@@ -1,4 +1,4 @@
-"""Conversion of a command's numbers to pulses of servos and speed controllers, on a board or a foreign autopilot."""
+"""Conversion of the numbers in a command to pulses for servos and speed controllers, on a board or other autopilot."""
 
 from typing import NamedTuple
 
@@ -14,14 +14,14 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.blocks import UNLIMITED, choose_failsafe
 
 MOST_OUTPUTS = 8
-"""Number of outputs that the message of servo outputs has."""
+"""Number of outputs in a message with servo outputs."""
 
 
 class PulseOutput(NamedTuple):
-    """One output of a board, for one number of the command.
+    """Output of a board for one number of the command.
 
-    path, slot: the number's path in the command, and its index in an array or None.  declared: the number's
-    declaration.  pulse: its pulse table.  safe: width of the safe pulse (s).
+    path, slot: the number's path in the command, and its index in an array, or None.  declared: declaration of the
+    number.  pulse: table from the number to the pulse width.  safe: width of the safe pulse (s).
     """
 
     path: str
@@ -47,10 +47,10 @@ def find_outputs(
         most: number of outputs of the board.
         part: name of the caller, for errors.
 
-    The pulse table is the one that the actuators declare (`pulses`, ServoPulse, stops of a bank). Otherwise it is
-    linear from 1 to 2 ms between the first known limits: those of the failsafe, of the vehicle (`input_limits`), or of
-    the command's record. The safe pulse is the pulse of the failsafe's safe value. Without a failsafe, it is the pulse
-    of the value nearest to zero, at which a motor stands still.
+    The pulse table is the one that the actuators declare (`pulses`, ServoPulse, stops of a bank). Without it, the pulse
+    is linear from 1 to 2 ms between the limits of the number: those of the failsafe, else those of the vehicle
+    (`input_limits`), else those of the command's record. The safe pulse is that of the failsafe's safe value. Without
+    a failsafe, it is the pulse of the value nearest to zero, at which a motor stands still.
 
     Raises:
         InputError: a number has no known limits, or the command has more numbers than the board has outputs.

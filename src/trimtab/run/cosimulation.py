@@ -1,7 +1,7 @@
-"""Simulation of a scenario whose vehicle is an FMU, in virtual time. The rest of the loop is compiled.
+"""Simulation, in virtual time, of a scenario whose vehicle is an FMU. The rest of the loop is compiled.
 
-At each instant, the FMU's outputs are the true state. Sensors, links, autopilot and actuators are stepped with this
-state as in `simulate`. Then the FMU is stepped to the next instant, with the actuators' output as its input.
+The FMU's outputs at each instant are the true state. Sensors, links, autopilot and actuators are stepped with this
+state as in `simulate`. Then the FMU is stepped to the next instant. Its input is the actuators' output.
 """
 
 from collections.abc import Mapping
@@ -40,7 +40,7 @@ MEASURED_STEPS = 300
 
 @record
 class SteppedWorldInput:
-    """Input of a world whose vehicle is stepped by a host program: the fields of `WorldInput`, and two more.
+    """Input of a world whose vehicle is stepped by a host program: the fields of `WorldInput`, `acts` and `truth`.
 
     Source: docs page, FMU.
     """
@@ -52,14 +52,14 @@ class SteppedWorldInput:
         "1", "True if the vehicle is held in place, so that its true state doesn't change.", kind="flag"
     )
     fresh: Any = quantity("1", "True if the command is new at this instant.", kind="flag")
-    command: Any = part("Command.")
+    command: Any = part("Latest command of the autopilot.")
     acts: Any = quantity("1", "True if this step runs the actuators, False if it runs the sensors.", kind="flag")
     truth: Any = part("True state of the vehicle at this instant.")
 
 
 @record
 class HostInput:
-    """Input, at each instant, of a loop whose vehicle is stepped by a host program. Source: docs page, FMU."""
+    """Input at one instant of a loop whose vehicle is stepped by a host program. Source: docs page, FMU."""
 
     t: Any = quantity("100 ns", "Present time.", kind="time")
     truth: Any = part("True state of the vehicle at this instant.")
@@ -68,10 +68,10 @@ class HostInput:
 def cosimulate(
     scenario: Scenario, *, seed: int = 0, run: int = 0, duration: int | None = None, log_period: int = ms(1)
 ) -> Log:
-    """Run a scenario whose vehicle is an FMU, and return its log. Arguments and log are those of `simulate`.
+    """Run a scenario whose vehicle is an FMU, and return its log. Arguments and result are those of `simulate`.
 
     Raises:
-        InputError: the FMU is not trusted, does not start or refuses a step; or no C compiler is found.
+        InputError: the FMU is not trusted, does not start or rejects a step, or no C compiler is found.
 
     If the FMU requests the end of the run before the scenario's duration, the log ends there and contains `ended_s`.
     """
@@ -118,7 +118,7 @@ def slot_indices(where: Mapping[str, Any], prefix: str, size: int) -> Any:
 
 
 def _host_block(inputs: RunInputs, always: frozenset[int]) -> BlockDefinition:
-    """Return the closed loop without its vehicle: `HostInput`, the true state, in, the signals of the instant out."""
+    """Return the closed loop without its vehicle, as a block with input `HostInput` and the signals as output."""
 
     def init(p: RunInputs) -> Any:
         return p.drop_derived_outputs(*p.initial_states(), always)
@@ -141,10 +141,10 @@ def _host_block(inputs: RunInputs, always: frozenset[int]) -> BlockDefinition:
 
 
 def prepare_world(scenario: Scenario, *, seed: int = 0) -> tuple[Any, Frame, Command]:
-    """Return the world of a scenario, and examples of frame and command as a link carries them.
+    """Return the compiled world of a scenario, and examples of frame and command as a link carries them.
 
-    The world is compiled; if the vehicle is an FMU, the rest of the world is. Raise InputError if no C compiler is
-    found, or if an FMU is not trusted.
+    If the vehicle is an FMU, only the rest of the world is compiled. Raise InputError if no C compiler is found, or if
+    an FMU is not trusted.
     """
     if not has_stepped_vehicle(scenario):
         return compile_world(scenario, seed=seed)
@@ -152,9 +152,9 @@ def prepare_world(scenario: Scenario, *, seed: int = 0) -> tuple[Any, Frame, Com
 
 
 class SteppedWorld:
-    """World whose vehicle is an FMU, used like the compiled block of a world: `WorldInput` in, `WorldOutput` out.
+    """World whose vehicle is an FMU, with the interface of a compiled world: input `WorldInput`, output `WorldOutput`.
 
-    After the FMU has requested the end of the run, its state does not change any more.
+    After the FMU has requested the end of the run, the vehicle's state does not change any more.
     """
 
     def __init__(self, scenario: Scenario, *, seed: int = 0) -> None:
@@ -170,13 +170,13 @@ class SteppedWorld:
         self._acting = slot_indices(self.writes, "actuators.u.", len(self.outputs))
 
     def reset(self) -> None:
-        """Return to the initial state. Restart the FMU."""
+        """Reset the world to its initial state, and restart the FMU."""
         self._fmu.close()
         self._block.reset()
         self._fmu, self._is_over = FmuInstance(self._fmu.vehicle), False
 
     def measure_steps(self, h: int) -> float:
-        """Return the computing time (s) of a step, 99th percentile. h: integer time of a step. Reset at the end."""
+        """Return the 99th percentile of a step's computing time (s), then reset. h: length of a step (100 ns)."""
         took = list[int]()
         for k in range(MEASURED_STEPS):
             self.inputs[self.reads["t"]], self.inputs[self.reads["h"]] = max(k - 1, 0) * h, h if k else 0
@@ -188,7 +188,7 @@ class SteppedWorld:
         return sorted(took)[-len(took) // 100 - 1] * 1e-9
 
     def step(self) -> None:
-        """Advance by one instant: step the actuators, the FMU and the sensors."""
+        """Advance the world by one instant: step the actuators, then the FMU, then the sensors."""
         inputs, reads = self.inputs, self.reads
         if not inputs[reads["first"]]:
             inputs[reads["acts"]] = True

@@ -65,9 +65,9 @@ def find_point(plant: Plant, words: tuple[str, ...]) -> Trim:
     """Return the trim for ``--at``: at rest if possible, else level and straight flight, else any steady motion.
 
     Inputs, and states other than positions, are free unless ``--at`` gives a value. All derivatives are zero, except
-    those of positions and of states on which no other state depends. These are zero too if such a trim exists. If the
-    vehicle can't rest and ``--at`` leaves several trims, the one in level flight at the initial speed is chosen;
-    `Trim.taken` contains the added conditions.
+    those of positions and of states on which no other state depends. These are zero, too, if such a trim exists. If the
+    vehicle has no equilibrium at rest and several trims satisfy ``--at``, level flight at the initial speed is chosen.
+    `Trim.taken` contains the conditions that were added for this.
     """
     c, model = parse_conditions(plant, words), plant.model
     idle = idle_states(model, plant.units) | plant.places
@@ -101,10 +101,10 @@ def find_point(plant: Plant, words: tuple[str, ...]) -> Trim:
 
 
 def _carried_states(plant: Plant) -> list[str]:
-    """Return the velocities and angles that only record the motion of a body which is carried along a path.
+    """Return the velocity and angle states that only record the motion, for a body that is carried along a path.
 
-    The list is empty if the vehicle's position depends on one of its velocities. Recorded velocities are zero if the
-    body stands still. They are never unknowns of a trim.
+    No other state depends on them. The list is empty if the vehicle's position depends on one of its velocities.
+    Recorded velocities are zero if the body stands still. They are never unknowns of a trim.
     """
     model = plant.model
     speeds = {n for n in model.states if plant.units.get(n) == "m/s"}
@@ -120,7 +120,7 @@ def _carried_states(plant: Plant) -> list[str]:
 
 
 def _refuse_carried(plant: Plant, c: Conditions, carried: list[str]) -> None:
-    """Raise InputError for conditions of ``--at`` on states that are only recorded, or on outputs that follow these."""
+    """Raise InputError if ``--at`` sets a state that only records the motion, or an output of such a vehicle."""
     model = plant.model
     said = {*c.fixed, *c.free, *c.kept, *c.rates, *c.outputs}
     asked = [n for n in (*carried, *model.outputs) if n in said and (n in carried or n not in model.states)]
@@ -133,16 +133,16 @@ def _refuse_carried(plant: Plant, c: Conditions, carried: list[str]) -> None:
 
 
 def _is_moving(plant: Plant, point: Trim) -> bool:
-    """Return True if the vehicle has an output or state "speed" and moves at the trim."""
+    """Return True if the vehicle moves at the trim, according to its output or state of the speed."""
     y = dict(zip(plant.model.outputs, plant.model.evaluate(point.x, point.u)[1].tolist(), strict=True))
     y |= dict(zip(plant.model.states, point.x.tolist(), strict=True))
     return bool(y.get(plant.flight().get("speed", ""), 0.0) > STANDS)
 
 
 def _still_states(plant: Plant, c: Conditions, loose: list[str]) -> tuple[set[str], set[str]]:
-    """Return the states of `loose` that are constant at rest, and those that are constant in straight flight.
+    """Return the states of `loose` that are constant at rest, and the states of `loose` constant in straight flight.
 
-    A set is empty if the conditions require motion or rotation.
+    The first set is empty if the conditions require a motion, the second if they require a rate.
     """
     stay = {n for n in loose if n not in c.loose}
     moves = any(v and plant.units.get(n) in ("m/s", "rad/s") for n, v in c.fixed.items() if n in plant.model.states)
@@ -152,10 +152,10 @@ def _still_states(plant: Plant, c: Conditions, loose: list[str]) -> tuple[set[st
 
 
 def _find_level(plant: Plant, c: Conditions, model: StateSpaceModel, **wanted: Any) -> Trim | None:
-    """Return level flight at the initial speed and heading, unless ``--at`` sets these, or None.
+    """Return the trim of level flight at the initial speed and heading, or None. Conditions of ``--at`` have priority.
 
-    If no such flight exists, allow a roll angle, then sideslip, then climb. A torpedo, for example, rolls by the torque
-    of its propeller.
+    If no such trim exists, allow a roll angle, then also sideslip, then also climb. A torpedo, for example, rolls due
+    to the torque of its propeller.
     """
     names = plant.flight()
     level = _level_conditions(plant, c, names)
@@ -178,7 +178,7 @@ def _find_level(plant: Plant, c: Conditions, model: StateSpaceModel, **wanted: A
 
 
 def _level_conditions(plant: Plant, c: Conditions, names: Mapping[str, str]) -> dict[str, float]:
-    """Return state or output -> value of level flight at the initial speed, without those that ``--at`` sets.
+    """Return the conditions of level flight at the initial speed: state or output -> value, unless ``--at`` sets it.
 
     Return {} if the initial state is at rest.
     """
@@ -197,9 +197,9 @@ def _level_conditions(plant: Plant, c: Conditions, names: Mapping[str, str]) -> 
 
 
 def _holding_inputs(model: StateSpaceModel, x: Any, u: Any, c: Conditions, free: list[str]) -> dict[str, float]:
-    """Return the initial guess of a search: the free inputs that best keep the first state constant, to first order.
+    """Return the initial guess of the free inputs: those that best keep the initial state constant, to first order.
 
-    With an initial guess of zero, as for stopped rotors, the search would find a steady fall.
+    From an initial guess of zero, e.g. stopped rotors, the search would find a steady fall.
     """
     x0, u0 = model.point(x, u)
     slope = model.slopes(x0, u0)[1]
@@ -271,9 +271,9 @@ def _add_condition(c: Conditions, plant: Plant, name: str, text: str, is_rate: b
 
 
 def parse_amount(plant: Plant, part: str, text: str, name: str, *, per_second: bool = False) -> float:
-    """Return the number in a text, for a state, an input or their rate, in the vehicle's unit.
+    """Read a value of a state, input or output, or of its rate, and convert it to the vehicle's unit.
 
-    A text without unit is in the vehicle's unit already.
+    A number without unit is in the vehicle's unit already.
     """
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?", text)
     if match is None:

@@ -1,4 +1,4 @@
-"""Error budget: the cost of each imperfection, from flights without this imperfection and flights with only this one.
+"""Error budget: the cost of each imperfection, from flights without it and from flights with this imperfection alone.
 
 Source: docs page, Error budget.
 """
@@ -24,22 +24,22 @@ from trimtab.run.walk_structure import signal_structure
 from trimtab.scenarios.build import find_scenario
 
 ALL, NONE = "all", "none"
-"""Names of the flights with all imperfections, and of those with none."""
+"""Name of the set of flights with all imperfections, and name of the set with none."""
 NAVIGATION_FIELDS = {
     "position": ("north", "east"),
     "velocity": ("surge_velocity", "sway_velocity"),
     "heading": ("heading",),
 }
-"""Fields of the estimate that are compared with the true state, by measure."""
+"""Measure -> fields of the estimate that are compared with the true state."""
 UNITS = {"position error": "m", "velocity error": "m/s", "heading error": "rad"}
 
 
 class Cost(NamedTuple):
-    """Cost of one imperfection, by measure: RMS error over runs and instants, and the standard error of this number.
+    """Cost of one imperfection. A measure is the RMS of an error over runs and instants.
 
-    If a run has no valid estimate, the measures of the estimate are infinite.
-
-    without: from flights with all imperfections except this one.  alone: from flights with only this imperfection.
+    without, alone: measure -> its value and the standard error of this value, from flights with all other
+    imperfections, and from flights with this imperfection alone. If a run has no valid estimate, the measures of the
+    estimate are infinite.
     """
 
     name: str
@@ -48,9 +48,10 @@ class Cost(NamedTuple):
 
 
 class ErrorBudget(NamedTuple):
-    """Costs of all imperfections, the largest first. They need not add up to the whole, as imperfections interact.
+    """Costs of all imperfections. Their sum may differ from the total, because imperfections interact.
 
-    units: unit of each measure.  whole: measures with all imperfections.  least: measures with no imperfection.
+    units: unit of each measure.  whole: measures with all imperfections.  least: measures without imperfections.
+    costs: costs of the imperfections, the largest first.
     """
 
     units: Mapping[str, str]
@@ -68,21 +69,21 @@ def error_budget(
     tell: Callable[[str], None] = lambda done: None,
     backend: str = "auto",
 ) -> ErrorBudget:
-    """Fly a scenario with all its imperfections, without each, with each alone, and with none.
+    """Fly a scenario with all its imperfections, with all except one (for each), with only one (for each), with none.
 
     >>> from trimtab import build, error_budget
     >>> budget = error_budget(build("hovercraft/spin", {"duration": "1 s"}), seeds=range(2), names=["dead-zone"])
     >>> [cost.name for cost in budget.costs]
     ['dead-zone']
 
-    The measures cover the second half of each run: the distance of the signals from the scenario's targets, and the
-    distance of a navigation estimate from the true state at the same time.
+    The measures are errors over the second half of each run: the deviation of signals from the scenario's targets, and
+    the deviation of a navigation estimate from the true state at the same time.
 
     Args:
         scenario: the scenario, or its name.
         seeds: seeds of the runs. Every set of flights has the same seeds, so that only the imperfections differ.
         names: names of imperfections. Empty: all imperfections of the scenario.
-        tell: called with the name of each set of flights after the set is flown.
+        tell: function called with the name of each set of flights after the set has been flown.
         backend: backend, as in `simulate`.
 
         Raises: InputError if the scenario lacks a named imperfection, or has nothing to measure.
@@ -130,12 +131,15 @@ def error_budget(
 
 
 def flight_set_count(scenario: Scenario, names: Iterable[str] = ()) -> int:
-    """Return the number of times that `error_budget` calls its argument `tell`."""
+    """Return the number of sets of flights of an error budget. `error_budget` calls `tell` once for each."""
     return 2 + 2 * len(list(names) or scenario.imperfections())
 
 
 def cost_share(budget: ErrorBudget, cost: Cost, measure: str) -> float:
-    """Return an imperfection's share of the total mean square error. Below 0: it reduces the error. NaN: unknown."""
+    """Return an imperfection's share of the total mean square error.
+
+    It is negative if the imperfection reduces the error, and NaN if a measure is infinite.
+    """
     whole, without = budget.whole[measure][0], cost.without[measure][0]
     if not (np.isfinite(whole) and np.isfinite(without)):
         return float("nan")
@@ -178,7 +182,7 @@ def _compute_measures(logs: list[Log], scenario: Scenario) -> dict[str, tuple[fl
 
 
 def _root_mean_square(squares: Any) -> tuple[float, float]:
-    """Return the root of the mean of the runs' mean squares, and the standard error of this root."""
+    """Return the RMS over all runs, and its standard error. squares: mean square of each run (n,)."""
     mean, n = float(squares.mean()), len(squares)
     root = float(np.sqrt(mean))
     if n < 2 or root == 0.0 or not np.isfinite(root):

@@ -1,4 +1,4 @@
-"""Parameters that can be fitted to flights: settings of the vehicle and its actuators, with bounds, and a delay."""
+"""Parameters that can be fitted to flights: settings of vehicle and actuators with their bounds, and a delay."""
 
 import math
 from collections.abc import Sequence
@@ -28,9 +28,9 @@ class FitParameter(NamedTuple):
 
 
 def find_parameters(scenario: Scenario, paths: Sequence[str]) -> tuple[Scenario, tuple[FitParameter, ...]]:
-    """Return the scenario, with the parts in which the parameters are, and the parameters at these paths.
+    """Return the scenario, with the optional parts that contain the parameters, and the parameters at these paths.
 
-    Raise InputError for a path that is not a numeric parameter of the vehicle or its actuators.
+    Raise InputError if a path is not a numeric parameter of the vehicle or its actuators.
     """
     parameters = []
     for path in paths:

@@ -1,4 +1,4 @@
-"""Gradients of a whole run with respect to parameters. The compiled loop computes them along with the state."""
+"""Gradients of the cost of a whole run with respect to parameters. The compiled loop computes them with the state."""
 
 import functools
 from collections.abc import Callable, Iterable, Mapping
@@ -26,8 +26,8 @@ class Gradient(NamedTuple):
     """Cost of one run and its derivatives.
 
     cost: integral of the running cost over the run (unit of the running cost x s).  slope: path of a parameter ->
-    derivative of the cost, in the shape of the parameter. If the loop switches depending on data, the cost may jump
-    with a parameter. The derivative does not include such jumps.
+    derivative of the cost, in the shape of the parameter. If the loop switches depending on data, the cost as a
+    function of a parameter may jump. The derivative does not include such jumps.
     """
 
     cost: float
@@ -48,7 +48,7 @@ def gradient(
         duration: duration of the run, integer time. None: the scenario's duration.
 
     Raises:
-        InputError: as `simulate`; or a path is not that of a real parameter; or no C compiler is found.
+        InputError: as `simulate`; also if a path does not name a real parameter, or if no C compiler is found.
     """
     scenario, table, _ = prepare_run(scenario, [seed], duration, ms(1))
     inputs = run_inputs(scenario, seed)
@@ -61,7 +61,10 @@ def gradient(
 
 
 class Gradients(NamedTuple):
-    """Costs of n runs and their derivatives. costs: (n, k).  slopes: (n, k, d), derivatives by d parameters."""
+    """Costs of n runs and their derivatives. costs: k costs of each run (n, k).
+
+    slopes: derivatives of the costs with respect to d parameters (n, k, d).
+    """
 
     costs: Any
     slopes: Any
@@ -78,16 +81,17 @@ def gradients(
     since: tuple[int, ...] = (0,),
     threads: int | None = None,
 ) -> Gradients:
-    """Return costs and derivatives, as `gradient` does, of many runs that differ in random numbers and parameters.
+    """Return costs and derivatives of many runs, which differ in random numbers and parameters. See `gradient`.
 
     Args:
         scenario: the scenario.
-        cost: running costs: signals of an instant -> (k,), in JAX. Define the function once, as for `gradient`.
-        along: parameters by which the costs are differentiated, each a path and the index of one number, () for a
-            scalar.
-        seeds, runs: the two words of each run's key.
+        cost: running costs: function from the signals of an instant to (k,), in JAX. Define the function once, as for
+            `gradient`.
+        along: parameters with respect to which the costs are differentiated. Each is a path and the index of one
+            number, () for a scalar.
+        seeds, runs: seed and run number of each run, which together select its random numbers.
         spread: path of a parameter -> its values (n, …), as in `simulate_batch`.
-        since: integer times from which each of the k costs is integrated.
+        since: start time of the integral of each of the k costs (100 ns).
         threads: number of threads. None: the number of cores.
     """
     chosen, entries = list(seeds), list(along)
@@ -136,7 +140,7 @@ def _fly_directions(
 def _find_parameters(inputs: RunInputs, paths: tuple[str, ...]) -> tuple[tuple[int, ...], list[tuple[int, ...]]]:
     """Return the positions of parameters among the inputs, and their shapes.
 
-    Raise InputError for a path that is not that of a real parameter.
+    Raise InputError if a path does not name a real parameter.
     """
     known, values = leaf_paths(inputs), jax.tree.leaves(inputs)
     real = [p for p, v in zip(known, values, strict=True) if np.asarray(v).dtype == np.float64]
@@ -153,8 +157,10 @@ def _find_parameters(inputs: RunInputs, paths: tuple[str, ...]) -> tuple[tuple[i
 
 @functools.lru_cache(maxsize=16)
 def _lower_dual(of: WalkStructure, at: tuple[int, ...], cost: Cost, since: tuple[int, ...]) -> WalkProgram:
-    """Return the program that steps cost, state and their derivatives. Its inputs are those of the run, and a direction
-    in the space of the parameters."""
+    """Return the program that steps cost, state and their derivatives along a direction in the space of the parameters.
+
+    Its inputs are the inputs of the run and this direction.
+    """
     example = jax.tree.leaves(of.zero_inputs())
     dual = _DualRun(of.tree, of.always, at, cost, since)
     direction = [example[i] for i in at]
@@ -164,7 +170,7 @@ def _lower_dual(of: WalkStructure, at: tuple[int, ...], cost: Cost, since: tuple
 
 
 class _DualRun:
-    """Run with its derivative along a direction. Values that are not real numbers have no derivative."""
+    """Run together with its derivative along a direction. Values that are not real numbers have no derivative."""
 
     def __init__(
         self, tree: Any, always: frozenset[int], at: tuple[int, ...], cost: Cost, since: tuple[int, ...]
@@ -179,7 +185,7 @@ class _DualRun:
         return jax.tree.unflatten(self.tree, mine)
 
     def split(self, state: Any) -> tuple[list[Any], list[Any]]:
-        """Return the real leaves of a state, and the other leaves. Store the structure with which to join them."""
+        """Return the real leaves of a state, and its other leaves. Store the structure for `join_leaves`."""
         values, tree = jax.tree.flatten(state)
         real = [np.issubdtype(jax.numpy.result_type(v), np.floating) for v in values]
         self.structure = tree, real

@@ -1,4 +1,4 @@
-"""Inputs of a run, as numbers by path: world, autopilot, initial state and key. Some inputs may differ between runs."""
+"""Inputs of a run: numbers of world, autopilot, initial state and random key. Some may differ between runs."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -24,16 +24,16 @@ class RunInputs:
     world: Any = part("Vehicle, sensors, links and actuators.")
     autopilot: Any = part("Autopilot: estimator, law and allocation.")
     initial: Any = part("Initial state of the vehicle.")
-    key: Any = part("Seed and run of the random numbers.")
+    key: Any = part("Seed and run number, from which the random numbers are generated.")
 
     def initial_states(self) -> tuple[WorldState, AutopilotState]:
         """Return the states of world and autopilot before the first instant."""
         return start(self.world, self.autopilot, self.initial, self.key)
 
     def drop_derived_outputs(self, s: Any, a: Any, always: frozenset[int]) -> tuple[WorldState, AutopilotState]:
-        """Return the states without outputs that the loop can derive again, see `loop.walk`.
+        """Return the states of world and autopilot without outputs that the loop can compute again, see `loop.walk`.
 
-        always: periods that are due at every instant.
+        s, a: states of world and autopilot.  always: periods that are due at every instant.
         """
         return drop_derived_outputs(self.world, self.autopilot, s, a, always)
 
@@ -49,10 +49,10 @@ def run_inputs(scenario: Scenario, seed: int = 0, run: int = 0) -> RunInputs:
 
 
 def noise_words(scenario: Scenario, numbers: Any) -> Any:
-    """Return the second key words of runs with these numbers (…).
+    """Return the second words of the random keys of runs with these numbers (…).
 
-    The words are the numbers themselves, or, if the scenario has m words, the scenario's words plus the number (…, m).
-    So run 0 has the scenario's words, and every other run has different noise.
+    Without words in the scenario, they are the numbers themselves. If the scenario has m words, they are the scenario's
+    words plus the number, (…, m). Run 0 then has the scenario's words, and every other run has different noise.
     """
     numbers = np.asarray(numbers, np.uint32)
     return numbers[..., None] + np.asarray(scenario.words, np.uint32) if len(scenario.words) else numbers
@@ -65,7 +65,7 @@ def leaf_paths(tree: Any) -> list[str]:
 
 
 def flat_inputs(inputs: RunInputs, own: frozenset[int] = frozenset()) -> Any:
-    """Return the inputs that all runs share, flat, float64, in the library's order.
+    """Return the inputs that all runs share as a vector, float64, in the order of the compiled library.
 
     own: positions of the inputs that differ between runs.
     """
@@ -82,7 +82,7 @@ def input_position(inputs: RunInputs, path: str) -> int:
 def own_inputs(
     inputs: RunInputs, seeds: list[int], runs: Iterable[int] | None = None, spread: Mapping[str, Any] | None = None
 ) -> dict[int, Any]:
-    """Return, for each input that differs between runs, its position -> its values, with the run as first axis.
+    """Return position -> values of each input that differs between runs. The first axis of the values is the run.
 
     The arguments are those of `simulate_batch`.
     """
@@ -110,13 +110,16 @@ def own_inputs(
 
 
 def own_rows(own: dict[int, Any], runs: int) -> Any:
-    """Return the inputs that differ between runs, float64 (runs, k), in the library's order."""
+    """Return the inputs that differ between runs, float64 (runs, k), in the order of the compiled library."""
     columns = [np.asarray(v, np.float64).reshape(runs, -1) for v in own.values()]
     return np.concatenate([np.zeros((runs, 0)), *columns], axis=1)
 
 
 def _run_words(first: Any, count: int, runs: Iterable[Any]) -> Any:
-    """Return the second key words of `count` runs. runs: number or words of each run.  first: words of run 0."""
+    """Return the second words of the random keys of `count` runs.
+
+    runs: number or words of each run.  first: words of run 0.
+    """
     words = np.asarray(runs if isinstance(runs, np.ndarray) else list(runs), np.int64)
     if len(words) != count or words.ndim > 1 + np.ndim(first):
         fix = "give each run a seed and a number"

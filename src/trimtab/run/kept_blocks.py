@@ -1,6 +1,6 @@
 """Cache of the C text of compiled blocks. A second block with the same content is not traced by JAX again.
 
-Tracing takes a second or more, loading takes a few milliseconds. The loaded blocks do not share memory.
+Tracing takes a second or more. Loading a cached block takes a few milliseconds. The loaded blocks do not share memory.
 """
 
 import functools
@@ -14,11 +14,11 @@ from trimtab.compiler.block import BlockDefinition, BlockText, block_text
 from trimtab.compiler.compiled_block import CompiledBlock
 
 MOST_KEPT = 64
-"""Maximum number of cached texts."""
+"""Maximum number of C texts in the cache."""
 
 
 class Content:
-    """Records as a key of the cache. Two keys are equal if structure, types and numbers of their records are equal."""
+    """Cache key made from records. Two keys are equal if structure, types and numbers of their records are equal."""
 
     def __init__(self, *records: Any) -> None:
         self.records = records
@@ -33,9 +33,9 @@ class Content:
 
 
 def _describe_leaf(leaf: Any) -> Any:
-    """Return a hashable description of a leaf.
+    """Return a hashable description of a leaf of a record.
 
-    It is type, shape and bytes for an array, the object itself for another leaf, or its id if it has no hash.
+    For an array, it is the type, shape and bytes; for any other object, the object itself, or its id if not hashable.
     """
     array = np.asarray(leaf)
     if array.dtype != np.dtype(object):
@@ -58,7 +58,7 @@ def compile_kept(make: Callable[..., BlockDefinition], *records: Any, **numbers:
     """Compile a block, or load it if a block of the same content was compiled before.
 
     Args:
-        make: a function of a module that makes the block from the records and numbers.
+        make: module-level function that makes the block from the records and numbers.
         records: records from which the block is made.
         numbers: seed and run, by name.
 

@@ -1,4 +1,4 @@
-"""Motion of a vehicle from its log, computed from the true state in each row by the vehicle's function `motion`."""
+"""Motion of a vehicle, computed from the true state in each row of its log by the vehicle's function `motion`."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -43,17 +43,18 @@ class ImuRows(NamedTuple):
 
 
 def read_motion(log: Log, scenario: Scenario, period: int) -> MotionRows:
-    """Return the motion from a log of this scenario, with at most one row per `period` (100 ns).
+    """Return the vehicle's motion from a log of this scenario, with at most one row per `period` (100 ns).
 
     Raises:
-        InputError: the log has no true state, like an autopilot's log; it is of a swarm; or no C compiler is found.
+        InputError: the log has no true state (e.g. it is an autopilot's log) or is of a swarm, or no C compiler is
+            found.
     """
     block = motion_block(scenario)
     like = jax.eval_shape(block.step, block.parameters, (), block.input)[1]
     if not isinstance(like, Motion):
         raise InputError(
             "convert",
-            "the log must be of one craft, but is of a swarm, which has the motions of several craft",
+            "the log must be of one craft, but is of a swarm of several craft",
             fix="give a log of one craft",
         )
     motion = compile_block(block)
@@ -61,7 +62,7 @@ def read_motion(log: Log, scenario: Scenario, period: int) -> MotionRows:
     missing = [path for path in paths.values() if path not in log]
     if missing:
         problem = f"the log has no {missing[0]!r}, so it does not contain the vehicle's true motion"
-        fix = "give the vehicle's log, or that of a run: there/vehicle.mcap, flight/run.mcap"
+        fix = "give the log of the vehicle or of a run: there/vehicle.mcap, flight/run.mcap"
         raise InputError("convert", problem, fix=fix)
     rows = choose_rows(log.ticks, period)
     columns = {p: np.asarray(log[path], float)[rows] for p, path in paths.items()}
@@ -73,7 +74,7 @@ def read_motion(log: Log, scenario: Scenario, period: int) -> MotionRows:
 
 
 def _log_path(path: str) -> str:
-    """Return the log's path of an input of the block "motion"."""
+    """Return the path in the log of an input of the block "motion"."""
     name = path.removeprefix("input.")
     return f"actuators.{name}" if name.startswith("u.") or name == "u" else name
 
@@ -85,7 +86,7 @@ def _step(motion: Any, t: int, values: Mapping[str, Any]) -> list[Any]:
 
 
 def choose_rows(ticks: Any, period: int) -> Any:
-    """Return the indices of rows whose times are at least a period apart. The first row is always among them."""
+    """Return the indices of rows whose times are at least a period apart. The first row is always included."""
     rows, due = list[int](), -(2**62)
     for k, t in enumerate(ticks.tolist()):
         if t >= due:

@@ -1,8 +1,8 @@
-"""Coordinates of a loop's states: deviations from a reference, one per real number and three per quaternion.
+"""Coordinates of a loop's states: deviations from a reference, one for each real number, three for each quaternion.
 
 A quaternion in the true state, in a sample in transit or in an estimate is replaced by its rotation e from the
-reference, in body axes: q = q_r exp(e). So the quaternion's length is not a state and has no pole. Whole numbers and
-flags have no coordinates.
+reference, in body axes: q = q_r exp(e). The length of the quaternion is therefore not a state and has no pole. Whole
+numbers and flags have no coordinates.
 
 Source: J. Solà, "Quaternion kinematics for the error-state Kalman filter", arXiv:1711.02508, chapter 5.
 """
@@ -23,7 +23,7 @@ AXES = ("x", "y", "z")
 
 
 class LoopCoordinates:
-    """Conversion between a tree of states and its vector z (n,) of deviations. `like`: example of the tree."""
+    """Conversion between a tree of states and the vector z (n,) of its deviations. like: example of the tree."""
 
     def __init__(self, like: Any) -> None:
         declared = [(path, d) for path, _, d in leaves(like) if isinstance(d, Quantity)]
@@ -39,7 +39,7 @@ class LoopCoordinates:
         ]
 
     def names(self, like: Any) -> tuple[str, ...]:
-        """Return the name of each component of z: a path of the tree, with an index if the path has several numbers."""
+        """Return the name of each component of z: path in the tree, with an index or axis if needed."""
         names: list[str] = []
         for path, real, turn, v in zip(self._paths, self._real, self._turn, jax.tree.leaves(like), strict=True):
             if turn:
@@ -50,12 +50,12 @@ class LoopCoordinates:
         return tuple(names)
 
     def sizes(self, like: Any) -> Any:
-        """Return the magnitudes (n,) of the numbers of a tree, and zero for rotations."""
+        """Return the magnitudes (n,) of the numbers in a tree; zero for rotations."""
         parts = [np.ravel(v) * (not turn) for v, turn in self._tangent(like)]
         return np.abs(np.concatenate([np.zeros(0), *parts]))
 
     def deviation(self, reference: Any, states: Any) -> Any:
-        """Return the deviation z (n,) of the states from a reference."""
+        """Return the deviation z (n,) of states from a reference."""
         parts = []
         pairs = zip(jax.tree.leaves(reference), jax.tree.leaves(states), self._real, self._turn, strict=True)
         for r, v, real, turn in pairs:
@@ -80,7 +80,7 @@ class LoopCoordinates:
         return jax.tree.unflatten(tree, new)
 
     def place_indices(self, like: T) -> T:
-        """Return the tree with each number replaced by its index in z, to find how a function permutes the numbers."""
+        """Return the tree with each number replaced by its index in z. It shows how a function permutes the numbers."""
         values, tree = jax.tree.flatten(like)
         places = iter(self._tangent(like))
         new, begin = [], 0
@@ -92,7 +92,7 @@ class LoopCoordinates:
         return jax.tree.unflatten(tree, new)
 
     def flatten(self, marks: Any) -> Any:
-        """Return the indices in a tree of `place_indices` as one vector (n,)."""
+        """Return the indices in a tree from `place_indices` as one vector (n,)."""
         parts = [np.ravel(v) for v, real in zip(jax.tree.leaves(marks), self._real, strict=True) if real]
         return np.concatenate([np.zeros(0, int), *parts]).astype(int)
 

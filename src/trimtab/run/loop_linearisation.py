@@ -1,8 +1,8 @@
 """Linearisation of a scenario's whole loop about its equilibrium, with all parts sampled as in the flight.
 
 The step of the loop, without noise, is differentiated at each instant of the common period T of all parts. No part is
-replaced by a model. In the map (`design.loop_map`), z contains all real numbers of the loop's state, including samples
-in transit; c is the command that the autopilot issues; v is the command that enters the uplink.
+replaced by a simplified model. In the map (`design.loop_map`), z contains all real numbers of the loop's state,
+including samples in transit. c is the command that the autopilot issues. v is the command that enters the uplink.
 
 Source: this module, by the rules of docs page, Time.
 """
@@ -33,11 +33,11 @@ from trimtab.run.loop_coordinates import LoopCoordinates, is_real
 MOST_INSTANTS = 4000
 """Maximum number of instants in the common period of the loop."""
 RANDOM = ("jitter", "loss")
-"""Random imperfections of links, which are switched off."""
+"""Random imperfections of links. They are switched off for the linearisation."""
 STEPWISE = ("speed-steps",)
-"""Imperfections of actuators that are step functions. They are switched off, because steps have no slope."""
+"""Imperfections of actuators that are step functions. They are switched off, because a step has no derivative."""
 REST = 1e-7
-"""Largest change of the state over one period at which a loop is at rest, as a fraction of max(1, |state|)."""
+"""Largest change of a state over one period at which the loop counts as at rest, as a fraction of max(1, |state|)."""
 
 
 def linearise_loop(
@@ -49,15 +49,17 @@ def linearise_loop(
     settle: float = 10.0,
     round_time: float | None = None,
 ) -> LoopMap:
-    """Return the loop's linear map about its equilibrium, or about a closed path that it flies, without random effects.
+    """Return the linear map of a loop about its equilibrium, or about a closed path that it flies.
+
+    Random effects are switched off.
 
     Args:
-        scenario: scenario whose loop comes to rest. Supervisor and monitor are left out. A predictor is an error.
+        scenario: scenario whose loop comes to rest. Supervisor and monitor are left out. It must have no predictor.
         x: state record to start from. Default: the law's equilibrium, or else the scenario's initial state.
         direct: True if the law's demand acts directly, without allocation and actuators.
         off: imperfections to switch off besides the random ones, see `Scenario.imperfections`.
         settle: flight time before the linearisation (s).
-        round_time: time of one lap of the closed path that the law follows (s). The map is then over one lap.
+        round_time: time of one lap of the closed path that the law follows (s). The map then covers one lap.
 
         Raises: InputError if the common multiple of the periods is too long, or if the loop does not come to rest.
     """
@@ -78,11 +80,11 @@ def linearise_loop(
     commands = tuple(n.removeprefix("a.command.value.") for n in names if n.startswith("a.command.value"))
     found = LoopMap(A, B, C, to_seconds(tick), names, commands, idle, to_seconds(slowest))
     if np.array_equal(found.transition(), found.transition(gain=0.0)):
-        problem = "commands have no effect on the loop at rest, because of a dead zone, a stop, or zero thrust"
+        problem = "commands have no effect on the loop at rest, due to a dead zone, an end stop, or zero thrust"
         raise InputError(
             "linearise",
             problem,
-            fix=f"{argument_name('direct')} leaves out the actuators; {argument_name('without')} an imperfection",
+            fix=f"leave out actuators with {argument_name('direct')}, imperfections with {argument_name('without')}",
         )
     return found
 
@@ -113,14 +115,14 @@ def _without_chance(link: Any) -> Any:
     for name in RANDOM:
         if name in imperfections(link):
             link = without(link, name)
-    if hasattr(link, "capacity") and hasattr(link, "latency"):  # the shortest possible ring, because a slot is a state
+    if hasattr(link, "capacity") and hasattr(link, "latency"):  # the shortest buffer: each slot is a state of the map
         needed = required_slots(float(np.max(link.latency)), link.send_period, link.period)
         link = replace(link, capacity=needed)
     return link
 
 
 def _fit_state(x: Any, like: Any) -> Any:
-    """Return a state with the fields of `like`. The values are those of x, or of `like` if x lacks a field."""
+    """Return a state with the fields of `like`. A field has the value in x, or the value in `like` if x lacks it."""
     changes = {n: getattr(x, n) for n in like.__dataclass_fields__ if hasattr(x, n)}
     return to_arrays(replace(like, **changes))
 
@@ -170,7 +172,7 @@ class _Tick:
         return s, a, np.array(A), np.array(B), np.array(C)
 
     def align(self, s: Any, a: Any, span: int) -> tuple[Any, Any]:
-        """Return the states with the ring slots of links rotated back by a time `span`.
+        """Return the states with the ring buffers of the links rotated back by a time `span`.
 
         The index of a slot depends on the time, so only aligned states of different periods can be compared.
         """
@@ -220,7 +222,7 @@ class _Tick:
 def _find_rest(run: _Tick, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any, int, Any, Any]:
     """Return the states at rest, found by Newton's method, and the matrices at these states.
 
-    At rest, only idle states change over a period.
+    At rest, only states on which no command depends, and clocks, change over a period.
     """
     span, first, worst, own = count * run.tick, math.inf, "", run.coordinates((s, a))
     names = own.names((s, a))
@@ -229,10 +231,8 @@ def _find_rest(run: _Tick, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any
         order = own.flatten(run.align(*own.place_indices((s, a)), span))
         A[-1], B[-1] = A[-1][order], B[-1][order]
         if not all(np.isfinite(M).all() for M in (A, B, C)):
-            fix = (
-                f"{argument('direct', True)} leaves out the actuators; {argument('off', ['dead zone'])} an imperfection"
-            )
-            raise InputError("linearise", "the loop has no derivative at its rest", fix=fix)
+            fix = f"leave out actuators with {argument('direct', True)}, or e.g. {argument('off', ['dead zone'])}"
+            raise InputError("linearise", "the loop has no derivative at rest", fix=fix)
         whole = np.eye(len(A[0]))
         for Aj, Bj, Cj in zip(A, B, C, strict=True):
             whole = Aj @ whole + Bj @ (Cj @ whole)
@@ -258,9 +258,9 @@ def _find_rest(run: _Tick, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any
 
 
 def _clocks(A: Any, B: Any, change: Any) -> Any:
-    """Return a mask (n,) of clocks: states that advance by themselves, such as a law's time.
+    """Return a mask (n,) of clocks: states that advance independently of all other states, e.g. the time in a law.
 
-    A change of a clock is not a deviation from rest.
+    The loop can be at rest although clocks advance.
     """
     alone = (np.array([np.eye(len(change))] * len(A)) == A).all(axis=(0, 2)) & (B == 0).all(axis=(0, 2))
     return alone & (np.abs(change) > 0)
@@ -271,7 +271,7 @@ def _count_round(tick: int, count: int, round_time: float) -> int:
     rounds = round(seconds(round_time) / (tick * count))
     if rounds < 1 or rounds * tick * count != seconds(round_time):
         problem = f"must be a multiple of the loop's period of {to_seconds(tick * count):g} s, got {round_time:g} s"
-        raise InputError(argument_name("round"), problem, fix="give the time of one or several laps that is a multiple")
+        raise InputError(argument_name("round"), problem, fix="give the time of one or more laps, a multiple of it")
     if rounds * count > MOST_INSTANTS:
         problem = f"{round_time:g} s are {rounds * count} instants, but must be at most {MOST_INSTANTS}"
         raise InputError(
@@ -286,7 +286,7 @@ def _side_name(name: str) -> str:
 
 
 def _idle_states(A: Any, C: Any, whole: Any) -> Any:
-    """Return a mask (n,) of states on which no command depends, such as the position. If one grows, all are False."""
+    """Return a mask (n,) of states on which no command depends, e.g. the position. If one grows, all are False."""
     matters = np.abs(C).max(axis=(0, 1)) > 0
     feeds = np.abs(A).max(axis=0) > 0
     while (more := matters | feeds[matters].any(axis=0)).sum() > matters.sum():

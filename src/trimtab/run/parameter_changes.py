@@ -1,8 +1,8 @@
-"""Changes of an autopilot's parameters in flight. Each change is an event in the log, and a replay repeats it.
+"""Changes of an autopilot's parameters in flight. Each change is an event in the log. A replay repeats the changes.
 
     parameter autopilot.law.k1[0] = 2.5 from 1.2340000 s
 
-The number has all its digits. The time is that of the first step with the new number.
+The value is written with all digits. The time is that of the first step with the new value.
 """
 
 import re
@@ -19,7 +19,7 @@ EVENT = re.compile(r"parameter autopilot\.(\S+)\[(\d+)\] = (\S+) from (\d+)\.(\d
 
 
 class AutopilotChange(NamedTuple):
-    """Change of one number of an autopilot's parameter. t: integer time from which the new value holds.
+    """Change of one number of an autopilot's parameter. t: integer time from which the new value is used.
 
     path: path of the parameter below the autopilot.  slot: index of the number in the flattened parameter.
     """

@@ -1,9 +1,9 @@
-"""Planner of a flyable path between obstacles for the hovercraft. It searches a route and flies it in simulation.
+"""Planner of a flyable path between obstacles for the hovercraft. It searches for a route and flies it in simulation.
 
-The plan is this flight, with the law `laws.receding_horizon`, as a reference: position of P, the centre of percussion,
-and heading. So the plan respects the limits of fan and rudder, and collisions are checked along the flight. If the
-flight touches an obstacle or doesn't arrive, other speeds and accelerations are tried. If none succeeds, an InputError
-is raised.
+The simulated flight with the law `laws.receding_horizon` is the plan: a reference for heading and for the position of
+P, the centre of percussion. The plan therefore respects the limits of fan and rudder. Collisions are checked along the
+flight. If the flight touches an obstacle or does not reach the goal, other speeds and accelerations are tried. If none
+succeeds, an InputError is raised.
 
 Source: the vehicle's own closed loop as the steering method: Y. Kuwata, J. Teo, G. Fiore, S. Karaman, E. Frazzoli,
 J. How, "Real-time motion planning with applications to autonomous urban driving", IEEE Trans. Control Systems
@@ -33,32 +33,33 @@ from trimtab.sensors.planar_pose import PlanarPose
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 LAW = RecedingHorizon(push=1.2, pull=0.5, deflection=0.32, thrust_rate=6.0, angle_rate=2.0, yaw=0.2, lag=0.0)
-"""Law that flies the planned flight. It uses less than the available forces and rates, so that the law that follows the
-plan has a reserve: a tenth of the forces, and more of the rates. The flight ends without a spin."""
+"""Control law of the planned flight. It uses less than the available forces and rates, so that the law which later
+follows the plan has a reserve: a tenth of the forces, and more of the rates. The flight ends without a spin."""
 PIECES = 96
-"""Number of polynomial pieces of the route as a reference. It is constant, so that the flight is compiled only once."""
+"""Number of polynomial pieces of the reference path. It is the same for all routes, so that the flight is compiled only
+once."""
 SETTLE = 6.0
 """Flight time after the end of the route (s)."""
 TICK = ms(20)
 SAMPLE = 0.2
 """Time between the rows of a plan (s)."""
 TEMPOS = (1.0, 1.0), (0.8, 0.7), (1.0, 1.6), (0.65, 0.7)
-"""Factors of speed and of accelerations that are tried in turn. Slower is not always better: with little thrust, the
-craft turns slowly."""
+"""Factors on the speed and on the accelerations that are tried in turn. A slower flight is not always better, because
+the craft turns slowly at low thrust."""
 KEEP = 0.05
-"""Minimum clearance of the planned flight, beyond the craft's radius (m). It covers errors of the law that follows the
-plan."""
+"""Minimum distance between the craft's circle and an obstacle in the planned flight (m). It covers tracking errors of
+the law that follows the plan."""
 ARRIVED = 0.15, 0.04
 """Largest accepted distance from the goal (m) and speed (m/s) at the end of the flight."""
 
 
 class FlownPlan(NamedTuple):
-    """Plan, sampled every SAMPLE (n rows), and its simulated flight, sampled every 20 ms (m rows).
+    """Plan, sampled every SAMPLE seconds (n rows), and its simulated flight, sampled every 20 ms (m rows).
 
-    times (s), places (positions of P, (n, 2), m in W), headings (rad, unwrapped): the plan as a reference.
+    times: times of the plan (n,), s.  places: positions of P in W (n, 2), m.  headings: headings (n,), rad, unwrapped.
     flown: time, north and east of the centre of mass, heading, thrust (N), force angle (rad), clearance (m), (m,) each.
     route: result of the search.  clearance: smallest distance of the centre of mass to obstacles minus the radius (m).
-    tempo: speed and accelerations of the route.  law: law that flew the plan.
+    tempo: speed and accelerations of the route.  law: control law of the simulated flight.
     """
 
     times: Any
@@ -76,11 +77,11 @@ class FlownPlan(NamedTuple):
         return float(np.hypot(*np.diff(self.places, axis=0).T).sum())
 
     def path(self) -> PiecewisePath:
-        """Return the plan as a reference."""
+        """Return the plan as a reference path."""
         return interpolate_path(self.times, self.places, self.headings)
 
     def write(self, file: str | Path) -> None:
-        """Write the plan as a table for ``--reference``."""
+        """Write the plan to a CSV file, for the option ``--reference``."""
         rows = [",".join(("time [s]", "north [m]", "east [m]", "heading [deg]"))]
         for t, (north, east), heading in zip(self.times, self.places, self.headings, strict=True):
             rows.append(f"{t:.3f},{north:.5f},{east:.5f},{np.degrees(heading):.4f}")
@@ -96,7 +97,8 @@ def plan_path(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") ->
         part: name of the caller, for errors.
 
     Raises:
-        InputError: no route is wide enough, or the craft can't fly a route within its limits without a collision.
+        InputError: no gap between obstacles is wide enough, or the craft can't fly the route within its limits without
+            a collision.
     """
     tempo = tempo or Tempo()
     problem = ""

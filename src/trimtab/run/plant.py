@@ -1,4 +1,4 @@
-"""Vehicles by name, for the design commands: of a scenario, of a model in the package, or of a user's file."""
+"""Vehicles for the design commands, found by name: in a scenario, a model of the package, or a user's file."""
 
 import importlib
 from collections.abc import Callable, Mapping
@@ -22,14 +22,14 @@ from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
 
 FUNCTIONS = ("system", "scenario")
-"""Names of the functions that are tried, in this order, in a file given without function name."""
+"""Names of the functions that are tried, in this order, if a file is given without the name of a function."""
 
 
 class Plant(NamedTuple):
     """Vehicle for trim and linearisation.
 
-    name: name that the user typed.  model: model in the coordinates of a trim.  error: function of trimmed x, u that
-    returns the model of deviations there.  units: units of states, inputs and outputs, by name.  places: states that
+    name: name that the user typed.  model: model in the coordinates of a trim.  error: function from a trim (x, u) to
+    the model of deviations from this trim.  units: name of a state, input or output -> its unit.  places: states that
     are positions; their derivatives are free in a trim.  flight: function that returns the names of speed, climb,
     sideslip, roll and yaw in this model (`flight_names`).  scenario: scenario of the vehicle, or None.  about: class
     and units of the vehicle (`loop.linear_laws`).
@@ -48,7 +48,7 @@ class Plant(NamedTuple):
 def load_plant(
     name: str, settings: Mapping[str, str] | None = None, believed: Mapping[str, str] | None = None
 ) -> Plant:
-    """Return the vehicle with this name: of a scenario, of a model in the package, or from a function in a file.
+    """Return the vehicle of a scenario, of a model in the package, or from a function in a file, by its name.
 
     settings: settings of the scenario.  believed: settings of the assumed vehicle model, applied after `settings`.
     """
@@ -89,7 +89,7 @@ def _plant_of_own(name: str, own: Any, believed: Mapping[str, str]) -> Plant:
 
 
 def plant_of_model(name: str, model: StateSpaceModel) -> Plant:
-    """Return a model as a plant. The units are those that the model's records declare, if it has records."""
+    """Return a model as a plant. The units are those declared in the model's records, if it has records."""
     units: dict[str, str] = {}
     for own, names in ((model.state_record, model.states), (model.input_record, model.inputs)):
         units |= {} if own is None else _units_by_name(own, names)
@@ -98,7 +98,7 @@ def plant_of_model(name: str, model: StateSpaceModel) -> Plant:
 
 
 def plant_of_vehicle(name: str, vehicle: Any, x: Any, u: Any) -> Plant:
-    """Return a vehicle near its state x and input u as a plant. Flight over the earth is in local coordinates."""
+    """Return a vehicle near its state x and input u as a plant. For a flight over the earth, states are local."""
     about = describe_vehicle(vehicle, x, u)
     vehicle, x = fly_locally(vehicle, x)
     model = trim_model(vehicle, x, u)
@@ -126,7 +126,7 @@ def _units_by_name(record: Any, names: tuple[str, ...]) -> dict[str, str]:
 
 
 def _is_place(path: str, d: Any, name: str) -> bool:
-    """Return True if a state belongs to a position vector in space."""
+    """Return True if a state is an element of a three-dimensional position vector."""
     return d.unit == "m" and d.shape == (3,) and name.startswith(f"{path}[")
 
 
@@ -140,7 +140,7 @@ def _model_names() -> list[str]:
 
 
 def _own_function(name: str) -> str:
-    """Return "file.py:function". If the name contains no function, it is the first of FUNCTIONS in the file."""
+    """Return "file.py:function". If the name contains no function, use the first of FUNCTIONS that the file has."""
     if ":" in name:
         return name
     for function in FUNCTIONS[:-1]:

@@ -1,4 +1,4 @@
-"""Compiled scenario: C library, inputs, and the meaning of its outputs. It runs without JAX, so it can be cached."""
+"""Compiled scenario: its C library, its inputs, and the signals that its outputs represent. It runs without JAX."""
 
 import ctypes
 import functools
@@ -19,7 +19,7 @@ from trimtab.logs.log import LazyMapping, Log, provenance, to_plain
 from trimtab.loop.beliefs import belief_mismatches
 
 SHORT = 5_000_000
-"""Largest number of instants, over all runs, that are flown without a check for Ctrl-C: about a second of computing."""
+"""Largest number of instants, over all runs, that are flown without a check for Ctrl-C. They take about a second."""
 
 
 class FlightJob(ctypes.Structure):
@@ -45,9 +45,9 @@ class FlightJob(ctypes.Structure):
 
 
 class RunResults(NamedTuple):
-    """Results of some runs.
+    """Results of one or more runs.
 
-    log: logged rows (runs, rows, width), or None.  stats: smallest, largest, sum and sum of squares of each number over
+    log: logged rows (runs, rows, width), or None.  stats: minimum, maximum, sum and sum of squares of each number over
     the logged rows (runs, width, 4), or None.  final: values at the end of each run (runs, count).
     """
 
@@ -65,7 +65,7 @@ def _load_entry(path: Path) -> Any:
 
 
 def thread_count(threads: int | None) -> int:
-    """Return the number of threads: as requested, or the number of cores of this process."""
+    """Return the number of threads: as requested, up to 256, or the number of cores available to this process."""
     if threads is not None:
         return max(1, min(threads, 256))
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -88,14 +88,15 @@ def fly_runs(
 
     Args:
         path: path of the library.
-        shared: float64, the inputs that all runs share, flat, in order.
-        own: float64 (runs, k), the inputs of each run.
-        table: the instants.
-        row: int32 (n,), index of the log row that each instant writes, or n for an instant that is not logged.
+        shared: inputs that all runs share, as a vector, float64.
+        own: inputs that differ between runs, float64 (runs, k).
+        table: instants of a run.
+        row: index of the log row of each instant, int32 (n,), or n for an instant that is not logged.
         widths: number of values in a row, and number of final values.
-        log, stats: True to keep the logged rows, and their statistics. Final values are always kept.
+        log, stats: True to return the logged rows, and True to return their statistics. Final values are always
+            returned.
         threads: number of threads. The Python interpreter can run other threads meanwhile.
-        progress: called a few times a second with the number of completed runs.
+        progress: function called a few times a second with the number of completed runs.
     """
     width, count = widths
     runs, rows = len(own), int((row < len(row)).sum())
@@ -119,7 +120,7 @@ def fly_runs(
 
 
 def _fly_in_thread(entry: Any, job: FlightJob, threads: int, progress: Callable[[int], None] | None) -> None:
-    """Fly in another thread, so that Ctrl-C ends the call once the runs in progress are complete."""
+    """Fly the runs in another thread. Ctrl-C then ends the call as soon as the runs in progress are complete."""
     landed = threading.Event()  # an event, because a join that Ctrl-C interrupts reports a running thread as ended
 
     def flight() -> None:
@@ -155,10 +156,11 @@ class Column(NamedTuple):
 class Program(NamedTuple):
     """Compiled scenario.
 
-    library: path of the library, which flies one run at a time.  shared_inputs: inputs, float64. Seed and run are
-    written at the two indices `words`.  periods, duration, max_step: determine the instants.  columns: signals of a log
-    row.  final: signals of the final values.  metadata: entries of a log besides seed and backend.  noise: key words of
-    the scenario. The run number is added to them, and they are written from the second of `words` on.
+    library: path of the library, which flies one run at a time.  shared_inputs: inputs of a run, float64.  words:
+    indices in these inputs at which seed and run number are written.  periods, duration, max_step: times that determine
+    the instants of a run.  columns: signals in a log row.  final: signals in the final values.  metadata: metadata of a
+    log, except seed, run and backend.  noise: noise words of the scenario. If there are any, the run number is added to
+    each of them, and they are written from the second index on.
     """
 
     library: Path
@@ -203,7 +205,7 @@ def logged_instants(table: Timetable, written: Any) -> tuple[Any, Any]:
 
 
 def check_seed(seed: Any, name: str = "seed") -> None:
-    """Raise InputError for a value that is not a seed or a run number. name: name of the argument."""
+    """Raise InputError if a value is not a valid seed or run number. name: name of the argument."""
     is_whole = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
     if not (is_whole and 0 <= seed < 2**32):
         problem = f"must be a whole number in 0 … {2**32 - 1}, got {seed!r}"
@@ -211,19 +213,19 @@ def check_seed(seed: Any, name: str = "seed") -> None:
 
 
 def check_log_period(log_period: int, duration: int) -> None:
-    """Raise InputError for a log period of 0, or one longer than the flight. 1 ms is valid for any flight."""
+    """Raise InputError if a log period is 0, or longer than the flight. 1 ms is valid for any flight."""
     if not 0 < log_period <= max(duration, ms(1)):
         problem = f"must be above 0 s and at most the flight's {format_time(duration)}, got {format_time(log_period)}"
         raise InputError(argument_name("log_period"), problem, fix=argument("log_period", "1 ms"))
 
 
 def row_width(columns: list[Column]) -> int:
-    """Return the number of values that some columns contain together."""
+    """Return the total number of values in these columns."""
     return sum(math.prod(c.shape) for c in columns)
 
 
 def split_columns(rows: Any, columns: list[Column]) -> dict[str, Any]:
-    """Return the columns of rows (..., width), each in its own type and shape. A column of type float64 is a view."""
+    """Return path -> values of a column in rows (..., width), in its type and shape. float64 values are views."""
     return {
         path: rows[..., part].reshape((*rows.shape[:-1], *shape)).astype(dtype, copy=False)
         for path, (part, shape, dtype) in _column_places(columns).items()
@@ -231,7 +233,7 @@ def split_columns(rows: Any, columns: list[Column]) -> dict[str, Any]:
 
 
 def _column_places(columns: list[Column]) -> dict[str, tuple[slice, tuple[int, ...], str]]:
-    """Return, by path, the slice of a row that contains a column, and the shape and type of the column."""
+    """Return path of a column -> slice of a row that contains the column, its shape and its type."""
     places, start = {}, 0
     for c in columns:
         stop = start + math.prod(c.shape)
@@ -248,10 +250,10 @@ def make_log(
     instants: tuple[Any, Any],
     metadata: dict[str, Any],
 ) -> Log:
-    """Return the log of one run. It contains only the rows of this run, and creates a signal when the signal is read.
+    """Return the log of one run. Each signal is created when it is first read.
 
-    run: index of the run in the results.  instants: see `logged_instants`.  metadata: plain values, copied when they
-    are read.
+    run: index of the run in the results.  instants: see `logged_instants`.  metadata: JSON-compatible values, copied
+    when they are read.
     """
     ticks, t = instants
     rows = results.log[run] if len(results.log) == 1 else results.log[run].copy()
@@ -279,7 +281,7 @@ def make_log(
 
 
 def describe_scenario(scenario: Any) -> dict[str, Any]:
-    """Return the log's entries that describe its scenario.
+    """Return the metadata with which a log describes its scenario.
 
     For a scenario built by name, they include `choices`, from which a replay rebuilds the scenario.
     """

@@ -1,6 +1,7 @@
-"""Replay: run an autopilot again with the frames of a log, and compare its outputs with the recorded ones.
+"""Replay: run an autopilot again with the sensor frames of a log, and compare its outputs with the recorded outputs.
 
-This module also compares two logs of the same run. It finds the first difference, and the first switch that differs.
+This module also compares two logs of the same run. It finds the first difference of a real number, and the first
+difference of a whole number or flag.
 """
 
 import dataclasses
@@ -30,13 +31,13 @@ from trimtab.run.runner import choose_c
 from trimtab.scenarios.recorded import rebuild_scenario
 
 TOLERANCE = 1e-10
-"""Tolerance between two backends or two classes of machine, as a fraction of a signal's largest magnitude."""
+"""Tolerance for results of different backends or types of machine, as a fraction of a signal's largest magnitude."""
 LOSS_COUNTERS = ("log.dropped", "log.unwritten")
 """Signals in the log of a flight that count its missing rows."""
 
 
 class Divergence(NamedTuple):
-    """First difference between two runs: time (s), path of the signal, both values of the component that differs."""
+    """First difference between two runs: time (s), path of the signal, both values of the differing component."""
 
     t: float
     path: str
@@ -48,10 +49,10 @@ class Replay(NamedTuple):
     """Result of a replay.
 
     recorded_log, replayed_log: the compared signals at the control instants.  exact: True if all bits are equal.
-    strict: True if all bits must be equal.  equal: True if the required accuracy is met.  first: the first difference,
-    or None.  worst: path -> largest difference as a fraction of the signal's largest magnitude.  backend: backend of
-    the replay.  end_reason: reason for which the replay ended before the log, or "".  changed: True if another
-    autopilot was flown, so that outputs may differ.
+    strict: True if all bits are required to be equal.  equal: True if the required accuracy is met.  first: first
+    difference that is not accepted, or None.  worst: path -> largest difference as a fraction of the signal's largest
+    magnitude.  backend: backend of the replay.  end_reason: reason why the replay ended before the log, or "".
+    changed: True if another autopilot was flown, so that outputs may differ.
     """
 
     recorded_log: Log
@@ -68,24 +69,24 @@ class Replay(NamedTuple):
 
 @explain_call()
 def replay(log: Log, scenario: Scenario | str | None = None, *, autopilot: Any = None, backend: str = "auto") -> Replay:
-    """Fly a scenario's autopilot with the frames of a log.
+    """Fly a scenario's autopilot with the sensor frames of a log, and compare its outputs with the log.
 
     >>> from trimtab import replay, simulate
     >>> replay(simulate("hovercraft/spin", duration="100 ms")).exact
     True
 
-    On the backend and class of machine that recorded the log, every bit must be equal. Otherwise, results must agree
-    within TOLERANCE.
+    If backend and type of machine are those that recorded the log, every bit must be equal. Otherwise, results must
+    agree within TOLERANCE.
 
     Args:
         log: log of `simulate`, with a row at each control instant, or log of a flight. The frames are its signals
             ``downlink``.
-        scenario: the recorded scenario, or its name. None: it is rebuilt from the log's entries.
-        autopilot: another autopilot to fly instead. It reads the same sensors. The vehicle moves as recorded.
-        backend: "c", "jax" or "auto", as for simulate.
+        scenario: the recorded scenario, or its name. None: the scenario is rebuilt from the log's metadata.
+        autopilot: another autopilot to fly instead, for the same sensors. The vehicle still moves as recorded.
+        backend: "c", "jax" or "auto", as in `simulate`.
 
     Raises:
-        InputError: the log does not contain every frame, or the autopilot reads something else than the frames contain.
+        InputError: frames are missing in the log, or the autopilot needs signals that the frames do not contain.
     """
     check_log(log, "replay({})")
     if not isinstance(scenario, Scenario):
@@ -108,7 +109,7 @@ def replay(log: Log, scenario: Scenario | str | None = None, *, autopilot: Any =
 
 
 def _refuse_other_sensors(flown: Scenario) -> None:
-    """Raise InputError if the estimator reads a sensor that has no samples in the flight."""
+    """Raise InputError if the estimator needs a sensor that the flight did not have."""
     sent = flown.world.sensors
     if lacking := [sensor for sensor in flown.autopilot.estimator.listens if sensor not in sent]:
         estimator = type(flown.autopilot.estimator).__name__
@@ -133,8 +134,8 @@ def describe_replay(result: Replay) -> str:
 class RecordedSteps(NamedTuple):
     """Consecutive control steps of a log, from the first step on.
 
-    rows: indices of the log rows (n,).  ticks: times of the steps (n,).  inputs: input of each step, float64 (n,
-    width).  end_reason: reason for which the steps end before the log, or "".
+    rows: indices of the log's rows (n,).  ticks: times of the steps (n,), 100 ns.  inputs: input of each step, float64
+    (n, width).  end_reason: reason why the steps end before the log, or "".
     """
 
     rows: Any
@@ -148,11 +149,11 @@ def find_steps(log: Log, frames: list[str], period: int) -> RecordedSteps:
 
     Args:
         log: log of a simulation, or log of a flight, in which each row is a control step.
-        frames: paths of the inputs, ``t`` and ``samples.…``, in order.
+        frames: paths of the autopilot's inputs, ``t`` and ``samples.…``, in order.
         period: time between two control instants (100 ns).
 
     Raises:
-        InputError: the log does not begin with the first control instant, or lacks a signal.
+        InputError: the log does not begin with the first control instant, or a signal is missing.
     """
     if not len(log):
         raise InputError("replay", "the log contains no control step", fix="give a log with at least one row")
@@ -184,7 +185,10 @@ def _frame_column(log: Log, path: str) -> Any:
 
 
 def _find_flight_steps(log: Log) -> tuple[Any, str]:
-    """Return the rows of a flight's log, each a step, up to the first missing row. Later steps can't be repeated."""
+    """Return the rows of a flight's log up to the first missing row, and the reason for this end.
+
+    Each row is a control step. Steps after a missing row can't be repeated.
+    """
     missing = np.sum([log[name] for name in LOSS_COUNTERS if name in log], axis=0)
     if missing[0]:
         raise InputError(
@@ -195,7 +199,7 @@ def _find_flight_steps(log: Log) -> tuple[Any, str]:
 
 
 def _find_simulation_steps(log: Log, period: int) -> tuple[Any, str]:
-    """Return the index of the log row of each control instant in a simulation."""
+    """Return the index of the row of each control instant in the log of a simulation, and an empty reason."""
     rows = np.flatnonzero(log.ticks % period == 0)
     ticks = log.ticks[rows]
     if log.ticks[0] != 0:
@@ -209,7 +213,7 @@ def _find_simulation_steps(log: Log, period: int) -> tuple[Any, str]:
 
 
 def _changes_by_step(steps: RecordedSteps, changes: Sequence[AutopilotChange]) -> dict[int, list[AutopilotChange]]:
-    """Return index of a step -> the parameter changes that take effect at this step."""
+    """Return index of a step -> parameter changes that take effect at this step."""
     by_step: dict[int, list[AutopilotChange]] = {}
     for change in changes:
         by_step.setdefault(int(np.searchsorted(steps.ticks, change.t)), []).append(change)
@@ -217,7 +221,7 @@ def _changes_by_step(steps: RecordedSteps, changes: Sequence[AutopilotChange]) -
 
 
 def step_c(step: CompiledBlock, steps: RecordedSteps, changes: Sequence[AutopilotChange] = ()) -> dict[str, Any]:
-    """Return the outputs of a compiled block for recorded steps, by path, (n, …). changes: parameter changes."""
+    """Return path -> outputs (n, …) of a compiled block for recorded steps. changes: parameter changes in flight."""
     rows, by_step = np.empty((len(steps.inputs), len(step.outputs))), _changes_by_step(steps, changes)
     for k, row in enumerate(steps.inputs):
         for change in by_step.get(k, ()):
@@ -229,7 +233,7 @@ def step_c(step: CompiledBlock, steps: RecordedSteps, changes: Sequence[Autopilo
 
 
 def step_jax(block: BlockDefinition, steps: RecordedSteps, changes: Sequence[AutopilotChange] = ()) -> dict[str, Any]:
-    """Return the outputs of a block for recorded steps, by path, (n, …), as `step_c` does, but computed with JAX."""
+    """Return path -> outputs (n, …) of a block for recorded steps, as `step_c`, but computed with JAX."""
     shapes, tree = jax.tree.flatten(block.input)
     columns, at = [], 0
     for leaf in shapes:
@@ -288,9 +292,9 @@ def _compare_outputs(log: Log, steps: RecordedSteps, outputs: dict[str, Any], ba
 class Difference(NamedTuple):
     """Comparison of two logs.
 
-    instants: number of instants before the switch.  switch: the first whole number or Boolean that differs, or None.
-    After the switch, two correct backends may differ, because a rounding error has crossed a threshold.
-    number: the first real number before the switch whose difference exceeds the tolerance, or None.
+    switch: first whole number or flag that differs, or None. From then on two correct backends may differ, because a
+    rounding error has crossed a threshold.  instants: number of instants before the switch.
+    number: first real number before the switch whose difference exceeds the tolerance, or None.
     worst: path -> largest difference before the switch, as a fraction of the signal's largest magnitude.
     """
 
@@ -312,9 +316,9 @@ def compare_logs(one: Log, other: Log, tolerance: float = TOLERANCE) -> Differen
 
     Args:
         one, other: logs with the same instants and signals.
-        tolerance: tolerance for real numbers, as a fraction of the signal's largest magnitude in `one`, or of 1e-3 if
-            that is larger. A signal may also differ by ROUNDINGS rounding errors of the largest signal in the same
-            unit, because a signal may be the difference of two others.
+        tolerance: tolerance for real numbers, as a fraction of the signal's largest magnitude in `one`, which counts as
+            at least 1e-3. A signal may also differ by ROUNDINGS rounding errors of the largest signal in the same
+            unit, because it may be the difference of two large signals.
 
     Raises:
         InputError: the logs have different instants or different signals.
@@ -360,10 +364,10 @@ def _differing_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _first_difference(one: Log, other: Log, apart: list[tuple[str, np.ndarray]], until: int) -> Divergence | None:
-    """Return the difference at the earliest instant at which a mask is True, or None.
+    """Return the first difference of two logs, or None.
 
-    apart: path and mask (n,) of each signal.  until: number of instants that are searched. If several masks are True at
-    that instant, the path that is first by name is returned.
+    apart: path and mask (n,) of each signal, True where the signal differs.  until: number of instants that are
+    searched. If several signals differ at the same instant, the first in alphabetical order is returned.
     """
     rows = [(int(bad.argmax()), path) for path, bad in apart if bad[:until].any()]
     if not rows:
@@ -377,7 +381,7 @@ def _first_difference(one: Log, other: Log, apart: list[tuple[str, np.ndarray]],
 def first_bit_difference(one: Log, other: Log) -> Divergence | None:
     """Return the first difference in bits between two logs of the same signals, or None.
 
-    Every NaN equals every other NaN, because a log does not keep their other bits. -0.0 does not equal 0.0.
+    All NaN are equal, because a log does not store their payload bits. -0.0 does not equal 0.0.
     """
     firsts: list[tuple[int, int, int]] = []
     for order, path in enumerate(one.paths):

@@ -1,7 +1,7 @@
 """Replay of an estimator alone, with the samples in the log of a recorded run or of any vehicle.
 
-No scenario, vehicle or law is needed. The log must contain only the samples that the estimator reads, with one row for
-each instant at which a sample arrived. `logs.samples.log_samples` writes such a log.
+No scenario, vehicle or law is needed. The log needs to contain only the samples that the estimator reads, with one row
+for each instant at which a sample arrived. `logs.samples.log_samples` creates such a log.
 """
 
 from typing import Any
@@ -28,17 +28,17 @@ ESTIMATE = "estimate"
 
 
 def replay_estimator(log: Log, estimator: Any, *, backend: str = "auto", seed: int = 0) -> Log:
-    """Step an estimator over a log. Return the log's signals, with the estimator's output as ``estimate.…``.
+    """Step an estimator over a log. Return a log with the same signals and the estimator's output ``estimate.…``.
 
     Args:
         log: log whose signals ``downlink`` are samples of all sensors that the estimator reads. In a simulation or a
             flight the rows are the autopilot's steps, as for `replay`.
             estimator: an estimator, as in an autopilot.
-        backend: "c", "jax" or "auto", as for simulate.
+        backend: "c", "jax" or "auto", as in `simulate`.
         seed: seed of the estimator's random numbers, if it uses any.
 
     Raises:
-        InputError: the log lacks steps, or signals that the estimator reads.
+        InputError: steps, or signals that the estimator reads, are missing in the log.
     """
     if hasattr(estimator, "check"):
         estimator.check()
@@ -64,7 +64,7 @@ def replay_estimator(log: Log, estimator: Any, *, backend: str = "auto", seed: i
 
 
 def estimator_block(log: Log, estimator: Any, seed: int = 0) -> BlockDefinition:
-    """Return the estimator as a block: `Frame`, with the structure of the log's samples, in, `Estimate` out."""
+    """Return the estimator as a block. Its input is a `Frame` with the samples in the log, its output an `Estimate`."""
     samples = {name: _sample_structure(log, name) for name in estimator.listens}
     parameters, key = to_arrays(estimator), root_key(seed)
 
@@ -80,7 +80,7 @@ def estimator_block(log: Log, estimator: Any, seed: int = 0) -> BlockDefinition:
 
 
 def _check_fields(log: Log, block: BlockDefinition) -> None:
-    """Raise InputError if the log's samples lack a field that the estimator reads."""
+    """Raise InputError if a field that the estimator reads is missing in the log's samples."""
     try:
         jax.eval_shape(lambda: block.step(block.parameters, block.init(block.parameters), block.input))
     except AttributeError as error:

@@ -24,7 +24,7 @@ from trimtab.run.walk_structure import WalkStructure, build_walk_library, final_
 MAX_INSTANTS = 200_000_000
 BACKENDS = ("auto", "c", "jax")
 LEAST_LANE_RUNS = 64
-"""Minimum number of runs for which the program is compiled to fly several runs at a time, in vector lanes."""
+"""Minimum number of runs for which the program is compiled with vector lanes, which fly several runs at a time."""
 _reported_parts: set[str] = set()
 
 T = TypeVar("T")
@@ -56,10 +56,10 @@ def prepare_run(
 
 
 def choose_c(backend: str, prepare: Callable[[], T]) -> T | None:
-    """Return the result of `prepare` if C is used, or None if JAX is used.
+    """Return the result of `prepare` if the backend is C, or None if it is JAX.
 
-    With backend "c", C is used. With "auto", C is used if available. Otherwise JAX is used, which is about ten times
-    slower, and a note about this is printed once.
+    With "c", the backend is C. With "auto", it is C if available. Otherwise it is JAX, which is about ten times slower.
+    A note about this is printed once.
     """
     if backend not in BACKENDS:
         raise InputError("backend", f"{backend!r} is not a backend", choices=BACKENDS, fix='backend="auto"')
@@ -81,7 +81,7 @@ def _report_once(note: str, part: str) -> None:
 
 
 def check_signals(of: WalkStructure) -> None:
-    """Raise InputError if a signal name of the structure is unknown."""
+    """Raise InputError if a requested signal does not exist in the loop."""
     paths = [column.path for column in row_columns(of._replace(signals=()))]
     for name in of.signals:
         if not any(path == name or path.startswith(name + ".") for path in paths):
@@ -93,9 +93,10 @@ class RunJob(NamedTuple):
     """Description of the runs to fly.
 
     inputs: inputs of a run.  own: position of each input that differs between runs -> its values, with the run as first
-    axis; empty for one run.  table: instants.  written: mask of the logged instants.  signals: signals to log or
-    reduce; empty: all.  log: True to keep the logged rows.  stats: True to compute their statistics.  threads: number
-    of threads.  progress: called a few times a second with the number of completed runs.
+    axis; empty for a single run.  table: instants of a run.  written: mask of the logged instants.  signals: signals to
+    log or reduce; empty: all.  log: True to keep the logged rows.  stats: True to compute statistics of the logged
+    rows.  threads: number of threads.  progress: function called a few times a second with the number of completed
+    runs.
     """
 
     inputs: RunInputs
@@ -148,7 +149,7 @@ def fly(job: RunJob, backend: str) -> FlownRuns:
 
 
 def _build_library(of: WalkStructure, job: RunJob) -> tuple[Path, int]:
-    """Return the path of the library and the number of runs that it flies at a time (lanes); 0 means one."""
+    """Return the path of the compiled library and its number of vector lanes; 0: it flies one run at a time."""
     own = frozenset(job.own)
     compiler = find_compiler("c++") if job.runs >= LEAST_LANE_RUNS else None
     lanes = lane_count(compiler) if compiler is not None else 1
@@ -162,7 +163,7 @@ def _build_library(of: WalkStructure, job: RunJob) -> tuple[Path, int]:
 
 
 def _fly_jax(job: RunJob) -> RunResults:
-    """Fly runs on JAX. Several runs are flown by vmap over the inputs that differ."""
+    """Fly the runs of a job on JAX. Several runs are flown together, by vmap over the inputs that differ."""
     rows = int(job.written.sum())
     row = np.minimum(row_numbers(job.written), rows).astype(np.int32)
     timing = (job.table.t, job.table.h, row)

@@ -1,6 +1,7 @@
-"""Simulation of a scenario in virtual time, as one compiled loop over its instants.
+"""Simulation of a scenario in virtual time, as one compiled loop over all instants.
 
-One run is flown, or many at once in vector lanes and threads. Signals are logged, or reduced during the run.
+A single run is flown, or many runs in parallel by vector instructions and threads. Signals are logged, or reduced to
+minimum, maximum, mean and RMS during the run.
 """
 
 import functools
@@ -56,7 +57,7 @@ def simulate(
     Args:
         scenario: the scenario, or its name (`scenarios.build`). It is checked completely before the run.
         seed: seed of the random numbers, 0 … 2**32 - 1.
-        run: number of the run within a study. Seed and run together determine every random number.
+        run: number of the run within a study. Seed and run number together determine every random number.
         duration: "30 s", or integer time (100 ns units). None: the scenario's duration.
         log_period: time between rows of the log, "10 ms" or integer time. A row is written at each multiple of this
             time at which a part of the loop runs.
@@ -68,7 +69,7 @@ def simulate(
         The log: every signal by its path, the true state at the end, and all data needed to repeat the run.
 
     Raises:
-        InputError: a value, period or name is invalid, or parts do not fit each other. The error gives the fix.
+        InputError: a value, period or name is invalid, or parts of the scenario are incompatible.
     """
     check_seed(seed)
     check_seed(run, "run")
@@ -88,7 +89,7 @@ def simulate(
 def _resolve(
     scenario: Scenario | str, duration: int | str | None, log_period: int | str
 ) -> tuple[Scenario, int | None, int]:
-    """Return scenario, duration and log period, with a name and texts converted."""
+    """Return scenario, duration and log period as objects and integer times, converted from a name and texts."""
     length = None if duration is None else as_time("duration", duration)
     own, each = find_scenario(scenario), as_time("log_period", log_period)
     check_log_period(each, own.duration if length is None else length)
@@ -96,7 +97,7 @@ def _resolve(
 
 
 def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals: tuple[str, ...] = ()) -> Program:
-    """Return a scenario as a compiled program, which flies without JAX.
+    """Return a scenario as a compiled program that runs without JAX.
 
     Raise InputError in the same cases as `simulate`, or if no C compiler is found.
     """
@@ -119,7 +120,7 @@ def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals
 
 
 class _KeptProgram(NamedTuple):
-    """Cached program, with structure, leaves and array contents of its scenario, to detect changes."""
+    """Cached program, with the structure, leaves and array contents of its scenario, by which changes are detected."""
 
     program: Program
     tree: Any
@@ -129,12 +130,12 @@ class _KeptProgram(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def _kept_programs(_: Scenario, __: int | None, ___: tuple[str, ...]) -> list[_KeptProgram]:
-    """Return the cache entry of this scenario object: a list that contains its program once it is compiled."""
+    """Return the cache entry of a scenario object: a list, which contains the program after it has been compiled."""
     return []
 
 
 def _find_program(scenario: Scenario, duration: int | None, signals: tuple[str, ...]) -> Program:
-    """Return the scenario's program. Compile it if it is not cached, or if a mapping or array has changed since."""
+    """Return the scenario's program. Compile it unless it is cached and no value in the scenario has changed since."""
     kept = _kept_programs(scenario, duration, signals)
     leaves, tree = jax.tree.flatten(scenario)
     contents = [v.tobytes() for v in leaves if isinstance(v, np.ndarray)]
@@ -176,12 +177,12 @@ def simulate_many(
 
 
 class Batch(NamedTuple):
-    """Results of n runs. The dictionaries are by signal path. Their arrays have the run as first axis.
+    """Results of n runs. The keys of dictionaries are signal paths. The first axis of their arrays is the run.
 
     seeds: (n,).  ticks: logged instants, 100 ns.  log: signals (n, rows, …), or empty.  least, most, mean, rms:
     minimum, maximum, mean and RMS of each signal over the logged rows of a run, (n, …).  final: true state at the end,
-    (n, …).  columns: signals in a row.  backend: "c", "c lanes" or "jax".  spread: parameters that differ between runs,
-    (n, …).
+    (n, …).  columns: signals in a row.  backend: "c", "c lanes" (vector instructions) or "jax".
+    spread: path of a parameter that differs between runs -> its values (n, …).
     """
 
     seeds: Any
@@ -221,8 +222,8 @@ def simulate_batch(
     Args:
         scenario: the scenario, or its name. It is checked completely before the runs.
         seeds: a seed for each run.
-        runs: number of each run within a study, the second word of its key. None: 0 for all runs. For a scenario with
-            m words, the words of each run, (n, m), may be given instead.
+        runs: number of each run within a study, which selects its random numbers together with the seed. None: 0 for
+            all runs. For a scenario with m words, the words of each run, (n, m), may be given instead.
         spread: path of a parameter -> its value in each run, shape (n, …), e.g. {"world.vehicle.mass": masses}.
         signals: signals to reduce, and to log if `log` is True. Empty: all signals.
         log_period: time between rows. A row is taken at each multiple of this time at which a part of the loop runs.
@@ -230,7 +231,7 @@ def simulate_batch(
         duration: "30 s", or integer time. None: the scenario's duration.
         backend: "auto", "c" or "jax", as in `simulate`.
         threads: number of threads. None: the number of cores.
-        progress: called a few times a second with the number of completed runs. Only the backend C calls it.
+        progress: function called a few times a second with the number of completed runs, only with backend C.
 
     Returns:
         Minimum, maximum, mean and RMS of the rows, the true state at the end, and the rows if `log` is True.

@@ -1,4 +1,4 @@
-"""Structure of a simulated loop: all data on which its compiled C text depends, its log columns, and its program."""
+"""Structure of a simulated loop: all data on which its C text depends, the columns of its log, and its program."""
 
 import functools
 from pathlib import Path
@@ -48,7 +48,7 @@ def _initial_states(inputs: RunInputs) -> tuple[WorldState, AutopilotState]:
 
 @functools.lru_cache(maxsize=32)
 def _first_instant(of: WalkStructure) -> tuple[WorldState, Signals]:
-    """Return shapes and types of the world's state and of the signals. They are traced only once per structure."""
+    """Return shapes and types of the world's state and of the signals. JAX traces them only once per structure."""
 
     def begin(inputs: RunInputs) -> tuple[WorldState, Signals]:
         states = _initial_states(inputs)
@@ -71,7 +71,7 @@ def row_columns(of: WalkStructure) -> list[Column]:
 
 @functools.lru_cache(maxsize=32)
 def final_columns(of: WalkStructure) -> list[Column]:
-    """Return the columns of the final values: the true state, and the integration's report on the last step."""
+    """Return the columns of the final values: the true state, and the integration method's report on the last step."""
     s, _ = _first_instant(of._replace(always=frozenset(), signals=()))
     last = {"truth": s.x, "world": s.integrated}
     return [
@@ -90,9 +90,10 @@ def lower_structure(of: WalkStructure) -> WalkProgram:
 
 @functools.lru_cache(maxsize=64)
 def build_walk_library(of: WalkStructure, lanes: int = 0, own: frozenset[int] = frozenset()) -> Path:
-    """Return the path of the shared library of a loop.
+    """Build the shared library of a loop, and return its path.
 
-    lanes: number of runs that it flies at a time, 0 for one.  own: positions of the inputs that differ between runs.
+    lanes: number of runs that the library flies at a time; 0: one.  own: positions of the inputs that differ between
+    runs.
     """
     return build_program(lower_structure(of), lanes, own)
 
@@ -100,7 +101,7 @@ def build_walk_library(of: WalkStructure, lanes: int = 0, own: frozenset[int] = 
 def _trace_closed_loop(inputs: RunInputs, always: frozenset[int], names: tuple[str, ...]) -> tuple[Any, Any, int]:
     """Return the traced functions "begin" and "step", and the number of leaves of the state that are final values.
 
-    The state begins with these leaves: the true state and the integration's report.
+    These leaves are the first leaves of the state: the true state and the integration method's report.
     """
 
     def flat(inputs: RunInputs, s: Any, a: Any) -> Any:

@@ -78,8 +78,7 @@ def build(
             follows (`loop.reference_text`); "gain" gives a file of a gain that replaces the law
             (`scenarios.gain_file`). A value such as ``steps(0 s: 1, 5 s: 2)`` changes in flight
             (`loop.setpoint_schedule`). Settings override a calibration.
-        without: imperfections to switch off.
-        faults: faults to inject, in the notation of ``--fault``.
+        without: imperfections to switch off.  faults: faults to inject, in the notation of ``--fault``.
         calibration: a calibration that is not in a file.
         in_virtual_time: True if the flight ends after the scenario's duration, so that a later fault is an error.
         gain: a gain that is not in a file.

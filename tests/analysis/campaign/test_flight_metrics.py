@@ -91,7 +91,7 @@ def test_targets_searches_and_maps_take_them():
     ("name", "metric", "says", "fix"),
     [
         ("quadrotor/track", "rms:flight.rol", "flight.pitch_rate, flight.yaw_rate, flight.altitude", "rms:flight.roll"),
-        ("hovercraft/spin", "rms:flight.roll", "this vehicle has no attitude in space", "rms:truth."),
+        ("hovercraft/spin", "rms:flight.roll", "this vehicle has no three-dimensional attitude", "rms:truth."),
         ("quadrotor/track", "rms:flight.air_speed", "there is no signal 'flight.air_speed'", "flight.ground_speed"),
     ],
 )

@@ -180,8 +180,8 @@ t = np.arange(SIZE) * DT
 MOTIONS = {
     "knock": (np.where(np.arange(SIZE) == 9_000, 0.3, 0.0), "times the usual change, at 58.9"),
     "step": (np.where(t > 60, 0.3, 0.0), "times the usual"),
-    "swinging": (0.1 * np.sin(2 * np.pi * t / 3), "not the noise of a still sensor"),
-    "turned by hand": (0.5 * np.exp(-(((t - 40) / 2) ** 2)), "not the noise of a still sensor"),
+    "swinging": (0.1 * np.sin(2 * np.pi * t / 3), "not the noise of a sensor at rest"),
+    "turned by hand": (0.5 * np.exp(-(((t - 40) / 2) ** 2)), "not the noise of a sensor at rest"),
 }
 
 

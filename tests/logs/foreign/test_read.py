@@ -18,9 +18,9 @@ WRONG_FILES = {
         "is not a ULog file, although its name has that ending(.|\n)*Choices: ULog",
     ),
     "nothing known": ("a.dat", b"hello, world, hello", r"has an unknown format(.|\n)*\.csv"),
-    "damaged ulog": ("a.ulg", b"ULog\x01\x12\x35\x01" + b"\xff" * 4, "a.ulg': begins as ULog, but can't be read"),
-    "damaged mcap": ("a.mcap", b"\x89MCAP0\r\n" + b"\x07" * 90, "begins as MCAP, but can't be read"),
-    "damaged bag": ("a.bag", b"#ROSBAG V2.0\n" + b"\x07" * 90, "begins as a ROS bag, but can't be read"),
+    "damaged ulog": ("a.ulg", b"ULog\x01\x12\x35\x01" + b"\xff" * 4, "a.ulg': looks like ULog by its first bytes"),
+    "damaged mcap": ("a.mcap", b"\x89MCAP0\r\n" + b"\x07" * 90, "looks like MCAP by its first bytes"),
+    "damaged bag": ("a.bag", b"#ROSBAG V2.0\n" + b"\x07" * 90, "looks like a ROS bag by its first bytes"),
     "part of a bag": ("a.db3", b"SQLite format 3\0" + b"\x07" * 90, "is one part of a rosbag2(.|\n)*give the folder"),
 }
 

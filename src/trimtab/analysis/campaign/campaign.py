@@ -41,11 +41,11 @@ from trimtab.run.simulate import simulate
 
 
 class CampaignResult(NamedTuple):
-    """Result of a campaign. columns: name -> values (n,). The column `run` has the run number of each row.
+    """Result of a campaign. columns: name -> values (n,). The column `run` contains the run number of each row.
 
     success: share of successful runs, with its interval.  flown_runs, wall_s: number of runs flown in this session, and
-    duration of these flights (s).  block: number of runs simulated together.  identity: data that determine the rows,
-    see `identity`.
+    duration of these flights (s).  block: number of runs simulated together.  identity: digests and versions that
+    determine the rows, see the function `identity`.
     """
 
     plan: CampaignPlan
@@ -70,7 +70,7 @@ class CampaignResult(NamedTuple):
         return f"Campaign of {self.plan.scenario}: {self.success.trials} runs, success {self.success}, {lost} lost"
 
     def _rows(self) -> list[tuple[str, str, str, str]]:
-        """Return name, least, median and most of each numeric column."""
+        """Return name, minimum, median and maximum of each numeric column."""
         rows: list[tuple[str, str, str, str]] = []
         for name, column in self.columns.items():
             if name in ("run", "success", "lost") or column.dtype.kind not in "fiu" or column.ndim != 1:
@@ -105,10 +105,11 @@ class Campaign:
         seed: seed of the campaign.
         spread: path -> distribution or its text, e.g. {"world.vehicle.mass": "normal(100%, 5%)"}.
         correlate: pairs of paths -> correlation, e.g. {("world.vehicle.mass", "world.vehicle.inertia"): 0.8}.
-        metrics: names, e.g. "settling:yaw_rate", or functions from `Rows` to values (n,). Default: the metrics of each
-            target.
-        success: conditions, e.g. "settling:yaw_rate <= 10". Default: each target is reached and held.
-        sampling: "random", "sobol" or "latin".
+        metrics: metrics of each run: names, e.g. "settling:yaw_rate", or functions from `Rows` to values (n,).
+            Default: settling and error_rms of each target.
+        success: conditions of a successful run, e.g. "settling:yaw_rate <= 10". Default: each target is reached and
+            held.
+        sampling: sampling of the varied parameters: "random", "sobol" or "latin".
         settings, without, faults: as in `trimtab run`, only for a scenario given by name.
         log_period: time between the logged rows that metrics use (100 ns).
 
@@ -162,7 +163,7 @@ class Campaign:
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> "Campaign":
-        """Create the campaign from a stored plan, see `CampaignPlan.as_dict`."""
+        """Create a campaign from a stored plan, see `CampaignPlan.as_dict`."""
         campaign = cls.__new__(cls)
         campaign.plan, campaign.by_name = plan_from_dict(plain), True
         campaign.ready = prepare_campaign(campaign.plan)
@@ -179,19 +180,20 @@ class Campaign:
         progress: Callable[[int], None] | None = None,
         about: Mapping[str, Any] | None = None,
     ) -> CampaignResult:
-        """Fly the runs that are not yet finished.
+        """Fly the runs of the campaign that are not yet in the store, and return the results of all runs.
 
         Args:
-            store: folder of a Zarr store. Finished rows are saved there and reused.
+            store: folder of a Zarr store. Finished runs are saved there and reused. None: nothing is saved.
             backend: "auto", "c" or "jax", as in `simulate`.
             threads: number of threads. None: one for each core.
             workers: function that flies the blocks. None: this process flies them.
             stop: function called after each block with the columns of all runs before the first unfinished run. The
                 campaign ends when the function returns True.
-            progress: function called with the number of finished rows.
-            about: further attributes for the store.
+            progress: function called with the number of finished runs.
+            about: additional attributes to write to the store.
 
-        Raises: InputError if the store is of another campaign, another process is writing to it, or the disk is full.
+        Raises: InputError if the store belongs to a different campaign, if another process is writing to it, or if the
+        disk is full.
         """
         began = time.perf_counter()
         if workers is not None and not self.by_name:
@@ -242,19 +244,19 @@ class Campaign:
         return flown
 
     def _example_row(self) -> dict[str, Any]:
-        """Return one empty array for each column, with the column's type."""
+        """Return column name -> array of length 1, with the type of the column."""
         _, values = draw_runs(self.ready, 0, 1)
         metrics = {m.name: np.empty(1) for m in self.ready.metrics}
         return {**values, **metrics, "success": np.empty(1, bool), "lost": np.empty(1, bool)}
 
     def row_size(self) -> int:
-        """Return the uncompressed size of one run's row, in bytes."""
+        """Return the uncompressed size in the store of the results of one run, in bytes."""
         return (
             sum(column.itemsize for column in self._example_row().values()) + 1
         )  # plus one byte for the flag of a finished row
 
     def scenario(self, run: int) -> Scenario:
-        """Return the scenario of one run, with the run's own parameters."""
+        """Return the scenario of one run, with the parameters of this run."""
         if not 0 <= run < self.plan.runs:
             raise InputError(
                 argument_name("rerun"),
@@ -274,7 +276,7 @@ class Campaign:
         return simulate(self.scenario(run), seed=self.plan.seed, run=word, log_period=period, signals=signals)
 
     def row(self, run: int, log: Log) -> dict[str, Any]:
-        """Compute the row of one run from the log of its rerun, to compare it with the stored row."""
+        """Compute the results of one run from the log of its rerun, to compare them with the stored results."""
         _, values = draw_runs(self.ready, run, run + 1)
         columns = {**values, **compute_log_metrics(self.ready, log)}
         return {name: column[0] for name, column in columns.items()}

@@ -7,11 +7,11 @@
     REQUIREMENT  STATISTIC <= NUMBER @ CONFIDENCE%      the campaign must show this, with <= or >=
     STOP         width(STATISTIC) <= NUMBER @ CONFIDENCE%
     COST         WEIGHT*METRIC + METRIC + …             sum that tuning minimises. A robustness has a negative weight,
-                                                        as in -robustness:FORMULA, so that it is maximised
+                                                        as in -robustness:FORMULA, because it is to be maximised
 
-The name of a metric may contain colons and dots. The default confidence is 95 %. Numbers are in SI units. A success may
-also be in per cent. A FORMULA is written in signal temporal logic, see `core.formula`. `statistics` and `search.cost`
-compute the values.
+The name of a metric may contain colons and dots. The default confidence is 95 %. Numbers are in SI units. A bound for
+the success may also be in per cent. A FORMULA is written in signal temporal logic, see `core.formula`. `statistics` and
+`search.cost` compute the values.
 """
 
 import math
@@ -28,7 +28,7 @@ from trimtab.core.suggestions import closest
 from trimtab.core.units import NUMBER, find_sizes
 
 ROBUSTNESS = "robustness"
-"""Kind of the metric that measures how far a run is from violating a formula."""
+"""Kind of metric that measures the distance of a run from violating a formula."""
 LEVEL = 0.95
 """Default confidence of a requirement or a stopping rule, as a probability."""
 EXTREMES = ("max", "min")
@@ -52,7 +52,7 @@ _INSIDE = re.compile(r"\(.*\)")
 class MetricName(NamedTuple):
     """Name of a metric, KIND:SUBJECT.
 
-    kind: a kind of metric, or a file.  subject: a signal, a formula or a function.
+    kind: kind of metric, or a Python file.  subject: signal, formula, or function in the file.
     """
 
     kind: str
@@ -60,7 +60,7 @@ class MetricName(NamedTuple):
 
     @property
     def is_function(self) -> bool:
-        """True if the metric is a function in a file."""
+        """Return True if the metric is a function in a Python file."""
         return self.kind.endswith(".py")
 
 
@@ -80,9 +80,9 @@ class Condition(NamedTuple):
 class Requirement(NamedTuple):
     """Requirement that a campaign must meet.
 
-    text: as written.  statistic: success, quantile, mean, max or min. metric: metric of the statistic, or "success".
-    p: level of the quantile; NaN for other statistics.  relation: "<=" or ">=".  bound: number that the statistic is
-    compared with, in SI units. level: confidence; NaN for max and min.
+    text: requirement as typed.  statistic: success, quantile, mean, max or min. metric: metric of the statistic, or
+    "success". p: level of the quantile; NaN for other statistics.  relation: "<=" or ">=".  bound: number that the
+    statistic is compared with, in SI units. level: confidence; NaN for max and min.
     """
 
     text: str
@@ -108,10 +108,9 @@ class Requirement(NamedTuple):
 
 
 class StoppingRule(NamedTuple):
-    """Rule for stopping a campaign.
+    """Rule that stops a campaign once a confidence interval is narrow enough.
 
-    text: as typed. statistic: success or quantile. metric, p: metric and level of the quantile.
-
+    text: rule as typed. statistic: success or quantile. metric, p: metric and level of the quantile.
     width: width of the whole interval, upper minus lower bound, in the metric's unit.  level: two-sided confidence.
     """
 
@@ -135,7 +134,7 @@ class CostTerm(NamedTuple):
 
 
 def parse_metric(text: str) -> MetricName:
-    """Split a metric's text at the colon, without a check. `statistics.metrics.find_metric` checks the metric."""
+    """Split a metric's text at the first colon. `statistics.metrics.find_metric` checks if the metric exists."""
     kind, _, subject = text.partition(":")
     return MetricName(kind, subject)
 
@@ -238,7 +237,7 @@ def _split_outside(text: str, separator: str) -> list[str]:
 
 
 def _parse_statistic(text: str, part: str, forms: Iterable[str]) -> tuple[str, str, float]:
-    """Return the statistic of a text, its metric and its p, as in `Requirement`."""
+    """Read a statistic, e.g. p95(METRIC). Return its kind, its metric and the level of a quantile, as `Requirement`."""
     if text == "success":
         return "success", "success", math.nan
     call = _CALL.fullmatch(text)
@@ -267,7 +266,7 @@ def _parse_level(text: str | None, part: str) -> float:
 
 
 def _parse_number(text: str, *, percent: bool = False) -> float | None:
-    """Read a number, or return None. With `percent`, "95%" gives 0.95."""
+    """Read a number; None if the text is not a number. With `percent`, "95%" gives 0.95."""
     share = percent and text.endswith("%")
     try:
         return float(text.removesuffix("%") if share else text) / (100 if share else 1)

@@ -1,12 +1,12 @@
-"""Allan variance of a still sensor: noise coefficients with their uncertainty from a log, and a filter's Q and R.
+"""Allan variance of a sensor at rest: noise coefficients with their uncertainty, and Q and R for a filter.
 
 The output of a still sensor is modelled as white noise, flicker and random walk, all Gaussian:
 
     sigma²(tau) = N²/tau + (2 ln 2/pi) B² + K² tau/3
 
 N: angle (velocity) random walk; B: bias instability; K: rate (acceleration) random walk. The estimates at different tau
-share the same data. Their joint covariance follows exactly from the second differences of the summed output, and
-weights the fit of the coefficients. The stated errors therefore match the scatter of repeated logs.
+share the same data. Their joint covariance is computed exactly, from second differences of the summed output, and
+weights the fit of the coefficients. The stated errors therefore match the scatter over repeated logs.
 
 Source: IEEE Std 952-1997, annex C, for the coefficients; Greenhall, IEEE Trans. UFFC 38 (1991), and Riley, NIST SP 1065
 (2008), section 5, for the overlapping estimator and its covariance.
@@ -27,38 +27,38 @@ FLICKER = 2 * math.log(2) / math.pi
 NORMAL95 = 1.959963984540054
 ROUNDS = 8
 FINEST = 32
-"""Minimum number of lags, within the shorter averaging time, at which a covariance is computed."""
+"""Minimum number of lags within the shorter averaging time, used to compute the covariance of two Allan variances."""
 KNOCK = 10.0
-"""Largest accepted change between two samples, in standard deviations.
+"""Largest accepted change between two successive samples, in standard deviations of this change.
 
-Gaussian noise exceeds it with probability 1e-23.
+Gaussian noise exceeds this limit with probability 1e-23.
 """
 MISFIT = 10.0
-"""Largest accepted misfit: weighted squares over the degrees of freedom. A good log has 1."""
+"""Largest accepted misfit: weighted sum of squares, divided by the degrees of freedom. A good log has about 1."""
 MEDIAN = 0.6744897501960817
 """Median of the absolute value of a standard normal number."""
 
 
 @record
 class Coefficient:
-    """Noise coefficient with its uncertainty. Source: this module."""
+    """Noise coefficient of a sensor with its uncertainty. Source: this module."""
 
     value: Scalar = quantity("1", "Estimated coefficient; 0 if the log shows no such noise.")
-    standard_error: Scalar = quantity("1", "Standard error of the estimate; near 0, standard error of the upper limit.")
+    standard_error: Scalar = quantity("1", "Standard error. For an estimate near 0: upper limit divided by 1.96.")
     low: Scalar = quantity("1", "Lower end of the 95 % interval of the coefficient.")
     high: Scalar = quantity("1", "Upper end of the 95 % interval of the coefficient.")
 
 
 @record
 class AllanFit:
-    """Allan deviation of a still sensor's log, and the fitted model. U is the unit of the log (rad/s or m/s²).
+    """Allan deviation of the log of a sensor at rest, and fitted noise model. U: unit of the log (rad/s or m/s²).
 
     Source: IEEE Std 952-1997, annex C; this module.
     """
 
-    white: Coefficient = part("N (U/Hz^0.5): angle or velocity random walk.")
-    flicker: Coefficient = part("B (U): bias instability.")
-    walk: Coefficient = part("K (U/s^0.5): random walk of rate or acceleration.")
+    white: Coefficient = part("White noise N (U/Hz^0.5): angle or velocity random walk.")
+    flicker: Coefficient = part("Flicker B (U): bias instability.")
+    walk: Coefficient = part("Bias random walk K (U/s^0.5): random walk of rate or acceleration.")
     tau: Any = quantity("s", "Averaging times (n,).")
     deviation: Any = quantity("U", "Overlapping Allan deviation at each averaging time (n,).")
     model: Any = quantity("U", "Allan deviation of the fitted model at each averaging time (n,).")
@@ -71,11 +71,11 @@ class AllanFit:
 
 @record
 class FilterNoise:
-    """Noise of one axis for a filter that steps with the sensor. U is the sensor's unit. Source: this module."""
+    """Noise variances of one sensor axis for a filter with time step dt. U: unit of a sample. Source: this module."""
 
     sample_variance: Scalar = quantity("U^2", "Measurement noise R, for a sample used as a measurement: N²/dt.")
     integral_variance: Scalar = quantity("(U s)^2", "Process noise Q of the integrated state in one step: N² dt.")
-    bias_variance: Scalar = quantity("U^2", "Process noise Q of the bias in one step: K² dt, plus the flicker's share.")
+    bias_variance: Scalar = quantity("U^2", "Process noise Q of the bias in one step: K² dt, plus a term for flicker.")
 
 
 def overlapping_variance(y: Any, averages: Any) -> Any:
@@ -94,16 +94,16 @@ def octave_averages(samples: int) -> tuple[int, ...]:
 
 
 def fit_allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None = None) -> AllanFit:
-    """Compute the Allan deviation of a still log, and fit noise coefficients by generalised least squares.
+    """Compute the Allan deviation of a sensor at rest, and fit noise coefficients by generalised least squares.
 
     Args:
-        y: samples (n,) of one axis, evenly spaced, at least 128. The mean has no effect, a ramp does.
-        sampling_period: time between samples (s).
-        averages: numbers of samples to average over. Default: octaves.
+        y: samples (n,) of one axis, evenly spaced, at least 128. Their mean has no effect, but a slow ramp has.
+        sampling_period: time between two samples (s).
+        averages: numbers of samples to average over. Default: 1, 2, 4, … up to an eighth of the log.
     """
     y = np.asarray(y, np.float64)
     if y.ndim != 1 or len(y) < 128 or not np.isfinite(y).all():
-        problem = f"got shape {y.shape}, and {int((~np.isfinite(y)).sum())} values that are not finite"
+        problem = f"got samples of shape {y.shape}, with {int((~np.isfinite(y)).sum())} values that are not finite"
         raise InputError("allan", problem, fix="give at least 128 evenly spaced samples of one axis, without gaps")
     chosen = tuple(averages or octave_averages(len(y)))
     if min(chosen) < 1 or max(chosen) > len(y) // 3 or len(chosen) < 4:
@@ -141,17 +141,17 @@ def fit_allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None =
 
 
 def confidence_interval(fit: AllanFit) -> tuple[Any, Any]:
-    """Return lower and upper end (n,) of the 95 % confidence interval of each Allan deviation, for the plot's bars."""
+    """Return lower and upper ends (n,) of the 95 % confidence intervals of the Allan deviations, for error bars."""
     tail = (1 - 0.95) / 2
     low, high = (2 * gammaincinv(fit.freedom / 2, part) for part in (1 - tail, tail))  # quantiles of chi squared
     return fit.deviation * np.sqrt(fit.freedom / low), fit.deviation * np.sqrt(fit.freedom / high)
 
 
 def filter_noise(fit: AllanFit, sampling_period: float | None = None) -> FilterNoise:
-    """Compute the discrete noise of a filter that steps every `sampling_period` (s), by default that of the log.
+    """Compute the discrete noise of a filter with time step `sampling_period` (s). Default: the log's sampling period.
 
-    Flicker has no finite state. It is replaced by the random walk that has the flicker's Allan variance where white
-    noise falls below it: tau = N²/(0.44 B²). The filter then relies on its bias no longer than that time.
+    Flicker has no model of finite order. It is replaced by a random walk with the same Allan variance at the averaging
+    time tau = N²/(0.44 B²), where white noise and flicker are equal. A bias estimate is then trusted for about tau.
     """
     dt = fit.sampling_period if sampling_period is None else float(sampling_period)
     N2, B2, K2 = fit.white.value**2, fit.flicker.value**2, fit.walk.value**2
@@ -161,13 +161,16 @@ def filter_noise(fit: AllanFit, sampling_period: float | None = None) -> FilterN
 
 
 def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
-    """Raise InputError if the samples y (n,) of the named axis, with this fit, are not those of a still sensor.
+    """Raise InputError if samples show that the sensor was not at rest.
 
-    White noise, flicker and walk have Gaussian differences and an Allan deviation of the fitted form. A knock, a step
-    or a motion violates that. A slow and steady motion that looks like a walk can't be detected.
+    Sensor noise has Gaussian differences and an Allan deviation of the fitted form. A knock, a step or a motion of the
+    sensor violates this. A slow and steady motion that looks like a random walk cannot be detected.
+
+    Args:
+        name: name of the axis, for errors.  y: its samples (n,).  fit: result of `fit_allan` for these samples.
 
     Source: this module; the scale of the differences is computed from their median, so that a few knocks don't change
-    it: Huber, "Robust statistics", Wiley 1981.
+    this scale: Huber, "Robust statistics", Wiley 1981.
     """
     change = np.diff(np.asarray(y, np.float64))
     usual = float(np.median(np.abs(change - np.median(change)))) / MEDIAN
@@ -179,7 +182,7 @@ def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
         raise InputError(f"signal {name!r}", problem, fix="keep the sensor still, or cut the log there")
     if fit.misfit > MISFIT:
         off = np.abs(np.log(fit.deviation / fit.model))
-        problem = f"is not the noise of a still sensor: at {fit.tau[np.argmax(off)]:.3g} s the Allan deviation is"
+        problem = f"is not the noise of a sensor at rest: at {fit.tau[np.argmax(off)]:.3g} s the Allan deviation is"
         problem += (
             f" {fit.deviation[np.argmax(off)]:.3g}, but that of the fitted noise is {fit.model[np.argmax(off)]:.3g}"
         )
@@ -190,7 +193,10 @@ def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
 
 
 def _coefficient(square: float, error: float) -> Coefficient:
-    """Return a coefficient from its square. The interval is the square root of the square's interval."""
+    """Return a coefficient from its square and the square's standard error.
+
+    The ends of its interval are the square roots of the ends of the square's interval.
+    """
     high = math.sqrt(square + NORMAL95 * error)
     value = math.sqrt(square)
     near_zero = square < error
@@ -210,13 +216,13 @@ def _kernels(lag: Any) -> Any:
 
 
 def _variance_basis(m: Any) -> Any:
-    """Return the Allan variance (n, 3) of each kind of noise at averages of m samples (n,)."""
+    """Return the Allan variance (n, 3) of white noise, flicker and random walk at averages of m samples (n,)."""
     return ((2 * _kernels(2 * m) - 8 * _kernels(m)) / (2 * m * m)).T
 
 
 @functools.lru_cache(maxsize=8)
 def _moments(samples: int, averages: tuple[int, ...]) -> Any:
-    """Return T (n, n, 3, 3): the covariance of the Allan variances at two averages is theta' T theta."""
+    """Return T (n, n, 3, 3). The covariance of the Allan variances at averages i and j is theta' T[i, j] theta."""
     n = len(averages)
     T = np.zeros((n, n, 3, 3))
     for i in range(n):
@@ -227,7 +233,10 @@ def _moments(samples: int, averages: tuple[int, ...]) -> Any:
 
 
 def _pair_moments(points: int, m1: int, m2: int) -> Any:
-    """Return (3, 3): 2/(4 m1² m2² M1 M2) times the sum over pairs of second differences of products of covariances."""
+    """Return the matrix T (3, 3) of `_moments` for averages of m1 and m2 samples of a sum with `points` points.
+
+    It is 2/(4 m1² m2² M1 M2) times the sum, over all pairs of second differences, of products of their covariances.
+    """
     M1, M2 = points - 2 * m1, points - 2 * m2
     stride = max(1, min(m1, m2) // FINEST)
     low, high = max(-(M2 - 1), -3 * m1 - m2), min(M1 - 1, 3 * m2 + m1)
@@ -242,6 +251,9 @@ def _pair_moments(points: int, m1: int, m2: int) -> Any:
 
 
 def _covariance(theta: Any, moments: Any) -> Any:
-    """Return the covariance (n, n) of the Allan variances under the model, kept positive definite."""
+    """Return the covariance (n, n) of the Allan variances for noise with squared coefficients theta (3,).
+
+    A small diagonal term keeps the covariance positive definite.
+    """
     C = np.einsum("c,ijcd,d->ij", theta, moments, theta)
     return C + np.diag(1e-9 * np.diag(C))

@@ -1,4 +1,4 @@
-"""Survey of beacons, from ranges to them and the motion of the ranging unit.
+"""Survey of beacon positions, from ranges to the beacons and the motion of the ranging unit.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -12,16 +12,16 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, quantity, record
 
 ANGLES = np.radians([15.0, 60.0, 90.0, 120.0, 165.0])
-"""Angles of a beacon about the path's main line (rad) at which searches start.
+"""Angles of a beacon about the main line of the path (rad) at which the searches start.
 
-All fit the beacon's distance from it.
+All these start positions have the same distance from the line, which is estimated from the ranges.
 """
 DAMPING, DAMPING_MAX = 1e-3, 1e12
-"""First and largest damping of a search step, relative to the diagonal of J'J."""
+"""Initial and largest damping of a Levenberg-Marquardt step, relative to the diagonal of J'J."""
 CONVERGED = 1e-8
-"""Size of a search step, in standard errors of the unknowns, below which the search ends."""
+"""Largest change of an unknown in a search step, in its standard errors, at which the search has converged."""
 EQUAL = 12.0
-"""Difference of two sums of squares, relative to the mean squared residual, below which both solutions are possible."""
+"""Largest difference of two solutions' sums of squares at which both are possible, in mean squared residuals."""
 APART = 5.0
 """Distance between two solutions for a beacon, in standard errors, above which the solutions count as different."""
 DETERMINED = 0.1
@@ -30,40 +30,40 @@ DETERMINED = 0.1
 
 @record
 class BeaconSurvey:
-    """Surveyed beacons, and the path of the survey.
+    """Surveyed beacon positions, and the path of the ranging unit.
 
-    Frames:  W, whose origin and orientation are those of the first pose and of the odometry.
+    Frames:  W: its origin is the position at the first ping, its axes are those of the odometry.
     Source:  Triggs et al., "Bundle adjustment: a modern synthesis", 1999; the task is from [1] chapter 7.
     """
 
     beacons: Any = quantity("m", "Positions of the beacons (n, 3).", frame="W")
     covariance: Any = quantity("m^2", "Covariance of each beacon's position (n, 3, 3).")
-    path: Any = quantity("m", "North and east of the ranging unit at each ping (k, 2).", frame="W")
-    residual: Scalar = quantity("1", "Root of the sum of squared weighted residuals over their degrees of freedom.")
+    path: Any = quantity("m", "North and east position of the ranging unit at each ping (k, 2).", frame="W")
+    residual: Scalar = quantity("1", "Root of: sum of squared weighted residuals, divided by the degrees of freedom.")
     iterations: Scalar = quantity("1", "Number of steps of the Levenberg-Marquardt search.", kind="count")
 
     def standard_errors(self) -> Any:
-        """Return standard errors of the beacons' coordinates (m), (n, 3), from the given noise of ranges, odometry."""
+        """Return standard errors (m) of the beacons' coordinates (n, 3), from the assumed range and odometry noise."""
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
 
 def survey_beacons(
     ranges: Any, odometry: Any, *, range_noise: float, odometry_noise: float, iterations: int = 100
 ) -> BeaconSurvey:
-    """Estimate beacons and path by least squares over all pings, from ranges and the steps between them.
+    """Estimate beacon positions and the unit's path by least squares, from ranges and the odometry between pings.
 
     Args:
-        ranges: true ranges (m), corrected for the cone error, shape (k, n). NaN means no reply.
-        odometry: step from each ping to the next (m), north and east, shape (k - 1, 2), from odometry or inertial
-            navigation. Its frame becomes W, with the position of the first ping as origin.
+        ranges: true ranges (m), corrected for the cone error, shape (k, n): k pings, n beacons. NaN means no reply.
+        odometry: displacement from each ping to the next (m), north and east, shape (k - 1, 2), from odometry or
+            inertial navigation. Its axes become those of W. The origin of W is the position at the first ping.
         range_noise: standard deviation of a range (m).
-        odometry_noise: standard deviation of each coordinate of a step (m).
-        iterations: maximum number of damped steps from each start.
+        odometry_noise: standard deviation of each coordinate of a displacement (m).
+        iterations: maximum number of search steps from each start position.
 
     The unit stays at down = 0 and the beacons are above it. Each beacon needs four pings that are not on one line.
 
-    Raises: InputError if no search converges, if several positions fit the ranges equally well, or if the standard
-    error of a coordinate exceeds DETERMINED times the distance.
+    Raises: InputError if no search converges, if several positions of a beacon fit the ranges equally well, or if the
+    standard error of a beacon's coordinate exceeds DETERMINED times the beacon's distance.
     """
     ranges, odometry = _check_ranges(ranges, odometry, range_noise, odometry_noise)
     k, n = ranges.shape
@@ -79,7 +79,7 @@ def survey_beacons(
         if end is not None:
             found.append(_put_above(end, n))
     if not found:
-        fix = "drive loops as wide as the beacons are high; leave out ranges that are wrong by much"
+        fix = "drive loops as wide as the beacons are high; leave out ranges with large errors"
         raise InputError("survey", f"no search converges in {iterations} steps", fix=fix)
     best = min(found, key=lambda end: end.cost)
     dof = max(int(np.isfinite(ranges).sum()) + 2 * (k - 1) - len(best.x), 1)
@@ -91,7 +91,10 @@ def survey_beacons(
 
 
 class _SearchEnd(NamedTuple):
-    """Result of a search. x: unknowns.  cost: sum of squared residuals.  covariance: of x.  steps: number of steps."""
+    """Result of a search. x: unknowns.  cost: sum of squared residuals.  covariance: covariance of x.
+
+    steps: number of search steps.
+    """
 
     x: Any
     cost: float
@@ -100,14 +103,14 @@ class _SearchEnd(NamedTuple):
 
 
 def _put_above(end: _SearchEnd, n: int) -> _SearchEnd:
-    """Return the result with all beacons above the ranging unit. A beacon mirrored below it has the same ranges."""
+    """Return the result with all beacons above the ranging unit. Beacons mirrored below it have the same ranges."""
     sign = np.ones(len(end.x))
     sign[2 : 3 * n : 3] = np.where(end.x[2 : 3 * n : 3] > 0, -1.0, 1.0)
     return end._replace(x=end.x * sign, covariance=end.covariance * np.outer(sign, sign))
 
 
 def _search(residuals: Callable[[Any], tuple[Any, Any]], x: Any, iterations: int) -> _SearchEnd | None:
-    """Return the result of a damped search, or None if it does not converge or does not determine the unknowns.
+    """Return the result of a Levenberg-Marquardt search, or None if it fails to converge or to determine all unknowns.
 
     Source: D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", SIAM J. 11 (1963).
     """
@@ -144,7 +147,7 @@ def _search(residuals: Callable[[Any], tuple[Any, Any]], x: Any, iterations: int
 def _refuse_doubt(best: _SearchEnd, found: list[_SearchEnd], n: int, path: Any, near: float) -> None:
     """Raise InputError if another position of a beacon fits as well, or if the ranges do not determine its position.
 
-    near: difference of the sums of squares below which two positions fit equally well.
+    near: largest difference of the sums of squares at which two positions fit equally well.
     """
     fix = "drive a loop under the beacon, as wide as the beacon is high, and measure more ranges"
     errors = np.sqrt(np.diag(best.covariance)[: 3 * n]).reshape(n, 3)
@@ -169,7 +172,7 @@ def _check_ranges(ranges: Any, odometry: Any, range_noise: float, odometry_noise
     ranges, odometry = np.asarray(ranges, np.float64), np.asarray(odometry, np.float64)
     if ranges.ndim != 2 or odometry.shape != (len(ranges) - 1, 2):
         problem = f"got ranges of shape {ranges.shape}, odometry of shape {odometry.shape}"
-        raise InputError("survey", problem, fix="give (k, n) ranges and (k - 1, 2) steps between them")
+        raise InputError("survey", problem, fix="give (k, n) ranges and the (k - 1, 2) displacements between the pings")
     if not (range_noise > 0 and odometry_noise > 0):
         problem = f"the noise must be above 0 m, got {range_noise} m for ranges and {odometry_noise} m for odometry"
         raise InputError("survey", problem, fix="give standard deviations above 0")
@@ -177,10 +180,11 @@ def _check_ranges(ranges: Any, odometry: Any, range_noise: float, odometry_noise
 
 
 def _guess_beacon(path: Any, ranges: Any, number: int, angle: float) -> Any:
-    """Estimate a beacon (3,), from its position along the path's main line and its distance from the line.
+    """Estimate a beacon's position (3,), from its position along the main line of the path and its distance from it.
 
-    rho^2 = s^2 - 2 a s + c is linear in a and c, with s along the line and c - a^2 the square of the distance.
-    angle: angle of the beacon about the line (rad), from starboard upwards.
+    rho^2 = s^2 - 2 a s + c is linear in a and c: rho is a range, s the unit's position along the line, a the beacon's
+    position along the line, and c - a^2 the squared distance. number: index of the beacon, for errors.
+    angle: angle of the beacon about the line (rad), from horizontal upwards.
     """
     there = np.isfinite(ranges)
     if there.sum() < 4:
@@ -192,7 +196,7 @@ def _guess_beacon(path: Any, ranges: Any, number: int, angle: float) -> Any:
     s = (points - centre) @ axes[0]
     if extent[0] == 0:
         raise InputError(
-            "survey", f"the pings that beacon {number} answered are at one place", fix="drive a loop under the beacon"
+            "survey", f"the pings that beacon {number} answered are at one point", fix="drive a loop under the beacon"
         )
     a, c = np.linalg.lstsq(np.stack([-2 * s, np.ones(len(s))], axis=1), rho**2 - s**2, rcond=None)[0]
     away = np.sqrt(max(c - a * a, 0.01))
@@ -203,7 +207,10 @@ def _guess_beacon(path: Any, ranges: Any, number: int, angle: float) -> Any:
 def _weighted_residuals(
     x: Any, ranges: Any, odometry: Any, range_noise: float, odometry_noise: float
 ) -> tuple[Any, Any]:
-    """Return weighted residuals and their Jacobian: unknowns are n beacons (3 each), then k - 1 positions (2 each)."""
+    """Return weighted residuals and their Jacobian.
+
+    x: coordinates of n beacons (3 each), then those of k - 1 positions of the ranging unit (2 each).
+    """
     k, n = ranges.shape
     beacons = x[: 3 * n].reshape(n, 3)
     path = np.concatenate([np.zeros((1, 2)), x[3 * n :].reshape(k - 1, 2)])

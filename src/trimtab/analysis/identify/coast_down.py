@@ -1,8 +1,9 @@
-"""Friction from a coast-down: the falling speed of a craft that spins or glides freely.
+"""Friction from a coast-down: the decreasing speed of a craft that spins or glides freely.
 
     J r' = -(c0 tanh(r/r0) + c1 r + c2 |r| r)        m u' = -(c0 tanh(u/u0) + c1 u + c2 |u| u)
 
-The model is fitted to the speeds (output error), with the initial speed of each trial. Coefficients are never negative.
+The model's speeds are fitted to the measured ones (output error). The initial speed of each trial is fitted, too.
+Coefficients are never negative.
 
 Source: the form is that of `vehicles.hovercraft.Friction`; the fit, Ljung, "System identification", 1999, section 7.2.
 """
@@ -19,11 +20,11 @@ from trimtab.logs.measurements import TRIAL, MeasuredColumn, Measurements, refus
 from trimtab.loop.calibration import Calibration, Covariance, Entry
 
 SPIN_COLUMNS = (
-    MeasuredColumn("time", "s", "time, from any start"),
+    MeasuredColumn("time", "s", "time; may start at any value"),
     MeasuredColumn("yaw_rate", "rad/s", "yaw rate", -50, 50, most=0.2),
 )
 GLIDE_COLUMNS = (
-    MeasuredColumn("time", "s", "time, from any start"),
+    MeasuredColumn("time", "s", "time; may start at any value"),
     MeasuredColumn("speed", "m/s", "speed", -50, 50, most=0.1),
 )
 NAMES = ("coulomb", "viscous", "quadratic")
@@ -31,10 +32,11 @@ UNITS = {"torque": ("N m", "N m s", "N m s^2"), "force": ("N", "N s/m", "N s^2/m
 
 
 class FrictionFit(NamedTuple):
-    """Fitted friction. coefficients: Coulomb, viscous, quadratic (3,), in `UNITS`.  covariance: of these (3, 3).
+    """Fitted friction. coefficients: Coulomb, viscous, quadratic (3,), in `UNITS`.
 
-    trials: time, speed, fitted speed of each.  deviation: standard deviation of a reading. freedom: degrees of freedom
-    of the fit. kind: "torque" or "force".  inertia: J (kg m²) or m (kg).
+    covariance: covariance of the coefficients (3, 3).  trials: times, speeds and fitted speeds of each trial.
+    deviation: standard deviation of a speed reading. freedom: degrees of freedom of the fit.
+    kind: "torque" or "force".  inertia: moment of inertia (kg m²) for "torque", mass (kg) for "force".
     """
 
     coefficients: Any
@@ -51,7 +53,7 @@ class FrictionFit(NamedTuple):
 
 
 def split_trials(data: Measurements, speed: str) -> list[tuple[Any, Any]]:
-    """Return times and speeds of each trial, by the column `trial`. Without this column, all rows are one trial."""
+    """Return times and speeds of each trial. The column `trial` numbers them; without it, all rows are one trial."""
     lines = np.asarray(data.lines)
     which = data[TRIAL] if TRIAL in data else np.zeros(len(data))
     trials = []
@@ -77,19 +79,19 @@ def split_trials(data: Measurements, speed: str) -> list[tuple[Any, Any]]:
 def fit_coast_down(
     trials: Sequence[tuple[Any, Any]], inertia: float, kind: str, slip: float, inertia_error: float = 0.0
 ) -> FrictionFit:
-    """Fit Coulomb, viscous and quadratic friction to trials of a coast-down.
+    """Fit Coulomb, viscous and quadratic friction to coast-down trials.
 
     Args:
-        trials: times (n,) from 0 and speeds (n,) of each, in rad/s or m/s.
-        inertia: J (kg m²) or m (kg).
+        trials: for each trial, times (n,) from 0 and speeds (n,), in rad/s or m/s.
+        inertia: moment of inertia (kg m²) of a spin, mass (kg) of a glide.
         kind: "torque" for a spin, "force" for a glide.
-        slip: speed at which dry friction is nearly full, as in the model.
+        slip: speed scale of Coulomb friction: c0 tanh(speed/slip).
         inertia_error: standard error of the inertia. All coefficients are proportional to the inertia.
     """
     size = max(float(np.max(np.abs(v))) for _, v in trials)
     falls = max(float(np.abs(v[:3]).mean() - np.abs(v[-3:]).mean()) for _, v in trials)
     if falls < 0.1 * size:
-        problem = f"the speed falls only by {max(falls, 0.0):.3g} of {size:.3g}; this is not a coast-down"
+        problem = f"the speed falls by only {max(falls, 0.0):.3g} from {size:.3g}; this is not a coast-down"
         raise InputError(
             "friction", problem, fix="let the craft slow down without thrust, to a third of its speed or to rest"
         )
@@ -117,7 +119,7 @@ def fit_coast_down(
 
 
 def friction_calibration(file: str, fit: FrictionFit) -> Calibration:
-    """Return the calibration's entries for `Friction`, and their covariance."""
+    """Return the calibration entries for `Friction`, and their covariance."""
     names = tuple(f"Friction.{fit.kind}_{name}" for name in NAMES)
     source = f"{file}: {len(fit.trials)} coast-down{'s' if len(fit.trials) > 1 else ''}, inertia {fit.inertia:.5g}"
     about: dict[str, Any] = {"freedom": fit.freedom, "source": source, "procedure": f"{fit.kind} friction"}
@@ -130,16 +132,16 @@ def friction_calibration(file: str, fit: FrictionFit) -> Calibration:
 
 
 def _scales(trials: Sequence[tuple[Any, Any]], size: float) -> Any:
-    """Return a scale for each coefficient: its size, over the inertia, if only this friction slowed the craft."""
+    """Return a scale (3,) of coefficient/inertia: its rough size if this kind of friction alone slowed the craft."""
     times = [max(float(t[-1]), 1e-3) for t, _ in trials]
     rate = 1.0 / min(times)
     return np.array([rate * size, rate, rate / size])
 
 
 def _coast(c: Any, v0: float, t: Any, slip: float) -> Any:
-    """Return speeds (n,) at times t (n,) under v' = -(c0 tanh(v/slip) + c1 v + c2 |v| v), from v0.
+    """Return speeds (n,) at times t (n,) under v' = -(c0 tanh(v/slip) + c1 v + c2 |v| v), from the speed v0.
 
-    Dry friction changes over `slip`. The step is small enough for the fastest friction effect.
+    The integration step is small enough for the fastest decay, which is that of Coulomb friction below `slip`.
     """
     longest = min(0.02, 0.5 / (c[0] / slip + c[1] + 2 * c[2] * abs(v0) + 1e-9))
     v, out = float(v0), np.empty(len(t))

@@ -1,4 +1,4 @@
-"""Data of a log for identification: commands, the vehicle input that follows from them, and measurements."""
+"""Data of a log for identification: commands, the vehicle's input computed from the commands, and measurements."""
 
 import dataclasses
 import math
@@ -23,17 +23,17 @@ from trimtab.loop.scenario import Scenario
 LONGEST_STEP = 0.02
 """Longest integration step of the vehicle between two measurements, s."""
 FASTEST_TURN, MOST_TURNS = 1.0, 1000
-"""Limits of a plausible heading: median change between two measurements (rad), and number of turns in total."""
+"""Limits of a plausible angle: median change between two measurements (rad), and total number of turns."""
 GAP = 2.0
 """Time without a measurement (s) after which the vehicle's state counts as unknown."""
 
 
 class FlightData(NamedTuple):
-    """Data of a log for identification. commands: record of arrays (m, …).
+    """Data of a log for identification. name: name of the log.  commands: record of arrays (m, …).
 
-    command_ticks: (m,), time of each command.  ticks: (n,), time of each y.  y: (n, k), fields of the vehicle's state;
-    NaN: not measured.  valid: (m,) bool, False where the actuators were neutral for lack of a command.  None: always
-    valid.
+    command_ticks: time of each command (m,), 100 ns.  ticks: time of each measurement (n,), 100 ns.
+    y: measured fields of the vehicle's state (n, k); NaN: not measured.
+    valid: (m,) bool, False while the actuators were neutral for lack of a command.  None: always valid.
     """
 
     name: str
@@ -45,12 +45,12 @@ class FlightData(NamedTuple):
 
 
 def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: str = "") -> FlightData:
-    """Return commands and measured fields of a log.
+    """Return the commands in a log, and the measured fields of the vehicle's state.
 
     Args:
-        log: log of a run, a flight, or of another system by a mapping.
+        log: log of a run, of a flight, or of another system (converted by a mapping).
         scenario: scenario with the same vehicle and actuators.
-        sensor: block of the measurements, e.g. "sensors.mocap". None: the only block that measures the vehicle's state.
+        sensor: sensor to use, e.g. "sensors.mocap". None: the only sensor that measures the vehicle's state.
         name: name of the log, for errors.
 
     Raises: InputError if the log has no commands of these actuators, or no field of the vehicle's state.
@@ -79,7 +79,7 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
 
 
 def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: Any, y: Any) -> None:
-    """Raise InputError for an angle that changes by a radian per measurement, and for outliers."""
+    """Raise InputError if an angle changes implausibly fast, as one in degrees does, or if there are outliers."""
     angles = {path for path, _, d in leaves(scenario.initial) if isinstance(d, Quantity) and d.kind == "angle"}
     for i, state in enumerate(states):
         at = np.flatnonzero(np.isfinite(y[:, i]))
@@ -107,7 +107,7 @@ def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: 
 
 
 def _example_command(scenario: Scenario) -> Any:
-    """Return a command of these actuators: their neutral input, or their failsafe's command."""
+    """Return an example of a command for the scenario's actuators: the neutral input, or the failsafe's command."""
     actuators = scenario.world.actuators
     neutral = getattr(actuators, "neutral_input", None)
     if neutral is not None:
@@ -144,7 +144,10 @@ def _measuring_block(log: Log, states: Sequence[str], sensor: str | None, where:
 
 
 def _read_measured(log: Log, block: str, states: Sequence[str]) -> tuple[Any, Any]:
-    """Return ticks (n,) and fields (n, all of the state) of a sensor's own samples, each once."""
+    """Return the times (n,) in ticks, and the state's fields (n, number of fields), of a sensor's valid samples.
+
+    Each sample occurs once, although the log repeats it in each row until the next sample.
+    """
     t = np.asarray(log[f"{block}.t"], np.int64) if f"{block}.t" in log else np.asarray(log.ticks)
     valid = log[f"{block}.valid"].astype(bool) if f"{block}.valid" in log else np.ones(len(t), bool)
     own = valid & (np.diff(t, prepend=np.iinfo(np.int64).min // 2) > 0)
@@ -156,7 +159,7 @@ def _read_measured(log: Log, block: str, states: Sequence[str]) -> tuple[Any, An
 
 
 def find_grid(actuators: Any) -> int:
-    """Return the time step of the actuators' output (ticks): the common divisor of the periods of their parts."""
+    """Return the time step of the actuators' output (ticks): the greatest common divisor of their parts' periods."""
     own = actuators.period
     periods = [
         getattr(r, name)
@@ -168,7 +171,7 @@ def find_grid(actuators: Any) -> int:
 
 
 class GridCommands(NamedTuple):
-    """Commands at multiples of a time step. t: ticks (n,).  value: record of arrays (n, …).  valid: (n,) bool."""
+    """Commands at multiples of a time step. t: times (n,), ticks.  value: record of arrays (n, …). valid: (n,) bool."""
 
     t: Any
     value: Any
@@ -176,7 +179,7 @@ class GridCommands(NamedTuple):
 
 
 def lay_on_grid(grid: int, flight: FlightData) -> GridCommands:
-    """Return the command that acts at each multiple of a time step (ticks), from a flight's first row to its last."""
+    """Return the command in effect at each multiple of the time step `grid` (ticks), over the whole flight."""
     first = int(flight.command_ticks[0] // grid * grid)
     n = int((flight.command_ticks[-1] - first) // grid) + 1
     t = first + grid * np.arange(n, dtype=np.int64)
@@ -186,7 +189,7 @@ def lay_on_grid(grid: int, flight: FlightData) -> GridCommands:
 
 
 def actuate(actuators: Any, grid: int, commands: GridCommands) -> Any:
-    """Return the time integrals of the vehicle's input, from the first grid instant to each grid instant (n + 1,)."""
+    """Return the time integral of the vehicle's input from the first instant of the grid to each instant (n + 1,)."""
     drive = replace(actuators, period=grid)
 
     def advance(state: Any, row: Any) -> Any:
@@ -203,10 +206,11 @@ def actuate(actuators: Any, grid: int, commands: GridCommands) -> Any:
 
 
 def mean_input(integral: Any, grid: int, edges: Any, delay: Any) -> Any:
-    """Return the mean input over each step (n,), with commands acting `delay` (s) later.
+    """Return the mean input over each integration step (n,), if commands take effect after a delay.
 
     Args:
-        integral: result of `actuate`.  edges: boundaries of the steps in grid units (n,), from its start.
+        integral: result of `actuate`.  grid: time step of the integral (ticks).
+        edges: boundaries of the integration steps (n,), in units of `grid` from its start.  delay: delay (s).
     """
     place = jnp.asarray(edges) - delay / to_seconds(grid)
 
@@ -225,7 +229,7 @@ def mean_input(integral: Any, grid: int, edges: Any, delay: Any) -> Any:
 
 
 def fill_gaps(ticks: Any) -> tuple[Any, Any]:
-    """Return ticks with additional ticks in large gaps, and the indices of the original ticks."""
+    """Return times (ticks) with additional ones where two are far apart, and the indices of the original times."""
     longest = LONGEST_STEP * UNITS_PER_SECOND
     parts = np.maximum(np.ceil(np.diff(ticks) / longest).astype(int), 1)
     parts = np.where(np.diff(ticks) > GAP * UNITS_PER_SECOND, 1, parts)

@@ -22,25 +22,26 @@ from trimtab.logs.measurements import MeasuredColumn, Measurements
 from trimtab.loop.calibration import Calibration, Covariance, Entry
 
 COLUMNS = (
-    MeasuredColumn("time", "s", "time, from any start, evenly spaced"),
+    MeasuredColumn("time", "s", "time, evenly spaced; may start at any value"),
     MeasuredColumn("reference", "rad/s", "true rate, e.g. from an encoder", -100, 100, most=0.05),
     MeasuredColumn("gyro", "rad/s", "rate measured by the gyro", -100, 100, most=0.05),
 )
 MOST_DELAY = 8
-"""Maximum delay that is tried, in samples."""
+"""Largest delay of the gyro that the fit tries, in samples."""
 SETTLE = 4
-"""Number of samples ignored at the start, which depend on earlier rates."""
+"""Number of samples that the fit ignores at the start of a log, because they depend on rates before it."""
 INSIDE = 0.999
-"""Largest reflection coefficient. It keeps the poles inside the unit circle."""
+"""Largest magnitude of a reflection coefficient in the fit. It keeps the poles inside the unit circle."""
 WILD = 12.0
-"""Deviation of a sample from the model, in standard deviations, beyond which the sample is an error."""
+"""Deviation of a sample from the fitted model, in standard deviations, above which the log is rejected."""
 NAMES = ("IdentifiedGyro.b0", "IdentifiedGyro.a1", "IdentifiedGyro.a2")
 
 
 class GyroFit(NamedTuple):
-    """Fitted gyro. b0, a1, a2: coefficients.  covariance: of these (3, 3).  delay: samples.  offset: rad/s.  period: s.
+    """Fitted model of a gyro. b0, a1, a2: its coefficients.  covariance: covariance of b0, a1, a2 (3, 3).
 
-    deviation: standard deviation of the output error (rad/s).  fitted: the model's output (n,).  highest: largest
+    delay: in samples.  offset: rad/s.  period: time between samples (s).  deviation: standard deviation of the output
+    error (rad/s).  freedom: degrees of freedom of the fit.  fitted: the model's output (n,).  highest: largest
     frequency in the reference (Hz).
     """
 
@@ -57,23 +58,26 @@ class GyroFit(NamedTuple):
     highest: float
 
     def gain(self) -> float:
-        """Gain of the gyro at a constant rate."""
+        """Return the gain of the gyro at a constant rate."""
         return self.b0 / (1 + self.a1 + self.a2)
 
     def response(self, frequency: Any) -> Any:
-        """Return the complex gain at frequencies (Hz), with the delay."""
+        """Return the gyro's complex gain, including the delay, at frequencies (Hz)."""
         z1 = np.exp(-2j * np.pi * np.asarray(frequency) * self.period)
         return self.b0 * z1**self.delay / (1 + self.a1 * z1 + self.a2 * z1**2)
 
     def inverse(self, y: Any) -> Any:
-        """Return the rate (n,) for samples y (n,), without the delay: u_k = (y_k + a1 y_{k-1} + a2 y_{k-2})/b0."""
+        """Return the rates (n,) that caused the gyro's samples y (n,): u_k = (y_k + a1 y_{k-1} + a2 y_{k-2})/b0.
+
+        The delay is not corrected.
+        """
         return lfilter([1.0, self.a1, self.a2], [self.b0], np.asarray(y) - self.offset)
 
 
 def fit_gyro(data: Measurements) -> GyroFit:
-    """Fit delay, coefficients and offset of a gyro to a sweep with the columns `COLUMNS`.
+    """Fit the delay, coefficients and offset of a gyro to a frequency sweep with the columns `COLUMNS`.
 
-    Raises: InputError for uneven times, too few samples, or a gyro that does not follow the reference.
+    Raises: InputError if times are uneven, if there are too few samples, or if the gyro does not follow the reference.
     """
     t, u, y = data["time"], data["reference"], data["gyro"]
     where = f"file {data.file!r}"
@@ -82,7 +86,7 @@ def fit_gyro(data: Measurements) -> GyroFit:
     uneven = np.flatnonzero(np.abs(steps - period) > 0.02 * period)
     if len(t) < 200 or len(uneven):
         what = f"{len(t)} samples are too few" if len(t) < 200 else ""
-        line = "" if what else f"line {data.lines[uneven[0] + 1]} comes {steps[uneven[0]]:.6g} s after the one before,"
+        line = "" if what else f"line {data.lines[uneven[0] + 1]} comes {steps[uneven[0]]:.6g} s after the line before,"
         problem = what or f"{line} but the usual step is {period:.6g} s"
         raise InputError(where, problem, fix="log a sweep of 200 evenly spaced samples or more, without gaps")
     fits = [_fit_delay(u, y, delay) for delay in range(MOST_DELAY + 1)]
@@ -92,8 +96,8 @@ def fit_gyro(data: Measurements) -> GyroFit:
     freedom = n - 4
     deviation = float(np.sqrt(2 * best.cost / freedom))
     if deviation > 0.5 * np.std(y):
-        problem = f"the best model differs from the gyro by {deviation:.3g} rad/s of {np.std(y):.3g}"
-        fix = "check that reference and gyro have the same axis, the same sign, and the units of their headings"
+        problem = f"the best model's rms error is {deviation:.3g} rad/s; the gyro's own deviation is {np.std(y):.3g}"
+        fix = "check that reference and gyro have the same axis, the same sign, and the units in their headings"
         raise InputError(where, problem, fix=fix)
     _refuse_wild(data, best.fun, delay)
     b0, a1, a2, offset = _coefficients(best.x)
@@ -107,7 +111,7 @@ def fit_gyro(data: Measurements) -> GyroFit:
 
 
 def gyro_calibration(data: Measurements, fit: GyroFit) -> Calibration:
-    """Return the coefficients, and the delay that remains after the inverse."""
+    """Return the gyro's calibration entries: its coefficients, and its delay, which the inverse does not correct."""
     source = f"{data.file}: {len(data)} samples each {1e3 * fit.period:.6g} ms, up to {fit.highest:.3g} Hz"
     about: dict[str, Any] = {"freedom": fit.freedom, "source": source, "procedure": "gyro"}
     errors = np.sqrt(np.diagonal(fit.covariance))
@@ -118,13 +122,13 @@ def gyro_calibration(data: Measurements, fit: GyroFit) -> Calibration:
 
 
 def _refuse_wild(data: Measurements, rest: Any, delay: int) -> None:
-    """Raise InputError for a sample that deviates from the model far more than the others."""
+    """Raise InputError if a sample deviates from the model far more than the other samples do."""
     off = np.abs(np.asarray(rest) - np.median(rest))
     usual = 1.4826 * float(np.median(off))
     if float(off.max()) > WILD * max(usual, 1e-12):
         line = int(data.lines[int(np.argmax(off)) + delay + SETTLE])
-        problem = f"line {line}: the gyro is {off.max():.3g} rad/s off its model, usually {usual:.2g};"
-        problem += " this number, or the reference just before, is probably wrong"
+        problem = f"line {line}: the gyro deviates by {off.max():.3g} rad/s from its model, usually by {usual:.2g};"
+        problem += " this sample, or the reference just before it, is probably wrong"
         raise InputError(f"file {data.file!r}", problem, fix="replace it by the mean of its neighbours, or cut the log")
 
 
@@ -137,7 +141,10 @@ def _fit_delay(u: Any, y: Any, delay: int) -> Any:
 
 
 def _coefficients(p: Any) -> tuple[float, float, float, float]:
-    """Return b0, a1, a2, offset from gain at rest, two numbers whose tanh are reflection coefficients, and offset."""
+    """Return b0, a1, a2, offset.
+
+    p: gain at a constant rate, two numbers whose tanh gives the reflection coefficients, offset.
+    """
     k1, k2 = INSIDE * np.tanh(p[1]), INSIDE * np.tanh(p[2])
     a1, a2 = float(k1 * (1 + k2)), float(k2)
     return float(p[0] * (1 + a1 + a2)), a1, a2, float(p[3])

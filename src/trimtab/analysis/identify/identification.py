@@ -1,8 +1,8 @@
-"""Identification of a scenario's world from logs: its actuators and its vehicle, driven by the logged commands.
+"""Identification of a scenario's vehicle and actuators from logs.
 
-The commands of a log are the input of the scenario's actuators. The actuators' output, late by an unknown delay, drives
-the vehicle from one measurement to the next. The measurements are fields of the vehicle's state, such as the pose of
-a motion capture system.
+The logged commands are the input of the scenario's actuator models. Their output, delayed by an unknown time, drives
+the vehicle model from one measurement to the next. The measurements are fields of the vehicle's state, such as
+the pose from a motion capture system.
 """
 
 import functools
@@ -42,34 +42,37 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.fit_parameters import DELAY, FitParameter, find_parameters, find_scale
 
 UNMEASURED = 2.0
-"""Standard deviation (SI units) of an unmeasured state at the start of a stretch, about the scenario's initial value.
-The magnitude of that value is added."""
+"""Initial standard deviation (SI units) of a state that is not measured. The magnitude of the scenario's initial value
+is added. The state is initialised at the start of a log and after each long gap."""
 NOISE_START = {"m": 5e-3, "rad": 5e-3, "m/s": 2e-2, "rad/s": 2e-2}
 PROCESS_START = {"m/s": 1e-3, "rad/s": 1e-2}
-"""Start value of the process noise intensity, by unit of the state: (unit)² per second."""
+"""Initial guess of the process noise intensity, by the unit of the state: in (unit)² per second."""
 LEAST_PROCESS = math.log(1e-8)
-"""Logarithm of the least process noise intensity: no model is better than 0.1 mm/s or mrad/s in a second."""
+"""Logarithm of the smallest process noise intensity: models are assumed to err by 0.1 mm/s or 0.1 mrad/s per second."""
 HORIZON = 1.0
-"""Prediction horizon (s)."""
+"""Prediction horizon (s) at which a fitted model is compared with the measurements."""
 
 
 EXPLAINED = 0.5
-"""Largest prediction error, as a fraction of a field's change, with which a fitted model explains the field."""
+"""Largest rms prediction error, as a fraction of a field's rms change, at which a model explains the field."""
 
 
 CORRELATED = 0.5
-"""Correlation of successive innovations above which a sensor's errors count as correlated."""
+"""Correlation of successive innovations above which the errors of a sensor count as correlated."""
 
 
 class Identified(NamedTuple):
-    """Identified parameters. values, intervals: (m,), (m, 2).  groups: parameters that can't be distinguished.
+    """Identified parameters. values: (m,).  intervals: 95 % intervals (m, 2).
 
-    noise: standard deviation of each measured field.  process: intensity of each field of the state (unit²/s).
+    groups: groups of parameters that the data cannot distinguish.
+    noise: field -> standard deviation of its measurements.  process: field -> intensity of its process noise (unit²/s).
     unexplained: field -> rms error of predictions `HORIZON` ahead in the fitted flights, and rms change of the field in
-    that time, if the error is not much smaller. Then the model, or units, signs or axes of the log are wrong.
-    correlated: field -> large correlation of successive innovations, only if there are unexplained fields. The sensor
-    errors are then not white noise, and the law's reaction to them is attributed to the vehicle.
-    held_out: field -> rms error of predictions `HORIZON` ahead, nominal and fitted, in flights that were not fitted.
+    that time. It lists the fields whose error is not much smaller than their change. The cause is a wrong model, or
+    wrong units, signs or axes in the log.
+    correlated: field -> correlation of successive innovations if it is large, listed only if there are unexplained
+    fields. The sensor errors are then not white noise, and the law's reaction to them is attributed to the vehicle.
+    held_out: field -> rms errors of predictions `HORIZON` ahead in flights that were not fitted: with nominal
+    parameters, with fitted parameters.
     """
 
     parameters: tuple[FitParameter, ...]
@@ -87,7 +90,7 @@ class Identified(NamedTuple):
     correlated: Mapping[str, float] = {}
 
     def unidentifiable(self) -> frozenset[str]:
-        """Return the parameters that this data can't determine."""
+        """Return the paths of the parameters that the data cannot determine."""
         return frozenset(name for group in self.groups for name in group)
 
 
@@ -99,14 +102,14 @@ def identify(
     held_out: Sequence[FlightData] = (),
     tell: Callable[[str, int, float], None] = lambda stage, iteration, value: None,
 ) -> Identified:
-    """Return the parameters of a scenario's world from flights.
+    """Return parameters of a scenario's vehicle and actuators, fitted to flights.
 
     Args:
         scenario: scenario with the nominal values, at which the search starts.
         flights: flights to fit.
-        paths: settings below world.vehicle and world.actuators, and "delay".
-        held_out: flights by which nominal and fitted values are compared.
-        tell: function called with stage, iteration and log likelihood.
+        paths: parameters to fit: settings below world.vehicle and world.actuators, and "delay".
+        held_out: other flights, on which nominal and fitted values are compared.
+        tell: function that is called with stage, iteration and log likelihood, to show the progress.
 
     Raises: InputError for parameters that can't be fitted.
     """
@@ -115,9 +118,10 @@ def identify(
 
 
 def identify_each(scenario: Scenario, flights: Sequence[FlightData], paths: Sequence[str]) -> list[Identified]:
-    """Return the parameters of a scenario's world from each flight separately, to compare them by their intervals.
+    """Return parameters of a scenario's vehicle and actuators, fitted to each flight separately.
 
-    Flights of one length, with measurements at the same times, are compiled once.  Raises: as `identify`.
+    The results can be compared by their intervals. For flights of the same length, with measurements at the same times,
+    the likelihood is compiled once.  Raises: as `identify`.
     """
     return _identify_groups(scenario, [[flight] for flight in flights], paths, (), lambda stage, iteration, value: None)
 
@@ -129,7 +133,7 @@ def _identify_groups(
     held_out: Sequence[FlightData],
     tell: Callable[[str, int, float], None],
 ) -> list[Identified]:
-    """Return the parameters from each group of flights."""
+    """Return the parameters identified from each group of flights."""
     scenario, parameters = find_parameters(scenario, paths)
     world = _IdentifiedWorld(scenario, parameters, [flight for group in groups for flight in group])
     return [_identify_group(world, group, held_out, tell) for group in groups]
@@ -141,7 +145,7 @@ def _identify_group(
     held_out: Sequence[FlightData],
     tell: Callable[[str, int, float], None],
 ) -> Identified:
-    """Return the parameters identified from flights of one craft."""
+    """Return the parameters identified from one group of flights."""
     parameters, timeline, first = world.parameters, world.timeline(flights), world.start()
     m, count = len(parameters), len(first)
     noise_only = np.arange(count) >= m
@@ -181,9 +185,10 @@ def _identify_group(
 
 
 class _IdentifiedWorld:
-    """Vehicle, actuators and noise as functions of the unknowns, and the flights as one timeline.
+    """Model to fit: vehicle, actuators and noise as functions of a vector of unknowns.
 
-    The unknowns are (parameters - start)/scale, then the logarithms of measurement and process noise variances.
+    The unknowns are (parameters - start)/scale, then the logarithms of the measurement noise variances and of the
+    process noise intensities.
     """
 
     def __init__(self, scenario: Scenario, parameters: tuple[FitParameter, ...], flights: Sequence[FlightData]) -> None:
@@ -223,7 +228,7 @@ class _IdentifiedWorld:
         return low, high
 
     def _model(self) -> Model:
-        """Return the model to fit. Its inputs are computed from the drive of `timeline`."""
+        """Return the model to fit. Its inputs are computed from the field `drive` of a `Timeline`."""
         m, k = len(self.parameters), len(self.measured)
         spread = (UNMEASURED + np.abs(self.initial)) ** 2
         spread[list(self.measured)] = [(5 * NOISE_START.get(self.units[i], 1e-2)) ** 2 for i in self.measured]
@@ -251,7 +256,7 @@ class _IdentifiedWorld:
     def predict_held_out(
         self, flights: Sequence[FlightData], nominal: Any, fitted: Any
     ) -> dict[str, tuple[float, float]]:
-        """Return field -> rms errors of predictions `HORIZON` ahead, with nominal and with fitted parameters."""
+        """Return field -> rms errors of predictions `HORIZON` ahead: with nominal, and with fitted parameters."""
         timeline = self.timeline(flights)
         when = np.concatenate([np.cumsum(np.where(b, 0.0, h)) for h, b in _stretches(timeline)])
         rows: dict[str, list[float]] = {self.fields[i]: [] for i in self.measured}
@@ -276,7 +281,7 @@ class _IdentifiedWorld:
     def find_unexplained(
         self, flights: Sequence[FlightData], fitted: Any, noise: Mapping[str, float]
     ) -> dict[str, tuple[float, float]]:
-        """Return fields of the fitted flights that the model predicts hardly better than a constant."""
+        """Return the fields that the fitted model predicts hardly better than a constant, see `Identified`."""
         found = self.predict_held_out(flights, fitted, fitted)
         unexplained = {}
         for i, wraps in zip(self.measured, self.wraps, strict=True):
@@ -296,7 +301,7 @@ class _IdentifiedWorld:
         return unexplained
 
     def find_correlated(self, timeline: Timeline, fitted: Any) -> dict[str, float]:
-        """Return fields whose successive innovations are correlated, and the correlation."""
+        """Return field -> correlation of its successive innovations, for fields with a large correlation."""
         innovations, found = self.likelihood.innovations(timeline, fitted), {}
         z = np.asarray(innovations.e) / np.sqrt(np.asarray(innovations.s))
         for j, i in enumerate(self.measured):
@@ -306,7 +311,7 @@ class _IdentifiedWorld:
         return found
 
     def noise_of(self, p: Any) -> tuple[dict[str, float], dict[str, float]]:
-        """Return the standard deviation of measured fields, and the process noise intensity of driven fields."""
+        """Return field -> standard deviation of its measurements, and field -> intensity of its process noise."""
         m, k = len(self.parameters), len(self.measured)
         noise = {self.fields[i]: float(np.exp(v / 2)) for i, v in zip(self.measured, p[m : m + k], strict=True)}
         return noise, {self.fields[i]: float(np.exp(v)) for i, v in zip(self.driven, p[m + k :], strict=True)}
@@ -334,7 +339,10 @@ class _IdentifiedWorld:
         return any(p.path.startswith("world.actuators.") for p in self.parameters)
 
     def _driven_fields(self) -> tuple[int, ...]:
-        """Return the fields of the state whose derivatives depend on input or parameters. Others have no noise."""
+        """Return indices of the state's fields whose derivatives depend on input or parameters.
+
+        Only these fields have process noise.
+        """
         vehicle, neutral = self.world.vehicle, to_arrays(self.world.actuators.neutral().u)
         rng = np.random.default_rng(0)
         x = jax.tree.unflatten(self.tree, list(0.5 + rng.uniform(size=self.size)))
@@ -349,15 +357,15 @@ class _IdentifiedWorld:
         return tuple(int(i) for i in np.flatnonzero(size > 0))
 
     def timeline(self, flights: Sequence[FlightData]) -> Timeline:
-        """Return all flights end to end, driven by actuator outputs, or by commands if actuators are fitted."""
+        """Return all flights joined end to end, driven by actuator outputs, or by commands if actuators are fitted."""
         rows, drive = [], []
         for flight in flights:
             y = flight.y[:, list(self.measured)]
             there = np.isfinite(y).any(1)
             ticks, y = flight.ticks[there], y[there]
             if len(ticks) < 20:
-                problem = f"{len(ticks)} measurements of the vehicle's state are too few"
-                raise InputError(f"log {flight.name!r}", problem, fix="give a flight of at least some seconds")
+                problem = f"{len(ticks)} measurements of the vehicle's state are too few; at least 20 are needed"
+                raise InputError(f"log {flight.name!r}", problem, fix="give a longer flight, of at least some seconds")
             instants, at = fill_gaps(ticks)
             h = np.diff(instants, prepend=instants[0]) / UNITS_PER_SECOND
             begins = np.zeros(len(instants), bool)

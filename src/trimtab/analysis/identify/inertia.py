@@ -1,4 +1,4 @@
-"""Moment of inertia about the vertical axis, from the spin-up of a vehicle when it is released.
+"""Moment of inertia about the vertical axis, from the spin-up of a vehicle that is held and then released.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -14,13 +14,13 @@ from trimtab.core.record import Scalar, quantity, record
 
 @record
 class SpinUpTrial:
-    """One trial: fan and rudder held constant, vehicle released.
+    """One spin-up trial: the vehicle is released while fan speed and rudder angle are constant.
 
     Frames:  rudder angle from the body's x axis, slope positive clockwise.    Source: [1] section 4.3.3, table 4.2.
     """
 
     rudder_angle: Scalar = quantity("rad", "Rudder angle theta.", kind="angle")
-    force: Scalar = quantity("N", "Signed thrust.")
+    force: Scalar = quantity("N", "Thrust; negative in reverse.")
     slope: Scalar = quantity("rad/s^2", "Initial slope of the yaw rate.")
 
 
@@ -31,8 +31,8 @@ class SlopeFit:
     slope: Scalar = quantity("rad/s^2", "Slope of the yaw rate.")
     standard_error: Scalar = quantity("rad/s^2", "Standard error of the slope, from the residuals.")
     offset: Scalar = quantity("rad/s", "Yaw rate of the fitted line at the start of the window.")
-    residual: Scalar = quantity("rad/s", "Standard deviation of the residuals.")
-    samples: Scalar = quantity("1", "Number of samples used.", kind="count")
+    residual: Scalar = quantity("rad/s", "Standard deviation of the yaw rate about the line.")
+    samples: Scalar = quantity("1", "Number of samples used in the line fit.", kind="count")
 
 
 def lateral_force(force: Any, force_angle: Any) -> Any:
@@ -54,7 +54,7 @@ def trial_inertia(
         trial: measured values.
         arm: distance from the centre of mass to the rudder pivot (m).
         force_angle: function from rudder angle to force angle, e.g. ``RudderGeometry().force_angle``.
-        decimals: number of decimals to which FY is rounded first. 2 reproduces the thesis's table. None: no rounding.
+        decimals: number of decimals to which FY is rounded first. 2 reproduces [1] table 4.2. None: no rounding.
     """
     FY = lateral_force(trial.force, force_angle(trial.rudder_angle))
     FY = FY if decimals is None else np.round(FY, decimals)
@@ -64,13 +64,13 @@ def trial_inertia(
 def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
     """Fit a least-squares line to the yaw rate of the first `window` seconds.
 
-    Under a constant force the model's yaw rate is a straight line. Friction and a moving servo bend it, so keep the
-    window short enough for the residuals to look like noise. The standard error assumes independent residuals.
+    Under a constant force the yaw rate rises along a straight line. Friction and a moving servo bend the curve, so keep
+    the window short enough that the residuals look like noise. The standard error assumes independent residuals.
 
     Args:
         t: times (s), shape (n,), at least 3 in the window.
         yaw_rate: yaw rates (rad/s), shape (n,).
-        window: length (s) from t[0].
+        window: length of the window (s), which starts at t[0].
     """
     t, r = np.asarray(t, np.float64), np.asarray(yaw_rate, np.float64)
     if t.ndim != 1 or t.shape != r.shape:
@@ -80,14 +80,14 @@ def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
     if not (np.isfinite(t).all() and np.isfinite(r).all()):
         raise InputError(
             "fit_slope",
-            "t or yaw_rate holds values that are not finite",
+            "t or yaw_rate contains values that are not finite",
             fix="leave out the samples that are not finite",
         )
     inside = t - t[:1] <= window
     t, r = t[inside], r[inside]
     if len(t) < 3 or np.ptp(t) == 0:
         problem = f"{len(t)} samples in the window of {window:g} s are too few for a slope with its error"
-        raise InputError("fit_slope", problem, fix="use at least 3 at different times")
+        raise InputError("fit_slope", problem, fix="use at least 3 samples at different times")
     centred = t - t.mean()
     spread = float(centred @ centred)
     slope = float(centred @ r) / spread
@@ -100,7 +100,7 @@ def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
 class LinearPortion(NamedTuple):
     """Linear part of a spin-up.
 
-    start: time of release (s).  window: duration of the linear rise (s).  fit: line fit.
+    start: time of release (s).  window: duration of the linear rise (s).  fit: straight line through this rise.
     """
 
     start: float
@@ -109,20 +109,20 @@ class LinearPortion(NamedTuple):
 
 
 def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
-    """Find the release of a held vehicle, and the time for which its yaw rate then rises linearly.
+    """Find the time at which a vehicle is released, and the time window in which its yaw rate then rises linearly.
 
-    The release is the instant at which the best fit changes from a rate of zero to a parabola. The window is the
-    longest in which the bend q of r = s t + q t² changes the line's slope (by q times the window) by less than half its
-    standard error. The stated error therefore holds.
+    The rate is modelled as zero before the release and as a parabola r = s t + q t² after it. The release is the
+    instant with the best fit. The window is the longest for which the curvature changes the slope of a straight
+    line (by q times the window) by less than half its standard error. This error can therefore be trusted.
 
     Args:
-        t: times (s), shape (n,), at least 20, rising.
-        yaw_rate: yaw rates (rad/s), shape (n,), at rest at first.
+        t: times (s), shape (n,), at least 20, increasing.
+        yaw_rate: yaw rates (rad/s), shape (n,). The vehicle must be at rest at first.
     """
     t, r = np.asarray(t, np.float64), np.asarray(yaw_rate, np.float64)
     if len(t) < 20 or not (np.isfinite(t).all() and np.isfinite(r).all()):
-        problem = f"{len(t)} samples, or some not finite, are not enough to find a release and a rise"
-        raise InputError("spin-up", problem, fix="log from before the release, 20 samples or more")
+        problem = f"at least 20 samples, all finite, are needed to find a release and a rise; got {len(t)} samples"
+        raise InputError("spin-up", problem, fix="log from before the release, 20 finite samples or more")
     top = float(np.max(np.abs(r)))
     low = r[: max(int(np.argmax(np.abs(r) >= 0.6 * top)) + 1, 8)]
     noise = float(np.median(np.abs(np.diff(r, 2)))) * 1.4826 / np.sqrt(6)
@@ -132,7 +132,7 @@ def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
     n = len(low)
 
     def fit_rise(k: int) -> tuple[float, float]:
-        """Return squared misfit and bend q of a yaw rate that is 0 until sample k and s t + q t² from there on."""
+        """Return squared misfit and curvature q of a yaw rate that is 0 until sample k and s t + q t² after it."""
         since = np.maximum(t[:n] - t[k], 0)
         A = np.stack([since, since**2], 1)
         b = np.linalg.lstsq(A, low, None)[0]

@@ -1,8 +1,8 @@
-"""Noise of an inertial unit as a calibration: the noise of its sensors, and a filter's Q and R.
+"""Calibration of an inertial unit's noise: parameters of the sensor models, and Q and R of a filter.
 
-The model of a triad has one number for its three axes, their root mean square. A planar filter has separate numbers
-for the axes that it uses: the gyro about the vertical, the accelerometers forward and to starboard. The sensor's model
-does not include flicker. The filter's walk includes its share, see `allan.filter_noise`.
+The sensor model has one noise value for all three axes: their root mean square. A planar filter has separate values
+for the axes that it uses: the gyro about the vertical, the accelerometers forward and to starboard. The sensor model
+does not include flicker. The filter's bias walk includes the effect of flicker, see `allan.filter_noise`.
 """
 
 import math
@@ -15,14 +15,15 @@ from trimtab.analysis.identify.allan import FLICKER, NORMAL95, AllanFit, Coeffic
 from trimtab.loop.calibration import Calibration, Entry
 
 UNLIKELY = 0.001
-"""Probability below which a difference between axes is reported."""
+"""Largest probability that a noise difference between axes is chance, at which the difference is reported."""
 AXES = "xyz"
 
 
 class Triad(NamedTuple):
-    """Entries of a calibration for a sensor with three axes. unit: unit of a sample. record: sensor model.
+    """Names of the calibration entries of a three-axis sensor. unit: unit of a sample. record: the sensor model.
 
-    white: axis -> filter's entry for the variance of a sample. walk: axes, and filter's entry for their bias walk.
+    white: axis -> name of the filter's entry for the variance of a sample.
+    walk: axes that the filter uses, and name of the filter's entry for their bias walk.
     """
 
     unit: str
@@ -41,15 +42,15 @@ TRIADS: Mapping[str, Triad] = {
     ),
 }
 SQUARES = {"rad/s": ("rad^2/s^2", "rad^2/s^3"), "m/s^2": ("m^2/s^4", "m^2/s^5")}
-"""Unit of a sample -> units of its variance, and of the variance's growth in a second."""
+"""Unit of a sample -> unit of its variance, and unit of the growth of a bias's variance per second."""
 
 
 Number = tuple[float, str, float]
-"""Number of a calibration: value, unit, standard error."""
+"""Value of a calibration entry, its unit and its standard error."""
 
 
 class NoiseCalibration(NamedTuple):
-    """Calibration of noise. notes: missing or additional noise in the log."""
+    """Calibration of a sensor's noise. notes: sentences about noise that the log or the sensor model lacks."""
 
     calibration: Calibration
     notes: tuple[str, ...]
@@ -64,7 +65,7 @@ def noise_calibration(
         triad: "gyro" or "accelerometer".
         axes: axis (0, 1, 2 for x, y, z) -> fit in SI units, for at least one axis.
         source: description of the data.
-        step: step of the filter (s). None: the time between samples.
+        step: time step of the filter (s). None: the time between two samples of the log.
     """
     about: dict[str, Any] = {"source": source, "procedure": f"{triad} noise"}
     own, of_sensor = _sensor_numbers(TRIADS[triad], axes)
@@ -78,7 +79,7 @@ def noise_calibration(
 
 
 def _sensor_numbers(to: Triad, axes: Mapping[int, AllanFit]) -> tuple[dict[str, Number], list[str]]:
-    """Return the noise parameters of the sensor model, and notes."""
+    """Return the noise parameters of the sensor model, and notes for the user."""
     name, notes = f"{to.record}.bias_walk", list[str]()
     N2, of_N2 = _mean([_square(fit.white) for fit in axes.values()])
     K2, of_K2 = _mean([_square(fit.walk) for fit in axes.values()])
@@ -88,20 +89,20 @@ def _sensor_numbers(to: Triad, axes: Mapping[int, AllanFit]) -> tuple[dict[str, 
     else:
         most = math.sqrt(K2 + NORMAL95 * of_K2)
         notes.append(
-            f"{name} is not written: this log shows no random walk, at most {most:.3g} {to.unit}/s^0.5; log for longer"
+            f"{name} is not written: this log shows no random walk (at most {most:.3g} {to.unit}/s^0.5); log for longer"
         )
     flickers = [AXES[i] for i, fit in axes.items() if fit.flicker.low > 0]
     if flickers:
         most = max(float(fit.flicker.value) for fit in axes.values())
         notes.append(
-            f"flicker of {most:.3g} {to.unit} in {', '.join(flickers)}: the sensor models have no "
-            "flicker, the filter does"
+            f"flicker of {most:.3g} {to.unit} in {', '.join(flickers)}: the sensor models do not include "
+            "flicker, but the filter's noise does"
         )
     return found, notes
 
 
 def _filter_numbers(triad: str, axes: Mapping[int, AllanFit], dt: float) -> tuple[dict[str, Number], list[str]]:
-    """Return the noise parameters of a filter that steps every dt (s), and notes."""
+    """Return the noise parameters of a filter with time step dt (s), and notes for the user."""
     to, found, notes = TRIADS[triad], dict[str, Number](), list[str]()
     variance, rate = SQUARES[to.unit]
     for axis, name in to.white.items():
@@ -118,18 +119,18 @@ def _filter_numbers(triad: str, axes: Mapping[int, AllanFit], dt: float) -> tupl
         else:
             most = value + NORMAL95 * error
             notes.append(
-                f"{to.walk[1]} is not written: this log shows no random walk, at most {most:.3g} {rate}; log for longer"
+                f"{to.walk[1]} is not written: this log shows no random walk (max {most:.3g} {rate}); log for longer"
             )
     return found, notes
 
 
 def _is_shown(value: float, error: float) -> bool:
-    """Return True if 0 is outside the 95 % interval of a squared coefficient."""
+    """Return True if a squared noise coefficient is significant: its 95 % interval does not include 0."""
     return value > NORMAL95 * error
 
 
 def _square(c: Coefficient) -> tuple[float, float]:
-    """Return the square of a coefficient and the standard error of the square, from the upper end of the interval."""
+    """Return the square of a coefficient, and the standard error of the square from the interval's upper end."""
     return float(c.value) ** 2, (float(c.high) ** 2 - float(c.value) ** 2) / NORMAL95
 
 
@@ -139,7 +140,7 @@ def _mean(squares: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
 
 def _walk_of_filter(fit: AllanFit) -> tuple[float, float]:
-    """Return the growth of a bias's variance in a second, with the flicker's share, and its standard error."""
+    """Return the growth of a bias's variance per second, including the effect of flicker, and its standard error."""
     (N2, _), (B2, of_B2), (_, of_K2) = _square(fit.white), _square(fit.flicker), _square(fit.walk)
     dt, floor = float(fit.sampling_period), FLICKER * B2
     value = float(filter_noise(fit).bias_variance) / dt
@@ -148,11 +149,11 @@ def _walk_of_filter(fit: AllanFit) -> tuple[float, float]:
 
 
 def _compare_axes(triad: str, axes: Mapping[int, AllanFit]) -> list[str]:
-    """Return a note if the axes differ in their white noise by more than chance."""
+    """Return a note if the axes differ in white noise by more than chance explains."""
     squares = {AXES[i]: _square(fit.white) for i, fit in axes.items()}
     mean = _mean(list(squares.values()))[0]
     misfit = sum(((s - mean) / e) ** 2 for s, e in squares.values())
     if len(squares) < 2 or float(chdtrc(len(squares) - 1, misfit)) > UNLIKELY:
         return []
     each = ", ".join(f"{axis} {math.sqrt(s):.4g}" for axis, (s, _) in squares.items())
-    return [(f"the {triad}'s axes differ in white noise ({each}); the sensor gets their root mean square")]
+    return [(f"the {triad}'s axes differ in white noise ({each}); the sensor model uses their root mean square")]

@@ -4,12 +4,12 @@
     y_k = x_k[measured] + v_k,                v ~ N(0, diag(r(p)))
     log L(p) = -1/2 sum( e²/s + log(2 pi s) )      e, s: innovation, variance
 
-The filter predicts with the model's own step, and with its derivatives for the covariance. e and s are differentiated
-by all parameters at once, including noise variances. The parameters follow Fisher's scoring:
+The filter predicts the state with the model's own step, and the covariance with the step's derivatives. e and s are
+differentiated with respect to all parameters at once, including noise variances. The search uses Fisher scoring:
 
     I_ij = sum( e_i' e_j'/s + s_i' s_j'/(2 s²) )      g_i = sum( -e e_i'/s + (e²/s - 1) s_i'/(2 s) )
 
-The first state of a flight, and the first after a long gap, are nearly unknown, so they are estimated, too.
+At the start of a flight, and after a long gap, the filter starts with a nearly unknown state.
 
 Source: Åström, "Maximum likelihood and prediction error methods", Automatica 16 (1980); Kristensen, Madsen, Jørgensen,
 "Parameter estimation in stochastic grey-box models", Automatica 40 (2004), for scoring with a filter's innovations;
@@ -29,25 +29,25 @@ jax.config.update("jax_enable_x64", True)
 
 ITERATIONS = 40
 TOLERANCE = 0.02
-"""Change of the log likelihood in a full step below which the search ends."""
+"""Change of the log likelihood in a scoring step below which the search ends."""
 HALF_CHI = 1.9207294103470585
-"""Half of chi² of 1 degree of freedom at 95 %: the fall of the log likelihood at the ends of an interval."""
+"""Fall of the log likelihood, from its maximum to the ends of a 95 % interval: half of chi² of 1 degree of freedom."""
 COLLINEAR = 1e-4
-"""Eigenvalue of the normalised information matrix below which its eigenvector is not identifiable."""
+"""Eigenvalue of the normalised information matrix below which the data do not determine the eigenvector's direction."""
 SHARE = 0.3
 """Smallest component of a non-identifiable eigenvector for which the corresponding parameter is reported."""
 REACHES = np.array([-1.4, -0.8, 0.8, 1.4])
-"""Points of the profile likelihood, in units of half the 95 % interval that the information matrix gives."""
+"""Points at which the profile likelihood is computed, in half-widths of the information matrix's interval."""
 CORRECTIONS = 1
-"""Number of scoring steps of the remaining parameters at each point of the profile likelihood."""
+"""Number of scoring steps for the other parameters at each point of the profile likelihood."""
 
 
 class Timeline(NamedTuple):
-    """One or more flights, joined end to end: n steps.
+    """One or more flights, joined end to end: n instants. A segment is a flight, or a flight's part after a long gap.
 
-    h: length of the step before each instant (n,) (s), 0 where a stretch begins.  begins: (n,) bool. y: (n, k).  seen:
-    (n, k) bool, True for available numbers of y.  first: first state of a stretch (n, d), read only there. drive: data
-    from which the model computes its inputs.
+    h: time since the instant before (n,) (s), 0 where a segment begins.  begins: (n,) bool, True where it begins.
+    y: measurements (n, k).  seen: (n, k) bool, True where y was measured.  first: first state of a segment (n, d), used
+    only where one begins. drive: data from which the model computes its inputs.
     """
 
     h: Any
@@ -59,11 +59,13 @@ class Timeline(NamedTuple):
 
 
 class Model(NamedTuple):
-    """Model to fit. Functions of the parameters p (m,), in any unit.
+    """Model to fit, as functions of the parameters p (m,), which may have any unit.
 
-    step(p, x, u, h): the next state (d,) of state (d,) and input.  inputs(p, drive): inputs of every step, (n, …) each.
-    process(p): q (d,), per second.  noise(p): r (k,).  measured: indices (k,).  wraps: (k,) bool, True for angles.
-    spread: variances (d,) of the first state of a stretch.
+    step(p, x, u, h): state (d,) after a time h (s), from state x (d,) and input u.
+    inputs(p, drive): inputs of all steps, arrays (n, …).
+    process(p): process noise q (d,), variance per second.  noise(p): measurement noise variances r (k,).
+    measured: indices of the measured states (k,).  wraps: (k,) bool, True for angles.
+    spread: variances (d,) of the first state of a segment.
     """
 
     step: Callable[[Any, Any, Any, Any], Any]
@@ -76,9 +78,9 @@ class Model(NamedTuple):
 
 
 class Innovations(NamedTuple):
-    """Innovations.
+    """Innovations of a filter over a timeline.
 
-    e, s: innovation and its variance (n, k), 0 and 1 without measurement.  x: states after updates (n, d).
+    e, s: innovation and its variance (n, k); 0 and 1 where nothing was measured.  x: states after the updates (n, d).
     """
 
     e: Any
@@ -87,11 +89,11 @@ class Innovations(NamedTuple):
 
 
 class CompiledLikelihood(NamedTuple):
-    """Likelihood and its derivatives, compiled once for timelines of one shape.
+    """Likelihood and its derivatives, compiled once for all timelines of the same shape.
 
-    score(timeline, p): log likelihood, gradient (m,), information (m, m).  value(timeline, p): log likelihood.
+    score(timeline, p): log likelihood, gradient (m,), information matrix (m, m).  value(timeline, p): log likelihood.
     slopes(timeline, p (n, m), along (j, m)): log likelihoods (n,), and their slopes along each direction (n, j).
-    innovations(timeline, p).
+    innovations(timeline, p): `Innovations`.
     """
 
     score: Callable[[Any, Any], Any]
@@ -101,7 +103,10 @@ class CompiledLikelihood(NamedTuple):
 
 
 class LikelihoodEstimate(NamedTuple):
-    """Maximum-likelihood estimate. p: parameters (m,).  information: matrix (m, m).  iterations: number of steps."""
+    """Maximum-likelihood estimate. p: parameters (m,).  information: Fisher information matrix (m, m).
+
+    log_likelihood: its value at p.  converged: True if the search ended at a maximum.  iterations: number of steps.
+    """
 
     p: Any
     information: Any
@@ -111,7 +116,7 @@ class LikelihoodEstimate(NamedTuple):
 
 
 def filter_innovations(model: Model, timeline: Timeline, p: Any) -> Innovations:
-    """Compute the innovations of the whole timeline for parameters p (m,)."""
+    """Compute the filter's innovations over the whole timeline for parameters p (m,)."""
     q, r, u = model.process(p), model.noise(p), model.inputs(p, timeline.drive)
     spread = jnp.asarray(model.spread)
 
@@ -158,14 +163,14 @@ def maximise_likelihood(
     free: Any = None,
     tell: Callable[[int, float], None] = lambda iteration, value: None,
 ) -> LikelihoodEstimate:
-    """Maximise the likelihood, by scoring with steps that are shortened until the likelihood grows.
+    """Maximise the likelihood by Fisher scoring, with steps that are shortened until the likelihood grows.
 
     Args:
-        likelihood: likelihood of the model.  timeline: the flights.
-        p: start of the search (m,).
-        low, high: bounds (m,).
+        likelihood: compiled likelihood of the model.  timeline: the flights.
+        p: parameters at the start of the search (m,).
+        low, high: bounds of the parameters (m,).
         free: (m,) bool, True for parameters that may change. None: all.
-        tell: function called with iteration and log likelihood.
+        tell: function that is called with iteration and log likelihood, to show the progress.
     """
     score, value = (functools.partial(f, timeline) for f in (likelihood.score, likelihood.value))
     p, low, high = (np.asarray(v, np.float64) for v in (p, low, high))
@@ -227,13 +232,15 @@ def compile_likelihood(model: Model) -> CompiledLikelihood:
 def profile_intervals(
     likelihood: CompiledLikelihood, timeline: Timeline, estimate: LikelihoodEstimate, of: Any, free: Any
 ) -> Any:
-    """Return 95 % intervals (len(of), 2) of parameters `of`, from the fall of the likelihood as each parameter moves.
+    """Return 95 % intervals (len(of), 2) of the parameters `of`, by the profile likelihood.
 
-    The other parameters are optimised again: first by the information at the estimate, then by scoring steps with the
-    gradient there. An end beyond all tried points is infinite.
+    For each value that is tried of a parameter, the other parameters are optimised again: first with the information
+    matrix of the estimate, then by scoring steps with the gradient at the new values. An end of an interval is infinite
+    if the likelihood has not fallen enough, and hardly falls further, at the last value tried.
 
     Args:
-        of: indices.  free: (m,) bool, True for parameters that follow. Noise parameters should not.
+        of: indices of the parameters.
+        free: (m,) bool, True for parameters that are optimised again; False for noise parameters.
     """
     index, p = np.flatnonzero(free), np.asarray(estimate.p)
     I = estimate.information[np.ix_(index, index)]
@@ -274,7 +281,7 @@ def profile_intervals(
 
 
 def name_collinear(information: Any, names: list[str]) -> list[tuple[str, ...]]:
-    """Return groups of parameters that the data can't distinguish, and single ones that the data do not determine."""
+    """Return groups of parameters that the data can't distinguish, and single parameters without effect on the data."""
     size = np.sqrt(np.diagonal(information))
     silent = size <= 1e-9 * max(float(size.max()), 1e-300)
     groups = [(names[i],) for i in np.flatnonzero(silent)]
@@ -298,7 +305,7 @@ def _damped_solve(A: Any, b: Any, damping: float) -> Any:
 
 
 def _end_of_interval(reach: Any, fall: Any, sign: int) -> float:
-    """Return the end of an interval on one side, where the log likelihood has fallen by HALF_CHI, by interpolation."""
+    """Return one end of an interval, by interpolation: the point where the log likelihood has fallen by HALF_CHI."""
     side = np.sign(reach) == sign
     x, y = np.abs(reach[side]), np.sqrt(np.maximum(fall[side], 0.0))
     order = np.argsort(x)

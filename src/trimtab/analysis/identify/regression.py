@@ -1,8 +1,8 @@
-"""Least-squares fit of a few numbers, with their covariance, and without outliers.
+"""Least-squares fit of a few coefficients, with their covariance. Outliers are left out.
 
-Outliers are found from a fit that they cannot influence (least absolute deviations), and then tested against ordinary
-least squares of the other readings. A reading is left out and reported if its distance from the fit of the others
-exceeds the distance that occurs by chance in one of a hundred such lists.
+Candidates for outliers are found with a robust fit (least absolute deviations). Each is then tested against an ordinary
+least-squares fit of the other readings. A reading is left out and reported if its distance from that fit exceeds
+the distance that occurs by chance in one of a hundred tables without outliers.
 
 Source: Rousseeuw, Leroy, "Robust regression and outlier detection", 1987, section 5.1, for the scale and the
 re-weighting; Weisberg, "Applied linear regression", 2005, section 9.1, for the test of one reading against the others.
@@ -17,15 +17,16 @@ from scipy.special import stdtrit  # scipy.stats takes a second to import
 from trimtab.loop.calibration import student_reach
 
 CHANCE = 0.01
-"""Probability that any reading of a good list is left out."""
+"""Probability that at least one reading is left out of a table without outliers."""
 ROUNDS = 50
 
 
 class LinearFit(NamedTuple):
-    """Linear fit y = A b, of n readings and k numbers.
+    """Linear fit y = A b of n readings y with k coefficients b.
 
-    value: b (k,).  covariance: of b (k, k).  residuals: y - A b (n,), also of outliers.  kept: (n,) bool. deviation:
-    standard deviation of a reading. freedom: degrees of freedom, readings kept minus k.
+    value: b (k,).  covariance: covariance of b (k, k).  residuals: y - A b (n,), also of outliers.
+    kept: (n,) bool, False for outliers. deviation: standard deviation of a reading.
+    freedom: degrees of freedom, the number of readings kept minus k.
     """
 
     value: Any
@@ -36,21 +37,21 @@ class LinearFit(NamedTuple):
     freedom: int
 
     def standard_errors(self) -> Any:
-        """Return the standard error of each number (k,)."""
+        """Return the standard error of each coefficient (k,)."""
         return np.sqrt(np.diagonal(self.covariance))
 
     def interval(self) -> tuple[Any, Any]:
-        """Return the 95 % interval of each number (k,), by Student's t."""
+        """Return lower and upper ends (k,) of the coefficients' 95 % intervals, by Student's t."""
         reach = student_reach(self.freedom) * self.standard_errors()
         return self.value - reach, self.value + reach
 
 
 def fit_linear(A: Any, y: Any, floor: float = 0.0) -> LinearFit:
-    """Fit y (n,) by A (n, k) with least squares, without outliers. n must exceed k.
+    """Fit y = A b by least squares, and leave out outliers. n must exceed k.
 
     Args:
-        A: matrix of factors, one column for each number, of full rank.
-        y: readings.
+        A: regression matrix (n, k), one column for each coefficient, of full rank.
+        y: readings (n,).
         floor: minimum standard deviation of a reading, e.g. that of rounding, in the unit of y.
     """
     A, y = np.asarray(A, np.float64), np.asarray(y, np.float64)
@@ -60,7 +61,7 @@ def fit_linear(A: Any, y: Any, floor: float = 0.0) -> LinearFit:
 
 
 def _fit_kept(A: Any, y: Any, kept: Any, floor: float) -> tuple[Any, Any, float, int]:
-    """Return estimate, (A'A)^-1, deviation and freedom from the readings kept."""
+    """Return estimate, (A'A)^-1, standard deviation of a reading and degrees of freedom, from the readings kept."""
     some = A[kept]
     scale = np.linalg.norm(some, axis=0)
     inverse = np.linalg.inv((some / scale).T @ (some / scale)) / np.outer(scale, scale)
@@ -71,7 +72,7 @@ def _fit_kept(A: Any, y: Any, kept: Any, floor: float) -> tuple[Any, Any, float,
 
 
 def _select_consistent(A: Any, y: Any, floor: float) -> Any:
-    """Return a mask (n,) of the readings that fit one model with noise. At least 60 % and k + 2 readings stay."""
+    """Return a mask (n,) of the readings that are not outliers. At least 60 % and at least k + 2 readings stay."""
     n, k = A.shape
     kept = np.ones(n, bool)
     least = max(k + 2, math.ceil(0.6 * n))
@@ -100,7 +101,7 @@ def _select_consistent(A: Any, y: Any, floor: float) -> Any:
 
 
 def _least_deviations(A: Any, y: Any) -> Any:
-    """Return the fit (k,) with the least sum of absolute deviations, by re-weighted least squares."""
+    """Return the coefficients (k,) with the least sum of absolute deviations, by re-weighted least squares."""
     value = np.linalg.lstsq(A, y, rcond=None)[0]
     small = 1e-6 * (np.ptp(y) or 1.0)
     for _ in range(ROUNDS):

@@ -1,4 +1,6 @@
-"""Rudder: the servo's table from pulses and angles, and the direction of the force from the angle of a pulled hull.
+"""Calibration of a rudder: the servo's table of angles, and the direction of the thrust force at each rudder angle.
+
+The direction of the force is measured as the angle of the hull when the thrust pulls it on a string.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -13,8 +15,8 @@ from trimtab.core.rotation import DEG
 from trimtab.logs.measurements import MeasuredColumn, Measurements, name_lines
 from trimtab.loop.calibration import Calibration, Covariance, Entry
 
-WAY = MeasuredColumn("way", "1", "approach: 1 from below, -1 from above", -1, 1, needed=False)
-"""Column for the direction of approach. With this column, play of the linkage does not count as scatter."""
+WAY = MeasuredColumn("way", "1", "direction of approach: 1 from below, -1 from above", -1, 1, needed=False)
+"""Column for the direction of approach. With this column, play of the linkage is fitted and not counted as scatter."""
 SERVO_COLUMNS = (
     MeasuredColumn("pulse", "s", "pulse width of the servo", 0.5e-3, 2.5e-3, usual="us"),
     MeasuredColumn("angle", "rad", "rudder angle on the protractor", -np.pi / 2, np.pi / 2, most=2 * DEG, usual="deg"),
@@ -23,16 +25,19 @@ SERVO_COLUMNS = (
 HULL_COLUMNS = (
     MeasuredColumn("rudder", "rad", "rudder angle", -np.pi / 2, np.pi / 2, most=2 * DEG, usual="deg"),
     MeasuredColumn(
-        "hull", "rad", "angle of the force, from the hull's x axis", -np.pi / 2, np.pi / 2, most=1 * DEG, usual="deg"
+        "hull", "rad", "angle of the thrust, from the hull's x axis", -np.pi / 2, np.pi / 2, most=1 * DEG, usual="deg"
     ),
     WAY,
 )
 PULSE_START, PULSE_STEP, PULSES = 1.0e-3, 50e-6, 21
-"""Grid of the servo's table: 1.00 to 2.00 ms. [1] figure 4.2."""
+"""Pulse widths of the servo's table: 1.00 to 2.00 ms in steps of 0.05 ms. [1] figure 4.2."""
 
 
 class ServoFit(NamedTuple):
-    """Fitted servo. pulses: s (21,).  angles, errors: rad (21,).  play: half the play of the linkage (rad), or None."""
+    """Fitted table of a servo. pulses: pulse widths (21,), s.  angles, errors: angles and standard errors (21,), rad.
+
+    play: half the play of the linkage (rad); None if the direction of approach was not recorded.
+    """
 
     pulses: Any
     angles: Any
@@ -42,12 +47,14 @@ class ServoFit(NamedTuple):
 
 
 def fit_servo(data: Measurements) -> ServoFit:
-    """Fit the angles at the grid's pulses by least squares of a piecewise linear curve; [1] figure 4.2.
+    """Fit the angles of the servo's table: a piecewise linear curve through the readings, by least squares.
+
+    Source: [1] figure 4.2.
 
     Args:
-        data: `SERVO_COLUMNS`, readings at any pulses. Every interval of the grid needs readings.
+        data: readings with the columns `SERVO_COLUMNS`, at any pulses. Each pulse of the table needs readings near it.
 
-    Raises: InputError if a pulse of the grid has no reading near it, or the angles do not rise with the pulse.
+    Raises: InputError if a pulse of the table has no reading near it, or if the angles do not rise with the pulse.
     """
     position = (data["pulse"] - PULSE_START) / PULSE_STEP
     outside = (position < -1e-6) | (position > PULSES - 1 + 1e-6)
@@ -61,9 +68,9 @@ def fit_servo(data: Measurements) -> ServoFit:
     if bare:
         pulses = ", ".join(f"{1e3 * (PULSE_START + k * PULSE_STEP):.2f}" for k in bare)
         problem = f"no angle was measured near {pulses} ms"
-        raise InputError(f"file {data.file!r}", problem, fix="measure each of 1.00, 1.05, … 2.00 ms, best three times")
+        raise InputError(f"file {data.file!r}", problem, fix="measure at 1.00, 1.05, … 2.00 ms, best three times each")
     if len(data) <= PULSES:
-        problem = f"{len(data)} readings of {PULSES} pulses do not give an uncertainty"
+        problem = f"{len(data)} readings at {PULSES} pulses are too few for an uncertainty"
         fix = "measure again, up and down: two or three readings for each pulse, numbered in a column trial"
         raise InputError(f"file {data.file!r}", problem, fix=fix)
     A, both = _add_ways(A, data)
@@ -89,7 +96,10 @@ def _add_ways(A: Any, data: Measurements) -> tuple[Any, bool]:
 
 
 class HullFit(NamedTuple):
-    """Fitted geometry theta = -ratio psi + offset. covariance: of both (2, 2).  correlation: of theta and psi."""
+    """Fitted line theta = -ratio psi + offset between rudder angle theta and force angle psi.
+
+    covariance: covariance of ratio and offset (2, 2).  correlation: correlation of theta and psi.
+    """
 
     ratio: float
     offset: float
@@ -99,7 +109,7 @@ class HullFit(NamedTuple):
 
 
 def fit_hull_angle(data: Measurements) -> HullFit:
-    """Fit rudder angle against force angle, the regression of [1] eq. 4.3; `HULL_COLUMNS`."""
+    """Fit a line to rudder angle against force angle, [1] eq. 4.3. data: readings with the columns `HULL_COLUMNS`."""
     refuse_few(data, 2, "a line")
     psi, theta = data["hull"], data["rudder"]
     if np.ptp(psi) < 1 * DEG:
@@ -115,36 +125,36 @@ def fit_hull_angle(data: Measurements) -> HullFit:
         raise InputError(f"file {data.file!r}", problem, fix=fix)
     if ratio < 1:
         problem = f"the force turns more than the rudder (ratio {ratio:.3g}), which is impossible"
-        fix = "check if the headings 'rudder' and 'hull' are swapped, or if one of them has another unit"
+        fix = "check if the headings 'rudder' and 'hull' are swapped, or if one of the columns has another unit"
         raise InputError(f"file {data.file!r}", problem, fix=fix)
     kept = fit.kept
     return HullFit(ratio, offset, fit.covariance[:2, :2], float(np.corrcoef(psi[kept], theta[kept])[0, 1]), fit)
 
 
 def refuse_few(data: Measurements, numbers: int, what: str) -> None:
-    """Raise InputError unless there are more readings than numbers to fit."""
+    """Raise InputError unless there are more readings than coefficients to fit. what: name of the fitted curve."""
     if len(data) <= numbers:
-        problem = f"{len(data)} readings for {what} of {numbers} numbers do not give an uncertainty"
+        problem = f"{len(data)} readings for {what} of {numbers} coefficients do not give an uncertainty"
         raise InputError(f"file {data.file!r}", problem, fix=f"measure at least {numbers + 1}, better {3 * numbers}")
 
 
 def source_of(data: Measurements, fit: LinearFit) -> str:
-    """Return a description of a fit's data: file, number of readings, lines left out."""
+    """Return a description of the data of a fit: file, number of readings, lines left out."""
     out = ~fit.kept
     left = f", {data.name_lines(out)} left out" if out.any() else ""
     return f"{data.file}: {len(data)} readings{left}"
 
 
 def servo_calibration(data: Measurements, servo: ServoFit) -> Calibration:
-    """Return the calibration's entry for the servo's table."""
+    """Return a calibration with the servo's table of angles."""
     about = {"freedom": servo.fit.freedom, "source": source_of(data, servo.fit), "procedure": "servo"}
     return Calibration({"RudderServo.angles": Entry(servo.angles.tolist(), "rad", servo.errors.tolist(), **about)})
 
 
 def hull_calibration(data: Measurements, hull: HullFit) -> Calibration:
-    """Return the calibration's entries for the rudder's ratio and offset.
+    """Return a calibration with the rudder's ratio and offset.
 
-    The thrust is largest where the force is straight, so `Thruster.offset` is the same offset.
+    `Thruster.offset` gets the same value, because the thrust is largest where the force points straight ahead.
     """
     error = np.sqrt(np.diagonal(hull.covariance))
     about = {"freedom": hull.fit.freedom, "source": source_of(data, hull.fit), "procedure": "hull"}

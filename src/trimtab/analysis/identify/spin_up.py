@@ -1,4 +1,4 @@
-"""Moment of inertia with its error, from a table of trials or from the log of one trial.
+"""Moment of inertia with its standard error, from a table of spin-up trials or from the log of one trial.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 4.3.3.
 """
@@ -22,13 +22,16 @@ TRIAL_COLUMNS = (
     MeasuredColumn("slope", "rad/s^2", "initial slope of the yaw rate", -1000, 1000),
 )
 SPIN_UP_COLUMNS = (
-    MeasuredColumn("time", "s", "time, from any start before the release"),
+    MeasuredColumn("time", "s", "time; the log must start before the release"),
     MeasuredColumn("yaw_rate", "rad/s", "yaw rate", -50, 50, most=0.05),
 )
 
 
 class InertiaOfTrials(NamedTuple):
-    """Inertia from trials. each: J of each trial (n,), kg m².  J, standard_error: mean of J and its error, kg m²."""
+    """Moment of inertia from several trials. each: J of each trial (n,), kg m².
+
+    J, standard_error: mean of J and its standard error, kg m².  fit: fit of the mean.
+    """
 
     each: Any
     J: float
@@ -41,9 +44,10 @@ class InertiaOfTrials(NamedTuple):
 
 
 class ForceGeometry(NamedTuple):
-    """Geometry of the force: psi = (offset - theta)/ratio. arm: m.  covariance: of ratio and offset (2, 2).
+    """Direction psi of the force at rudder angle theta: psi = (offset - theta)/ratio.
 
-    The errors of the geometry are the same in every trial, so repeated trials do not reduce them.
+    arm: distance from the centre of mass to the rudder pivot (m).  covariance: covariance of ratio and offset (2, 2).
+    Errors of ratio and offset are the same in every trial, so repeated trials do not reduce their effect.
     """
 
     arm: float
@@ -52,11 +56,11 @@ class ForceGeometry(NamedTuple):
     covariance: Any
 
     def lateral_force(self, force: Any, rudder: Any) -> Any:
-        """Return FY (N) of a thrust with the rudder at an angle (rad)."""
+        """Return the lateral force FY (N) of a thrust (N) at a rudder angle (rad)."""
         return lateral_force(force, (self.offset - rudder) / self.ratio)
 
     def variance(self, mean: Callable[["ForceGeometry"], float]) -> float:
-        """Return the variance of a mean computed with this geometry, from the geometry's errors."""
+        """Return the variance of a result that is computed with this geometry, due to errors of ratio and offset."""
         h = 1e-6
         ratio = mean(self._replace(ratio=self.ratio + h)) - mean(self._replace(ratio=self.ratio - h))
         offset = mean(self._replace(offset=self.offset + h)) - mean(self._replace(offset=self.offset - h))
@@ -68,12 +72,12 @@ def inertia_of_trials(rows: Measurements, geometry: ForceGeometry) -> InertiaOfT
     """Compute J = -d FY/r' of each trial of `TRIAL_COLUMNS` and their mean, [1] table 4.2.
 
     Args:
-        rows: measured values.
+        rows: one row of measured values for each trial.
         geometry: direction of the force for each rudder angle.
     """
     if len(rows) < 2:
-        problem = f"{len(rows)} trial does not give an uncertainty of J"
-        raise InputError(f"file {rows.file!r}", problem, fix="repeat the trial, best three times to either side")
+        problem = f"at least 2 trials are needed for an uncertainty of J, got {len(rows)}"
+        raise InputError(f"file {rows.file!r}", problem, fix="repeat the trial, best three times to each side")
     flat = np.abs(rows["slope"]) < 1e-6
     if flat.any():
         problem = f"{rows.name_lines(flat)}: a slope of 0 gives no moment of inertia"
@@ -83,7 +87,7 @@ def inertia_of_trials(rows: Measurements, geometry: ForceGeometry) -> InertiaOfT
         problem = "the force changes its sign with the rudder, but the slope never does"
         fix = (
             "check if the headings 'force' and 'slope' are swapped; the force is the constant "
-            "thrust, equal to both sides"
+            "thrust, the same for trials to both sides"
         )
         raise InputError(f"file {rows.file!r}", problem, fix=fix)
     J = _each_inertia(rows, geometry)
@@ -106,12 +110,12 @@ def _each_inertia(rows: Measurements, geometry: ForceGeometry) -> Any:
 def inertia_of_spin_up(
     part: LinearPortion, force: float, rudder: float, geometry: ForceGeometry
 ) -> tuple[float, float, int]:
-    """Compute J (kg m²), its standard error, and the slope's degrees of freedom, from one release.
+    """Compute J (kg m²), its standard error, and the slope's degrees of freedom, from the log of one spin-up.
 
     Args:
         part: result of `find_linear_portion`.
-        force, rudder: constant thrust and rudder angle (N, rad).
-        geometry: direction of the force.
+        force, rudder: constant thrust (N) and rudder angle (rad).
+        geometry: direction of the force for each rudder angle.
     """
     slope, error = float(part.fit.slope), float(part.fit.standard_error)
 

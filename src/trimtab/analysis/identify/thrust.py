@@ -1,4 +1,4 @@
-"""Thrust of a fan with a rudder behind it: coefficient, loss with the rudder, and reverse thrust, from a gauge.
+"""Thrust of a fan with a rudder behind it, from a force gauge: coefficient, loss at a rudder angle, reverse thrust.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -22,27 +22,30 @@ THRUST_COLUMNS = (
     MeasuredColumn("force", "N", "thrust on the gauge", -0.5, 100, most=0.02),
 )
 REVERSE_COLUMNS = (
-    MeasuredColumn("speed", "rpm", "speed of the fan, the same in both directions", 0, 60_000, most=1000),
+    MeasuredColumn("speed", "rpm", "speed of the fan, the same for forward and reverse", 0, 60_000, most=1000),
     MeasuredColumn("forward", "N", "thrust forward", 0, 100, most=0.02),
     MeasuredColumn("reverse", "N", "thrust in reverse, positive", 0, 100, most=0.005),
 )
 SATURATED = 3
-"""Minimum number of strongest readings, all equal to the greatest reading, that show a saturated gauge."""
+"""Minimum number of readings equal to the greatest one, at the highest expected forces, that show a saturated gauge."""
 AT_END = 0.9
-"""Minimum share of the strongest readings that equal the greatest reading. One outlier does not hide saturation."""
+"""Minimum share of readings that equal the greatest one, among those at the highest expected forces, for saturation.
+
+It is below 1 so that one outlier does not hide saturation.
+"""
 DIVISIONS = 1.5
-"""Difference of two forces, in divisions of the gauge, below which the readings may be equal."""
+"""Largest difference of two forces, in scale divisions of the gauge, at which their readings may be equal."""
 UNLIKELY = 0.001
-"""Significance level: below this p-value, the loss of thrust with the rudder angle does not follow the formula."""
+"""Significance level: at a p-value below this, the thrust is not proportional to cos(theta - offset)."""
 CUBIC = 4
 
 
 class ThrustFit(NamedTuple):
-    """Fitted thrust F = c n² eta(theta), n in krpm.
+    """Fitted thrust F = c n² eta(theta) at speed n (krpm) and rudder angle theta.
 
-    angles: rudder angles (m,), rad.  by_angle: c eta at each (m,), N/krpm².  errors: standard errors of by_angle (m,).
-    coefficient, standard_error: c, N/krpm².  chance: probability of a misfit of the formula's eta at least as large as
-    this. fit: fit of c to all readings.
+    angles: rudder angles (m,), rad.  by_angle: c eta at each angle (m,), N/krpm².  errors: standard errors of by_angle.
+    coefficient, standard_error: c and its standard error, N/krpm².  chance: p-value of the test that by_angle follows
+    the formula eta = cos(theta - offset). fit: fit of c to all readings.
     """
 
     angles: Any
@@ -54,18 +57,20 @@ class ThrustFit(NamedTuple):
     fit: LinearFit
 
     def follows_formula(self) -> bool:
-        """True if the readings agree with thrust proportional to cos(theta - offset)."""
+        """Return True if the readings agree with a thrust proportional to cos(theta - offset)."""
         return self.chance >= UNLIKELY
 
 
 def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
-    """Fit a quadratic in speed for each rudder angle, and one for all with eta = cos(theta - offset). [1] chapter 4.
+    """Fit thrust as a quadratic in speed: separately at each rudder angle, and for all with eta = cos(theta - offset).
+
+    Source: [1] chapter 4.
 
     Args:
-        data: `THRUST_COLUMNS`.
-        offset: rudder angle of full thrust (rad), from `rudder.fit_hull_angle`.
+        data: readings with the columns `THRUST_COLUMNS`.
+        offset: rudder angle at which the thrust is largest (rad), from `rudder.fit_hull_angle`.
 
-    Raises: InputError for too few readings or a saturated gauge.
+    Raises: InputError if there are too few readings, or if the gauge was saturated.
     """
     refuse_few(data, 2, "a quadratic")
     theta, n, F = data["rudder"], data["speed"] * 1e-3, data["force"]
@@ -95,7 +100,8 @@ def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
 class ReverseFit(NamedTuple):
     """Fitted ratio of reverse to forward thrust: y3 n³ + y2 n² + y1 n + y0, n in krpm.
 
-    coefficients, covariance: (4,), (4, 4).  slowest: smallest speed (rpm) at which the cubic holds.
+    coefficients: y3 … y0 (4,).  covariance: of the coefficients (4, 4).  slowest: lowest speed measured (rpm), below
+    which the cubic is not valid.
     """
 
     coefficients: Any
@@ -105,16 +111,16 @@ class ReverseFit(NamedTuple):
 
 
 def fit_reverse(data: Measurements, gauge_error: float) -> ReverseFit:
-    """Fit the ratio of reverse to forward thrust as a cubic of the speed, [1] eq. 4.4; `REVERSE_COLUMNS`.
+    """Fit the ratio of reverse to forward thrust as a cubic of the speed, [1] eq. 4.4.
 
     Args:
-        data: readings at the same speeds in both directions.
-        gauge_error: standard deviation of a reading (N). A ratio of small forces has less weight.
+        data: readings with the columns `REVERSE_COLUMNS`, at the same speeds in both directions.
+        gauge_error: standard deviation of a reading (N), from which the weight of each ratio is computed.
     """
     refuse_few(data, CUBIC, "a cubic")
     zero = data["forward"] <= 0
     if zero.any():
-        problem = f"{data.name_lines(zero)}: the forward thrust is zero, so there is no ratio"
+        problem = f"{data.name_lines(zero)}: the forward thrust is zero, so the ratio is undefined"
         raise InputError(f"file {data.file!r}", problem, fix="leave out speeds at which the gauge reads zero")
     for gauge in ("forward", "reverse"):
         refuse_saturation(data, gauge, data["speed"] ** 2)
@@ -142,12 +148,12 @@ def fit_reverse(data: Measurements, gauge_error: float) -> ReverseFit:
 
 
 def refuse_saturation(data: Measurements, gauge: str, rising: Any) -> None:
-    """Raise InputError for a saturated gauge, which shows its greatest reading although the force must differ.
+    """Raise InputError if the gauge was saturated: it shows the same greatest reading for clearly different forces.
 
     Args:
-        data: readings of the fan, with its `speed`.
-        gauge: column of the gauge.
-        rising: approximate size of the force at each reading (n,), to a common factor.
+        data: readings, with a column `speed`.
+        gauge: column with the readings of the gauge.
+        rising: expected force at each reading (n,), up to a common factor.
     """
     F = data[gauge]
     greatest, down = float(np.max(F)), np.argsort(-rising, kind="stable")
@@ -168,7 +174,10 @@ def refuse_saturation(data: Measurements, gauge: str, rising: Any) -> None:
 
 
 def thrust_calibration(data: Measurements, thrust: ThrustFit) -> Calibration:
-    """Return coefficient and maximum speed, and thrust at each rudder angle if eta does not follow the formula."""
+    """Return the calibration entries of the thrust: coefficient and maximum speed.
+
+    If eta does not follow the formula, they include the thrust at each rudder angle.
+    """
     about: dict[str, Any] = {"source": source_of(data, thrust.fit), "procedure": "thrust"}
     known = {"freedom": thrust.fit.freedom}
     c = Entry(thrust.coefficient, "N/krpm^2", thrust.standard_error, **known, **about)
@@ -182,7 +191,7 @@ def thrust_calibration(data: Measurements, thrust: ThrustFit) -> Calibration:
 
 
 def reverse_calibration(data: Measurements, reverse: ReverseFit) -> Calibration:
-    """Return the cubic, and the smallest speed at which it holds."""
+    """Return the calibration entries of the reverse thrust: the cubic, and the lowest speed at which it is valid."""
     about: dict[str, Any] = {"source": source_of(data, reverse.fit), "procedure": "reverse"}
     name, errors = "Thruster.reverse_ratio", np.sqrt(np.diagonal(reverse.covariance))
     entries: Mapping[str, Entry] = {

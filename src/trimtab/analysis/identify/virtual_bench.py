@@ -1,8 +1,8 @@
-"""A virtual bench: data of the thesis's calibration procedures, for a craft with known true parameters.
+"""Virtual test bench: simulated data of the calibration procedures of [1], for a craft with known true parameters.
 
-It includes the errors of a real bench: a gauge with divisions of 0.1 N, read to half a division, a tether with
-friction, a protractor read to half a degree, a linkage with play, a battery that sags between readings, and a speed
-held by hand.
+The data include the errors of a real bench: a gauge with divisions of 0.1 N, read to half a division, a tether with
+friction, a protractor read to half a degree, a linkage with play, a battery whose voltage sags between readings, and
+a fan speed held by hand.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 4.3.
 """
@@ -37,11 +37,11 @@ PROTRACTOR, PLAY = 0.5 * DEG, 0.4 * DEG
 """Standard deviation of a protractor reading, and half the play of the linkage (rad)."""
 SPIN_UP_FORCE, SPIN_UP_RUDDER = 1.1, -20 * DEG
 Rows = tuple[Sequence[str], Sequence[Sequence[float]]]
-"""Table: headings with their units, and rows."""
+"""Table of measurements: headings with units, and rows of numbers."""
 
 
 class BenchCraft(NamedTuple):
-    """Craft on the virtual bench. delay: mean, standard deviation and minimum of the uplink's latency (s)."""
+    """Craft on the virtual bench. delay: mean, standard deviation and shortest value of the uplink's latency (s)."""
 
     servo: RudderServo
     geometry: RudderGeometry
@@ -74,7 +74,7 @@ class BenchCraft(NamedTuple):
 
 
 def draw_craft(seed: int) -> BenchCraft:
-    """Return a craft with random parameters near the thesis's, as scattered as crafts of one design."""
+    """Return a craft with random parameters near those of [1]. They scatter like those of crafts of one design."""
     g = np.random.default_rng([seed, 1])
 
     def near(value: float, share: float) -> float:
@@ -103,7 +103,7 @@ def draw_craft(seed: int) -> BenchCraft:
 
 
 def run_bench(craft: BenchCraft, seed: int) -> dict[str, Rows]:
-    """Run every procedure once. Return file name -> headings and rows."""
+    """Run every calibration procedure once. Return file name -> table."""
     g = np.random.default_rng([seed, 2])
     procedures: Mapping[str, Callable[[BenchCraft, np.random.Generator], Rows]] = {
         "servo.csv": _measure_servo,
@@ -120,7 +120,7 @@ def run_bench(craft: BenchCraft, seed: int) -> dict[str, Rows]:
 
 
 def write_bench(folder: Path, tables: Mapping[str, Rows]) -> list[Path]:
-    """Write the tables as CSV. Return the files."""
+    """Write the tables as CSV files. Return the files' paths."""
     folder.mkdir(parents=True, exist_ok=True)
     files = []
     for name, (headings, rows) in tables.items():
@@ -131,7 +131,7 @@ def write_bench(folder: Path, tables: Mapping[str, Rows]) -> list[Path]:
 
 
 def _measure_servo(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Measure the servo with pulses up and down, three times. The linkage lags by its play."""
+    """Measure the servo's angles at rising and falling pulses, three times. The rudder lags by the linkage's play."""
     pulses, rows = 1.0e-3 + 50e-6 * np.arange(21), []
     for trial in range(1, 7):
         way = 1 if trial % 2 else -1
@@ -142,7 +142,7 @@ def _measure_servo(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _measure_hull(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Measure the hull at rest on its string, at 13 rudder angles, approached from both sides."""
+    """Measure the angle of the hull on its string at 13 rudder angles, approached from both sides."""
     rows = []
     for trial in (1, 2, 3, 4):
         theta = np.arange(-30, 31, 5) * DEG
@@ -160,7 +160,7 @@ def _read_gauge(force: Any, g: np.random.Generator) -> Any:
 
 
 def _draw_speeds(steps: Any, g: np.random.Generator) -> Any:
-    """Return speeds (rpm) on the tachometer. They are held by hand, while the battery sags over time."""
+    """Return tachometer readings (rpm) at the wanted speeds `steps`, with errors of manual setting and battery sag."""
     sag = 1 - 0.06 * np.linspace(0, 1, len(steps)) * (np.asarray(steps) / 12000) ** 2
     return np.round(np.asarray(steps) * sag * (1 + 0.01 * g.standard_normal(len(steps))), -1)
 
@@ -177,7 +177,7 @@ def _measure_thrust(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _measure_reverse(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Measure thrust at thirteen speeds, three times, with the rudder straight."""
+    """Measure forward and reverse thrust at thirteen speeds, three times, with the rudder straight."""
     rows, straight = [], craft.thruster.offset
     for trial in (1, 2, 3):
         for n in np.arange(6000, 12001, 500):
@@ -187,7 +187,7 @@ def _measure_reverse(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _measure_trials(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Measure the initial slopes of ten spin-ups, five to each side."""
+    """Measure the initial slope of the yaw rate in ten spin-ups, five to each side."""
     rows = []
     for trial in range(1, 11):
         theta = (-20 if trial % 2 else 25) * DEG
@@ -200,7 +200,7 @@ def _measure_trials(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _log_spin_up(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Log the yaw rate every 20 ms: the craft is held for a second and released at full force."""
+    """Log the yaw rate every 20 ms. The craft is held for a second and then released at constant thrust."""
     psi = (craft.geometry.offset - SPIN_UP_RUDDER) / craft.geometry.ratio
     push = PlanarForce(SPIN_UP_FORCE * np.cos(psi), -SPIN_UP_FORCE * np.sin(psi))
     rate = _spin(craft.vehicle, push, 0.0, 0.02, 150)
@@ -209,7 +209,7 @@ def _log_spin_up(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _log_coast_down(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Log three spins that coast down."""
+    """Log the yaw rate of three spins that coast down."""
     rows = []
     for trial, start in enumerate((6.0, -4.0, 2.0), 1):
         rate = _spin(craft.vehicle, PlanarForce(0.0, 0.0), start, 0.05, 240)
@@ -219,7 +219,7 @@ def _log_coast_down(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _log_sweep(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Log the gyro on a table that swings at rising frequency, up to 40 Hz in 20 s."""
+    """Log the gyro on a turntable that oscillates at a frequency rising to 40 Hz in 20 s."""
     T = to_seconds(TICK)
     t = T * np.arange(3000)
     u = 2.0 * np.sin(np.pi * (40 / t[-1]) * t**2)
@@ -230,7 +230,7 @@ def _log_sweep(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _record_delays(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Record three hundred packets, as link-test does. One in a hundred is lost."""
+    """Record the delays of three hundred packets, as `link-test` does. One packet in a hundred is lost."""
     mean, sd, shift = craft.delay
     shape = ((mean - shift) / sd) ** 2
     delays = shift + g.gamma(shape, sd**2 / (mean - shift), 300)
@@ -240,7 +240,7 @@ def _record_delays(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 @jax.jit(static_argnums=(4,))
 def _spin(vehicle: Hovercraft, push: PlanarForce, start: Any, dt: Any, n: int) -> Any:
-    """Return yaw rates (n,) after 1, 2, … n steps of dt (s) from a rate (rad/s), integrated in steps of dt/20."""
+    """Return yaw rates (n,) at dt, 2 dt, … n dt (s), from the initial rate `start` (rad/s). Integration step: dt/20."""
     parts = 20
 
     def advance(x: HovercraftState, _: Any) -> Any:

@@ -1,7 +1,8 @@
 """Reader of ArduPilot's dataflash log, .BIN. Its topics are message types, such as IMU, ATT and GPS.
 
-Sensors of one kind share a message type and differ in a field, usually ``I``. A mapping selects a sensor by
-where = {I = 0}. Units come from the file. Source: ArduPilot, Logger library; read by pymavlink's DFReader.
+Sensors of one kind share a message type. A field of the message, usually ``I``, is the number of the sensor. A mapping
+selects a sensor by where = {I = 0}. Units come from the file. Source: ArduPilot, Logger library; read by pymavlink's
+DFReader.
 """
 
 import contextlib
@@ -25,7 +26,7 @@ from trimtab.logs.foreign.tables import (
 )
 
 TIMES = {"TimeUS": "us", "TimeMS": "ms"}
-"""Name of the column of times, in the new and the old format -> its unit."""
+"""Name of the time column, in the new and in the old format -> its unit."""
 
 
 def list_bin(path: Path) -> list[TopicSummary]:
@@ -45,7 +46,7 @@ def read_bin(path: Path, topics: Iterable[str]) -> dict[str, Table]:
     """Read the tables of the named message types from a .BIN file.
 
     Raises:
-        InputError: an unknown message type, or no valid message in the file.
+        InputError: a message type is unknown, or the file has no valid message.
     """
     wanted = sorted(set(topics))
     with _open(path) as reader:
@@ -70,7 +71,7 @@ def read_bin(path: Path, topics: Iterable[str]) -> dict[str, Table]:
 
 
 def _read_messages(path: Path, types: list[str] | None) -> dict[str, tuple[list[str], list[list[Any]]]]:
-    """Return message type -> names of its columns, and values of each message."""
+    """Return message type -> names of its columns, and values of its messages."""
     rows: dict[str, tuple[list[str], list[list[Any]]]] = {}
     with _open(path) as reader:
         try:

@@ -1,4 +1,4 @@
-"""Conversion of a table of a foreign log to a sensor's samples: rows are selected, sorted by time, and put in SI."""
+"""Conversion of a table of a foreign log to the samples of a sensor, selected, sorted by time, and in SI units."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -15,13 +15,13 @@ from trimtab.logs.foreign.tables import Table
 from trimtab.logs.samples import SampleSeries
 
 DISORDER = UNITS_PER_SECOND
-"""Decrease of time (100 ns) above which the clock has restarted. With a smaller decrease, a row is out of order."""
+"""Step back in time (100 ns) from which on the clock counts as restarted. After a smaller step, rows are sorted."""
 EQUATOR, FLATTENING = 6378137.0, 1 / 298.257223563
 """Radius at the equator (m) and flattening of the ellipsoid of WGS 84."""
 
 
 class Conversion(NamedTuple):
-    """Converted samples. counts: numbers of all rows, and of rows out of order or left out, by reason."""
+    """Converted samples. counts: number of all rows, and of rows that are not finite, out of order, duplicate."""
 
     series: SampleSeries
     counts: dict[str, int]
@@ -39,7 +39,7 @@ def convert_table(where: str, table: Table, mapping: TopicMap) -> Conversion:
         mapping: mapping of the sensor.
 
     Raises:
-        InputError: an unknown column or unit, no rows, times that jump back, or two values at one time.
+        InputError: a column or unit is unknown, no row is left, the times jump back, or a time has two values.
     """
     chosen = _choose_rows(where, table, mapping)
     ticks = _read_ticks(where, table, mapping)[chosen]
@@ -90,7 +90,7 @@ def _choose_rows(where: str, table: Table, mapping: TopicMap) -> Any:
 
 
 def _read_ticks(where: str, table: Table, mapping: TopicMap) -> Any:
-    """Return the times of all rows in 100 ns, int64 (n,). Integer times are converted exactly."""
+    """Return the times of all rows in 100 ns, int64 (n,). Integer times are converted without floating point."""
     field = mapping.time.field or table.time
     key = f"{mapping.where}, time"
     if not field:
@@ -138,7 +138,7 @@ def _convert_field(
 
 
 def _find_written_unit(where: str, table: Table, key: str, columns: Iterable[str]) -> str:
-    """Return the unit that the file gives for the columns of a field; raise InputError if it gives none."""
+    """Return the unit that the file states for the columns of a field. Raise InputError if it states none."""
     written = {table.units.get(name, "") for name in columns}
     if len(written) != 1 or not (unit := written.pop()):
         problem = f"{key} has no unit, and the file does not give one for all of {', '.join(columns)}"
@@ -147,9 +147,9 @@ def _find_written_unit(where: str, table: Table, key: str, columns: Iterable[str
 
 
 def _place(where: str, table: Table, mapping: GeodeticMap, chosen: Any) -> dict[str, Any]:
-    """Return north and east, and with an altitude down (m), in the plane tangent to the ellipsoid at the origin.
+    """Return north and east (m), and with an altitude also down (m), in the tangent plane at the origin.
 
-    The error is below 1e-4 of the distance within some kilometres.
+    Within some kilometres, the error is below 1e-4 of the distance.
     """
     names = {"latitude": mapping.latitude, "longitude": mapping.longitude}
     scale = find_unit(where, mapping.unit).scale
@@ -182,7 +182,7 @@ def _keep_finite(where: str, ticks: Any, values: dict[str, Any]) -> tuple[Any, d
 def _order_rows(
     where: str, ticks: Any, values: dict[str, Any], mapping: TopicMap
 ) -> tuple[Any, dict[str, Any], int, int]:
-    """Sort rows by time and remove duplicates; also return the numbers of rows out of order and of duplicates."""
+    """Sort rows by time and remove duplicates. Return also the numbers of rows out of order and of duplicates."""
     late = np.maximum.accumulate(ticks) - ticks
     if late.max() >= DISORDER:
         row = int(np.argmax(late >= DISORDER))

@@ -41,7 +41,8 @@ EXAMPLE = 'angular_rate = {from = ["gx", "gy", "gz"], unit = "deg/s"}'
 class TimeMap(NamedTuple):
     """Mapping of the times of a topic.
 
-    field: column of times; empty: usual column of the format.  unit: unit of the column.  offset: time to add (100 ns).
+    field: time column; empty: the usual time column of the format.  unit: unit of the column.
+    offset: time to add (100 ns).
     """
 
     field: str = ""
@@ -53,8 +54,8 @@ class FieldMap(NamedTuple):
     """Mapping of one field of a sensor. Its value is sign * column + offset in the column's unit, converted to SI.
 
     columns: a column for each component; empty for a constant.  unit: unit in the mapping, None if missing.
-    sign, offset: one number for each component (k,), or one for all.  single: True if a value is a number, not a list.
-    quaternion: True if the columns are w, x, y, z of a rotation, whose yaw is the field.
+    sign, offset: one number for each component (k,), or one for all.  single: True if a value is one number.
+    quaternion: True if the columns are w, x, y, z of a rotation. The field is then the rotation's yaw.
     constant: value in every row.  unwrap: True to remove jumps of full turns.  doc: meaning of the field.
     """
 
@@ -86,7 +87,7 @@ class GeodeticMap(NamedTuple):
 class TopicMap(NamedTuple):
     """Mapping of a topic to a sensor or to the truth.
 
-    where: name of the section in the mapping file.  rows: column -> value that the selected rows have.
+    where: name of the section in the mapping file.  rows: column -> value. Rows with these values are selected.
     """
 
     where: str
@@ -113,7 +114,7 @@ def read_mapping(path: str | os.PathLike[str]) -> LogMapping:
     """Read a mapping file.
 
     Raises:
-        InputError: a file that can't be read, or content that is not valid in a mapping.
+        InputError: the file can't be read, or its content is not a valid mapping.
     """
     where = f"mapping '{path}'"
     try:
@@ -131,7 +132,7 @@ def parse_mapping(content: Mapping[str, Any], where: str = "mapping") -> LogMapp
     """Parse the content of a mapping file, as read by `tomllib`.
 
     Raises:
-        InputError: no sensor, or content that is not valid in a mapping.
+        InputError: the content names no sensor, or is not a valid mapping.
     """
     _check_keys(where, content, KEYS)
     sensors = _take(where, content, "sensor", dict, {})
@@ -254,7 +255,7 @@ def _texts(where: str, key: str, value: Any) -> tuple[str, ...]:
 
 
 def _take(where: str, table: Mapping[str, Any], key: str, kind: type, *default: Any) -> Any:
-    """Return the value of a key, or the default; raise InputError for a value of the wrong type."""
+    """Return the value of a key, or the default. Raise InputError if the value has the wrong type."""
     if key not in table and default:
         return default[0]
     if not isinstance(table.get(key), kind):

@@ -1,6 +1,7 @@
 """Detection of the format of a foreign log, and conversion of the log with a mapping.
 
-CSV needs no additional package. It is a line of names, optionally with units, then a line of numbers for each instant.
+CSV files need no additional package. They have a line of names, optionally with units, then a line of numbers for each
+instant.
 """
 
 import os
@@ -26,7 +27,7 @@ from trimtab.logs.samples import PERIOD_MAX, TRUTH, SampleSeries, log_samples, u
 
 
 def list_csv(path: Path) -> list[TopicSummary]:
-    """List a CSV file as one topic, whose name is the name of the file."""
+    """Return the summary of a CSV file, as a single topic with the name of the file."""
     table = _read_table(path)
     scale = find_size(table.time_unit, "s") or 1.0
     seconds = table.columns[table.time] * scale if table.time and table.time not in table.problems else []
@@ -35,7 +36,10 @@ def list_csv(path: Path) -> list[TopicSummary]:
 
 
 def read_csv_topics(path: Path, topics: Iterable[str]) -> dict[str, Table]:
-    """Read the table of a CSV file for any topic name; a topic that ends in .csv is another file in the same folder."""
+    """Read the tables of topics from CSV files.
+
+    A topic name that ends in .csv is a file in the folder of `path`. Any other topic name stands for `path` itself.
+    """
     files = {topic: path.with_name(topic) if topic.lower().endswith(".csv") else path for topic in topics}
     tables = {file: _read_table(file) for file in set(files.values())}
     return {topic: tables[file] for topic, file in files.items()}
@@ -52,7 +56,7 @@ def _read_table(path: Path) -> Table:
 
 
 class LogFormat(NamedTuple):
-    """Format of foreign logs. magic: first bytes of a file.  suffixes: endings of file names.
+    """Format of foreign logs. magic: first bytes of a file; empty if not fixed.  suffixes: endings of file names.
 
     list_topics, read_topics: functions that read a file.
     """
@@ -72,14 +76,14 @@ ROSBAG = LogFormat("ROS bag", b"#ROSBAG V2.0", (".bag",), list_bag, read_bag)
 CSV = LogFormat("CSV", b"", (".csv", ".txt"), list_csv, read_csv_topics)
 FORMATS = (ULOG, BIN, MCAP, ROSBAG2, ROSBAG, CSV)
 HEAD_BYTES = 1 << 20
-"""Number of bytes at the start of a file that are searched for the mark of a trimtab log."""
+"""Number of bytes at the start of a file that are searched for the metadata of a trimtab log."""
 
 
 def detect_format(path: str | os.PathLike[str]) -> LogFormat:
-    """Detect the format of a file, or of a folder of rosbag2, by its first bytes.
+    """Detect the format of a log file by its first bytes, or of a rosbag2 folder by its metadata.yaml.
 
     Raises:
-        InputError: a missing or empty file, or an unknown format.
+        InputError: the file is missing or empty, or its format is unknown.
     """
     file, where = Path(path), name_file(Path(path))
     if file.is_dir():
@@ -108,7 +112,7 @@ def detect_format(path: str | os.PathLike[str]) -> LogFormat:
 
 
 def is_own_log(path: str | os.PathLike[str]) -> bool:
-    """Return True for a log of trimtab, and for a file of unknown format, which `read_mcap` then rejects."""
+    """Return True for a log of trimtab, and for a file of unknown format, so that `read_mcap` reports the problem."""
     try:
         kind = detect_format(path)
         if kind is not MCAP:
@@ -129,17 +133,18 @@ def list_topics(path: str | os.PathLike[str]) -> list[TopicSummary]:
 
 
 def read_foreign(path: str | os.PathLike[str], mapping: str | os.PathLike[str] | LogMapping) -> Log:
-    """Read a foreign log in the form of `logs.samples.log_samples`, for a replay of an estimator.
+    """Read a foreign log and convert it with a mapping, for a replay of an estimator. See `logs.samples.log_samples`.
 
-    The metadata of the log give the format, the mapping, the time of the first row on the foreign clock (``start_s``),
-    and under ``converted``, for each sensor, the number of rows, and of rows out of order, duplicate and not finite.
+    The metadata of the result contain the format, the mapping, and the time of the first row on the foreign clock
+    (``start_s``). ``converted`` has, for each sensor, the number of rows, and the numbers of rows that are out of
+    order, duplicate or not finite.
 
     Args:
         path: path of a ULog, BIN, MCAP, bag or CSV file, or of the folder of a rosbag2.
         mapping: path of a mapping file, or the result of `read_mapping`.
 
     Raises:
-        InputError: an error in the file or the mapping, with topic, column, and the text to write instead.
+        InputError: the file or the mapping is invalid. The error names topic and column, and the text to write instead.
     """
     file, kind = Path(path), detect_format(path)
     chosen = mapping if isinstance(mapping, LogMapping) else read_mapping(mapping)

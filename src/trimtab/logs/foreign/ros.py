@@ -1,7 +1,7 @@
 """Reader of MCAP files with JSON or ROS 2 messages, and of ROS bags: a folder of rosbag2, or a .bag file of ROS 1.
 
-Fields are named as in the message, e.g. ``angular_velocity.x``, and array elements by index. ``header.stamp`` is one
-number in ns, and ``log_time`` is the time at which the message was recorded.
+Fields are named as in the message, e.g. ``angular_velocity.x``. Array elements have an index. ``header.stamp`` is
+a single number in ns. ``log_time`` is the time at which the message was recorded.
 """
 
 import json
@@ -28,7 +28,7 @@ Decode = Callable[[bytes], Any]
 Message = tuple[str, int, Decode | None, bytes]
 """Message of a file: topic, time (ns), decoder or None, and bytes of the message."""
 LISTED = 20
-"""Number of messages that are decoded to list the fields of a topic."""
+"""Number of messages from which the list of a topic's fields is made."""
 
 
 def list_mcap(path: Path) -> list[TopicSummary]:
@@ -40,7 +40,7 @@ def read_mcap_topics(path: Path, topics: Iterable[str]) -> dict[str, Table]:
     """Read the tables of the named topics from an MCAP file.
 
     Raises:
-        InputError: an unknown topic, messages in another encoding than JSON and CDR, or a damaged file.
+        InputError: a topic is unknown, its messages are neither JSON nor CDR, or the file is damaged.
     """
     wanted = set(topics)
     grouped = _read_all(path, "MCAP", _mcap_messages(path, wanted))
@@ -56,7 +56,7 @@ def read_bag(path: Path, topics: Iterable[str]) -> dict[str, Table]:
     """Read the tables of the named topics from a ROS bag.
 
     Raises:
-        InputError: an unknown topic, a message type without a definition, or a damaged bag.
+        InputError: a topic is unknown, its message type has no definition, or the bag is damaged.
     """
     wanted = set(topics)
     return _stack_topics(path, wanted, _read_all(path, "a ROS bag", _bag_messages(path, wanted)), list_bag)
@@ -65,7 +65,10 @@ def read_bag(path: Path, topics: Iterable[str]) -> dict[str, Table]:
 def _read_all(
     path: Path, kind: str, messages: Iterator[Message], most: int | None = None
 ) -> dict[str, list[tuple[int, Any]]]:
-    """Return topic -> time of each message, and content of the first `most` messages if they can be decoded."""
+    """Return topic -> time and content of each message.
+
+    The content is None after the first `most` messages of a topic, and if a message can't be decoded.
+    """
     grouped: dict[str, list[tuple[int, Any]]] = {}
     try:
         for topic, time, decode, data in messages:
@@ -109,7 +112,7 @@ def _stack_topics(
 
 
 def _mcap_messages(path: Path, topics: set[str] | None) -> Iterator[Message]:
-    """Yield messages in the order of the file. Thus a file that has no index after a crash can be read too."""
+    """Yield messages in the order of the file. A file that has no index after a crash can therefore be read, too."""
     from mcap.exceptions import EndOfFile
     from mcap.reader import NonSeekingReader
 
@@ -135,12 +138,12 @@ def _find_decoder(path: Path, encoding: str, schema: Any) -> Decode | None:
 
 
 def _cdr_decoder(path: Path, name: str, form: str, text: str) -> Decode | None:
-    """Return a decoder for ROS 2 messages of a type; None without a definition of its fields.
+    """Return a decoder for ROS 2 messages of a type; None if the definition of the type is unknown.
 
     Args:
         path: path of the file, for errors.
         name: name of the message type.
-        form: format of the definition: ``ros2msg`` or ``ros2idl``; anything else means no definition.
+        form: format of the definition: ``ros2msg`` or ``ros2idl``; any other text: the file has no definition.
         text: text of the definition. Without a definition, the types of ROS 2 Humble are used.
     """
     typesys = import_package(name_file(path), "rosbags.typesys")

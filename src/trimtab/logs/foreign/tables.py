@@ -1,4 +1,4 @@
-"""Common form of foreign logs: a table of columns and a summary for each topic."""
+"""Common representation of foreign logs: a table of columns and a summary for each topic."""
 
 import importlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -18,11 +18,11 @@ LONGEST_ARRAY = 64
 
 
 class Table(NamedTuple):
-    """One topic of a foreign log.
+    """Columns of one topic of a foreign log.
 
-    columns: name -> values (n,), in the type of the file.  units: name -> unit, if the file gives units.
-    time: name of the usual column of times, or empty.  time_unit: unit of this column.
-    problems: name -> reason why a column has no numbers, with the line in the file, if known.
+    columns: name -> values (n,), with the type in the file.  units: name -> unit, if the file states units.
+    time: name of the usual time column, or empty.  time_unit: unit of this column.
+    problems: column -> reason why it has no numbers, with the line in the file if known.
     """
 
     columns: Mapping[str, Any]
@@ -62,7 +62,7 @@ def import_package(where: str, module: str) -> Any:
 
 
 def refuse_topic(where: str, topic: str, known: Iterable[str]) -> NoReturn:
-    """Raise InputError for a topic that a file does not have; the error lists the topics of the file."""
+    """Raise InputError because a file does not have a topic. The error lists the topics of the file."""
     names = sorted(known)
     near = closest(topic, names, 1)
     fix = f'topic = "{near[0]}"' if near else "set  topic = …  in the mapping to one of the choices"
@@ -70,9 +70,9 @@ def refuse_topic(where: str, topic: str, known: Iterable[str]) -> NoReturn:
 
 
 def refuse_damage(where: str, kind: str, error: Exception) -> NoReturn:
-    """Raise InputError for a file that begins like a file of this kind but can't be read."""
+    """Raise InputError because a file has the first bytes of this kind of file, but can't be read."""
     said = str(error).partition("\n")[0][:200]
-    problem = f"begins as {kind}, but can't be read: {type(error).__name__}: {said}"
+    problem = f"looks like {kind} by its first bytes, but can't be read: {type(error).__name__}: {said}"
     raise InputError(where, problem, fix="copy the file again from the recorder") from None
 
 
@@ -130,5 +130,5 @@ def stack_messages(where: str, topic: str, messages: Sequence[Mapping[str, Any]]
 
 
 def name_file(path: str | Path) -> str:
-    """Return the text with which an error names a log file."""
+    """Return the name of a log file for error messages."""
     return f"log file '{path}'"

@@ -38,7 +38,7 @@ def read_ulog(path: Path, topics: Iterable[str]) -> dict[str, Table]:
     """Read the tables of the named topics from a ULog file.
 
     Raises:
-        InputError: an unknown topic, or a damaged file.
+        InputError: a topic is unknown, or the file is damaged.
     """
     wanted = set(topics)
     log = _load(path, sorted({name.partition("[")[0] for name in wanted}))

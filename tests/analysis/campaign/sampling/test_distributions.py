@@ -84,7 +84,7 @@ def test_a_column_of_a_file_is_drawn_from(tmp_path):
     ("text", "problem"),
     [
         ("gauss(1, 2)", "unknown distribution"),
-        ("normal(1)", "wrong number of numbers: 1"),
+        ("normal(1)", "wrong number of arguments: 1"),
         ("normal(1, 0)", "STD must be above 0, got 0"),
         ("normal(1, x)", "'x'"),
         ("normal(1, inf)", "not finite"),

@@ -163,9 +163,9 @@ def test_changes_of_a_mode_are_counted():
 @pytest.mark.parametrize(
     ("name", "says", "fix"),
     [
-        ("loop.overruns", "only a flight over a link has it", "trimtab fly SCENARIO --link … --out DIR"),
-        ("link.silence", "only a flight over a link has it", "trimtab fly SCENARIO --link … --out DIR"),
-        ("flight.altitude", "this vehicle has no attitude in space", "peak:truth."),
+        ("loop.overruns", "only the log of a flight over a link", "trimtab fly SCENARIO --link … --out DIR"),
+        ("link.silence", "only the log of a flight over a link", "trimtab fly SCENARIO --link … --out DIR"),
+        ("flight.altitude", "this vehicle has no three-dimensional attitude", "peak:truth."),
         ("truth.yaw_rat", "there is no signal 'truth.yaw_rat'.\n", "peak:truth.yaw_rate"),
     ],
 )

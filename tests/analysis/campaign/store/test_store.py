@@ -33,7 +33,7 @@ def test_store_of_another_campaign(store):
     folder = store.parent / "photographs"
     (folder / "2024").mkdir(parents=True)
     (folder / "2024" / "cat.png").write_bytes(b"cat")
-    with pytest.raises(InputError, match="not of a campaign's store"):
+    with pytest.raises(InputError, match="do not belong to a campaign's store"):
         small(2 * BLOCK).run(folder)
     assert (folder / "2024" / "cat.png").read_bytes() == b"cat"
 

@@ -1,9 +1,9 @@
-"""Distributions of dispersed parameters. Each is defined by a quantile function and written as a text.
+"""Distributions of varied parameters. Each is defined by its quantile function Q and written as a text.
 
     value = Q(u),   u uniform in (0, 1)
 
-so that points u of any design (random, Latin, Sobol) give values of any distribution. A number in the text may end in
-%: a percentage of the scenario's own value, as in normal(100%, 5%). STD_OF_LOG is a pure number: 5% is 0.05.
+Points u of any design (random, Latin, Sobol) therefore give values of any distribution. A number in the text that ends
+in % is a percentage of the value in the scenario, as in normal(100%, 5%). STD_OF_LOG is a pure number: 5% is 0.05.
 
 Source: inverse transform sampling, e.g. Devroye, "Non-uniform random variate generation", Springer 1986, chapter II.
 """
@@ -21,17 +21,17 @@ from trimtab.core.errors import InputError, argument_name
 from trimtab.core.suggestions import closest
 
 ALONG = "along"
-"""Kind of a distribution that moves an array along a direction, by a standard normal multiple of that direction."""
+"""Kind of distribution of an array: a fixed direction, multiplied by a standard normal number, is added to it."""
 
 
 FAR = 1e3
-"""Standard deviations from the mean beyond which a normal tail is computed from its asymptotic series."""
+"""Distance from the mean, in standard deviations, beyond which a normal tail is computed from its asymptotic series."""
 
 
 class Amount(NamedTuple):
-    """A number in the text of a distribution.
+    """Number in the text of a distribution.
 
-    share: True for a number with %, a fraction of the scenario's own value.
+    share: True for a number with %, which is a fraction of the value in the scenario.
     """
 
     number: float
@@ -43,7 +43,10 @@ class Amount(NamedTuple):
 
 
 class Distribution(NamedTuple):
-    """A distribution as typed, e.g. ``normal(2.6, 0.1)``. `choices` are the texts of a choice."""
+    """Distribution of a parameter. text: distribution as typed, e.g. ``normal(2.6, 0.1)``.  kind: e.g. "normal".
+
+    amounts: its numbers.  choices: texts of the choices of ``choice(A, B)``.  column: sorted values of ``file(…)``.
+    """
 
     text: str
     kind: str
@@ -53,18 +56,18 @@ class Distribution(NamedTuple):
 
     @property
     def is_relative(self) -> bool:
-        """True if all numbers are percentages. The distribution can then scale a whole array."""
+        """Return True if all numbers are percentages. The distribution can then scale a whole array."""
         return bool(self.amounts) and all(a.share for a in self._sizes)
 
     @property
     def _sizes(self) -> tuple[Amount, ...]:
-        """Numbers of the distribution that have the parameter's unit. In a number without unit, 5% is 0.05."""
+        """Return the numbers of the distribution that have the parameter's unit, without pure numbers."""
         pure = KINDS[self.kind].pure if self.kind in KINDS else ()
         return tuple(a for i, a in enumerate(self.amounts) if i not in pure)
 
     @property
     def has_shares(self) -> bool:
-        """True if at least one number is a percentage of the scenario's own value."""
+        """Return True if at least one number is a percentage of the value in the scenario."""
         return any(a.share for a in self._sizes)
 
     def numbers(self, nominal: float) -> list[float]:
@@ -73,7 +76,7 @@ class Distribution(NamedTuple):
         return [a.number if i in pure else a.of(nominal) for i, a in enumerate(self.amounts)]
 
     def quantile(self, u: Any, nominal: float) -> Any:
-        """Return values at u (n,), uniform in (0, 1), of a parameter with the given nominal value."""
+        """Return the quantiles at probabilities u (n,) of a parameter with the given nominal value."""
         if self.kind == "file":
             return np.asarray(self.column)[_index(u, len(self.column))]
         if self.kind == "choice":
@@ -84,15 +87,15 @@ class Distribution(NamedTuple):
         return of(u, *self.numbers(nominal))
 
     def pick(self, u: Any) -> Any:
-        """Return the index (n,), from 0, of the choice at each u."""
+        """Return the index (n,), from 0, of the choice at each probability u (n,)."""
         return _index(u, len(self.choices))
 
 
 class Kind(NamedTuple):
-    """Kind of distribution.
+    """Kind of distribution. usage: its form, e.g. "normal(MEAN, STD)".  quantile: quantile function.
 
-    check: function that returns the problem with the numbers, or an empty text.  pure: indices of the numbers without
-    the parameter's unit.
+    check: function that returns the problem with the numbers, or an empty text.  pure: indices of the pure numbers,
+    which do not have the parameter's unit.
     """
 
     usage: str
@@ -127,9 +130,10 @@ def _truncated_normal(u: Any, mean: Any, std: Any, low: Any, high: Any) -> Any:
 
 
 def _depth_in_tail(u: Any, a: Any, width: Any) -> Any:
-    """Return quantiles of z - a for a standard normal z between a and a + width, a above FAR.
+    """Return quantiles t of z - a for a standard normal z between a and a + width, where a is above FAR.
 
-    They satisfy a t + t^2/2 + log(1 + t/a) = E, because sf(a + t)/sf(a) is exp(-E) to 1/a^4. E is exponential.
+    t satisfies a t + t^2/2 + log(1 + t/a) = E with an exponentially distributed E, because sf(a + t)/sf(a) equals
+    exp(-E) up to a relative error of 1/a^4.
     """
     E = -np.log1p(u * np.expm1(-(a * width + width * width / 2 + np.log1p(width / a))))
     t = 2 * E / (a + np.sqrt(a * a + 2 * E))
@@ -179,7 +183,7 @@ USAGE = [*(k.usage for k in KINDS.values()), "choice(A, B, …)", "file(NAME.csv
 
 
 def parse_distribution(text: str, part: str = "") -> Distribution:
-    """Read a distribution from its text. part: name in the error message, by default the spread."""
+    """Read a distribution from its text. part: name in error messages. Default: the argument for the spread."""
     part = part or argument_name("spread")
     match = re.fullmatch(r"\s*([a-z]+)\s*\((.*)\)\s*", text)
     name = match[1] if match else text.partition("(")[0].strip()
@@ -195,7 +199,7 @@ def parse_distribution(text: str, part: str = "") -> Distribution:
     amounts = tuple(_parse_amount(part, text, piece) for piece in inside)
     kind = KINDS[name]
     if name != ALONG and len(amounts) != kind.usage.count(",") + 1:
-        raise InputError(part, f"{text!r} has the wrong number of numbers: {len(amounts)}", fix=f"write {kind.usage}")
+        raise InputError(part, f"{text!r} has the wrong number of arguments: {len(amounts)}", fix=f"write {kind.usage}")
     distribution = Distribution(text, name, amounts)
     if not distribution.has_shares or distribution.is_relative:
         _check_numbers(part, distribution, [a.number for a in amounts])
@@ -203,7 +207,7 @@ def parse_distribution(text: str, part: str = "") -> Distribution:
 
 
 def check_nominal(part: str, distribution: Distribution, nominal: float) -> None:
-    """Raise InputError if the distribution's numbers are not valid for this nominal value."""
+    """Raise InputError if the distribution's numbers are not valid for a parameter with this nominal value."""
     if distribution.kind not in KINDS:
         return
     if distribution.has_shares and nominal == 0:
@@ -257,7 +261,7 @@ def _read_column(part: str, place: str) -> tuple[float, ...]:
     try:
         numbers = tuple(float(row[column]) for row in rows)
     except (TypeError, ValueError):
-        raise InputError(part, f"column {column!r} of {name!r} holds text that is not a number", fix=usage) from None
+        raise InputError(part, f"column {column!r} of {name!r} contains text that is not a number", fix=usage) from None
     if not np.isfinite(numbers).all():
-        raise InputError(part, f"column {column!r} of {name!r} holds values that are not finite", fix=usage)
+        raise InputError(part, f"column {column!r} of {name!r} contains values that are not finite", fix=usage)
     return tuple(sorted(numbers))

@@ -1,23 +1,23 @@
-"""Points of the runs in the unit cube, computed from the campaign's seed and the run's number.
+"""Sampling points of the runs in the unit cube, computed from the campaign's seed and the number of the run.
 
-    random   each parameter has a Philox stream of (seed, path), and run k uses its k-th number
+    random   each parameter has its own Philox stream, seeded by (seed, path); run k uses the k-th number
     sobol    scrambled Sobol points, in order
     latin    a Latin hypercube of all runs, to which no runs can be added later
 
-Two designs are for sensitivity, not for probabilities: their rows are not independent samples. There, the random
-numbers of a run are one more factor, the last. Row k depends only on the seed, k and the number of factors, so that a
-larger design appends rows.
+Two designs are for sensitivity analysis, not for probabilities, because their rows are not independent samples. In
+these designs, the random numbers of a run are an additional factor, the last one. Row k depends only on the seed, k and
+the number of factors, so that a larger design only appends rows.
 
     saltelli   two samples A and B, and A with one factor at a time taken from B
     morris     trajectories that change one factor at a time
 
 **saltelli**: base sample j has d + 2 rows: A, then A with factor i from B for i = 0 … d - 1, then B. A and B are the
-halves of point j of one Sobol sequence in 2 d dimensions, shifted digit by digit with random words of the seed. A flies
-with one word (the `run` of its key) and B with another. The row of the noise repeats A with B's word. No two base
-samples share a word.
+halves of point j of one Sobol sequence in 2 d dimensions, shifted digit by digit with random words that depend on the
+seed. A word also selects the random numbers of a run. A flies with one word and B with another. The row for the factor
+noise repeats A with the word of B. No two base samples share a word.
 
-**morris**: a trajectory has d + 1 rows: it starts at a random point of a grid of four levels and changes each factor
-once, in random order, by MORRIS_STEP up or down; the step of the noise flies the same point with other random
+**morris**: a trajectory has d + 1 rows. It starts at a random point of a grid with four levels. It changes each factor
+once, in random order, by MORRIS_STEP up or down. The step of the factor noise flies the same point with other random
 numbers. The levels avoid 0 and 1, where the quantile of a normal distribution is infinite.
 
 Source: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (Philox); Owen, "Randomly permuted
@@ -49,15 +49,14 @@ SALTELLI_STREAM = zlib.crc32(b"campaign.saltelli")
 MORRIS_STREAM = zlib.crc32(b"campaign.morris")
 MORRIS_LEVELS = np.array([0.05, 0.35, 0.65, 0.95])
 MORRIS_STEP = 0.6
-"""Step of a Morris trajectory: two levels of its grid. Each level is then visited equally often."""
+"""Step of a Morris trajectory: two levels of the grid. With this step, each level is visited equally often."""
 
 
 class Points(NamedTuple):
-    """Points of runs. u: (n, d) in (0, 1).
+    """Sampling points of n runs. u: probabilities (n, d) of the varied parameters, in (0, 1).
 
-    words: (n,), second word of each run's key, which selects the run's random numbers.
-
-    All words are 0 in a design without the noise as a factor.
+    words: (n,), number that selects each run's random numbers. All words are 0 in a sensitivity design in which the
+    noise is not a factor.
     """
 
     u: Any
@@ -65,12 +64,12 @@ class Points(NamedTuple):
 
 
 def points(sampling: str, seed: int, names: tuple[str, ...], runs: int, first: int, last: int) -> Points:
-    """Return the points of runs first … last - 1.
+    """Return the sampling points of runs first … last - 1.
 
     Args:
         sampling: one of SAMPLINGS.
         seed: seed of the campaign.
-        names: names of the dispersed parameters, one for each column.
+        names: names of the varied parameters, one for each column.
         runs: number of runs of the whole campaign, used only by a Latin hypercube.
         first, last: first run, and last run + 1.
     """
@@ -97,7 +96,7 @@ def points(sampling: str, seed: int, names: tuple[str, ...], runs: int, first: i
 
 
 def inside_cube(x: Any) -> Any:
-    """Map points x in [0, 1] to points u in (0, 1), where every quantile is finite."""
+    """Map points x in [0, 1] to points u in (0, 1), at which all quantiles are finite."""
     return np.clip(x, 2.0**-54, 1 - 2.0**-53)
 
 
@@ -118,11 +117,11 @@ def _sobol(seed: int, d: int, first: int, last: int) -> Any:
 
 
 def check_factors(factors: Sequence[str], correlated: Iterable[Sequence[str]] = ()) -> None:
-    """Raise InputError if the effects of the factors can't be separated, before any run starts.
+    """Raise InputError if a sensitivity design cannot separate the effects of the factors.
 
     Args:
-        factors: names of the parameters, without the noise.
-        correlated: groups of names that are drawn together.
+        factors: names of the varied parameters, without the noise.
+        correlated: groups of names that are correlated.
     """
     groups = [tuple(g) for g in correlated if len(g) > 1]
     if groups:
@@ -152,8 +151,8 @@ def saltelli_rows(seed: int, first: int, last: int, parameters: int, *, noise: b
     Args:
         seed: seed of the campaign.
         first, last: numbers of the first row, from 0, and of the row after the last.
-        parameters: number of dispersed parameters, at least 1, without the noise.
-        noise: True if the random numbers of the runs are one more factor; False: all rows have the same random numbers.
+        parameters: number of varied parameters, at least 1, without the noise.
+        noise: True if the random numbers of the runs are a factor; False if all rows use the same random numbers.
     """
     if not 0 <= first < last or not 1 <= parameters <= qmc.Sobol.MAXDIM // 2:
         problem = f"rows {first} to {last} of {parameters} parameters are not a valid range of rows"
@@ -200,7 +199,10 @@ def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: boo
 
 
 def morris_trajectories(seed: int, trajectory: Any, factors: int) -> tuple[Any, Any, Any]:
-    """Return for each trajectory and factor the step's lower level (0 or 1), its position (from 0), and True if up."""
+    """Return the steps of Morris trajectories, as three arrays (trajectories, factors).
+
+    They are the lower level of the step (0 or 1), its position in the trajectory (from 0), and True for a step up.
+    """
     word = np.uint32(seed % 2**32)
     drawn = threefry2x32(word, np.uint32(MORRIS_STREAM), trajectory[:, None], np.arange(factors)[None])
     bits, order = (np.asarray(w, np.uint32) for w in drawn)

@@ -1,8 +1,9 @@
 """Spread of a campaign: the parameters that vary from run to run, their distributions and their correlations.
 
-A path is the name used by ``--set`` and the log. ``path[1]`` or ``path[0,2]`` is one number of an array. An array
-without an index is scaled as a whole, by a distribution with percentages only: ``normal(100%, 5%)``. ``path:1`` moves
-the array along a direction, ``along(0.1, 0.2)``, by a standard normal multiple. ``path:2`` adds another direction.
+A path is the name of a parameter, as used by ``--set`` and the log. ``path[1]`` or ``path[0,2]`` is one element of an
+array. An array without an index is scaled as a whole, by a distribution with percentages only: ``normal(100%, 5%)``.
+``path:1`` with ``along(0.1, 0.2)`` adds a direction to the array, multiplied by a standard normal number. ``path:2``
+adds another direction.
 
 Source: Nelsen, "An introduction to copulas", Springer 2006, section 2.3, for correlation by a Gaussian copula.
 """
@@ -29,9 +30,9 @@ SCALED = "normal(100%, 5%)"
 
 
 class Factor(NamedTuple):
-    """One parameter that varies.
+    """Parameter that varies, with its distribution.
 
-    text: path and index as typed.  at: index of the varied number of an array, or None.
+    text: path and index as typed.  path: path without the index.  at: index of the varied element of an array, or None.
     """
 
     text: str
@@ -41,20 +42,20 @@ class Factor(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """All parameters that vary. mixing: (d, d), matrix that correlates independent normal numbers, or None."""
+    """All parameters that vary. mixing: matrix (d, d) that correlates independent normal numbers; None: independent."""
 
     factors: tuple[Factor, ...]
     mixing: Any = None
 
     def correlate(self, u: Any) -> Any:
-        """Apply the correlations to points (n, d) of a design. Each column stays uniform."""
+        """Apply the correlations to sampling points u (n, d). Each column stays uniformly distributed."""
         if self.mixing is None:
             return u
         return special.ndtr(special.ndtri(u) @ self.mixing.T)
 
 
 def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, ...]:
-    """Return the factors, sorted by their text, so that the order on the command line does not matter."""
+    """Return the varied parameters, sorted by their text, so that the order on the command line does not matter."""
     factors = []
     for text, distribution in spread:
         path, at = split_index(text.strip())
@@ -64,7 +65,7 @@ def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, .
             problem = (
                 f"{distribution.text!r} moves an array along a direction; the path must end in its number, e.g. :1"
                 if along
-                else "ends in the number of a direction, but only along(…) has a direction"
+                else "ends in a direction number, but only along(…) has a direction"
             )
             fix = (
                 argument("spread", "along(V1, V2, …)", f"{match[1]}:1")
@@ -88,7 +89,7 @@ def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, .
 def resolve_spread(
     scenario: Scenario, factors: tuple[Factor, ...], correlate: Iterable[tuple[str, str, float]] = ()
 ) -> Spread:
-    """Match the spread with a scenario. Raise InputError for a path, index or distribution that does not fit."""
+    """Match the varied parameters with a scenario. Raise InputError for an invalid path, index or distribution."""
     known = {path: (value, declared) for path, value, declared in leaves(scenario) if path.startswith(SPREAD_ROOTS)}
     for factor in factors:
         part = argument_name("spread", factor.text)
@@ -142,7 +143,7 @@ def _check_number(part: str, factor: Factor, value: Any, declared: Quantity) -> 
 
 
 def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]]) -> Any:
-    """Return the lower Cholesky factor of the wanted correlations."""
+    """Return the lower Cholesky factor of the wanted correlation matrix."""
     if not correlate:
         return None
     R = np.eye(len(names))
@@ -166,11 +167,15 @@ def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]
 
 
 def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
-    """Return parameter -> value in each run (n,). The value is a factor for a scaled array, and an index for an option.
+    """Return varied parameter -> value in each run (n,).
+
+    The value is a factor for an array scaled as a whole or moved in a direction, and the index of the choice for an
+    option.
 
     Args:
-        spread: spread that was matched with the scenario.
-        u: points (n, d) of a design.
+        spread: varied parameters that were matched with the scenario.
+        scenario: scenario with the nominal values.
+        u: sampling points (n, d).
     """
     known = {path: (value, declared) for path, value, declared in leaves(scenario)}
     values: dict[str, Any] = {}
@@ -188,7 +193,10 @@ def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
 
 
 def spread_arrays(spread: Spread, scenario: Scenario, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return path -> values (n, …) for the batch, with the tables that depend on them. Options are left out."""
+    """Return path -> values (n, …) of the varied parameters, and of the tables that depend on them.
+
+    values: result of `spread_values`. Options are left out.
+    """
     known = {path: (value, declared) for path, value, declared in leaves(scenario)}
     arrays: dict[str, Any] = {}
     for factor in spread.factors:

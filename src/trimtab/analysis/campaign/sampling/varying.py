@@ -1,11 +1,11 @@
-"""Inputs and faults that vary in time, as coordinates of a search. The program is compiled only once.
+"""Faults with ranges and piecewise constant inputs, as coordinates of a search. The program is compiled only once.
 
     --fault-range 'downlink off @ 2..10 s for 0.1..2 s'     each LOW..HIGH of a fault's text is a coordinate
     --vary 'stick.turn=pieces(5, -1:1)'                    an input is constant in each of 5 equal pieces of the run
 
-A fault is written as for ``--fault``. LOW..HIGH replaces a number, with the unit after both or after HIGH only. A
-pilot's stick follows a script (`loop.stick_script`). Pieces replace its entries. In each piece, fields
-that do not vary keep the value that the script has at the beginning of the piece.
+A fault is written as for ``--fault``. LOW..HIGH replaces a number. A unit follows both limits, or only HIGH. A pilot's
+stick follows a script (`loop.stick_script`). The pieces replace the script's entries. In each piece, fields that do not
+vary keep the value that the script has at the beginning of the piece.
 
 Source: docs page, Falsify. Pieces: control points of Annapureddy et al., "S-TaLiRo", TACAS 2011, held constant rather
 than interpolated.
@@ -40,7 +40,8 @@ FIELDS = ("forward", "turn")
 
 
 class FaultRange(NamedTuple):
-    """A fault with ranges. text: the fault with each range at its upper end, which determines the size of the program.
+    """Fault with ranges. text: the fault with each range at its upper end, which determines the size of the program.
+
     where: part that fails. ranges: field -> minimum and maximum, in the field's own unit (times in 100 ns).
     """
 
@@ -97,9 +98,9 @@ def fault_spread(standing: Iterable[str], scenario: Scenario, texts: Iterable[st
 
 
 class HeldInput(NamedTuple):
-    """An input held constant in equal pieces of a run.
+    """Input that is constant in equal pieces of a run. sensor, field: stick, and its varied field.
 
-    number: number of pieces.  low, high: bounds of each piece's value.
+    number: number of pieces.  low, high: bounds of the value in each piece.
     """
 
     sensor: str
@@ -110,7 +111,7 @@ class HeldInput(NamedTuple):
 
 
 def parse_pieces(text: str) -> HeldInput:
-    """Read ``SENSOR.FIELD=pieces(COUNT, LOW:HIGH)``."""
+    """Read a varied input, ``SENSOR.FIELD=pieces(COUNT, LOW:HIGH)``."""
     match = _PIECES.fullmatch(text.strip())
     if match is None:
         raise InputError(
@@ -126,7 +127,10 @@ def parse_pieces(text: str) -> HeldInput:
 
 
 def with_pieces(scenario: Scenario, texts: Iterable[str]) -> Scenario:
-    """Return the scenario with one entry of the stick's script per piece, with the script's values at these times."""
+    """Return the scenario with one entry of the stick's script for each piece.
+
+    Each entry has the values of the old script at the beginning of the piece.
+    """
     counts: dict[str, int] = {}
     for text in texts:
         pieces, part = parse_pieces(text), argument_name("vary", text)
@@ -148,7 +152,7 @@ def with_pieces(scenario: Scenario, texts: Iterable[str]) -> Scenario:
 
 
 def pieces_spread(scenario: Scenario, texts: Iterable[str]) -> dict[str, str]:
-    """Return the spread of the pieces: path of each entry of the script -> distribution of the entry."""
+    """Return path -> distribution, as text, for each entry of the script that varies."""
     spread: dict[str, str] = {}
     for text in texts:
         pieces = parse_pieces(text)
@@ -158,7 +162,7 @@ def pieces_spread(scenario: Scenario, texts: Iterable[str]) -> dict[str, str]:
 
 
 def _find_script(scenario: Scenario, name: str, part: str) -> tuple[StickScript, str]:
-    """Return a sensor's script and its path, inside the faults of the sensor."""
+    """Return the script of a stick, and its path. Faults that wrap the stick are skipped."""
     sensor, path = scenario.world.sensors.get(name), f"world.sensors.{name}"
     while isinstance(sensor, FaultyPart):
         sensor, path = sensor.inner, f"{path}.inner"

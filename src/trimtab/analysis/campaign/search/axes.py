@@ -1,4 +1,4 @@
-"""Axes of a stability map. Each axis changes a quantity of the scenario without changing its program.
+"""Axes of a stability map. An axis varies a quantity of the scenario. The compiled program stays the same.
 
 Source: docs page, Axes.
 """
@@ -27,10 +27,10 @@ def _keep_scenario(scenario: Scenario) -> Scenario:
 class Axis(NamedTuple):
     """Axis of a stability map.
 
-    name: name to show.  values: values of the coarse grid (k,), rising.  unit: unit of the values.  change: (scenario,
-    value) -> {path of a quantity: new value}. The given scenario includes the changes of the other axis.  prepare:
-    function applied once to the scenario.  link, kind: link and "delay", "jitter" or "loss" for an axis of a link,
-    otherwise empty.
+    name: name to show.  values: values of the coarse grid (k,), increasing.  unit: unit of the values.  change:
+    function (scenario, value) -> {path of a quantity: new value}. If both axes change the same quantity, the scenario
+    given to the second axis includes the first axis's change.  prepare: function applied once to the scenario.
+    link, kind: name of the link and "delay", "jitter" or "loss" for an axis of a link, otherwise empty.
     """
 
     name: str
@@ -42,15 +42,15 @@ class Axis(NamedTuple):
     kind: str = ""
 
     def check(self) -> None:
-        """Raise InputError unless the values are a rising list of two or more."""
+        """Raise InputError unless the values are an increasing list of two or more numbers."""
         values = np.asarray(self.values, float)
         if values.ndim != 1 or len(values) < 2 or not np.isfinite(values).all() or (np.diff(values) <= 0).any():
-            problem = f"the values must be a rising list of two or more, got {np.array2string(values, threshold=6)}"
+            problem = f"values must be two or more increasing numbers, got {np.array2string(values, threshold=6)}"
             raise InputError(f"axis {self.name!r}", problem, fix="give e.g. np.linspace(0.0, 0.6, 7)")
 
 
 def axis_of_path(path: str, values: Any, unit: str = "", *, name: str = "") -> Axis:
-    """Create the axis whose values replace a quantity, or one number of an array, e.g. "autopilot.law.K[0,1]"."""
+    """Create an axis whose values replace a quantity, or one element of an array, e.g. "autopilot.law.K[0,1]"."""
     whole, at = split_index(path)
 
     def change(scenario: Scenario, value: float) -> Mapping[str, Any]:
@@ -60,7 +60,7 @@ def axis_of_path(path: str, values: Any, unit: str = "", *, name: str = "") -> A
 
 
 def _with_number(scenario: Scenario, path: str, at: tuple[int, ...], change: Callable[[Any], Any]) -> Any:
-    """Return the array at a path, with change(number) in place of the number at an index."""
+    """Return the array at a path, with the element at index `at` replaced by change(element)."""
     array = np.array(find_quantity(scenario, path)[0], float)
     if not has_index(array.shape, at):
         raise _misfit(path, array.shape)
@@ -75,7 +75,7 @@ def _misfit(path: str, shape: tuple[int, ...]) -> InputError:
 
 
 def axis_of_scale(path: str, factors: Any, *, name: str = "") -> Axis:
-    """Create the axis whose values scale a quantity: a number, an array, or one number of an array."""
+    """Create an axis whose values scale a quantity: a number, an array, or one element of an array."""
     whole, at = split_index(path)
 
     def change(scenario: Scenario, factor: float) -> Mapping[str, Any]:
@@ -93,11 +93,12 @@ def axis_of_scale(path: str, factors: Any, *, name: str = "") -> Axis:
 
 
 def axis_of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
-    """Create the axis of a link's delay (s), jitter (s) or loss (probability). The link becomes a `MeasuredLatency`.
+    """Create an axis for a link's delay (s), jitter (s) or loss (probability). The link becomes a `MeasuredLatency`.
 
-    delay: replaces the link's own latency by a constant.  jitter: a uniform spread from 0 to the value, added to the
-    delay axis, or to the link's mean latency without a delay axis.  loss: each packet is lost independently. A
-    predictor uses the uplink's mean latency, so its prediction horizon grows with the axis.
+    A delay replaces the link's own latency by a constant. A jitter is a uniformly distributed additional latency from 0
+    to the axis value. It is added to the delay of a delay axis, or without such an axis to the link's mean
+    latency. With a loss, each packet is lost independently. A predictor uses the uplink's mean latency, so its
+    prediction horizon grows with a delay or jitter axis of the uplink.
     """
     for what, name, choices in (("axis", kind, KINDS), ("link", link, LINKS)):
         if name not in choices:
@@ -126,7 +127,7 @@ def axis_of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
 
 
 def find_quantity(scenario: Scenario, path: str) -> tuple[Any, Quantity]:
-    """Return value and declaration of a quantity. Raise InputError if it is missing or an option of the program."""
+    """Return value and declaration of a quantity. Raise InputError if the path is unknown or names an option."""
     value, declared = _find_leaf(scenario, path.split("."))
     if isinstance(declared, Quantity):
         return value, declared
@@ -149,7 +150,7 @@ def _find_leaf(value: Any, path: list[str]) -> tuple[Any, Any]:
 
 
 def with_values(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
-    """Return the scenario with quantities changed. values: path -> value, of the quantity's own shape."""
+    """Return the scenario with changed quantities. values: path -> new value, with the shape of the old value."""
     for path, value in values.items():
         own, _ = find_quantity(scenario, path)
         if np.shape(value) != np.shape(own):
@@ -159,7 +160,7 @@ def with_values(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
 
 
 def enlarge_rings(scenario: Scenario, last: Scenario) -> Scenario:
-    """Return the scenario with link buffers large enough for the latencies of the links in the scenario `last`."""
+    """Return the scenario with link buffers large enough for the link latencies of another scenario, `last`."""
     for link in LINKS:
         channel, longest = getattr(scenario.world, link), getattr(last.world, link)
         if isinstance(channel, MeasuredLatency):

@@ -1,4 +1,4 @@
-"""Comparison of two laws on the same runs, by the paired t interval of the difference of their costs."""
+"""Comparison of two control laws on the same runs, by the paired t interval of the difference of their costs."""
 
 from typing import Any, NamedTuple
 
@@ -9,10 +9,12 @@ from trimtab.analysis.campaign.statistics.intervals import proportion
 
 
 class Comparison(NamedTuple):
-    """Comparison of two laws. runs: number of pairs of runs.  before, after: mean costs.  difference: after - before.
+    """Comparison of two control laws, before and after a change, on the same runs.
 
-    low, high: confidence bounds of the difference; NaN if a cost is infinite.  better, worse: number of runs in which
-    the second law costs less, or more.  level: confidence.  improves: True if the interval shows an improvement.
+    runs: number of runs of each law.  before, after: mean cost of each law.  difference: after - before.  low, high:
+    confidence bounds of the difference; NaN if a cost is infinite.  better, worse: number of runs in which the second
+    law costs less, and in which it costs more.  level: confidence.  improves: True if the second law is significantly
+    better.
     """
 
     runs: int

@@ -5,7 +5,7 @@ A gradient needs a cost that is an integral over the run. These metrics are inte
     error_rms   sqrt(1/T int (x - target)^2 dt), over the second half        rms   sqrt(1/T int x^2 dt)
     mean        1/T int x dt
 
-They use every instant of the run, while metrics of a campaign use the logged rows.
+They use every time step of the run, while the metrics of a campaign use the logged rows.
 
 Source: docs page, Tune.
 """
@@ -32,15 +32,16 @@ INTEGRALS = ("error_rms", "rms", "mean")
 
 
 def evaluate_cost(terms: tuple[CostTerm, ...], columns: Mapping[str, Any]) -> Any:
-    """Return costs (n,) from a campaign's columns. The cost of a lost run is infinite."""
+    """Return costs (n,) from a campaign's columns. The cost of a diverged run is infinite."""
     total = np.sum([t.weight * columns[t.metric] for t in terms], axis=0)
     return np.where(columns["lost"] | np.isnan(total), np.inf, total)
 
 
 class IntegralCost(NamedTuple):
-    """Cost as an integral. cost: integrand, as `run.gradient.gradients` needs it.  since: start of each integral.
+    """Cost as a function of k integrals. cost: integrands, as `run.gradient.gradients` needs them.
 
-    finish: integrals (n, k), slopes (n, k, d) -> costs (n,), slopes of the costs (n, d).
+    since: start time of each integral (100 ns).  finish: function from integrals (n, k) and their slopes (n, k, d) to
+    costs (n,) and their slopes (n, d).
     """
 
     cost: Callable[[Signals], Any]
@@ -57,19 +58,19 @@ def integral_cost(terms: tuple[CostTerm, ...], ready: PreparedCampaign) -> Integ
         kind, name = parse_metric(term.metric)
         path = full_path(name)
         if kind not in INTEGRALS:
-            problem = f"a gradient needs integrals over the run, but {term.metric} is not an integral"
+            problem = f"a gradient needs metrics that are integrals over the run, but {term.metric} is not one"
             raise InputError(
                 argument_name("cost"),
                 problem,
                 choices=INTEGRALS,
-                fix=f"{argument('method', 'search')} takes any metric",
+                fix=f"{argument('method', 'search')} accepts any metric",
             )
         if path.startswith(FLIGHT):
             problem = f"{name} is computed after the flight, so it has no gradient"
-            fix = f"{argument('method', 'search')}, or a signal of the truth"
+            fix = f"{argument('method', 'search')}, or use a signal truth.…"
             raise InputError(argument_name("cost"), problem, fix=fix)
         if kind == "error_rms" and declared[split_component(path)[0]].kind == "angle":
-            problem = f"{name} is an angle; its target depends on where the run ends"
+            problem = f"{name} is an angle; its target is shifted by full turns, depending on the end of the run"
             raise InputError(
                 argument_name("cost"),
                 problem,

@@ -23,13 +23,14 @@ SETTINGS = {
     "tolx": 1e-4,
 }
 FLAT_GENERATIONS_MAX = 8
-"""Number of successive generations with equal values after which the search restarts."""
+"""Number of successive generations with equal values after which CMA-ES restarts."""
 
 
 class Generation(NamedTuple):
     """One generation of the evolution strategy.
 
-    x: (n, d), candidates.  f: (n,), values to minimise.  mean: (d,), centre.  restart: number, from 0.
+    x: (n, d), candidates.  f: (n,), values to minimise.  mean: (d,), centre of the search distribution.
+    restart: number of the restart, from 0.
     """
 
     x: Any
@@ -47,14 +48,14 @@ def evolve(
     budget: int,
     seed: int,
 ) -> Iterator[Generation]:
-    """Yield generations until the budget is spent. The caller may stop earlier.
+    """Yield the generations of a search until its budget of points is used up. The caller may stop earlier.
 
     Args:
-        of: function from points (n, d) in [0, 1] to finite values (n,). Only the order of the values matters.
+        of: function to minimise, from points (n, d) in [0, 1] to finite values (n,). Only their order matters.
         start: function from the number of the restart to its starting point (d,).
-        step: initial standard deviation, as a fraction of the cube.
-        population: minimum population of the first start. Each restart doubles the population.
-        budget: maximum number of points.
+        step: initial standard deviation, as a fraction of the cube's width.
+        population: minimum population of the first search. Each restart doubles the population.
+        budget: maximum number of points that are evaluated.
         seed: seed of the search's own random numbers.
     """
     cma: Any = importlib.import_module("cma")  # the package is needed only for a search

@@ -1,25 +1,25 @@
-"""Falsification: a search for the worst case inside given bounds.
+"""Falsification: a search for the worst run inside given bounds.
 
-    least over x in [0, 1]^d of  m(x) = least (or mean) over the run words of margin(run at Q(x), word)
+    minimise over x in [0, 1]^d:  m(x) = minimum (or mean) over words of margin(run with parameters Q(x) and word)
 
-Q are the quantile functions of the spread, so that the search has its bounds and units. A distribution without bounds
-is searched within three standard deviations. Every candidate flies with the same few words of random numbers (common
-random numbers), so that m is a function of the point. A first part of the runs covers the whole box with Sobol points.
-CMA-ES then starts from the worst point, and later from the worst points elsewhere. The last runs fly the worst point
-with new words.
+Q(x) are the quantiles of the varied parameters. A distribution without bounds is searched within three standard
+deviations. A word selects the random numbers of a run. Every candidate flies with the same few words (common random
+numbers), so that m depends only on x. The first runs cover the whole box [0, 1]^d with Sobol points. CMA-ES
+then starts from the worst point, and restarts from the worst points elsewhere. The last runs fly the worst point with
+new words.
 
-The margin is one number that measures how far a run is from failing. It is negative for a failure, and has a slope
-among successes and among failures. Each condition has a room, which is its distance to the bound relative to the bound.
-The margin of a run is that of its worst condition:
+The margin of a run measures how far the run is from failing. It is negative for a failure. It varies gradually, also
+among successes and among failures. Each condition has a room: its distance to the bound, relative to the bound. The
+margin of a run is that of its worst condition:
 
     settling:s <= T      1 - max |e|/band, over the rows from the last one at or before T
     first_reach:s <= T   1 - min |e|/band, over the rows up to T
     any other <= b       (b - x)/|b|, or b - x where b = 0
-    >= and >             the same with the other sign
-    margin               min of room/(1 + |room|), in (-1, 1);  a diverged run: -2 + t/T, with t of its first bad row
+    >= and >             the same with the opposite sign
+    margin               min of room/(1 + |room|), in (-1, 1);  a diverged run: -2 + t/T, t: time of its first bad row
 
-So a signal that never settles is judged by its distance from the band, and a signal that settles by its remaining
-distance to the edge of the band. A margin is negative exactly where a condition does not hold.
+For a signal that never settles, the room is its distance from the band. For a signal that settles, it is the remaining
+distance to the edge of the band. A margin is negative if and only if a condition does not hold.
 
 Source: Annapureddy, Liu, Fainekos, Sankaranarayanan, "S-TaLiRo: a tool for temporal logic falsification", TACAS 2011,
 for the search by robustness; Fainekos, Pappas, "Robustness of temporal logic specifications for continuous-time
@@ -60,17 +60,17 @@ NAME = "margin"
 SMALLEST_VIOLATION = 1e-12
 """Smallest size of the margin of a violated condition."""
 OVER: Mapping[str, Callable[[Any], Any]] = {"worst": lambda m: m.min(axis=1), "mean": lambda m: m.mean(axis=1)}
-"""Functions that combine the margins (n, words) of a point's runs into the value to minimise."""
+"""Functions that combine the margins (n, words) of the runs at each of n points into the values to minimise (n,)."""
 TAIL = float(special.ndtr(-3.0))
 """Probability cut off at each end of a distribution without bounds."""
 BATCH_RUNS_MIN = 64
-"""Minimum number of runs in a batch. Fewer runs would not fill the processor's lanes."""
+"""Minimum number of runs in a batch. Fewer runs would not use the processor's vector units fully."""
 FIRST, LAST = 0.15, 0.1
-"""Fractions of all runs: points over the whole box, and repetitions of the worst point with new random numbers."""
+"""Fractions of all runs that cover the whole box at first, and that repeat the worst point with new words at last."""
 STEP = 0.2
-"""Initial standard deviation of the search, as a fraction of the box."""
+"""Initial standard deviation of CMA-ES, as a fraction of the box's width."""
 START_DISTANCE_MIN = 0.3
-"""Minimum distance between two starting points of the search: the largest difference of a coordinate."""
+"""Minimum distance between two starting points of CMA-ES, measured as the largest difference of a coordinate."""
 
 
 def prepare_search(part: str, scenario: str | Scenario, spread: Mapping[str, str], **plan: Any) -> PreparedCampaign:
@@ -88,12 +88,12 @@ def with_margin(ready: PreparedCampaign) -> PreparedCampaign:
 
 
 def margins(columns: Mapping[str, Any]) -> Any:
-    """Return margins (n,) from a campaign's columns. A lost run counts as a failure, whatever its metrics are."""
+    """Return margins (n,) from a campaign's columns. A run that diverged counts as a failure, whatever its metrics."""
     return np.where(columns["lost"], np.minimum(columns[NAME], -1.0), columns[NAME])
 
 
 def margin(rows: Rows, conditions: tuple[Condition, ...], metrics: Mapping[str, Metric]) -> Any:
-    """Compute the margins (n,) of some runs.
+    """Compute the margins (n,) of n runs.
 
     Args:
         rows: logged rows of the runs.
@@ -108,7 +108,7 @@ def margin(rows: Rows, conditions: tuple[Condition, ...], metrics: Mapping[str, 
 
 
 def _condition_margin(rows: Rows, condition: Condition, metric: Metric) -> Any:
-    """Compute the margins of one condition. They are negative exactly where the condition does not hold."""
+    """Compute the margins (n,) of one condition. They are negative where the condition does not hold, else not."""
     with np.errstate(invalid="ignore", over="ignore"):
         value = np.asarray(metric.of(rows), np.float64)
         room = _distance_to_bound(rows, condition, value)
@@ -130,13 +130,16 @@ def _distance_to_bound(rows: Rows, condition: Condition, value: Any) -> Any:
 
 
 def spread_levels(ready: PreparedCampaign, x: Any) -> Any:
-    """Map points x in [0, 1]^d to points u of the spread. The tails of unbounded distributions are cut off."""
+    """Map points x in [0, 1]^d to probabilities u of the varied parameters, with unbounded tails cut off."""
     tail = np.array([TAIL if f.distribution.kind in ("normal", "lognormal") else 0.0 for f in ready.spread.factors])
     return inside_cube(tail + (1 - 2 * tail) * x)
 
 
 class BoxSearch:
-    """Search of the box, with all runs so far. A call flies points (n, d) and returns the values to minimise (n,)."""
+    """Search of the box [0, 1]^d, with all runs so far.
+
+    A call flies the points x (n, d) and returns the values to minimise (n,).
+    """
 
     def __init__(
         self, ready: PreparedCampaign, words: int, over: Callable[[Any], Any], options: Mapping[str, Any]
@@ -187,7 +190,7 @@ class BoxSearch:
                 return
 
     def start(self, restart: int) -> Any:
-        """Return the point where the next search starts: the worst candidate that is not near an earlier start."""
+        """Return the point at which CMA-ES restarts: the worst candidate that is not near an earlier starting point."""
         self.restart = restart
         x, m, *_ = self.candidates()
         for i in np.argsort(self.over(m), kind="stable"):
@@ -200,14 +203,14 @@ class BoxSearch:
 
 
 class FalsificationResult(NamedTuple):
-    """Worst run that was found, and the course of the search.
+    """Worst run that a search found, and all candidates of the search.
 
-    margin: margin of the worst run, from its repetition; negative if the run failed.  values: path -> exact value of
-    the parameter.  point: (d,), the run's place in the box.  word: number that selects the run's random numbers.
-    columns: the run's metrics.  flown_runs: total number of runs.  first: number of runs until the first failure, or
-    None.
-    candidate_margins: (n, words), in the order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the
-    number of the restart. The largest number marks the worst point with new words.
+    margin: margin of the worst run, from a repetition of this run; negative if the run failed.  values: path -> exact
+    value of the parameter.  point: (d,), the run's point in the box.  word: number that selects the run's random
+    numbers.  columns: the run's metrics.  flown_runs: total number of runs.  first: number of runs until the first
+    failure, or None.  candidate_margins: (n, words), margins of all candidates in the order flown.  points: (n, d),
+    the candidates.  stages: (n,), -1 for a Sobol point, otherwise the number of the restart of CMA-ES. The largest
+    number marks the repetitions of the worst point with new words.  names: names of the varied parameters.
     """
 
     plan: CampaignPlan
@@ -226,7 +229,7 @@ class FalsificationResult(NamedTuple):
 
     @property
     def fails(self) -> bool:
-        """True if a failure was found."""
+        """Return True if a failure was found."""
         return self.margin < 0
 
 
@@ -251,7 +254,7 @@ def falsify(
     progress: Callable[[int], None] | None = None,
     store: Path | None = None,
 ) -> FalsificationResult:
-    """Search for the worst run.
+    """Search for the worst run within the bounds of varied parameters.
 
     >>> from trimtab import falsify
     >>> brief, spread = {"duration": "1 s"}, {"world.vehicle.mass": "uniform(80%, 120%)"}
@@ -266,13 +269,13 @@ def falsify(
         success: conditions of a success, e.g. "settling:yaw_rate <= 10". Default: each target is reached and held.
         runs: maximum number of runs.
         words: number of runs for each candidate, each with its own random numbers.
-        over: "worst" or "mean": how the margins of a candidate's runs are combined.
+        over: "worst" or "mean": the margin of a candidate is the worst or the mean margin of its runs.
         seed: seed of the runs' random numbers and of the search.
         until_first: True to stop at the first failure.
         settings, without, faults: as in `trimtab run`, only for a scenario given by name.
         backend, threads: as in `simulate_batch`.
         progress: function called with the number of runs flown since the last call.
-        store: folder that stores finished runs, from which the same search resumes.
+        store: folder in which finished runs are stored. The same search resumes from it.
 
     Raises: InputError for a search that can't be flown, before any run starts.
     """
@@ -328,7 +331,7 @@ def _check_search(ready: PreparedCampaign, runs: int, words: int, over: str) -> 
 
 
 def _summarise_search(ready: PreparedCampaign, search: BoxSearch, backend: str, began: float) -> FalsificationResult:
-    """Fly the worst run once more by itself, and summarise the search."""
+    """Repeat the worst run by itself, and summarise the search."""
     x, m, first, stages = search.candidates()
     i, at = np.unravel_index(int(np.argmin(m)), m.shape)
     word = int(first[i] + at)

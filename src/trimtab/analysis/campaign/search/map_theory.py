@@ -1,6 +1,7 @@
-"""Linear theory for a stability map: delay margin, jitter margin and packet loss, where they apply.
+"""Linear theory for a stability map: delay margin, jitter margin and critical packet loss, where they apply.
 
-The theory needs the delay of a signal around the loop: in transit on the links, and held between packets and frames.
+The theory needs the total delay of a signal in the loop: the time in transit on the links, and the time for which the
+signal is held between packets and between actuator frames.
 
 Source: docs page, Stability maps. The theorems are those of `design`.
 """
@@ -24,13 +25,13 @@ from trimtab.links.wire import DelayChain, Wire
 from trimtab.loop.scenario import Scenario
 
 DRAWS = 4096
-"""Number of quantiles of a latency's distribution, whose rounded values are averaged."""
+"""Number of quantiles that represent the distribution of a link's latency."""
 FINE = 30
 """Approximate number of points along an axis at which the theory is evaluated."""
 FEW = 8
-"""Approximate number of points along an axis that changes the linear loop. Each point costs a linearisation."""
+"""Approximate number of theory points along an axis that changes the linear loop. Each point needs a linearisation."""
 FAR = 10.0
-"""Margin (s) that stands for "no limit"."""
+"""Margin (s) that is used if the delay or jitter has no limit."""
 
 
 class LoopDelay(NamedTuple):
@@ -44,11 +45,11 @@ class LoopDelay(NamedTuple):
 def loop_delay(scenario: Scenario) -> LoopDelay:
     """Compute the delay of a scenario's loop.
 
-    A latency lasts until the receiver's next sampling instant. If the actuators latch in frames that are synchronous
-    with the packets, it lasts until the next frame. A signal held for a time h is h/2 late on average and h at most.
-    Not included: packets that wait for one another, lost packets, and the dynamics of estimator and actuators.
+    A link's latency ends at the receiver's next sampling instant. If the actuators latch commands in frames that are
+    synchronous with the packets, it ends at the next frame. A signal held for a time h is delayed by h/2 on average
+    and by at most h. Not included: queueing of packets, lost packets, and the dynamics of estimator and actuators.
 
-    Raises: InputError for links whose latency is not known.
+    Raises: InputError if the latency of a link is not known.
     """
     world = scenario.world
     frame = optional_member(world.actuators, "frame") or world.actuators.period
@@ -92,9 +93,10 @@ def _latencies(name: str, channel: Any, look: int) -> Any:
 
 
 class StabilityCriterion(NamedTuple):
-    """One criterion over the plane of the map: its margin, 0 on the boundary and positive on the stable side.
+    """Stability criterion over the plane of a map.
 
-    name: name of the criterion.  x, y: values of the axes (nx,), (ny,).  margin: (nx, ny), s or probability.
+    name: name of the criterion.  x, y: values of the axes (nx,), (ny,).  margin: (nx, ny), in s, or a probability for
+    packet loss; positive on the stable side, 0 on the boundary.
     """
 
     name: str
@@ -103,7 +105,7 @@ class StabilityCriterion(NamedTuple):
     margin: Any
 
     def zero_lines(self) -> list[Any]:
-        """Return the curves of zero margin: arrays (k, 2) of values of x and y."""
+        """Return the curves on which the margin is zero: arrays (k, 2) of values of x and y."""
         from contourpy import contour_generator
 
         return list(contour_generator(self.x, self.y, self.margin.T).lines(0.0))
@@ -112,8 +114,8 @@ class StabilityCriterion(NamedTuple):
 def linear_loop(scenario: Scenario) -> FeedbackLoop:
     """Return the loop of a scenario's law and vehicle, linearised about the law's equilibrium.
 
-    Raises: InputError if the law has no `equilibrium`, the loop can't be linearised (see `loop_of_law`), or a predictor
-    precedes the law.
+    Raises: InputError if the law has no `equilibrium`, if the loop can't be linearised (see `loop_of_law`), or if the
+    law gets its input from a predictor.
     """
     if scenario.autopilot.predictor is not None:
         problem = "the law has a predictor, so the margins of the law's own loop do not apply"
@@ -136,14 +138,15 @@ def stability_criteria(
     """Return the criteria that apply to a map.
 
     "delay margin" and "jitter margin" apply if an axis is a link's delay or jitter. The delay margin limits the loop's
-    mean delay, the jitter margin the delay's range above its minimum. "packet loss" applies if an axis is the uplink's
-    loss and the loop is scalar: each step is lost with the link's probability, without retransmission.
+    mean delay. The jitter margin limits the difference between its maximum and minimum delay. "packet loss" applies if
+    an axis is the uplink's loss and the loop has one state. Each packet is lost with the link's probability, without
+    retransmission.
 
     Args:
         diagram: the map.
         loop: function from a scenario to its linear loop.
 
-    Raises: InputError if no criterion applies, or there is no linear loop.
+    Raises: InputError if no criterion applies, or if the loop cannot be linearised.
     """
     kinds = {axis.kind for axis in (diagram.x, diagram.y)}
     if not kinds - {""}:
@@ -167,7 +170,7 @@ def stability_criteria(
 
 
 class _Margins(NamedTuple):
-    """A linear loop, its delay margin (0 if unstable without delay), and its jitter margin for each constant delay."""
+    """Linear loop and its delay margin (s); 0: unstable without delay. jitter: constant delay -> jitter margin (s)."""
 
     loop: FeedbackLoop
     delay: float
@@ -178,7 +181,7 @@ class _Margins(NamedTuple):
         return _Margins(loop, 0.0 if loop.unstable_poles() else min(delay_margin(loop).delay, FAR), {})
 
     def allowed_jitter(self, least: float) -> float:
-        """Return the jitter margin on top of a constant delay, negative beyond the delay margin."""
+        """Return the jitter margin (s) in addition to a constant delay `least`; negative beyond the delay margin."""
         if least >= self.delay:
             return self.delay - least
         if least not in self.jitter:
@@ -207,6 +210,6 @@ def _refine_axis(axis: Axis) -> Any:
 
 
 def _loop_key(scenario: Scenario) -> bytes:
-    """Return a key of the linear loop: all numbers of vehicle and law."""
+    """Return a cache key of the linear loop: all numeric parameters of vehicle and law."""
     both = (*leaves(scenario.world.vehicle), *leaves(scenario.autopilot.law))
     return b"".join(np.asarray(v).tobytes() for _, v, declared in both if isinstance(declared, Quantity))

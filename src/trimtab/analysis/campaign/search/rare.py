@@ -1,10 +1,10 @@
 """Probability of rare failures, by splitting over a campaign's parameters and noise. Found failures can be repeated.
 
-The margin is that of `falsify`. Parameters are drawn as in a campaign. The noise has GROUPS words. Each word controls a
-part of a run's random numbers, so that a part of the noise can be drawn again while the rest stays.
+The margin is that of `falsify`. Parameters are drawn as in a campaign. The noise of a run has GROUPS words. Each word
+is the seed of one part of the run's random numbers, so that one part can be drawn again without a change of the others.
 
-Roots fly in rounds of BATCHES batches. A round depends only on the seed and its number, so that a search resumed from
-its folder gives the same result as an uninterrupted search.
+Independent starting points (roots) fly in rounds of BATCHES batches. A round depends only on the seed and the number of
+the round. A search that is resumed from its folder therefore gives the same result as an uninterrupted search.
 
 Source: docs page, Rare failures; `campaign.statistics.splitting`.
 """
@@ -45,15 +45,16 @@ ROUNDS, BATCHES = 4, 10
 """Number of rounds, and number of batches in a round. The interval is computed from the batches' means."""
 LEAST_RUNS = 5000
 SPREAD_MAX = 6.0
-"""Distance of a parameter from its median, in standard deviations, up to which the scenario must be valid."""
+"""Largest distance of a parameter from its median, in standard deviations, at which the scenario must be valid."""
 STATE = "rare.json"
 PILOT_STREAM, ROUND_STREAM = 0, 1
 
 
 class Failure(NamedTuple):
-    """Run that fails. z: standard normal numbers of its parameters.  words: of its noise.  margin: from the search.
+    """Run that fails. z: standard normal numbers that determine its parameters.  words: words of its noise.
 
-    values: path -> exact value of the parameter.  columns: metrics, from a repetition of the run by itself.
+    margin: margin found in the search.  values: path -> exact value of the parameter.
+    columns: metrics, from a repetition of the run by itself.
     """
 
     z: Any
@@ -64,9 +65,10 @@ class Failure(NamedTuple):
 
 
 class PilotReport(NamedTuple):
-    """Approximate estimates by the pilot. runs: number of runs still to fly.  wall_s: duration of these flights (s).
+    """Forecast made after the pilot. ladder: result of the pilot.  runs: number of runs still to fly.
 
-    width: half width of the interval, as a fraction of the probability.
+    wall_s: expected duration of these flights (s).  width: expected half-width of the interval, as a fraction of the
+    probability.
     """
 
     ladder: Ladder
@@ -76,7 +78,7 @@ class PilotReport(NamedTuple):
 
 
 class Round(NamedTuple):
-    """Result of the roots of one round, as stored in the folder.
+    """Result of one round of splitting, as stored in the folder.
 
     sums: (BATCHES,), number of failing descendants in each batch.  failing_roots: number of roots with a failing
     descendant. survivors, taken: as in `RareResult`. flown: number of runs.  worst, likeliest: z, words and margin of
@@ -95,10 +97,11 @@ class Round(NamedTuple):
 class RareResult(NamedTuple):
     """Probability of a failure, its interval, and two failures.
 
-    ladder: levels of the splitting.  roots: total number of roots; failing_roots: number of roots with a failing
-    descendant. survivors: (K,), number of points below each level.  taken: (K - 1,), share of accepted steps below each
-    level. flown_runs: total, with the pilot; new_runs: runs of this session.  worst: failure with the smallest margin;
-    likeliest: failure with the most probable parameters.
+    ladder: levels and step sizes of the splitting.  roots: total number of roots.  failing_roots: number of roots with
+    a failing descendant.  survivors: (K,), number of points below each level.  taken: (K - 1,), share of accepted steps
+    below each level.  flown_runs: total number of runs, including the pilot.  new_runs: number of runs flown in this
+    session.  has_noise: True if runs draw random numbers.  worst: failure with the smallest margin.
+    likeliest: failure with the most probable parameters.  wall_s: duration of this session (s).
     """
 
     plan: CampaignPlan
@@ -144,13 +147,13 @@ def estimate_rare(
         runs: approximate number of runs.
         seed: seed of all random numbers.
         settings, without, faults: as in `trimtab run`, only for a scenario given by name.
-        folder: folder in which finished rounds are stored, and from which they are resumed.
+        folder: folder in which finished rounds are stored. The same estimation resumes from it.
         backend, threads: as in `simulate_batch`.
         progress: function called with the number of runs flown since the last call.
-        report: function called once, after the pilot.
+        report: function called once after the pilot, with its forecast.
 
-    Raises: InputError if the scenario can't be flown (before any run starts), the margin does not approach a failure,
-    or the folder contains another study.
+    Raises: InputError if the scenario can't be flown (before any run starts), if the margin does not approach a
+    failure, or if the folder contains a different study.
     """
     began = time.perf_counter()
     if runs < LEAST_RUNS:
@@ -187,7 +190,7 @@ def estimate_rare(
 
 
 def _check_differences(ready: PreparedCampaign) -> None:
-    """Raise InputError for a spread with an option of the program, or with values that a part does not accept."""
+    """Raise InputError if a varied parameter is an option of the program, or takes values that are not valid."""
     refuse_options(ready)
     if ready.spread.factors:
         ends = np.array([[-SPREAD_MAX], [SPREAD_MAX]]) * np.ones(len(ready.spread.factors))
@@ -195,11 +198,11 @@ def _check_differences(ready: PreparedCampaign) -> None:
 
 
 class _Study:
-    """State of one estimation: the ladder and the rounds so far."""
+    """State of one estimation: the ladder of levels and the rounds flown so far."""
 
     ladder: Ladder
     roots: int
-    """Number of roots in a batch."""
+    """Number of roots (independent starting points) in a batch."""
     words: int
 
     def __init__(self, ready: PreparedCampaign, options: Mapping[str, Any], folder: Path | None, used: str) -> None:
@@ -209,14 +212,14 @@ class _Study:
         self.new_runs, self.rate, self.d = 0, math.inf, len(ready.spread.factors)
 
     def margins(self, z: Any, words: Any) -> Any:
-        """Compute margins (n,) at parameters z (n, d) with words (n, m)."""
+        """Compute margins (n,) of runs with parameters from z (n, d) and noise from words (n, m)."""
         if not words.shape[1]:
             words = np.zeros((len(z), GROUPS), np.uint32)
         self.new_runs += len(z)
         return margins(fly_points(self.ready, inside_cube(special.ndtr(z)), words, **self.options))
 
     def read_or_pilot(self, runs: int) -> None:
-        """Read the ladder and the rounds from the folder, or run the pilot for a total number of runs."""
+        """Read the ladder and the rounds from the folder. If it has none, run the pilot for a total number of runs."""
         file = None if self.folder is None else self.folder / STATE
         if file is not None and file.exists():
             self._read(file)
@@ -236,7 +239,7 @@ class _Study:
             problem = (
                 f"after {stalled.flown} runs the margin stays at {stalled.level:.4g} and does not approach a failure"
             )
-            fix = "use a condition on a quantity that changes gradually before the failure, e.g. a peak"
+            fix = "use a condition on a quantity that approaches its bound gradually, e.g. a peak error"
             raise InputError(argument_name("success"), problem, fix=fix) from None
         self.rate = (self.new_runs - before) / (time.perf_counter() - began)
         rest = max(runs - self.ladder.flown, 0)
@@ -316,7 +319,7 @@ class _Study:
             fix = f"{argument_name('out')} with a new folder"
             raise InputError(argument_name("out"), f"{str(file)!r} can't be read: {error}", fix=fix) from None
         if not same:
-            problem = f"{str(file.parent)!r} contains another study, or one from another version or backend"
+            problem = f"{str(file.parent)!r} contains another study, or a study from another version or backend"
             raise InputError(
                 argument_name("out"),
                 problem,

@@ -39,14 +39,14 @@ def scenario() -> Scenario:
 def write_scenario(
     file: Path, plan: CampaignPlan, values: Mapping[str, Any], about: str, words: tuple[int, ...] = ()
 ) -> None:
-    """Write the file atomically.
+    """Write a scenario file atomically.
 
     Args:
-        file: path of the file. A user's own scenario is located relative to the file's folder.
+        file: path of the file. It refers to a user's own scenario file by a relative path.
         plan: plan with the scenario, its settings, its faults and the effects left out.
         values: path -> number or array.
         about: lines of the file's docstring.
-        words: words of the noise of run 0, if it is not the noise of a campaign's run.
+        words: words that select the noise of run 0. Empty: the noise of run 0 is that of a campaign.
     """
     own, _, function = plan.scenario.rpartition(":")
     head, name = '"""' + about.replace('"""', "'''").strip() + '\n"""\n', repr(plan.scenario)
@@ -87,7 +87,7 @@ def write_scenario(
 
 
 def check_file(part: str, file: Path) -> None:
-    """Raise InputError if the file's name is not a Python name with the ending .py, or if it is a folder."""
+    """Raise InputError if the file's name is not a Python identifier with the ending .py, or if it is a folder."""
     if file.suffix != ".py" or not file.stem.isidentifier():
         fix = f"{part} {file.with_name('found.py')}"
         raise InputError(part, f"{file.name!r} is not the name of a Python file", fix=fix)

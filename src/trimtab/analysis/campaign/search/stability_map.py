@@ -1,4 +1,4 @@
-"""Stability map: success of a scenario in the plane of two parameters, refined only near the boundary.
+"""Stability map: success of a scenario over a grid of two parameters, refined only near the boundary of success.
 
 Source: docs page, Stability maps; R. A. Finkel, J. L. Bentley, "Quad trees: a data structure for retrieval on composite
 keys", Acta Informatica 4 (1974), for the tree of cells. The rule for splitting cells is this package's own.
@@ -30,19 +30,19 @@ Success = Callable[[Batch], Any]
 SWING = 0.1
 """Largest residual oscillation accepted at a run's end, as a fraction of a target's band."""
 ROWS = 300
-"""Approximate number of rows evaluated in each run."""
+"""Approximate number of log rows evaluated in each run."""
 NUMBERS = 20_000_000
-"""Maximum number of logged values in memory at once. Larger rounds are flown in parts."""
+"""Maximum number of logged values in memory at once. A batch that needs more is flown in parts."""
 ALL = 100
-"""Approximate number of values in a row if all signals are logged."""
+"""Approximate number of values in a log row if all signals are logged."""
 
 
 class TracedBoundary(NamedTuple):
     """Values on a lattice of `shape` points, of which only some were evaluated.
 
-    index: (n, 2) lattice points, in the order of evaluation.  value: (n,), in [0, 1].  call_index: (n,), number of the
-    call that evaluated each, from 0.  cells: (k, 3) lower corner and size of the cells that tile the lattice.
-    threshold: a point is inside if its value is at least the threshold.
+    index: (n, 2) lattice points, in the order of evaluation.  value: (n,), their values in [0, 1].  call_index: (n,),
+    number of the function call that evaluated each point, from 0.  cells: (k, 3), lower corner and size of the cells
+    that tile the lattice.  threshold: a point is inside if its value is at least the threshold.
     """
 
     shape: tuple[int, int]
@@ -54,12 +54,12 @@ class TracedBoundary(NamedTuple):
 
     @property
     def evaluated_points(self) -> int:
-        """Number of evaluated points."""
+        """Return the number of evaluated points."""
         return len(self.index)
 
     @property
     def of(self) -> int:
-        """Number of points of a full grid with the same resolution."""
+        """Return the number of points of a full grid with the same resolution."""
         return self.shape[0] * self.shape[1]
 
     def grid(self) -> Any:
@@ -75,9 +75,10 @@ class TracedBoundary(NamedTuple):
         return self.cells[np.array(mixed, bool)]
 
     def crossings(self, line: int, axis: int = 0) -> list[tuple[int, int]]:
-        """Return pairs of neighbouring evaluated points between which a line along `axis` crosses the boundary.
+        """Return the crossings of the boundary along one line of the lattice.
 
-        line: lattice index on the other axis. Lines outside the coarse grid have few evaluated points.
+        Each crossing is a pair of neighbouring evaluated points, as lattice indices along `axis`.
+        line: index of the line on the other axis. Lines that are not part of the coarse grid have few evaluated points.
         """
         values = self.grid().take(line, axis=1 - axis)
         known = np.flatnonzero(~np.isnan(values))
@@ -90,14 +91,15 @@ def trace_boundary(
 ) -> TracedBoundary:
     """Evaluate a coarse grid, then only the cells whose edges have points both inside and outside.
 
-    Each of `depth` levels halves those cells and evaluates their new points in one call. If a new point on an edge
-    shows that the boundary enters the neighbouring cell, that cell is split too, in a further call. A region that lies
-    between the points of the coarse grid, and touches none of them, is not found.
+    Each of `depth` levels halves these cells and evaluates their new points in one call. If a new point on an edge
+    shows that the boundary enters the neighbouring cell, that cell is split too, in a further call. A region that
+    contains no point of the coarse grid is not found.
 
     Args:
         values: function from lattice points (k, 2) to their values (k,).
         coarse: number of points of the coarse grid along each axis, 2 or more.
-        depth: number of times that a cell is halved. The lattice has (c - 1) 2^depth + 1 points along an axis.
+        depth: number of times that a cell is halved. The lattice has (c - 1) 2^depth + 1 points along an axis with c
+            points of the coarse grid.
         threshold: a point is inside if its value is at least the threshold.
     """
     check_grid(coarse, depth)
@@ -160,13 +162,13 @@ def _cell_nodes(cell: Cell) -> list[tuple[int, int]]:
 
 
 def parse_success(scenario: Scenario, texts: Iterable[str]) -> tuple[Success, tuple[str, ...]]:
-    """Return a function that judges the runs of a batch by all conditions, and the signals that it needs.
+    """Return a function that decides the success of each run of a batch by conditions, and the signals it needs.
 
     Args:
         scenario: the scenario that is flown.
-        texts: conditions, e.g. "error_rms:yaw_rate <= 0.5".
+        texts: conditions that must all hold, e.g. "error_rms:yaw_rate <= 0.5".
 
-    Raises: InputError for a condition that does not fit the scenario.
+    Raises: InputError if a condition uses a metric or signal that the scenario does not have.
     """
     known = find_signals(scenario)
     conditions = [parse_condition(text) for text in texts]
@@ -184,10 +186,11 @@ def parse_success(scenario: Scenario, texts: Iterable[str]) -> tuple[Success, tu
 
 
 class StabilityMap(NamedTuple):
-    """Stability map: share of successes at each point flown.
+    """Stability map: share of successful runs at each point flown.
 
-    scenario: scenario as flown, with prepared links and long enough buffers.  x, y: axes.  at_x, at_y: values of the
-    whole lattice (nx,), (ny,).  traced_boundary: lattice points, shares and cells.  runs: number of runs at each point.
+    scenario: scenario as flown, with links and buffers prepared for all latencies of the map.  x, y: axes.  at_x, at_y:
+    axis values of the lattice (nx,), (ny,).  traced_boundary: lattice points, shares of successes and cells.  runs:
+    number of runs at each point.  backend: simulation backend used.
     """
 
     scenario: Scenario
@@ -201,17 +204,20 @@ class StabilityMap(NamedTuple):
 
     @property
     def sample_points(self) -> Any:
-        """Return the points flown, in values of the axes (n, 2)."""
+        """Return the axis values (n, 2) of the points flown."""
         i, j = self.traced_boundary.index.T
         return np.column_stack([self.at_x[i], self.at_y[j]])
 
     @property
     def share(self) -> Any:
-        """Return the share of successes at each of `sample_points` (n,)."""
+        """Return the share of successful runs at each of `sample_points` (n,)."""
         return self.traced_boundary.value
 
     def crossings(self, y: float) -> list[tuple[float, float]]:
-        """Return pairs of neighbouring x values around the boundary, along the lattice line nearest to y."""
+        """Return the crossings of the boundary along the lattice line nearest to y.
+
+        Each crossing is a pair of neighbouring x values, one on each side of the boundary.
+        """
         line = int(np.abs(self.at_y - y).argmin())
         return [(float(self.at_x[a]), float(self.at_x[b])) for a, b in self.traced_boundary.crossings(line)]
 
@@ -234,7 +240,7 @@ def stability_map(
     progress: Callable[[int], None] = lambda more: None,
     memo: FlightMemo | None = None,
 ) -> StabilityMap:
-    """Fly a coarse grid, then halve `depth` times the cells that contain the boundary.
+    """Fly a coarse grid of points, then refine the cells that contain the boundary of success.
 
     All new points of a level fly in one batch. Every point has the same seeds, so that neighbours differ only by their
     parameters, and the boundary of a random scenario is smooth.
@@ -244,15 +250,15 @@ def stability_map(
         x, y: the axes. Their values are those of the coarse grid.
         runs: number of runs at each point.
         depth: number of times that a cell is halved.
-        threshold: share of successes at the boundary.
-        seed: seed of the first run at a point. Further runs use the next numbers.
+        threshold: share of successful runs at the boundary.
+        seed: seed of the first run at a point. The seeds of its further runs are seed + 1, seed + 2, …
         swing: largest residual oscillation accepted, as a fraction of each target's band. Not used with `success`.
-        success: function that judges the runs of a batch from its log. Default: `target_success`.
+        success: function that returns the success of each run of a batch from its log. Default: `target_success`.
         signals: signals logged for `success`. Default without `success`: the targets' signals.
-        log_period: period of the rows. Default: a multiple of the autopilot's period that gives about 300 rows.
+        log_period: period of the log rows (100 ns). Default: a multiple of the autopilot's period, for about 300 rows.
         backend, threads: as in `simulate_batch`.
         progress: function called with the number of points flown since the last call.
-        memo: store of earlier flights of this scenario with this success.
+        memo: store of earlier flights of this scenario with the same success function.
 
     Raises:
         InputError: before any run starts, if the scenario at any point of the coarse grid is invalid.
@@ -286,9 +292,11 @@ def stability_map(
 
 
 class _PointFlights(NamedTuple):
-    """Flights at points.
+    """Flights at the points of a map.
 
-    seeds: seeds of the runs at a point.  numbers: number of values in a run's log.  used: backends used so far.
+    scenario: scenario to fly.  seeds: seeds of the runs at a point.  is_success: function that returns the success of
+    each run.  numbers: number of values in the log of a run.  options: options of `simulate_batch`.  memo: store of
+    earlier flights.  used: backends used so far.
     """
 
     scenario: Scenario
@@ -300,7 +308,7 @@ class _PointFlights(NamedTuple):
     used: list[str]
 
     def share(self, own: dict[str, Any]) -> Any:
-        """Return the share of successes (k,) of k points. own: path -> values at the points (k, …)."""
+        """Return the share of successful runs (k,) at k points. own: path -> parameter values at the points (k, …)."""
         points, runs = len(next(iter(own.values()))), len(self.seeds)
         each = max(NUMBERS // max(self.numbers * runs, 1), 1)
         slices = [slice(i, min(i + each, points)) for i in range(0, points, each)]
@@ -329,9 +337,9 @@ class _PointFlights(NamedTuple):
 def target_success(scenario: Scenario, swing: float = SWING) -> Success:
     """Return a function that decides the success of each run of a batch by the targets.
 
-    Each target must stay in its band over the last third, with a small or decaying oscillation. Small means below
-    `swing` times the band, see `statistics.metrics.swing_amplitude`. A limit cycle inside a band is
-    therefore not a success. Angles count modulo full turns.
+    Each target's signal must stay in its band over the last third of the run, with a small or decaying oscillation. An
+    amplitude up to `swing` times the band is small, see `statistics.metrics.swing_amplitude`. A larger limit cycle is
+    not a success, even inside the band. Angles count modulo full turns.
     """
     targets = tuple(scenario.targets)
     if not targets:
@@ -359,7 +367,7 @@ def target_success(scenario: Scenario, swing: float = SWING) -> Success:
 
 
 def _prepare_map(scenario: Scenario, x: Axis, y: Axis) -> tuple[Scenario, tuple[str, ...]]:
-    """Return the scenario to fly and the paths that differ between points. Check every coarse point."""
+    """Return the scenario to fly, and the paths of parameters that differ between points. Check every coarse point."""
     base = y.prepare(x.prepare(scenario))
     last = with_values(base, values_at(base, x, y, x.values[-1], y.values[-1]))
     base = enlarge_rings(base, last)
@@ -373,7 +381,7 @@ def _prepare_map(scenario: Scenario, x: Axis, y: Axis) -> tuple[Scenario, tuple[
 
 
 def values_at(base: Scenario, x: Axis, y: Axis, a: float, b: float) -> dict[str, Any]:
-    """Return path -> value at one point. The changes of y are made after those of x."""
+    """Return path -> parameter value at one point (a, b) of the map. The changes of y are made after those of x."""
     first = x.change(base, float(a))
     second = y.change(base, float(b))
     if {*first} & {*second}:

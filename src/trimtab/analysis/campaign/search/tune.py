@@ -1,15 +1,15 @@
 """Tuning: gains that minimise the mean cost of many runs, and their performance in runs not used for tuning.
 
-A gain is a parameter with its range, ``autopilot.law.k1=0.5:3``. Its place x in the range is in [0, 1]. In a range
-written as ``loguniform(LOW, HIGH)`` the place is logarithmic. A number may end in %: a percentage of the scenario's own
-value.
+A gain is a parameter with a search range, e.g. ``autopilot.law.k1=0.5:3``. Its position x within the range is scaled
+to [0, 1], on a logarithmic scale for a range written as ``loguniform(LOW, HIGH)``. A limit that ends in % is
+a percentage of the value in the scenario.
 
-Gains are compared in runs with the same random numbers, so that common variation cancels in the difference:
+Two sets of gains are compared in runs with the same random numbers, so that common variation cancels in the difference:
 
-    D_i = cost of the second - cost of the first, in run i        mean(D) ± t_{n-1} std(D)/sqrt(n)
+    D_i = cost of the second set - cost of the first set, in run i        mean(D) ± t_{n-1} std(D)/sqrt(n)
 
-If a cost is infinite, the mean does not exist. Then the result is the share of runs in which the second gains are
-better, among the runs with a difference, with its exact interval (sign test).
+If a cost is infinite, the mean does not exist. The comparison is then a sign test: the share of runs in which
+the second set is better, among the runs in which the costs differ, with its exact interval.
 
 Source: Law, "Simulation modeling and analysis", 5th ed. 2015, sections 10.2.1 (paired t) and 11.2 (common random
 numbers); Dixon, Mood, "The statistical sign test", Journal of the ASA 41 (1946); docs page, Tune.
@@ -62,7 +62,7 @@ RANGES = ("uniform", "loguniform")
 UNSEEN = 2**31
 """Number of the first validation run. Tuning flies only runs with smaller numbers."""
 BOUND = 0.01
-"""Distance from an end of its range, as a fraction of the range, within which a gain counts as at that end."""
+"""Largest distance of a gain from an end of its range, as a fraction of the range, at which it counts as at the end."""
 
 
 def _falls(low: str, high: str) -> bool:
@@ -73,7 +73,7 @@ def _falls(low: str, high: str) -> bool:
 
 
 def parse_gain(path: str, text: str) -> Distribution:
-    """Read a range from its text."""
+    """Read the search range of a gain from its text. path: path of the gain, for errors."""
     part, fix = (
         argument_name("gains", path),
         f"{argument('gains', '0.5:3', path)}, or {argument('gains', 'loguniform(0.01, 10)', path)}",
@@ -93,9 +93,10 @@ def parse_gain(path: str, text: str) -> Distribution:
 
 
 class Gains(NamedTuple):
-    """Gains of a campaign.
+    """Gains that are tuned.
 
-    at: columns of the gains.  own: values in the scenario.  start: (d,), places of `own` in the ranges.
+    ready: prepared campaign.  at: indices of the gains among the campaign's varied parameters.
+    own: the gains' values in the scenario.  start: (d,), position of `own` in the search ranges, scaled to [0, 1].
     """
 
     ready: PreparedCampaign
@@ -105,17 +106,20 @@ class Gains(NamedTuple):
 
     @property
     def factors(self) -> tuple[Factor, ...]:
-        """Return the factors that are gains."""
+        """Return the campaign's varied parameters that are gains."""
         return tuple(self.ready.spread.factors[i] for i in self.at)
 
     def spread_points(self, x: Any, first: int) -> Any:
-        """Return points u (n, all): gains at x (n, d), and dispersed parameters as in runs first … first + n - 1."""
+        """Return points u (n, number of varied parameters) for runs first … first + n - 1.
+
+        The gains are those at positions x (n, d). The other parameters are drawn as in a campaign.
+        """
         u = draw_runs(self.ready, first, first + len(x))[0].u.copy()
         u[:, self.at] = inside_cube(x)
         return u
 
     def slope(self, x: Any) -> Any:
-        """Return the derivative (n, d) of each gain with respect to its place x (n, d) in the range."""
+        """Return the derivative (n, d) of each gain with respect to its scaled position x (n, d) in the range."""
         columns = []
         for factor, place, own in zip(self.factors, np.asarray(x).T, self.own, strict=True):
             low, high = (a.of(own) for a in factor.distribution.amounts)
@@ -126,22 +130,25 @@ class Gains(NamedTuple):
         return np.stack(columns, axis=1)
 
     def gain_values(self, x: Any) -> dict[str, float]:
-        """Return the value of each gain at x (d,), by the gain's text."""
+        """Return path of a gain -> its value, for scaled positions x (d,)."""
         each = zip(self.factors, inside_cube(x), self.own, strict=True)
         return {f.text: float(f.distribution.quantile(np.array([u]), own)[0]) for f, u, own in each}
 
     def at_bounds(self, x: Any) -> tuple[str, ...]:
-        """Return the texts of gains whose place in x (d,) is within BOUND of an end of the range."""
+        """Return the paths of gains whose scaled position in x (d,) is within BOUND of an end of the range."""
         return tuple(f.text for f, place in zip(self.factors, x, strict=True) if abs(place - 0.5) > 0.5 - BOUND)
 
     def values(self, x: Any) -> dict[str, Any]:
-        """Return path -> parameter with the gains at x (d,). Other elements keep the scenario's values."""
+        """Return path -> parameter value, for gains at scaled positions x (d,).
+
+        Elements of an array that are not gains keep the scenario's values.
+        """
         alone = self.ready._replace(spread=Spread(self.factors))
         return parameters_at(alone, inside_cube(x))
 
 
 def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
-    """Return the gains of a campaign. Raise InputError if a range does not include the scenario's own value."""
+    """Return the gains of a campaign. Raise InputError if a search range does not include the value in the scenario."""
     texts = [f.text for f in ready.spread.factors]
     at = np.array([i for i, text in enumerate(texts) if text in names])
     known = {path: value for path, value, _ in leaves(ready.scenario)}
@@ -161,7 +168,7 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
             raise InputError(
                 part,
                 problem,
-                fix=f"a wider range, or another start: {argument('settings', f'{low:g}', factor.text)}",
+                fix=f"give a wider range, or another start: {argument('settings', f'{low:g}', factor.text)}",
             )
         log = factor.distribution.kind == "loguniform"
         values.append(own)
@@ -172,11 +179,12 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
 class TuningResult(NamedTuple):
     """Result of tuning.
 
-    values: path -> exact parameter with the tuned gains.  before, after: text of the gain -> value.  steps: course of
-    the search.  slopes: slopes at the gradient's steps.  seen_comparison: comparison with the scenario's own gains, in
-    the runs used for tuning.  held_out_comparison: comparison in other runs, which decides if the tuned gains are
-    better.  flown_runs: total number of runs. A run with its derivative along d gains counts d times.  at_bounds: gains
-    within BOUND of an end of their range. A wider range may be better.
+    values: path -> exact parameter value with the tuned gains.  before, after: path of a gain -> its value in the
+    scenario, its tuned value.  steps: steps of the search.  slopes: slope of the cost at each step of the gradient
+    method.  seen_comparison: comparison with the scenario's own gains, in the runs used for tuning.
+    held_out_comparison: the same comparison in other runs, which decides if the tuned gains are better.  flown_runs:
+    total number of runs. A run with its derivative along d gains counts d times.  wall_s: duration (s).
+    at_bounds: gains within BOUND of an end of their range. A wider range may give a better result.
     """
 
     plan: CampaignPlan
@@ -194,7 +202,7 @@ class TuningResult(NamedTuple):
 
     @property
     def is_improvement(self) -> bool:
-        """True if the interval of the held-out runs shows an improvement."""
+        """Return True if the comparison in the held-out runs shows a significant improvement."""
         return self.held_out_comparison.improves
 
 
@@ -228,17 +236,17 @@ def tune(
 
     Args:
         scenario: name in the catalogue, ``file.py:function``, or a `Scenario`.
-        gains: path -> range, e.g. "0.5:3" or "loguniform(0.01, 10)". The scenario's own value is the start.
+        gains: path -> range, e.g. "0.5:3" or "loguniform(0.01, 10)". The search starts at the scenario's own value.
         cost: metrics with weights, e.g. "error_rms:yaw_rate + 2*error_rms:sway_velocity".
         method: "search" (CMA-ES, any metric) or "gradient" (costs that are integrals, with a C compiler).
-        runs: runs of each candidate, or of each gradient step.  held_out: number of validation runs.
-        iterations: generations, or gradient steps.  width: width of the gradient's smoothing, as a part of each range.
+        runs: number of runs of each candidate, or of each gradient step.  held_out: number of validation runs.
+        iterations: number of generations, or of gradient steps.
+        width: width over which the gradient is smoothed, as a fraction of each range.
         spread: other parameters that vary from run to run, as in a campaign.
         seed: seed of the runs' random numbers and of the method.
         settings, without, faults: as in `trimtab run`, only for a scenario given by name.
-        backend, threads: as in `simulate_batch`.  progress: function called with the runs flown since the last call.
-        store: folder that stores finished runs, from which the same tuning resumes.
-
+        backend, threads: as in `simulate_batch`.  progress: called with the number of runs flown since the last call.
+        store: folder in which finished runs are stored. The same tuning resumes from it.
     Raises: InputError for a scenario that can't be flown or tuned, before any run starts.
     """
     began = time.perf_counter()
@@ -300,7 +308,7 @@ def _check_tuning(
 
 
 def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[str, ...]) -> Gains:
-    """Return the gains of the campaign. Check their ranges first, and name the gains in errors."""
+    """Return the gains to tune. Check their ranges first. Errors name the gain, not the spread that represents it."""
     try:
         if isinstance(scenario, str):
             scenario = build_scenario(plan)
@@ -328,16 +336,16 @@ def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[st
 
 
 class _GainFlights:
-    """Flights with gains at given places in their ranges."""
+    """Flights with gains at given positions in their search ranges."""
 
     def __init__(self, gains: Gains, terms: tuple[CostTerm, ...], runs: int, options: Mapping[str, Any]) -> None:
         self.gains, self.terms, self.runs, self.options = gains, terms, runs, options
         self.flown_runs = 0
 
     def costs(self, x: Any, first: int = 0, runs: int | None = None) -> Any:
-        """Return costs (n, runs) at places x (n, d).
+        """Return costs (n, runs) of n sets of gains, given by their scaled positions x (n, d).
 
-        Each place is flown in the same runs. `first` is the number of the first run.
+        Each set is flown in the same runs. first: number of the first run.
         """
         n = runs or self.runs
         u = np.concatenate([self.gains.spread_points(np.repeat(place[None], n, axis=0), first) for place in x])
@@ -346,12 +354,12 @@ class _GainFlights:
         return evaluate_cost(self.terms, fly_points(self.gains.ready, u, words, **self.options)).reshape(len(x), n)
 
     def compare_gains(self, x: Any, first: int, runs: int) -> Comparison:
-        """Compare the gains at x with the scenario's own gains, in `runs` runs from number `first` on."""
+        """Compare the gains at scaled positions x with the scenario's own gains, in runs first … first + runs - 1."""
         before, after = self.costs(np.stack([self.gains.start, x]), first, runs)
         return compare(before, after)
 
     def slope_function(self) -> Callable[[Any, int], tuple[Any, Any]]:
-        """Return a function that flies pairs of runs and returns their costs and derivatives in the gains."""
+        """Return a function that flies pairs of runs, and returns their costs and the derivatives along the gains."""
         ready, gains = self.gains.ready, self.gains
         of = integral_cost(self.terms, ready)
         along = [(f.path, f.at or ()) for f in gains.factors]

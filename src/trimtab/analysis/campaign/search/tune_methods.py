@@ -1,24 +1,24 @@
-"""Methods of tuning: CMA-ES without derivatives, or the gradient through the loop.
+"""Methods of tuning: CMA-ES without derivatives, or gradient descent with derivatives through the simulated loop.
 
-**Search**: CMA-ES over the mean cost of many runs, the same runs for every candidate. A candidate with infinite costs
-in some runs is worse than any candidate without, and the worse the more such runs it has.
+**Search**: CMA-ES minimises the mean cost of many runs, the same runs for every candidate. The share of
+runs with infinite cost is added to the score of a candidate, see `merit`.
 
 **Gradient**, smoothed over switches: the cost is averaged over nearby gains and over runs.
 
     f_s(x) = E over eps ~ N(0, I) and runs of f(fold(x + s eps))           smooth, whatever switches in the loop
 
-In a loop that switches, the cost jumps as a gain changes. The derivative of one run does not see the jump. The mean f_s
-has no jump. Each pair x ± s eps, flown with the same random numbers, gives two estimates of the slope:
+In a loop that switches, the cost may jump as a gain changes. The derivative of a single run ignores the jump. The mean
+f_s has no jump. Each pair x ± s eps, flown with the same random numbers, gives two estimates of the slope:
 
     first order    (g+ + g-)/2            mean of the runs' own derivatives: little scatter, ignores jumps
     zeroth order   (f+ - f-) eps/(2 s)    a difference: includes jumps, no bias, more scatter
 
     g = g0 + a (g1 - g0)      a = -cov(g0, D)/(var(D) + b^2) in [0, 1],   D = g1 - g0,  b^2 = (mean(D)^2 - var(D))+
 
-with variances of means. The weight a has the least estimated mean square error: if both estimates agree within their
-scatter, the derivatives dominate. Otherwise the difference does. Steps are Adam's, projected to the ranges. The result
-is the mean of the last third of the steps (Polyak). Gains beyond their range are folded back, so that f stays
-continuous.
+where g0 and g1 are the means of the zeroth-order and the first-order estimates, and var and cov are those of means.
+The weight a gives the least estimated mean square error. If both estimates agree within their scatter, the first-order
+estimate dominates, otherwise the zeroth-order estimate. Steps are those of Adam, limited to the ranges. The result is
+the mean of the last third of the steps (Polyak). Gains beyond their range are folded back, so that f stays continuous.
 
 Source: Hansen, Ostermeier, Evolutionary Computation 9 (2001); common random numbers: Law, "Simulation modeling and
 analysis", 5th ed. 2015, section 11.2; Suh, Simchowitz, Zhang, Tedrake, "Do differentiable simulators give better policy
@@ -36,17 +36,17 @@ from trimtab.analysis.campaign.search.evolution import evolve
 from trimtab.core.errors import InputError, argument, argument_name
 
 STEP, POPULATION = 0.25, 8
-"""Initial standard deviation of the search, as a fraction of the ranges, and minimum population."""
+"""Initial standard deviation of CMA-ES, as a fraction of the ranges, and its minimum population."""
 RATE, BETA1, BETA2 = 0.06, 0.8, 0.95
 """Parameters of Adam: learning rate and decay rates."""
 PairFlights = Callable[[Any, int], tuple[Any, Any]]
-"""Function from places (n, d) and the number of the first run to costs (n,) and slopes (n, d). Pairs share a run."""
+"""Function that flies pairs of runs, from scaled gains (n, d) and the first run number to costs (n,), slopes (n, d)."""
 
 
 class TuningStep(NamedTuple):
     """One step of a tuning.
 
-    flown_runs: number of runs so far.  cost: mean cost of the step's runs.  x: (d,), places of the gains.
+    flown_runs: number of runs so far.  cost: mean cost of the step's runs.  x: (d,), gains, scaled to [0, 1].
     """
 
     flown_runs: int
@@ -68,13 +68,13 @@ def merit(costs: Any, reference: float) -> Any:
 def search_gains(
     costs: Callable[[Any], Any], start: Any, runs: int, iterations: int, seed: int
 ) -> tuple[Any, list[TuningStep]]:
-    """Search for the best gains, and return them and the steps.
+    """Search for the best gains. Return the best gains (d,), scaled to [0, 1], and the steps of the search.
 
     Args:
-        costs: function from places (n, d) in [0, 1] to costs (n, runs), of the same runs each time.
-        start: (d,), places of the scenario's own gains.
+        costs: function from scaled gains (n, d) to costs (n, runs), always for the same runs.
+        start: (d,), the scenario's own gains, scaled to [0, 1].
         runs: number of runs of a candidate.
-        iterations: number of generations of the minimum population.
+        iterations: number of generations with the minimum population. Larger generations count as several.
         seed: seed of the search.
     """
     first = costs(start[None])
@@ -112,7 +112,10 @@ def search_gains(
 
 
 class Slope(NamedTuple):
-    """Slope of the cost. weight: (d,), weight of the derivatives.  first, zeroth: (d,), the two estimates."""
+    """Slope of the cost (d,). weight: weight of the first-order estimate (d,).
+
+    first, zeroth: first-order and zeroth-order estimates of the slope (d,).
+    """
 
     slope: Any
     weight: Any
@@ -127,7 +130,10 @@ def fold_points(y: Any) -> tuple[Any, Any]:
 
 
 def combine_estimates(first: Any, zeroth: Any) -> Slope:
-    """Combine samples (pairs, d) of both estimates into the slope of least estimated mean square error."""
+    """Combine samples (pairs, d) of the first-order and the zeroth-order estimate into one slope.
+
+    Their weights give the least estimated mean square error.
+    """
     n = len(first)
     difference = first - zeroth
     mean, spread = difference.mean(axis=0), difference.var(axis=0, ddof=1) / n
@@ -138,7 +144,10 @@ def combine_estimates(first: Any, zeroth: Any) -> Slope:
 
 
 def estimate_slope(flights: PairFlights, x: Any, eps: Any, width: float, first_run: int) -> tuple[float, Slope]:
-    """Estimate mean cost and slope at x (d,) from pairs of runs. eps: (pairs, d), standard normal."""
+    """Estimate mean cost and slope at scaled gains x (d,) from pairs of runs at x ± width eps.
+
+    eps: (pairs, d), standard normal numbers.  first_run: number of the first run.
+    """
     high, s_high = fold_points(x + width * eps)
     low, s_low = fold_points(x - width * eps)
     costs, slopes = flights(np.stack([high, low], axis=1).reshape(-1, len(x)), first_run)
@@ -153,15 +162,15 @@ def estimate_slope(flights: PairFlights, x: Any, eps: Any, width: float, first_r
 def descend_gradient(
     flights: PairFlights, start: Any, runs: int, iterations: int, width: float, seed: int
 ) -> tuple[Any, list[TuningStep], list[Slope]]:
-    """Descend along the gradient, and return gains, steps and slopes. Every iteration flies new runs.
+    """Descend along the gradient. Return scaled gains (d,), steps and slopes. Every iteration flies new runs.
 
     Args:
         flights: function that flies pairs of runs, see `PairFlights`.
-        start: (d,), places of the scenario's own gains.
+        start: (d,), the scenario's own gains, scaled to [0, 1].
         runs: number of runs in an iteration, i.e. runs/2 pairs.
         iterations: number of steps.
         width: width s of the smoothing, as a fraction of the ranges.
-        seed: seed of the pairs.
+        seed: seed of the random differences eps.
     """
     rng, pairs = np.random.default_rng(seed), runs // 2
     x, m, v, rate = np.array(start), np.zeros(len(start)), np.zeros(len(start)), RATE

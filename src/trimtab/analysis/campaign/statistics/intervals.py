@@ -52,11 +52,11 @@ from scipy import special, stats
 from trimtab.core.errors import InputError
 
 HALVINGS = 60
-"""Number of bisection steps for a bound, which makes the bound exact to 2^-60."""
+"""Number of bisection steps in the search for a bound. The bound is then exact to 2^-60."""
 RUNS_MAX = 1 << 62
-"""Largest number of runs that is tried in a search for the minimum number."""
+"""Upper limit in the search for the minimum number of runs."""
 LEAST_FOR_MEAN = 30
-"""Minimum number of runs for an interval of the mean. Fewer runs do not determine the skewness."""
+"""Minimum number of runs for an interval of the mean. The skewness cannot be estimated from fewer runs."""
 
 
 def check_level(part: str, level: float) -> None:
@@ -66,9 +66,9 @@ def check_level(part: str, level: float) -> None:
 
 
 class Proportion(NamedTuple):
-    """Share of successful runs.
+    """Share of successful runs, with a confidence interval of the success probability.
 
-    low, high: exact interval, which contains the true probability in at least a share `level` of cases.
+    low, high: ends of the interval. It contains the true probability with a confidence of at least `level`.
     """
 
     successes: int
@@ -86,15 +86,15 @@ class Proportion(NamedTuple):
 def proportion(successes: int, trials: int, level: float = 0.95, *, anytime: bool = False) -> Proportion:
     """Return the share of successes among independent trials, with the interval of Clopper and Pearson.
 
-    The interval is conservative: it contains the true probability at least as often as `level`, for any probability and
-    any number of trials, also if all trials succeed.
+    The interval is conservative: its confidence is at least `level` for any probability and any number of trials, also
+    if all trials succeed.
 
     Args:
         successes: k, number of successes.
         trials: n, number of trials, at least one.
         level: confidence, between 0 and 1; both tails are equal.
-        anytime: True if the interval must hold at every number of runs at once, for runs that stop depending on it.
-            Then the trials must be runs 0 to n - 1, in order, without gaps.
+        anytime: True if the intervals must be valid at all numbers of runs together, for a campaign that may stop
+            because of them. Then the trials must be runs 0 to n - 1, in order, without gaps.
     """
     k, n = int(successes), int(trials)
     if n < 1 or not 0 <= k <= n or (k, n) != (successes, trials):
@@ -111,11 +111,12 @@ def proportion(successes: int, trials: int, level: float = 0.95, *, anytime: boo
 
 
 class Quantile(NamedTuple):
-    """Quantile of the runs flown, with a band that contains the true quantile in at least `level` of all campaigns.
+    """Quantile of a metric over the runs flown, with a confidence band for the true quantile.
 
-    p: level of the quantile.  value: smallest run value that at least p of the runs do not exceed.  low, high: the
-    band; -inf or inf if the runs are too few for a bound on that side.  trials: number of runs.  not_finite: number of
-    runs without a finite value.  needed_runs: minimum number of runs for a band with both bounds.
+    p: level of the quantile.  value: smallest value that at least a share p of the runs do not exceed.  low, high:
+    bounds of the band; -inf or inf if the runs are too few for a bound on that side.  level: confidence of the band.
+    trials: number of runs.  not_finite: number of runs without a finite value.  needed_runs: minimum number of runs for
+    a band with both bounds.
     """
 
     p: float
@@ -129,7 +130,7 @@ class Quantile(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name of the quantile, as in "p95"."""
+        """Return the name of the quantile, as in "p95"."""
         return f"p{100 * self.p:.10g}"
 
     def __str__(self) -> str:
@@ -141,15 +142,18 @@ class Quantile(NamedTuple):
 def quantile(
     values: Any, p: float, level: float = 0.95, *, missing: float = math.inf, anytime: bool = False
 ) -> Quantile:
-    """Return a quantile with its band. Bands of several quantiles each hold at `level`, not all together.
+    """Return a quantile with its confidence band.
+
+    The confidence `level` is that of each band by itself, not that of the bands of several quantiles together.
 
     Args:
         values: the metric of each run, shape (n,); runs are independent.
         p: level of the quantile, between 0 and 1.
         level: confidence, between 0 and 1; both tails are equal.
-        missing: value of a run whose metric is NaN (a diverged run, or one that never settled). Use inf for the worst
-            value, or -inf for a metric of which small values are bad.
-        anytime: True if the band must hold at every number of runs at once, for runs that stop depending on it.
+        missing: value of a run whose metric is NaN (a diverged run, or one that never settled). Use inf if large
+            values of the metric are bad, -inf if small values are bad.
+        anytime: True if the bands must be valid at all numbers of runs together, for a campaign that may stop because
+            of them.
     """
     if not 0 < p < 1:
         raise InputError("quantile", f"p must be between 0 and 1, got {p}", fix="give e.g. 0.95")
@@ -166,7 +170,7 @@ def quantile(
 
 
 def ranks(trials: int, p: float, level: float) -> tuple[int, int]:
-    """Return the ranks (1: the smallest) whose values bound the p-quantile in at least `level` of all campaigns.
+    """Return the ranks of two run values that bound the p-quantile with confidence `level`. Rank 1: smallest value.
 
     A lower rank of 0, or an upper rank of trials + 1, means that the runs are too few for a bound on that side.
     """
@@ -175,7 +179,7 @@ def ranks(trials: int, p: float, level: float) -> tuple[int, int]:
 
 
 def ranks_anytime(trials: int, p: float, level: float) -> tuple[int, int]:
-    """Return the ranks, as `ranks`, for bounds that hold at every number of runs at once."""
+    """Return ranks as `ranks` does, for bounds that are valid at all numbers of runs together."""
     enough = -np.log((1 - level) / 2)
     counts = range(trials + 1)
     low = bisect_left(counts, True, key=lambda k: bool(log_evidence(trials - k, trials, 1 - p) < enough))
@@ -204,9 +208,9 @@ def log_evidence(k: Any, n: Any, p: Any) -> Any:
 
 
 def lower_bound(k: Any, n: Any, tail: float) -> Any:
-    """Return the lower bound of a probability for k successes in n runs, arrays of any shape.
+    """Return a lower bound of the success probability for k successes in n runs. k and n: arrays of any shape.
 
-    The bound is valid at every n together in all but a share `tail` of the campaigns.
+    The bounds are valid at all n together, except in a share `tail` of the campaigns.
     """
     k, n = np.broadcast_arrays(np.asarray(k, np.float64), np.asarray(n, np.float64))
     low, high = np.zeros(k.shape), k / n
@@ -219,7 +223,7 @@ def lower_bound(k: Any, n: Any, tail: float) -> Any:
 
 
 def as_column(values: Any, part: str) -> Any:
-    """Convert the values of runs to float64, shape (n,). Raise InputError unless they are one number for each run."""
+    """Convert the values of n runs to float64, shape (n,). Raise InputError unless each run has exactly one number."""
     x = np.asarray(values)
     if x.ndim != 1 or not len(x) or x.dtype.kind not in "biuf":
         problem = f"got an array of shape {x.shape} and type {x.dtype}"
@@ -228,8 +232,9 @@ def as_column(values: Any, part: str) -> Any:
 
 
 class Mean(NamedTuple):
-    """Mean of the runs flown, with an interval of the true mean. Bounds are infinite if the runs do not give any.
+    """Mean of a metric over the runs flown, with a confidence interval for the true mean.
 
+    low, high: bounds of the interval; infinite if they cannot be computed from these runs.
     not_finite: number of runs without a finite value. A single such run makes the mean infinite.
     """
 
@@ -246,10 +251,10 @@ class Mean(NamedTuple):
 
 
 def mean(values: Any, level: float = 0.95) -> Mean:
-    """Return the mean with an approximate interval, whose coverage is in docs/campaign/intervals.md.
+    """Return the mean with an approximate interval. Its coverage is measured in docs/campaign/intervals.md.
 
-    Runs without a finite value make the mean infinite, without an interval. With fewer than 30 runs, or if all values
-    are equal, the bounds are -inf and inf.
+    A run without a finite value makes the mean infinite; the bounds are then -inf and inf. They are also -inf and inf
+    with fewer than 30 runs, or if all values are equal.
 
     Args:
         values: the metric of each run, shape (n,); runs are independent.

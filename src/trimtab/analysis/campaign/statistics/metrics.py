@@ -1,8 +1,8 @@
 """Metrics of a campaign, computed for a block of runs at once. `logs.metrics` computes them for one run.
 
-A metric is KIND:SIGNAL, e.g. ``settling:yaw_rate`` or ``peak:truth.sway_velocity``, or robustness:FORMULA, or a
-function in a file, ``my_metrics.py:miss_distance``, from `Rows` to an array (n,). The time of an event that never
-happens is inf.
+A metric is written as KIND:SIGNAL, e.g. ``settling:yaw_rate`` or ``peak:truth.sway_velocity``, as robustness:FORMULA,
+or as a function in a file, ``my_metrics.py:miss_distance``. The function maps `Rows` to an array (n,). A metric that is
+the time of an event is inf if the event never happens.
 
 Source: docs pages, Metrics (logs) and Campaigns.
 """
@@ -29,12 +29,13 @@ from trimtab.logs.spatial import FLIGHT, FlightSource
 
 @dataclasses.dataclass(frozen=True)
 class Rows:
-    """Logged rows of a block of n runs.
+    """Logged rows of a block of n runs, with m rows in each run.
 
-    t: (m,), s.  signals: by path, (n, m, …).  targets: targets of the scenario.  angles: paths of signals that wrap.
-    final: values after the last step, by path, (n, …). A missing signal ends with its last row.  flight: source of
-    `flight.roll` etc., which are computed on request, as in a log.  end_time: end of all runs, s.  parameters: path ->
-    values (n,), those needed for a flight over the rotating earth.
+    t: times of the rows (m,), s.  signals: path -> values (n, m, …).  targets: targets of the scenario.
+    angles: paths of the signals that are angles, which wrap.  final: path -> values after the last step (n, …). For a
+    signal that is not in `final`, the last row is used.  flight: source of the derived signals `flight.roll` etc.,
+    which are computed on request, as in a log.  end_time: end of all runs (s).  parameters: path -> values (n,) of the
+    parameters needed to compute derived signals of a flight over the rotating earth.
     """
 
     t: Any
@@ -51,16 +52,16 @@ class Rows:
     _errors: dict[str, Any] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __getitem__(self, path: str) -> Any:
-        """Return a signal by its path or short name, (n, m, …).
+        """Return the values (n, m, …) of a signal, given its path or short name.
 
-        "truth.velocity[2]" is one element of a vector, (n, m).
+        "truth.velocity[2]" selects one element of a vector, (n, m).
         """
         whole, index = split_component(full_path(path))
         signal = self._work_out(whole)[0] if self._is_derived(whole) else self.signals[whole]
         return signal if index is None else signal[:, :, index]
 
     def end(self, path: str) -> Any:
-        """Return the value at the end of each run (n, …)."""
+        """Return the value of a signal at the end of each run (n, …)."""
         whole, index = split_component(full_path(path))
         if self._is_derived(whole):
             return self._work_out(whole)[1]
@@ -71,7 +72,7 @@ class Rows:
         return path.startswith(FLIGHT) and self.flight is not None and path not in self.signals
 
     def _work_out(self, path: str) -> tuple[Any, Any]:
-        """Return rows (n, m) and last values (n,) of a derived signal of a flight in space."""
+        """Return rows (n, m) and last values (n,) of a derived signal, e.g. "flight.roll"."""
         if not self._flights:
             flights = [self._work_out_run(i) for i in range(len(next(iter(self.signals.values()))))]
             for name in flights[0][0]:
@@ -90,7 +91,7 @@ class Rows:
     def error(self, path: str) -> Any:
         """Return a signal minus its target (n, m), read-only.
 
-        An angle's target is shifted by full turns to its last value.
+        The target of an angle is shifted by full turns to be as near as possible to the last value of the run.
         """
         if path not in self._errors:
             error = self._errors[path] = self._error(path)
@@ -107,14 +108,15 @@ class Rows:
         return x - value[:, None]
 
     def band(self, path: str) -> float:
-        """Return the absolute band of a signal's target."""
+        """Return the half-width of the band around a signal's target, in the unit of the signal."""
         return next(t for t in self.targets if full_path(t.path) == full_path(path)).band
 
 
 class Metric(NamedTuple):
     """Metric of a run.
 
-    name: name of its column.  signals: paths of its signals.  of: function from `Rows` to values (n,).
+    name: name of the metric's column.  signals: paths of the signals that the metric needs.
+    of: function from `Rows` to values (n,).  unit: unit of the values.
     """
 
     name: str
@@ -124,12 +126,12 @@ class Metric(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Name of the metric with its unit, as in "settling:yaw_rate (s)"."""
+        """Return the name of the metric with its unit, as in "settling:yaw_rate (s)"."""
         return f"{self.name} ({self.unit})" if self.unit not in ("", "1") else self.name
 
 
 def settling(rows: Rows, path: str) -> Any:
-    """Return the settling time (s), after which the signal stays in its target's band, or inf if it never does."""
+    """Return the settling time (s) after which a signal stays in its target's band; inf if the signal never settles."""
     error = rows.error(path)
     backwards = np.empty(error.shape)
     np.abs(error[:, ::-1], out=backwards)  # in the order of the search, so that it ends early
@@ -141,7 +143,10 @@ def settling(rows: Rows, path: str) -> Any:
 
 
 def first_reach(rows: Rows, path: str) -> Any:
-    """Return the time (s) to the first row in the band, or to an interpolated crossing of the target. inf if never."""
+    """Return the time (s) at which a signal first reaches its target; inf if it never does.
+
+    The target is reached at the first row inside the band. A crossing of the target between two rows is interpolated.
+    """
     error, t = rows.error(path), rows.t - rows.t[0]
     inside = np.abs(error) <= rows.band(path)
     crosses = np.sign(error[:, :-1]) * np.sign(error[:, 1:]) < 0
@@ -157,7 +162,10 @@ def first_reach(rows: Rows, path: str) -> Any:
 
 
 def overshoot(rows: Rows, path: str) -> Any:
-    """Return the overshoot: how far the signal goes beyond its target, seen from its start. inf for a diverged run."""
+    """Return the overshoot: the largest distance of a signal beyond its target, on the side away from its start.
+
+    The overshoot of a diverged run is inf.
+    """
     error = rows.error(path)
     start = error[:, 0]
     beyond = np.where(start < 0, error.max(axis=1), -error.min(axis=1))
@@ -166,12 +174,13 @@ def overshoot(rows: Rows, path: str) -> Any:
 
 
 def swing_amplitude(rows: Rows, path: str) -> Any:
-    """Return the amplitude of the residual oscillation at a run's end: 0 if it decays, inf for a diverged run.
+    """Return the amplitude of the residual oscillation at the end of a run: 0 if it decays, inf for a diverged run.
 
-    The last third of the run is halved. The amplitude of a half is half of the largest minus the smallest value. If the
-    amplitude of the second half is below FADING times that of the first, the oscillation decays. Growth, a limit cycle
-    and noise remain. A constant offset is not an oscillation. An oscillation with a period longer than a sixth of
-    the run is seen only in part.
+    The last third of the run is divided into two halves. The amplitude of a half is (largest - smallest value)/2. If
+    the amplitude of the second half is below FADING times that of the first half, the oscillation decays and counts as
+    0. Otherwise the result is the amplitude of the second half: that of a growing oscillation, a limit cycle or noise.
+    A constant offset is not an oscillation. If the period is longer than a sixth of the run, the amplitude is
+    underestimated.
     """
     tail = _tail_errors(rows, path)
     half = tail.shape[1] // 2
@@ -181,7 +190,7 @@ def swing_amplitude(rows: Rows, path: str) -> Any:
 
 
 def error_rms(rows: Rows, path: str) -> Any:
-    """Return the root mean square error over the second half of a run, or inf for a diverged run."""
+    """Return the root mean square of a signal's error over the second half of a run, or inf for a diverged run."""
     return _or_inf(np.sqrt(np.mean(rows.error(path)[:, _start_index(rows, 1 / 2) :] ** 2, axis=1)))
 
 
@@ -223,18 +232,18 @@ OF_SIGNALS: Mapping[str, Callable[[Rows, str], Any]] = {
     "changes": lambda rows, path: (np.diff(rows[path].astype(np.float64), axis=1) != 0).sum(axis=1).astype(np.float64),
 }
 FADING = 0.9
-"""Ratio of the amplitudes of two successive sixths of a run above which an oscillation does not count as decaying."""
+"""Largest ratio of the oscillation amplitudes in the last and the next-to-last sixth of a run that counts as decay."""
 TIMES = ("settling", "first_reach")
 OF_A_LINE = ("loop.", "link.", "vehicle.")
-"""Prefixes of the paths of signals that only a real-time flight over a link has."""
+"""Path prefixes of signals that occur only in the log of a real-time flight over a link."""
 KINDS = (*OF_TARGETS, *OF_SIGNALS, ROBUSTNESS)
 
 
 @contextmanager
 def name_option(name: str, more: str = "") -> Iterator[None]:
-    """Make errors name the argument `name` in place of "metrics".
+    """Make error messages name the argument `name` in place of the argument "metrics".
 
-    more: text that follows the metric in that argument.
+    more: text that follows the metric in the argument, e.g. " <= 10".
     """
 
     def spell(outer: Spelling, named: str, value: Any, of: str | None) -> str:
@@ -254,14 +263,14 @@ def find_metric(
     units: Mapping[str, str] | None = None,
     duration: int | None = None,
 ) -> Metric:
-    """Find the metric that a text names. Raise InputError if the scenario does not have it.
+    """Return the metric that a text names. Raise InputError if the scenario does not have this metric.
 
     Args:
         text: KIND:SIGNAL, robustness:FORMULA, or file.py:function.
-        signals: path -> shape of each signal of the scenario, and of each derived signal of a flight in space.
+        signals: path -> shape of each signal of the scenario, including derived signals such as flight.roll.
         targets: targets of the scenario.
         units: path -> unit of each signal.
-        duration: duration of a run, 100 ns, which limits the time that a formula may cover. None: no limit.
+        duration: duration of a run (100 ns). A formula must not look further ahead than this. None: no limit.
     """
     written = parse_metric(text)
     kind, name = written
@@ -303,12 +312,12 @@ def _unknown_signal(part: str, kind: str, name: str, signals: Iterable[str]) -> 
     problem, near = f"there is no signal {name!r}", closest(full_path(name), signals, 6) or list(signals)[:6]
     fix = argument("metrics", [f"{kind}:{near[0]}"])
     if name.startswith(OF_A_LINE):
-        problem += "; only a flight over a link has it, not a simulated run"
+        problem += "; only the log of a flight over a link contains it, not a simulated run"
         fix = "trimtab fly SCENARIO --link … --out DIR  writes it to its log"
     elif name.startswith(FLIGHT):
         flown = [path for path in signals if path.startswith(FLIGHT)]
         near = flown or near
-        problem += "" if flown else "; this vehicle has no attitude in space"
+        problem += "" if flown else "; this vehicle has no three-dimensional attitude"
         fix = argument("metrics", [f"{kind}:{(closest(name, flown, 1) or near)[0]}"])
     return InputError(part, problem, choices=near, fix=fix)
 
@@ -316,7 +325,7 @@ def _unknown_signal(part: str, kind: str, name: str, signals: Iterable[str]) -> 
 def _formula_metric(
     text: str, formula: str, signals: Mapping[str, tuple[int, ...]], units: Mapping[str, str], duration: int | None
 ) -> Metric:
-    """Return the robustness of a formula from the first row on. It is above 0 if the run satisfies the formula."""
+    """Return the metric for a formula: its robustness at the first row, above 0 if the run satisfies the formula."""
     fitted = fit_formula(formula, signals, units, full_path)
     if duration is not None:
         check_length(fitted, duration)
@@ -339,7 +348,7 @@ def short_name(path: str) -> str:
 
 
 def function_metric(name: str, function: Callable[[Rows], Any]) -> Metric:
-    """Return the metric for a function. The function's optional attribute `signals` lists the signals that it reads."""
+    """Return the metric for a function. The function's optional attribute `signals` lists the signals that it needs."""
     return Metric(name, tuple(getattr(function, "signals", ("truth",))), function)
 
 

@@ -1,15 +1,16 @@
 """Screening of many factors with few runs, by elementary effects along the trajectories of a Morris design.
 
-An elementary effect is the change of a metric when a trajectory changes one factor, divided by that step: the slope
-over the factor's range in probability, from its 5 % to its 95 % quantile. Over r trajectories
+An elementary effect is the change of a metric when a trajectory changes one factor, divided by that step. Steps are
+measured in the factor's probability, from its 5 % quantile (0) to its 95 % quantile (1). Over r trajectories
 
-    mu = mean of the effects         mu* = mean of their sizes         sigma = their standard deviation
+    mu = mean of the effects    mu* = mean of their absolute values    sigma = standard deviation of the effects
 
-mu* shows if a factor matters. A sigma near or above mu* shows a non-linear effect or an interaction with other factors.
+A large mu* shows that a factor matters. A sigma near or above mu* shows a non-linear effect or an interaction with
+other factors.
 
-The random numbers of a run are one more factor, the last. Their effect is divided by 1/3, the mean distance of two
-independent draws of a uniform factor, so that noise is comparable to a factor with the same spread. The sign of this
-effect has no meaning, so its mu is about 0.
+The random numbers of a run are an additional factor, the last one. Their effect is divided by 1/3, the mean distance of
+two independent draws of a uniform factor, so that noise is comparable to a factor with the same spread. The sign of
+this effect has no meaning, so its mu is about 0.
 
 Source: [1] Morris, "Factorial sampling plans for preliminary computational experiments", Technometrics 33 (1991); mu*:
 [2] Campolongo, Cariboni, Saltelli, "An effective screening design for sensitivity analysis of large models", Environ.
@@ -41,9 +42,9 @@ TRAJECTORIES_MIN = 4
 class Morris(NamedTuple):
     """Elementary effects of each factor. Arrays have shape (factors,), and are NaN if the runs give no effects.
 
-    factors: names, the noise last if it is a factor.  mu, mu_star, sigma: in the metric's unit, for the factor's range.
-    *_low, *_high: intervals.  trajectories: number of trajectories used.  rows: number of their runs.  note: reason for
-    missing effects, or "".
+    factors: names of the factors; if the noise is a factor, it is the last.  mu, mu_star, sigma: in the metric's unit,
+    for a change over the factor's whole range.  *_low, *_high: ends of their intervals.  trajectories: number of
+    trajectories used.  rows: number of runs in these trajectories.  note: reason if the effects are missing, or "".
     """
 
     factors: tuple[str, ...]
@@ -63,7 +64,7 @@ class Morris(NamedTuple):
 
     @property
     def order(self) -> tuple[str, ...]:
-        """Names of the factors, largest mu* first."""
+        """Return the names of the factors, largest mu* first."""
         return tuple(self.factors[i] for i in np.argsort(-self.mu_star, kind="stable"))
 
 
@@ -81,7 +82,7 @@ def morris(
     Args:
         values: metric of rows 0 to n - 1, shape (n,). Only whole trajectories are used.
         seed: seed of the design, which determines the factor that changes in each row.
-        parameters: names, in the order of the design's columns, without the noise.
+        parameters: names of the parameters, in the order of the design's columns, without the noise.
         noise: True if the random numbers of the runs are a factor of the design.
         level: confidence of the intervals.
         by_rank: True to use the metric's rank among these rows. Runs without a finite value then rank last.
@@ -116,7 +117,7 @@ def _elementary_effects(table: Any, seed: int, parameters: int, noise: bool) -> 
 
 
 def _mean_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
-    """Return the mean of each column with Student's interval."""
+    """Return the mean of each column, and the lower and upper bounds of Student's interval."""
     width = stats.t.ppf((1 + level) / 2, len(x) - 1) * x.std(axis=0, ddof=1) / np.sqrt(len(x))
     return x.mean(axis=0), x.mean(axis=0) - width, x.mean(axis=0) + width
 

@@ -1,12 +1,13 @@
 """Verdict on a campaign's requirement (met, not met or undecided) by a one-sided bound.
 
 A requirement `x <= b @ c` is met if the upper bound of x is at most b, not met if its lower bound is above b, and
-undecided in between. Each bound holds with confidence c by itself. At 95 %, a false "met" occurs in at most 5 % of the
-campaigns that violate the requirement, and a false "not met" in at most 5 % of those that satisfy it.
+undecided otherwise. Each bound by itself has confidence c. At 95 %, a false "met" occurs in at most 5 % of the
+campaigns of a scenario that violates the requirement, and a false "not met" in at most 5 % of the campaigns of one that
+satisfies it.
 
 Source: the modules of the bounds; one-sided bounds for one-sided questions: Clopper, Pearson, Biometrika 26 (1934).
-If no run exceeds a limit, then at confidence c at least (1 - c)^(1/n) of all possible runs do not: [1] Wilks,
-"Determination of sample sizes for setting tolerance limits", Ann. Math. Statist. 12 (1941).
+If none of n runs exceeds a limit, then with confidence c at least (1 - c)^(1/n) of all possible runs do not exceed it:
+[1] Wilks, "Determination of sample sizes for setting tolerance limits", Ann. Math. Statist. 12 (1941).
 """
 
 import math
@@ -33,10 +34,10 @@ MET, NOT_MET, UNDECIDED = "met", "not met", "undecided"
 class RequirementVerdict(NamedTuple):
     """Verdict on a requirement.
 
-    outcome: met, not met or undecided.  value: value in the runs flown.  low, high: bounds of the true value, each
-    one-sided at the requirement's confidence. For max and min both are the value, which holds only for the runs flown.
-    trials: number of runs.  not_finite: number of runs without a finite value, which count against it.
-    note: reason for the outcome.
+    outcome: met, not met or undecided.  value: value of the statistic in the runs flown.  low, high: one-sided bounds
+    of the true value, each at the requirement's confidence. For max and min both equal the value, and the verdict
+    covers only the runs flown.  trials: number of runs.  not_finite: number of runs without a finite value, which count
+    as violations.  note: reason for the outcome.
     """
 
     requirement: Requirement
@@ -50,7 +51,7 @@ class RequirementVerdict(NamedTuple):
 
     @property
     def is_met(self) -> bool:
-        """True if the requirement is met. An undecided requirement is not met."""
+        """Return True if the requirement is met. An undecided requirement is not met."""
         return self.outcome == MET
 
     def __str__(self) -> str:
@@ -59,7 +60,7 @@ class RequirementVerdict(NamedTuple):
 
 
 def least_runs(requirement: Requirement, *, anytime: bool = False) -> int:
-    """Return the minimum number of runs that can meet a requirement, if every run is good."""
+    """Return the minimum number of runs with which a requirement can be met, if every run satisfies it."""
     if requirement.statistic == "success":
         share = requirement.bound if requirement.relation == ">=" else 1 - requirement.bound
     elif requirement.statistic == "quantile":
@@ -79,9 +80,9 @@ def evaluate_requirement(
 
     Args:
         requirement: the requirement.
-        columns: metrics by name, each of shape (n,): independent runs, rows 0 to n - 1, without gaps; "success" is true
-            or false.
-        anytime: True if the campaign stopped, or may stop, depending on this result.
+        columns: metric name -> values (n,) of independent runs 0 to n - 1, without gaps. The column "success" contains
+            True or False.
+        anytime: True if the campaign stopped, or may stop, because of its results.
     """
     requirement.check(columns, anytime=anytime)
     x = as_column(columns[requirement.metric], f"metric {requirement.metric!r}")
@@ -89,7 +90,7 @@ def evaluate_requirement(
     if requirement.statistic in EXTREMES:
         return _evaluate_extreme(requirement, x, bad)
     if requirement.statistic == "mean" and bad:
-        note = f"{bad} runs have no finite value, so the mean has none"
+        note = f"{bad} runs have no finite value, so the mean is not finite"
         return RequirementVerdict(requirement, NOT_MET, math.inf, math.inf, math.inf, len(x), bad, note)
     value, low, high = _one_sided_bounds(requirement, x, anytime)
     upwards = requirement.relation == ">="
@@ -104,7 +105,10 @@ def evaluate_requirement(
 
 
 def _one_sided_bounds(requirement: Requirement, x: Any, anytime: bool) -> tuple[float, float, float]:
-    """Return the value and both bounds, each one-sided at the level: the two-sided interval of level 2 c - 1."""
+    """Return the value of the statistic, and its lower and upper bounds, each one-sided at the requirement's level c.
+
+    They are the ends of the two-sided interval of level 2 c - 1.
+    """
     level = 2 * requirement.level - 1
     if requirement.statistic == "success":
         rate = success_proportion(x, level, anytime=anytime)
@@ -118,10 +122,10 @@ def _one_sided_bounds(requirement: Requirement, x: Any, anytime: bool) -> tuple[
 
 
 def success_proportion(success: Any, level: float, *, anytime: bool = False) -> Proportion:
-    """Return the share of successes in a column of true and false. Raise InputError for other values."""
+    """Return the share of successes in a column of True and False. Raise InputError for other values."""
     x = as_column(success, "metric 'success'")
     if not np.isin(x, (0.0, 1.0)).all():
-        problem = "each success must be true or false"
+        problem = "each value of the success must be true or false"
         raise InputError("metric 'success'", problem, fix="give true or false for each run; false for a diverged run")
     return proportion(int(x.sum()), len(x), level, anytime=anytime)
 

@@ -3,8 +3,8 @@
     S_i = V(E(Y | x_i)) / V(Y)          T_i = 1 - V(E(Y | all but x_i)) / V(Y)
 
 S_i is the share of the variance that would vanish if factor i were known. T_i is the share that would remain if all
-other factors were known. The difference comes from interactions. With the noise as a factor, its T is the share that
-the parameters do not explain.
+other factors were known. T_i - S_i is due to interactions with other factors. If the noise is a factor, its T is the
+share of the variance that the parameters do not explain.
 
 Source: [1] Sobol, Math. Comput. Simul. 55 (2001); [2] Saltelli et al., Comput. Phys. Commun. 181 (2010), table 2 (b)
 and (f), as scipy.stats.sobol_indices has them. Intervals: percentiles of a bootstrap over base samples, [3] Archer,
@@ -24,17 +24,18 @@ from trimtab.core.errors import InputError
 
 RESAMPLES = 1000
 RESAMPLE_BATCH = 50
-"""Number of resamples computed at a time, to limit memory."""
+"""Number of bootstrap resamples computed at a time, to limit memory."""
 BASE_SAMPLES_MIN = 8
 """Minimum number of base samples for a useful interval."""
 
 
 class Sensitivity(NamedTuple):
-    """Indices of each factor with their intervals. Arrays have shape (factors,), and are NaN without a variance.
+    """Sobol indices of each factor with their intervals. Arrays have shape (factors,); NaN if nothing varies.
 
-    factors: names, the noise last if it is a factor.  first, total: S and T.  *_low, *_high: the intervals. variance:
-    variance of the metric, or of its ranks with `by_rank`.  base: number of base samples used, a power of two.  rows:
-    number of their runs.  note: reason for missing indices, or "".
+    factors: names of the factors; if the noise is a factor, it is the last.  first, total: indices S and T.
+    *_low, *_high: ends of their intervals.  variance: variance of the metric, or of its ranks with `by_rank`.  base:
+    number of base samples used, a power of two.  rows: number of runs for these base samples.  note: reason if the
+    indices are missing, or "".
     """
 
     factors: tuple[str, ...]
@@ -52,7 +53,7 @@ class Sensitivity(NamedTuple):
 
     @property
     def order(self) -> tuple[str, ...]:
-        """Names of the factors, largest total index first."""
+        """Return the names of the factors, largest total index first."""
         return tuple(self.factors[i] for i in np.argsort(-self.total, kind="stable"))
 
 
@@ -62,9 +63,9 @@ def sensitivity(
     """Compute indices of first and total order over the rows of `saltelli(seed, 0, rows, len(parameters))`.
 
     Args:
-        values: metric of rows 0 to n - 1, shape (n,), or true and false. The largest power of two of whole base samples
-            is used.
-        parameters: names, in the order of the design's columns, without the noise.
+        values: metric of rows 0 to n - 1, shape (n,), also True and False. The number of base samples used is
+            the largest power of two for which all rows are given.
+        parameters: names of the parameters, in the order of the design's columns, without the noise.
         noise: True if the random numbers of the runs are a factor of the design.
         level: confidence of the intervals.
         by_rank: True to use the metric's rank among these rows. Runs without a finite value then rank last, and a few
@@ -97,7 +98,7 @@ def sensitivity(
 
 
 def rank_values(x: Any) -> tuple[Any, str]:
-    """Return ranks in (0, 1), runs without a finite value last, and the reason why ranks cannot be used, or ""."""
+    """Return ranks in (0, 1], and the reason why they cannot be used, or "". Runs without a finite value rank last."""
     ranked = stats.rankdata(np.where(np.isfinite(x), x, np.inf)) / len(x)
     return ranked, explain_no_variance(ranked)
 
@@ -106,7 +107,7 @@ def explain_no_variance(x: Any) -> str:
     """Return the reason why these values have no variance, or ""."""
     bad = int(np.count_nonzero(~np.isfinite(x)))
     if bad:
-        return f"{bad} of {len(x)} runs have no finite value, so there is no variance; use ranks, or the success"
+        return f"{bad} of {len(x)} runs have no finite value, so the variance is undefined; use ranks, or the success"
     if np.ptp(x) <= 1e-12 * np.abs(x).max():
         return "all runs gave the same value, so there is no variance to explain"
     return ""

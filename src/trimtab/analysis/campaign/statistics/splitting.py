@@ -1,28 +1,29 @@
 """Probability of a rare failure by generalised splitting, over parameters and noise.
 
-A run is a point (z, w). The standard normal numbers z (d,) represent its parameters. Each of the words w (m,) selects
-the random numbers of one part of the noise. The margin g(z, w) is below 0 for a failure. Levels g1 > g2 > … > gK = 0
-lead to the failure:
+A run is a point (z, w). The standard normal numbers z (d,) determine its parameters. Each of the words w (m,) is a seed
+for one part of the noise. The margin g(z, w) is below 0 if the run fails. Levels g1 > g2 > … > gK = 0 approach the
+failure step by step:
 
     P(g < 0) = P(g < g1) P(g < g2 | g < g1) … P(g < 0 | g < g(K-1))
 
-**Pilot.** A subset simulation. Of `size` points, the tenth with the smallest margins sets the next level. From each of
-them, a Markov chain of SPLIT points below that level gives the next points. The pilot sets levels and steps, which are
-fixed afterwards.
+**Pilot.** A subset simulation. Of `size` points, the tenth with the smallest margins sets the next level. Each of these
+points starts a Markov chain of SPLIT points below that level. All chains together are the next points. The pilot
+determines the levels and the step sizes, which are fixed afterwards.
 
-**Splitting.** Roots are drawn independently. A point below level k starts a chain of SPLIT points (itself the first)
-that stay below it. The chain's kernel keeps the distribution below the level. A root with c failing descendants
-estimates
+**Splitting.** Roots are points drawn independently. A point below level k starts a Markov chain of SPLIT points,
+including itself, that all stay below this level. The chain's kernel preserves the distribution below the level. A root
+with c failing descendants gives the estimate
 
     c / SPLIT^(K - 1)
 
-with mean P(g < 0) exactly, because levels, lengths and kernels do not depend on these roots. Roots are therefore
-independent and unbiased, and the means of batches of roots give an interval.
+of the failure probability. Its mean is exactly P(g < 0), because levels, chain lengths and kernels do not depend on
+these roots. The estimates of the roots are independent and unbiased. The interval follows from the means of batches of
+roots.
 
 **Kernel.** Parameters take a preconditioned Crank-Nicolson step, z' = sqrt(1 - s^2) z + s xi with xi standard normal.
-Each word is drawn again with probability q, which resamples its part of the noise and leaves the rest exactly as it
-was. Half of the steps do both, a quarter parameters alone, a quarter noise alone. A step above the level is rejected.
-Both kinds of change keep the unconditional distribution, whatever the distribution of the noise.
+Each word is drawn again with probability q. This resamples one part of the noise and leaves the other parts unchanged.
+Half of the steps change parameters and noise, a quarter only parameters, a quarter only noise. A step to a point above
+the level is rejected. Both kinds of change preserve the unconditional distribution, whatever that of the noise is.
 
 Source: Botev, Kroese, "Efficient Monte Carlo simulation via the generalized splitting method", Statistics and Computing
 22 (2012), algorithm 2.1 and its unbiasedness, pilot by their algorithm 4.1; Au, Beck, "Estimation of small failure
@@ -40,21 +41,22 @@ import numpy as np
 from trimtab.analysis.campaign.statistics.intervals import Mean, mean
 
 SPLIT = 10
-"""Length of a chain. One in SPLIT of the pilot's points lies below the next level."""
+"""Number of points in a chain. A share 1/SPLIT of the pilot's points lies below the next level."""
 MOST_LEVELS = 40
 ACCEPTANCE = 0.44
-"""Share of accepted steps to which the pilot adapts their size."""
+"""Wanted share of accepted steps. The pilot adapts the step sizes until it is reached."""
 CORRELATION = 3.0
-"""Factor on the variance for correlation within chains, observed on linear margins of 1 to 32 dimensions."""
+"""Factor by which correlation within chains increases the variance, seen with linear margins of 1 to 32 dimensions."""
 BOTH, PARAMETERS, NOISE = range(3)
 Margins = Callable[[Any, Any], Any]
 """Function from z (n, d) and words (n, m) uint32 to margins (n,)."""
 
 
 class ChainStates(NamedTuple):
-    """States of chains.
+    """States of n Markov chains.
 
-    z: (n, d).  words: (n, m), uint32.  margin: (n,).  root: (n,), index of the root of each state.
+    z: standard normal numbers of the parameters (n, d).  words: words of the noise (n, m), uint32.  margin: (n,).
+    root: index of the root of each state (n,).
     """
 
     z: Any
@@ -68,9 +70,10 @@ class ChainStates(NamedTuple):
 
 
 class Ladder(NamedTuple):
-    """Result of the pilot. levels: (K,), falling, the last 0.  steps: (K - 1, d), s of each parameter below each level.
+    """Result of the pilot. levels: margins (K,), decreasing, the last one 0.
 
-    refresh: (K - 1,), q.  estimate: probability from the pilot alone, biased.  flown: number of runs.
+    steps: step size s of each parameter below each level (K - 1, d).  refresh: probability q of redrawing a word below
+    each level (K - 1,).  estimate: biased failure probability from the pilot alone.  flown: number of the pilot's runs.
     """
 
     levels: Any
@@ -81,12 +84,12 @@ class Ladder(NamedTuple):
 
     @property
     def roots_cost(self) -> float:
-        """Average number of runs for a root, estimated by the pilot."""
+        """Return the expected number of runs for one root and its chains."""
         return 1 + (len(self.levels) - 1) * (SPLIT - 1) / SPLIT
 
 
 class Stalled(Exception):
-    """The pilot made no progress. level: margin at which its points stay.  flown: number of runs so far."""
+    """Error if the pilot makes no progress. level: margin at which its points stay.  flown: number of runs so far."""
 
     def __init__(self, level: float, flown: int) -> None:
         super().__init__(f"margins stay at {level:.6g}")
@@ -98,7 +101,7 @@ def _draw_words(rng: np.random.Generator, shape: tuple[int, ...]) -> Any:
 
 
 def draw_roots(margins: Margins, rng: np.random.Generator, n: int, d: int, m: int) -> ChainStates:
-    """Draw n independent points with d parameters and m words."""
+    """Draw n independent points with d parameters and m words, and compute their margins."""
     z, words = rng.standard_normal((n, d)), _draw_words(rng, (n, m))
     return ChainStates(z, words, margins(z, words), np.arange(n))
 
@@ -106,7 +109,10 @@ def draw_roots(margins: Margins, rng: np.random.Generator, n: int, d: int, m: in
 def take_step(
     margins: Margins, rng: np.random.Generator, at: ChainStates, level: float, steps: Any, refresh: float
 ) -> tuple[ChainStates, Any, Any]:
-    """Make one step of each chain below a level. Return the new states, the kinds of steps, and flags of acceptance."""
+    """Make one step of each chain, which stays below a level.
+
+    Return the new states, the kind of each step, and True for each accepted step.
+    """
     (n, d), m = at.z.shape, at.words.shape[1]
     kinds = rng.choice(3, n, p=[0.5, 0.25, 0.25]) if d and m else np.full(n, PARAMETERS if d else NOISE)
     s = np.where((kinds != NOISE)[:, None], steps, 0.0)
@@ -132,16 +138,16 @@ def _join(parts: list[ChainStates]) -> ChainStates:
 
 
 class _Pace:
-    """Step sizes, adapted to the share of accepted steps.
+    """Step sizes of the kernel, adapted until the share of accepted steps is ACCEPTANCE.
 
-    s: step of a parameter, in standard deviations.  q: probability of redrawing a word.
+    s: step size of a parameter, in standard deviations.  q: probability of redrawing a word.
     """
 
     def __init__(self) -> None:
         self.s, self.q = 0.6, 0.3
 
     def adapt(self, kinds: Any, taken: Any, times: int) -> None:
-        """Adapt after step number `times` of a level: larger steps if more were accepted than wanted."""
+        """Adapt the step sizes after step number `times` of a level: larger if more were accepted than wanted."""
         for kind in (PARAMETERS, NOISE):
             if (kinds == kind).any():
                 change = math.exp(2 * (float(taken[kinds == kind].mean()) - ACCEPTANCE) / math.sqrt(times))
@@ -152,7 +158,7 @@ class _Pace:
 
 
 def set_ladder(margins: Margins, rng: np.random.Generator, size: int, d: int, m: int) -> Ladder:
-    """Run the pilot, with `size` points for each level, and return levels and steps. Raises: Stalled."""
+    """Run the pilot, with `size` points for each level, and return levels and step sizes. Raises: Stalled."""
     points, pace = draw_roots(margins, rng, size, d, m), _Pace()
     levels: list[float] = []
     steps: list[Any] = []
@@ -181,9 +187,10 @@ def set_ladder(margins: Margins, rng: np.random.Generator, size: int, d: int, m:
 
 
 class Descent(NamedTuple):
-    """Result of n roots. counts: (n,), failing descendants of each root.  survivors: (K,), points below each level.
+    """Result of splitting n roots. counts: number of failing descendants of each root (n,).
 
-    taken: (K - 1,), share of accepted steps below each level.  failures: points that fail.  flown: runs.
+    survivors: number of points below each level (K,).  taken: share of accepted steps below each level (K - 1,).
+    failures: points that fail.  flown: number of runs.
     """
 
     counts: Any
@@ -194,7 +201,7 @@ class Descent(NamedTuple):
 
 
 def descend(margins: Margins, rng: np.random.Generator, ladder: Ladder, n: int, d: int, m: int) -> Descent:
-    """Fly n roots, and split their chains at each level of a fixed ladder."""
+    """Fly n roots, and start chains from the points below each level of a fixed ladder."""
     points, flown = draw_roots(margins, rng, n, d, m), n
     survivors, accepted = np.zeros(len(ladder.levels), np.int64), np.zeros(len(ladder.levels) - 1)
     for k, level in enumerate(ladder.levels):
@@ -216,16 +223,16 @@ def descend(margins: Margins, rng: np.random.Generator, ladder: Ladder, n: int, 
 def probability(sums: Any, roots: int, ladder: Ladder, level: float = 0.95) -> Mean:
     """Return the failure probability and its interval.
 
-    sums: failing descendants of each batch. roots: number of roots in a batch.
+    sums: number of failing descendants in each batch. roots: number of roots in a batch.
     """
     found = mean(np.asarray(sums, np.float64) / roots / float(SPLIT) ** (len(ladder.levels) - 1), level)
     return found._replace(low=max(found.low, 0.0))
 
 
 def expected_width(ladder: Ladder, roots: int) -> float:
-    """Return the approximate half width of the interval for a number of roots, as a fraction of the probability.
+    """Return the approximate half-width of the interval for a number of roots, as a fraction of the probability.
 
-    The relative variance of a level's share p is (1 - p)/(p n), as for n independent points, times CORRELATION.
+    The relative variance of the share p of points below a level is taken as CORRELATION (1 - p)/(p n).
     """
     own = (SPLIT - 1) * CORRELATION * (len(ladder.levels) - 1)
     return 2 * math.sqrt((own + SPLIT - 1) / roots)

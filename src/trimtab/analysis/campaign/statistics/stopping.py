@@ -1,18 +1,19 @@
 """Rule that stops a campaign as soon as an interval is narrow enough: `width(success) <= 0.004 @ 95%`.
 
-The rule is evaluated after each block, over runs 0 to n - 1 in order. It never uses the runs that happened to finish
-first, because failing runs are often the quick ones. Stopping on an observed width reduces the coverage: the plain 95 %
-interval then covers some probabilities in only 93.4 % of cases, and a plain quantile's band in far fewer. Therefore
+The rule is evaluated after each block, over runs 0 to n - 1 in order, without gaps. Runs that happen to finish early
+are not used out of order, because failing runs often finish early. Stopping on an observed width reduces the coverage.
+The usual 95 % interval then covers some probabilities in only 93.4 % of campaigns, and the usual band of a quantile in
+far fewer. Therefore
 
-- a probability gets the interval of Clopper and Pearson with tails 0.6 times as large. By exact calculation it holds at
-  least as often as `level`, for every probability, with this rule only;
-- a quantile gets the band that holds at every number of runs at once (`anytime` in `intervals`), because the coverage
-  of any other band would depend on the metric's unknown distribution.
+- a probability gets the interval of Clopper and Pearson with its tail probabilities multiplied by 0.6. By exact
+  calculation its confidence is at least `level` for every probability, if only this rule stops the campaign;
+- a quantile gets the band that is valid at all numbers of runs together (`anytime` in `intervals`), because the
+  coverage of any other band would depend on the metric's unknown distribution.
 
 docs/campaign/metrics.md has the numbers.
 
 Source: [1] Frey, "Fixed-width sequential confidence intervals for a proportion", American Statistician 64 (2010), for
-tails made smaller until exact calculation shows the coverage; the factor was computed here.
+tail probabilities reduced until an exact calculation shows the coverage. The factor 0.6 is this package's own result.
 """
 
 import math
@@ -26,14 +27,15 @@ from trimtab.analysis.campaign.statistics.intervals import quantile
 from trimtab.analysis.campaign.statistics.requirement import success_proportion
 
 TAILS = 0.6
-"""Tails of the interval of a probability, relative to those for a fixed number of runs."""
+"""Factor on the tail probabilities of a probability's interval, to allow for a campaign that stops early."""
 
 
 class StoppingState(NamedTuple):
-    """Progress of a stopping rule. is_met: True to stop.  value, low, high: statistic and its interval, in the runs so
-    far.
+    """Progress of a stopping rule. is_met: True if the campaign may stop.
 
-    expected_runs: estimated total, for a width that falls with the square root of the runs, or inf if unknown.
+    value, low, high: statistic and its interval in the runs so far.  trials: number of runs so far.
+    expected_runs: estimated total number of runs, or inf if unknown. The width is assumed to shrink with the square
+    root of the number of runs.
     """
 
     is_met: bool
@@ -55,7 +57,7 @@ def evaluate_stopping(rule: StoppingRule, columns: Mapping[str, Any]) -> Stoppin
 
     Args:
         rule: the rule.
-        columns: metrics by name, each of shape (n,): rows 0 to n - 1 of independent runs, without gaps.
+        columns: metric name -> values (n,) of independent runs 0 to n - 1, without gaps.
     """
     rule.check(columns)
     if rule.statistic == "success":

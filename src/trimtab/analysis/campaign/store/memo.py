@@ -1,9 +1,9 @@
-"""Stored flights of a search, from which the same search resumes after a stop.
+"""Cache of a search's flights on disk, with which the same search resumes after it was stopped.
 
 A search is reproducible: its points follow from its seed and from earlier flights. Each block of flights is stored
-under the SHA-256 of its origin (plan, scenario, this package, a scenario's own file) and of its request. After a
-restart, the search makes the same requests and reads the stored blocks. An unreadable file is flown again. Changes in
-code that a scenario's own file imports are not detected, so use a new folder after such changes.
+under a SHA-256 key of its origin (plan, scenario, this package, the user's scenario file) and of its points. After a
+restart, the search requests the same points and reads the stored blocks. Blocks in an unreadable file are flown again.
+Changes in modules that the user's scenario file imports are not detected, so use a new folder after such changes.
 """
 
 import hashlib
@@ -25,12 +25,12 @@ Columns = dict[str, Any]
 
 
 class FlightMemo:
-    """Flights stored in a folder, one file for each block.
+    """Cache of flights in a folder, with one file for each block of flights.
 
     Args:
         folder: the folder, created if missing. None: nothing is stored.
-        about: origin of the flights besides the request: names of plan and scenario, metrics.
-        scenario: name of the scenario. The text of its own file is part of the key, too.
+        about: origin of the flights, as a part of each key: digests of campaign and scenario, backend, versions.
+        scenario: name of the scenario. If it names a Python file, the text of this file is part of each key, too.
     """
 
     def __init__(self, folder: Path | None, about: Mapping[str, Any], scenario: str = "") -> None:
@@ -49,7 +49,10 @@ class FlightMemo:
                 ) from None
 
     def recall(self, asked: Iterable[Any], fly: Callable[[], Columns]) -> Columns:
-        """Return the columns for a request (arrays): stored columns if there are any, otherwise newly flown columns."""
+        """Return the columns for a block of flights: stored columns if available, otherwise the result of `fly`.
+
+        asked: arrays that identify the block.
+        """
         if self.folder is None:
             return fly()
         file = self.folder / f"{self._digest(asked)}.npz"

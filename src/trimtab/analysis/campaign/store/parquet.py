@@ -1,4 +1,4 @@
-"""Export of a campaign's rows to a Parquet file, with the plan that produced them.
+"""Export of the rows of a campaign to a Parquet file, together with the campaign's plan.
 
 Source: Apache Parquet, file format, key-value metadata; Apache Arrow, format, schemas.
 """
@@ -28,7 +28,7 @@ def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: st
 
     Args:
         columns: name -> values (n,), as `read_store` returns them.
-        about: plain data stored with the rows: the store's attributes.
+        about: JSON-compatible data stored with the rows, e.g. the attributes of a store.
         file: path of the file. An existing file is replaced.
     """
     pa, parquet = import_arrow()
@@ -47,7 +47,7 @@ def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: st
 
 
 def import_arrow() -> tuple[Any, Any]:
-    """Import pyarrow and its parquet module. If missing, raise InputError with the command that installs them."""
+    """Import pyarrow and its parquet module. If they are missing, raise InputError with the install command."""
     try:
         import pyarrow
         import pyarrow.parquet

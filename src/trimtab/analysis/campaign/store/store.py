@@ -1,8 +1,9 @@
-"""Rows of a campaign, in memory or on disk as a Zarr group: an array per column, and one that marks finished rows.
+"""Rows of a campaign, in memory or on disk as a Zarr group: one array for each column, and `done` for finished rows.
 
-A block's `done` is written after its columns have reached the disk. Each chunk is written under another name and then
-renamed. However the process ends, a row is either done or not, and the same campaign started again flies the missing
-rows. Chunks have a checksum, and a block with a damaged or missing chunk is flown again.
+`done` of a block is written after the block's columns have reached the disk. Each chunk is written under a temporary
+name and then renamed. A row is therefore either finished or not, even if the process is killed. The same campaign flies
+the missing rows when it is started again. Chunks have a checksum. A block with a damaged or missing chunk is flown
+again.
 """
 
 import contextlib
@@ -23,13 +24,13 @@ from trimtab.core.errors import InputError, argument, argument_name, install_com
 DONE = "done"
 LOCK = ".lock"
 PARTIAL = ".partial"
-"""Suffix of the temporary names under which Zarr writes before it renames."""
+"""Suffix of the temporary names under which Zarr writes files before it renames them."""
 LONGEST_KEY = 160
 """Maximum length of an array's name in bytes."""
 
 
 class MemoryStore:
-    """Store of a campaign's rows in memory, lost with the process, but otherwise like `CampaignStore`."""
+    """Store of a campaign's rows in memory, with the interface of `CampaignStore`. It ends with the process."""
 
     def __init__(self, runs: int) -> None:
         self._runs, self._finished_rows = runs, np.zeros(runs, bool)
@@ -40,26 +41,29 @@ class MemoryStore:
         return self._finished_rows.copy()
 
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
-        """Store the rows of a block."""
+        """Store the rows of a block, from row number `first` on."""
         for name, column in columns.items():
             rows = self._columns.setdefault(name, np.zeros(self._runs, np.asarray(column).dtype))
             rows[first : first + len(column)] = column
         self._finished_rows[first : first + len(columns["success"])] = True
 
     def read(self) -> dict[str, Any]:
-        """Return every column of the finished rows by name, and `run`, their numbers."""
+        """Return the columns of the finished rows by name, with their run numbers as the column `run`."""
         done = self._finished_rows
         return {"run": np.flatnonzero(done), **{name: rows[done] for name, rows in self._columns.items()}}
 
 
 def array_key(name: str) -> str:
-    """Return the name of a column's array: without slashes, which would make groups, and of limited length."""
+    """Return the name of a column's array in the store.
+
+    It has no slashes, which would create groups, and a limited length.
+    """
     key = name.replace("/", "|")
     return key if len(key.encode()) <= LONGEST_KEY else f"{key[:80]}-{hashlib.sha256(name.encode()).hexdigest()[:16]}"
 
 
 def has_store(folder: Path) -> bool:
-    """Return True if the folder contains a store, and not only the remains of a process killed while making it.
+    """Return True if the folder contains a store. Incomplete files of a process killed before are not a store.
 
     Raises: InputError if the folder contains other files.
     """
@@ -69,12 +73,12 @@ def has_store(folder: Path) -> bool:
         return about.exists() and bool(about.read_text()) and bool(json.loads(about.read_text()).get("attributes"))
     if not about.exists():
         fix = f"name another store: {argument('store', 'NAME.zarr')}"
-        raise InputError(f"store {str(folder)!r}", "holds files that are not of a campaign's store", fix=fix)
+        raise InputError(f"store {str(folder)!r}", "contains files that do not belong to a campaign's store", fix=fix)
     return True
 
 
 def create_group(zarr: Any, folder: Path, columns: Mapping[str, Any], runs: int, block: int) -> Any:
-    """Create the Zarr group of a new store, and replace the remains of a killed process."""
+    """Create the Zarr group of a new store. Incomplete files of a killed process are overwritten."""
     group = zarr.open_group(folder, mode="a")
     options: dict[str, Any] = {"shape": (runs,), "chunks": (block,), "overwrite": True}
     options["compressors"] = [zarr.codecs.ZstdCodec(level=0, checksum=True)]
@@ -85,7 +89,7 @@ def create_group(zarr: Any, folder: Path, columns: Mapping[str, Any], runs: int,
 
 
 def sync_descriptions(folder: Path) -> None:
-    """Flush the descriptions of the group and of its arrays to the disk."""
+    """Flush the metadata files of the group and of its arrays to the disk."""
     sync_files(folder.glob("*/zarr.json"))
     sync_files([folder / "zarr.json"])
 
@@ -106,7 +110,7 @@ def _sync_file(file: Path) -> None:
 
 
 class CampaignStore:
-    """Open store, to which one process writes at a time. Close it, or use it in a `with`."""
+    """Open store of a campaign. One process can write at a time. Close the store, or use it in a `with`."""
 
     def __init__(self, folder: Path, group: Any, lock: Any) -> None:
         self.folder, self._group, self._lock = folder, group, lock
@@ -126,7 +130,7 @@ class CampaignStore:
 
     @property
     def attributes(self) -> dict[str, Any]:
-        """Description of the campaign, from the store."""
+        """Return the attributes of the store, which describe the campaign."""
         return dict(self._group.attrs)
 
     def finished_rows(self) -> Any:
@@ -153,7 +157,7 @@ class CampaignStore:
             raise InputError(f"store {str(self.folder)!r}", problem, fix=fix) from None
 
     def read(self) -> dict[str, Any]:
-        """Return every column of the finished rows by name, and `run`, their numbers."""
+        """Return the columns of the finished rows by name, with their run numbers as the column `run`."""
         try:
             done = self.finished_rows()
             columns = {n: np.asarray(a[: len(done)])[done] for n, a in self._arrays.items() if n != DONE}
@@ -164,7 +168,7 @@ class CampaignStore:
         return {"run": np.flatnonzero(done), **columns}
 
     def repair(self) -> None:
-        """Mark blocks with a damaged or missing chunk as not finished, so that they fly again."""
+        """Mark the rows of blocks with a damaged or missing chunk as not finished, so that they are flown again."""
         for k in self._damaged_chunks(DONE, set()):
             self._chunk_path(DONE, k).unlink()
         done, bounds = self.finished_rows(), self._chunk_bounds()
@@ -177,7 +181,7 @@ class CampaignStore:
                     self._chunk_path(name, k).unlink(missing_ok=True)
 
     def _damaged_chunks(self, name: str, needed: set[int]) -> set[int]:
-        """Return the chunks of a column that are unreadable, or needed but missing."""
+        """Return the numbers of the chunks of a column that are unreadable, or needed but missing."""
         there = {int(f.name) for f in self._chunk_path(name, 0).parent.glob("*")}
         if self._is_readable(name, slice(None)):
             return needed - there
@@ -207,10 +211,10 @@ def open_store(
 
     Args:
         folder: folder of the store, e.g. mass.zarr.
-        about: attributes. `identity` must equal that of an existing store.
-        columns: name -> an array of a row's type.
+        about: attributes of the store. `identity` must equal that of an existing store.
+        columns: column name -> array with the type of the column.
         runs: total number of runs.
-        block: number of rows in a chunk, for a new store.
+        block: number of rows in a chunk of a new store.
     """
     zarr = _import_zarr()
     part = f"store {str(folder)!r}"
@@ -247,7 +251,7 @@ def open_store(
 
 
 def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return attributes and columns of an existing store, to which a campaign may be writing."""
+    """Return attributes and columns of an existing store. A campaign may be writing to it at the same time."""
     zarr = _import_zarr()
     if not (folder / "zarr.json").exists():
         fix = "trimtab campaign SCENARIO --store NAME.zarr"
@@ -256,7 +260,7 @@ def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     if "identity" not in group.attrs:
         raise InputError(
             f"store {str(folder)!r}",
-            "does not hold a campaign",
+            "contains no campaign",
             fix=f"name a campaign's store: {argument('store', 'NAME.zarr')}",
         )
     store = CampaignStore(folder, group, -1)
@@ -264,7 +268,7 @@ def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def estimate_store_size(folder: Path, runs: int) -> int | None:
-    """Estimate the size of a store with this number of runs (bytes), from finished blocks. None before the first."""
+    """Estimate the size (bytes) of a store with `runs` runs from its finished blocks. None if it has none yet."""
     arrays, finished = _finished_chunks(folder, runs)
     with contextlib.suppress(OSError):
         kept = sum((array / "c" / k).stat().st_size for array in arrays for k in finished)
@@ -274,7 +278,7 @@ def estimate_store_size(folder: Path, runs: int) -> int | None:
 
 
 def count_missing_rows(folder: Path, runs: int) -> int:
-    """Return the number of rows that a store, existing or not, still lacks."""
+    """Return the number of rows that are missing in a store. The store need not exist."""
     return runs - sum(_finished_chunks(folder, runs)[1].values())
 
 
@@ -289,7 +293,7 @@ def _finished_chunks(folder: Path, runs: int) -> tuple[list[Path], dict[str, int
 
 
 def read_block_length(folder: Path) -> int | None:
-    """Return the number of rows in a chunk of an existing store, or None."""
+    """Return the number of rows in a chunk of an existing store, or None if the store does not exist."""
     with contextlib.suppress(OSError, ValueError, KeyError):
         return int(json.loads((folder / "zarr.json").read_text())["attributes"]["block"])
     return None
@@ -304,7 +308,7 @@ def missing_blocks(done: Any, runs: int, block: int) -> Iterator[tuple[int, int]
 
 
 def _acquire_lock(folder: Path, part: str) -> int:
-    """Acquire the store's lock, which ends with this process."""
+    """Acquire the lock of a store. The lock ends with this process at the latest."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
@@ -332,12 +336,12 @@ def _check_identity(part: str, there: Mapping[str, Any], here: Mapping[str, Any]
     if was == now:
         return
     if not isinstance(was, Mapping):
-        raise InputError(part, "does not hold a campaign", fix=f"name another store: {argument('store', 'NAME.zarr')}")
+        raise InputError(part, "contains no campaign", fix=f"name another store: {argument('store', 'NAME.zarr')}")
     apart = [name for name in now if was.get(name) != now[name]]
     differences = ", ".join(f"{name} (stored {was.get(name)}, now {now[name]})" for name in apart)
     fix = "the store's attribute `command` has the command that made it; or use another store: "
     fix += argument("store", "OTHER.zarr")
-    raise InputError(part, f"holds rows of another campaign; different: {differences}", fix=fix)
+    raise InputError(part, f"contains rows of another campaign; different: {differences}", fix=fix)
 
 
 def _import_zarr() -> Any:

@@ -1,6 +1,7 @@
-"""Simulation of many runs together, those of a campaign or at the points of a search, and their metrics.
+"""Simulation of many runs of a campaign or a search together, and computation of their metrics.
 
-A function of type `Workers` flies the blocks of a campaign, in this process (`local`) or in others (`cluster`).
+A function of type `Workers` flies the blocks of a campaign, in this process (module `local`) or on other machines
+(module `cluster`).
 """
 
 import dataclasses
@@ -36,18 +37,18 @@ from trimtab.run.simulate import Batch, simulate, simulate_batch
 from trimtab.run.walk_structure import lower_structure, walk_structure
 
 JUDGED_ROWS = 48_000
-"""Number of rows evaluated at a time, which fit into the processor's cache."""
+"""Number of log rows from which metrics are computed at a time. They fit into the processor's cache."""
 Blocks = list[tuple[int, int]]
 BlockResults = Generator[tuple[int, dict[str, Any]], None, None]
 Workers = Callable[[PreparedCampaign, Blocks, str], BlockResults]
-"""Function that flies blocks (first, last + 1) on backend "c" or "jax".
+"""Function that flies blocks of runs, given as (first run, last run + 1), on the backend "c" or "jax".
 
-It yields first run and columns, in any order.
+It yields the first run and the columns of each block, in any order.
 """
 
 
 class WorkersLost(Exception):
-    """Error: all workers are lost. The campaign adds the number of finished runs. part, fix: as in an InputError."""
+    """Error if all workers of a cluster are lost. The campaign turns it into an InputError with `part` and `fix`."""
 
     def __init__(self, part: str, problem: str, fix: str) -> None:
         super().__init__(problem)
@@ -55,7 +56,7 @@ class WorkersLost(Exception):
 
 
 def batch_rows(scenario: Scenario, batch: Batch) -> Rows:
-    """Return the logged rows of a batch in the form that metrics read."""
+    """Return the logged rows of a batch as `Rows`, from which metrics are computed."""
     declared = {c.path: c.declaration for c in batch.columns if c.declaration is not None}
     flight = find_flight({c.path: c.shape for c in batch.columns}, declared)
     own, n = scenario_place(scenario) if flight else {}, len(batch.seeds)
@@ -72,7 +73,10 @@ def batch_rows(scenario: Scenario, batch: Batch) -> Rows:
 
 
 def compute_metrics(ready: PreparedCampaign, rows: Rows) -> dict[str, Any]:
-    """Compute metrics, success and lost of some runs, each (n,). rows.final has the last values of the whole truth."""
+    """Compute the metrics of n runs, their success, and if they diverged ("lost"): name -> values (n,).
+
+    rows.final must contain the last values of the whole truth.
+    """
     n = len(next(iter(rows.final.values())))
     metrics: dict[str, Any] = {m.name: np.empty(n) for m in ready.metrics}
     together = max(JUDGED_ROWS // max(len(rows.t), 1), 1)
@@ -93,7 +97,7 @@ def compute_metrics(ready: PreparedCampaign, rows: Rows) -> dict[str, Any]:
 
 
 def compute_log_metrics(ready: PreparedCampaign, log: Log) -> dict[str, Any]:
-    """Compute metrics, success and lost from the log of one run."""
+    """Compute the metrics, `success` and `lost` from the log of one run, as `compute_metrics`."""
     log = with_flight(log)
     angles = frozenset(path for path, declared in log.declarations.items() if declared.kind == "angle")
     signals = {path: signal[None] for path, signal in log.signals.items()}
@@ -102,7 +106,7 @@ def compute_log_metrics(ready: PreparedCampaign, log: Log) -> dict[str, Any]:
 
 
 def repeat_run(ready: PreparedCampaign, scenario: Scenario, backend: str, run: int = 0) -> dict[str, Any]:
-    """Fly one run by itself and return its metrics, success and lost.
+    """Fly one run by itself, and return its metrics, `success` and `lost` (True if it diverged).
 
     run: number of the run, which selects its random numbers.
     """
@@ -112,7 +116,7 @@ def repeat_run(ready: PreparedCampaign, scenario: Scenario, backend: str, run: i
 
 
 def open_memo(folder: Path | None, ready: PreparedCampaign, backend: str) -> FlightMemo:
-    """Return the stored flights of a search. folder: None stores nothing."""
+    """Return the cache of a search's flights. folder: folder of the cache; None: nothing is stored."""
     return FlightMemo(folder, identity(ready.plan, ready.scenario, backend), ready.plan.scenario)
 
 
@@ -125,7 +129,7 @@ def _metric_column(metric: Metric, rows: Rows, n: int) -> Any:
 
 
 def fly_block(ready: PreparedCampaign, first: int, last: int, **options: Any) -> dict[str, Any]:
-    """Fly rows first … last - 1. Return by name the varied parameters, the metrics, `success` and `lost`, each (n,).
+    """Fly runs first … last - 1. Return varied parameters, metrics, `success` and `lost` by name, each (n,).
 
     options: backend, threads and progress, as in `simulate_batch`.
     """
@@ -142,10 +146,15 @@ def fly_points(
     memo: FlightMemo | None = None,
     **options: Any,
 ) -> dict[str, Any]:
-    """Return metrics, `success` and `lost` at points u (n, d) of the spread, with the random numbers of words (n,).
+    """Fly n runs with given parameters and random numbers. Return metrics, `success` and `lost` by name, each (n,).
 
-    progress: function called with the number of runs flown since the last call.  memo: store of earlier flights.
-    options: backend, threads, as in `simulate_batch`.
+    Args:
+        ready: the prepared campaign or search.
+        u: probabilities (n, d) at which the quantiles of the d varied parameters are taken.
+        words: number that selects the random numbers of each run (n,).
+        progress: function called with the number of runs flown since the last call.
+        memo: cache of earlier flights.
+        options: backend, threads, as in `simulate_batch`.
     """
     parts: list[dict[str, Any]] = []
     for first in range(0, len(words), max(ready.block, 1)):
@@ -158,7 +167,7 @@ def fly_points(
 
 
 def _fly_levels(ready: PreparedCampaign, u: Any, words: Any, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the metrics of runs at points u (n, d) of the spread."""
+    """Return the metrics of runs whose parameters are the quantiles at u (n, d)."""
     return _fly_values(ready, spread_values(ready.spread, ready.scenario, u), words, options)
 
 
@@ -186,7 +195,10 @@ def _fly_values(
 
 
 def uses_c(ready: PreparedCampaign, backend: str) -> bool:
-    """Return True for backend C: on request, or if a C compiler is found and the loop can be written in C."""
+    """Return True if the runs fly on backend C.
+
+    They do on request, or with "auto" if a C compiler is found and the loop can be written in C.
+    """
 
     def lower() -> WalkProgram:
         search = search_compiler("c")
@@ -199,7 +211,10 @@ def uses_c(ready: PreparedCampaign, backend: str) -> bool:
 
 
 def _group_by_program(values: Mapping[str, Any], options: list[str], n: int) -> list[tuple[dict[str, int], Any]]:
-    """Group runs by program. Return the choice of each option, and the runs' indices in the block."""
+    """Group the runs of a block by the choices of their options, which need different programs.
+
+    Return for each group the choice of each option, and the indices of its runs in the block.
+    """
     if not options:
         return [({}, np.arange(n))]
     groups = []

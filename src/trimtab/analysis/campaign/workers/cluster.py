@@ -1,7 +1,7 @@
 """Campaigns on several machines: workers of dask.distributed fly the blocks, over TLS with certificates on both ends.
 
-A worker receives the name of a function of trimtab and plain data: the plan and two numbers. It builds the scenario
-itself, and reports an error if its rows would not be bit-equal to those of the campaign's own machine.
+A worker receives the name of a function of trimtab and plain data: the plan and two run numbers. It builds the scenario
+itself. It reports an error if its rows would not be bit-equal to those of the machine that runs the campaign.
 
 Source: docs page, A campaign on several machines; Rescorla, "The transport layer security (TLS) protocol version 1.3",
 RFC 8446.
@@ -31,25 +31,28 @@ from trimtab.core.errors import InputError, argument, argument_name, install_com
 from trimtab.run.program import thread_count
 
 CONNECT_TIMEOUT = 10.0
-"""Time limit for an answer of the scheduler to a call (s)."""
+"""Time limit for a connection to the scheduler (s)."""
 REPLY_TIMEOUT = 15.0
-"""Time without messages after which the scheduler is queried, and time limit for its answer (s)."""
+"""Interval at which the scheduler is queried, and time limit for its replies (s)."""
 WORKER_TIMEOUT = 60.0
-"""Time limit for the arrival of a first worker, or of a new one when all are lost (s)."""
+"""Longest time for which a campaign waits for a worker, at the start or after all workers are lost (s)."""
 RESUME_HINT = "start the same command again; it resumes there"
 ADDRESS_PATTERN = re.compile(r"(\w+)://(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
 _one_prepares = threading.Lock()
 
 
 def machine_identity(ready: PreparedCampaign, backend: str) -> dict[str, str]:
-    """Return the properties that must be equal on two machines, so that both compute equal rows."""
+    """Return the properties of this machine and campaign that must be equal on two machines that share a campaign.
+
+    If they are equal, both machines compute equal rows.
+    """
     packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy", "scipy"))
     return {**identity(ready.plan, ready.scenario, backend), "packages": packages, "code": _source_digest()}
 
 
 @functools.cache
 def _source_digest() -> str:
-    """Return the digest of trimtab's source, because one version may have several states during development."""
+    """Return a digest of trimtab's source code. During development, one version may have different source code."""
     root, digest = Path(__file__).parents[3], hashlib.sha256()
     for file in sorted(root.rglob("*.py")):
         digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
@@ -65,14 +68,14 @@ def _prepare_cached(text: str, backend: str) -> tuple[PreparedCampaign, dict[str
 
 
 def fly_rows(plain: Mapping[str, Any], asker: Mapping[str, str], first: int, last: int) -> dict[str, Any]:
-    """Fly rows first … last - 1 on a worker, and return them by name (n,).
+    """Fly runs first … last - 1 on a worker, and return the columns by name (n,).
 
     Args:
-        plain: the plan as plain data.
+        plain: plan of the campaign as JSON-compatible data.
         asker: identity of the machine that runs the campaign, from `machine_identity`.
-        first, last: first row, and last row + 1.
+        first, last: first run, and last run + 1.
 
-    Raises: InputError if this machine's rows would differ.
+    Raises: InputError if the rows computed on this machine would differ.
     """
     address, threads = _this_worker()
     try:
@@ -86,12 +89,12 @@ def fly_rows(plain: Mapping[str, Any], asker: Mapping[str, str], first: int, las
         shown = "; ".join(f"{name}: {here.get(name)} there, {asker[name]} here" for name in apart)
         same = "install the same trimtab, packages and files on the worker's machine, and restart the worker"
         fix = "install a C compiler on the worker's machine" if apart == ["backend"] else same
-        raise InputError(f"worker {address}", f"would give different rows: {shown}", fix=fix)
+        raise InputError(f"worker {address}", f"would compute different rows: {shown}", fix=fix)
     return fly_block(ready, first, last, backend=asker["backend"], threads=threads)
 
 
 def _this_worker() -> tuple[str, int]:
-    """Return the worker's address, as the scheduler knows it, and its share of the machine's threads."""
+    """Return the worker's address, as the scheduler knows it, and the number of threads that it may use."""
     from distributed import get_worker
 
     try:
@@ -102,7 +105,7 @@ def _this_worker() -> tuple[str, int]:
 
 
 class SchedulerAddress(NamedTuple):
-    """Address of the scheduler, and the TLS files of this machine, or None for plain TCP."""
+    """Address of the scheduler. files: this machine's CA certificate, certificate and key; None for plain TCP."""
 
     uri: str
     host: str
@@ -111,7 +114,10 @@ class SchedulerAddress(NamedTuple):
 
 
 def parse_address(uri: str, files: dict[str, str]) -> SchedulerAddress:
-    """Read an address. Raise InputError if it is invalid, or if it is plain TCP to another machine."""
+    """Read the address of a scheduler. Raise InputError if it is invalid, or if it is plain TCP to another machine.
+
+    files: names of this machine's TLS files, by the name of their argument.
+    """
     match = ADDRESS_PATTERN.fullmatch(uri.strip())
     if not match or match[1] not in ("tls", "tcp") or not 0 < int(match[3]) < 2**16:
         raise InputError(
@@ -149,7 +155,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def _tls_context(place: SchedulerAddress) -> ssl.SSLContext:
-    """Create the TLS context that distributed will use. Raise InputError for unusable or mismatched files."""
+    """Create the TLS context for a connection. Raise InputError if the files are unusable or do not match."""
     ca, cert, key = place.files or ("", "", "")
     try:
         context = ssl.create_default_context(ssl.Purpose.SERVER_AUTH, cafile=ca)
@@ -166,14 +172,14 @@ def _tls_context(place: SchedulerAddress) -> ssl.SSLContext:
 
 
 def check_scheduler(place: SchedulerAddress) -> None:
-    """Raise InputError if the scheduler is missing, or if scheduler and client do not trust each other."""
+    """Raise InputError if the scheduler can't be reached, or if scheduler and client do not trust each other."""
     part = argument_name("cluster", place.uri)
     try:
         with socket.create_connection((place.host, place.port), CONNECT_TIMEOUT) as plain:
             if place.files is None:
                 return
             with _tls_context(place).wrap_socket(plain) as safe:
-                if not safe.recv(1):  # a scheduler speaks first, if it accepts the certificate
+                if not safe.recv(1):  # a scheduler that accepts the certificate sends the first message
                     raise ssl.SSLError("the connection was closed")
     except ssl.SSLCertVerificationError as error:
         ca = place.files and place.files[0]
@@ -194,14 +200,15 @@ def check_scheduler(place: SchedulerAddress) -> None:
 
 
 def cluster_workers(uri: str, *, ca: str | Path = "", cert: str | Path = "", key: str | Path = "") -> Workers:
-    """Return workers of a cluster for `Campaign.run`.
+    """Return workers on a cluster, for `Campaign.run`.
 
     Args:
         uri: address of the scheduler, e.g. tls://10.0.0.1:8786. tcp:// is allowed only within one machine.
         ca: PEM file of the CA that signed all certificates.
         cert, key: PEM files of this machine's certificate and of its private key.
 
-    Raises: InputError for an invalid address or unusable files. The scheduler is contacted when the campaign flies.
+    Raises: InputError for an invalid address or unusable files. The scheduler is not contacted before the campaign
+    starts.
     """
     place = parse_address(uri, {"tls_ca": str(ca), "tls_cert": str(cert), "tls_key": str(key)})
     if importlib.util.find_spec("distributed") is None:
@@ -216,7 +223,7 @@ def cluster_workers(uri: str, *, ca: str | Path = "", cert: str | Path = "", key
 
 @contextlib.contextmanager
 def _open_client(place: SchedulerAddress) -> Iterator[Any]:
-    """Open a client of the scheduler, which releases its requests at the end."""
+    """Open a client of the scheduler, and close it at the end."""
     from dask.config import set as configured
     from distributed import Client, Security
 
@@ -243,7 +250,7 @@ def _open_client(place: SchedulerAddress) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _mute_distributed() -> Iterator[None]:
-    """Silence the long logs of distributed about a lost connection. The campaign reports the loss in one line."""
+    """Suppress the long log messages of distributed about a lost connection. The campaign reports it in one line."""
     known = map(logging.getLogger, list(logging.root.manager.loggerDict))
     before = [(log, log.level) for log in known if log.name.partition(".")[0] == "distributed"]
     for log, _ in before:
@@ -256,7 +263,7 @@ def _mute_distributed() -> Iterator[None]:
 
 
 class _ClusterWatch:
-    """Monitor of scheduler and workers. threads: number of threads of all workers at the last check."""
+    """Monitor of a scheduler and its workers. threads: number of threads of all workers at the last check."""
 
     def __init__(self, client: Any, place: SchedulerAddress) -> None:
         self._client, self._part = client, argument_name("cluster", place.uri)
@@ -286,7 +293,7 @@ class _ClusterWatch:
             raise WorkersLost(self._part, problem, f"start workers:  dask worker …, then {RESUME_HINT}")
 
     def silent_scheduler(self, error: Exception) -> WorkersLost:
-        """Return the error for a scheduler that can't be reached."""
+        """Return the error for a scheduler that does not answer."""
         problem = f"the scheduler does not answer ({type(error).__name__})"
         return WorkersLost(self._part, problem, f"check the scheduler, then {RESUME_HINT}")
 
@@ -294,7 +301,7 @@ class _ClusterWatch:
 def _fly_blocks(
     client: Any, place: SchedulerAddress, ready: PreparedCampaign, blocks: Blocks, used: str
 ) -> BlockResults:
-    """Yield the blocks as they arrive. Two blocks per thread are in progress at a time."""
+    """Fly blocks on the cluster, and yield each finished block. Two blocks per thread are in progress at a time."""
     asker, plain, waiting = machine_identity(ready, used), ready.plan.as_dict(), iter(blocks)
     flying: dict[Any, tuple[int, int]] = {}
     watch, landed = _ClusterWatch(client, place), threading.Event()
@@ -321,7 +328,7 @@ def _fly_blocks(
 
 
 def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) -> Any:
-    """Return the columns of a block, or None if they were lost in transit and must be flown again."""
+    """Return the columns of a block, or None if they did not arrive in time. Raise an error if the block failed."""
     from distributed import KilledWorker
 
     runs = f"runs {block[0]} to {block[1] - 1}"
@@ -334,13 +341,13 @@ def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) ->
     except OSError as error:  # the worker with these columns does not answer
         raise watch.silent_scheduler(error) from None
     except KilledWorker as error:
-        problem = f"{runs} crashed one worker after another, the last {error.last_worker}"
+        problem = f"{runs} crashed several workers in turn, the last {error.last_worker}"
         fix = f"check that worker's log, for example for a lack of memory, then {RESUME_HINT}"
         raise WorkersLost(argument_name("cluster"), problem, fix) from None
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt | SystemExit | GeneratorExit):
             raise
         watch.check_workers()
-        problem = f"{runs} did not come back: {type(error).__name__}: {error}"
+        problem = f"{runs} failed: {type(error).__name__}: {error}"
         fix = f"check the logs of the scheduler and the workers, then {RESUME_HINT}"
         raise WorkersLost(argument_name("cluster"), problem, fix) from None

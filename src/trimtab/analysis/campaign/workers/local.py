@@ -1,4 +1,4 @@
-"""Workers in this process: blocks fly while metrics of earlier blocks are computed. Ctrl-C stops them."""
+"""Workers in this process. A block flies while the metrics of an earlier block are computed. Ctrl-C stops both."""
 
 import functools
 import threading
@@ -18,20 +18,23 @@ AHEAD = 2
 
 
 class _CampaignAborted(Exception):
-    """Raised in a worker to stop its block, because the campaign has ended."""
+    """Error raised in a worker to stop its block, because the campaign has ended."""
 
 
 class RowCount:
-    """Progress in finished rows, which never falls. Rows count as soon as they are flown, before they are stored."""
+    """Progress of a campaign: number of finished rows, which never decreases.
+
+    A row counts as soon as it is flown, before it is stored.
+    """
 
     def __init__(self, progress: Callable[[int], None] | None) -> None:
         self._progress, self._alone, self._most = progress, threading.Lock(), 0
         self._pieces: dict[int, int] = {}
 
     def fly(self, start: int, done: int) -> None:
-        """Report that `done` runs have flown of the piece that begins at run `start`.
+        """Report that `done` runs are flown of the sequence of runs that begins at run `start`.
 
-        -1 is for runs of earlier sessions.
+        start = -1 is used for the runs of earlier sessions.
         """
         with self._alone:
             self._pieces[start] = max(
@@ -94,6 +97,9 @@ def local_workers(threads: int | None = None, count: RowCount | None = None) -> 
 
 
 def _split_block(first: int, last: int, backend: str) -> Blocks:
-    """Split a block into calls: JAX can't be interrupted, and a processor gains nothing from more runs at once."""
+    """Split a block into the runs of each simulation call.
+
+    Calls of JAX on a CPU are short, because they can't be interrupted and are not faster with more runs.
+    """
     size = BLOCK_RUNS_MIN if backend == "jax" and jax.default_backend() == "cpu" else last - first
     return [(start, min(start + size, last)) for start in range(first, last, size)]

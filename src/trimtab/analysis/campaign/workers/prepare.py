@@ -1,6 +1,7 @@
 """Plan of a campaign, checked against its scenario, and the parameters of each run.
 
-A plan is plain data and determines every row, so that a later session or another machine makes the same rows.
+A plan is JSON-compatible data that determines every row. A later session, or another machine, computes the same rows
+from it.
 """
 
 import hashlib
@@ -47,12 +48,13 @@ VARIANTS = 64
 
 
 class CampaignPlan(NamedTuple):
-    """Plan of a campaign. Settings, imperfections and faults are as in `trimtab run`.
+    """Plan of a campaign. settings, without, faults: as in `trimtab run`.
 
-    spread: texts of varied parameters and their distributions.  correlate: pairs of these texts, with their
-    correlation.  runs: total number of runs. Only a Latin hypercube's rows depend on it.  success: conditions that must
-    all hold.  calibration: content of the file named in the settings, so that other machines do not need it.  inputs:
-    inputs held constant in pieces, as after `--vary`.
+    spread: paths of varied parameters and their distributions.  correlate: pairs of these paths, with their
+    correlation.  runs: total number of runs. The parameters of a run depend on it only for a Latin hypercube.  success:
+    conditions that must all hold.  log_period: time between logged rows (100 ns).  calibration: content of the
+    calibration file named in the settings, so that other machines do not need this file.  inputs: inputs held constant
+    in pieces, as typed after `--vary`.
     """
 
     scenario: str
@@ -86,7 +88,7 @@ def plan_campaign(
 ) -> CampaignPlan:
     """Create a plan. Settings, `without` and faults need a scenario given by name, not as an object.
 
-    part: name used in errors.  rest: fields of the plan.
+    part: name of the caller, for errors.  rest: other fields of the plan.
     """
     check_seed(seed)
     own = dict(settings or {})
@@ -109,9 +111,9 @@ def plan_search(
     vary: Iterable[str] = (),
     **rest: Any,
 ) -> CampaignPlan:
-    """Create the plan of a search, over a spread, faults with ranges and inputs held in pieces.
+    """Create the plan of a search over parameters, faults with ranges, and inputs that are constant in pieces.
 
-    fault_ranges, vary: texts, see `sampling.varying`.  rest: as in plan_campaign.
+    fault_ranges, vary: faults and inputs as typed, see `sampling.varying`.  rest: as in `plan_campaign`.
     """
     ranges, inputs = tuple(fault_ranges), tuple(vary)
     if not ranges and not inputs:
@@ -162,7 +164,7 @@ def _as_tuples(value: Any) -> Any:
 
 
 def identity(plan: CampaignPlan, scenario: Scenario, backend: str) -> dict[str, str]:
-    """Return the data that determine the rows: digests of campaign, scenario and files, backend, and provenance."""
+    """Return the data that determine a campaign's rows: digests of plan, scenario and files, backend, versions."""
     of_plan = plan.as_dict()
     if plan.sampling != "latin":
         del of_plan["runs"]
@@ -176,7 +178,7 @@ def identity(plan: CampaignPlan, scenario: Scenario, backend: str) -> dict[str, 
 
 
 def _file_digests(plan: CampaignPlan) -> dict[str, str]:
-    """Return the digest of each Python file that the plan names, by its name."""
+    """Return name -> digest of each Python file that the plan names."""
     texts = (plan.scenario, *plan.metrics, *plan.success)
     names = {text.partition(".py:")[0].strip() + ".py" for text in texts if ".py:" in text}
     return {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in sorted(names)}
@@ -187,7 +189,7 @@ def _digest(plain: Any) -> str:
 
 
 class PreparedCampaign(NamedTuple):
-    """Plan, checked against its scenario. block: number of runs that fly together and are stored together."""
+    """Plan that was checked against its scenario. block: number of runs that fly together and are stored together."""
 
     plan: CampaignPlan
     scenario: Scenario
@@ -201,11 +203,11 @@ class PreparedCampaign(NamedTuple):
 def prepare_campaign(
     plan: CampaignPlan, scenario: Scenario | None = None, own: Iterable[Metric] = ()
 ) -> PreparedCampaign:
-    """Check everything that can be checked before any run starts.
+    """Prepare a campaign, and check everything that can be checked before any run starts.
 
     Args:
-        plan: the campaign.
-        scenario: the scenario. None: built from the plan's name and settings.
+        plan: plan of the campaign.
+        scenario: the scenario. None: the scenario is built from the plan's name and settings.
         own: the user's metrics, given as functions.
 
     Raises: InputError with the text to type instead.
@@ -247,16 +249,17 @@ def prepare_campaign(
 
 
 def with_spread_parts(scenario: Scenario, factors: Iterable[Factor]) -> Scenario:
-    """Add optional parts whose parameters are spread, e.g. the hovercraft's friction."""
+    """Add the optional parts of the vehicle whose parameters vary, e.g. the hovercraft's friction."""
     for factor in factors:
         scenario = with_part_of(scenario, factor.path)
     return scenario
 
 
 class KnownSignals(NamedTuple):
-    """Signals that metrics of a scenario may name: shape and unit by path, with the derived signals of a flight.
+    """Signals that metrics of a scenario may use. shapes, units: shape and unit of each signal, by path.
 
-    flight: source of derived signals such as `flight.roll`, or None for a vehicle that is not in space.
+    Derived signals such as `flight.roll` are included.  flight: source of these derived signals, or None for a vehicle
+    that moves in a plane.
     """
 
     shapes: dict[str, tuple[int, ...]]
@@ -264,13 +267,13 @@ class KnownSignals(NamedTuple):
     flight: FlightSource | None
 
     def source_signals(self, paths: Iterable[str]) -> tuple[str, ...]:
-        """Return the sorted names of the signals that must be logged to compute these paths."""
+        """Return the sorted paths of the signals that must be logged to compute the given signals."""
         source = self.flight.paths if self.flight else ()
         return tuple(sorted({one for p in paths for one in (source if p.startswith(FLIGHT) else (p,))}))
 
 
 def find_signals(scenario: Scenario) -> KnownSignals:
-    """Return the signals of a scenario, without flying it."""
+    """Return the signals of a scenario. The scenario is not flown."""
     signals = list(logged_signals(signal_structure(run_inputs(scenario))))
     shapes, declared = {p: tuple(np.shape(value)) for p, value, _ in signals}, {p: d for p, _, d in signals}
     flight = find_flight(shapes, declared)
@@ -281,21 +284,21 @@ def find_signals(scenario: Scenario) -> KnownSignals:
 
 
 def scenario_place(scenario: Scenario) -> dict[str, Any]:
-    """Return the parameters, by path, that are needed to compute a flight over the rotating earth."""
+    """Return path -> value of the parameters needed to compute derived signals of a flight over the rotating earth."""
     return place_parameters({p: v for p, v, d in leaves(scenario) if isinstance(d, Quantity) and np.ndim(v) == 0})
 
 
 def draw_runs(ready: PreparedCampaign, first: int, last: int) -> tuple[Points, dict[str, Any]]:
-    """Return the points of the runs first … last - 1, and their values of the spread."""
+    """Return the sampling points of runs first … last - 1, and the values of the varied parameters in these runs."""
     names = tuple(f.text for f in ready.spread.factors)
     drawn = points(ready.plan.sampling, ready.plan.seed, names, ready.plan.runs, first, last)
     return drawn, spread_values(ready.spread, ready.scenario, drawn.u)
 
 
 def _check_values(ready: PreparedCampaign) -> None:
-    """Raise InputError, with the run's number, if a spread leaves the valid range of a part.
+    """Raise InputError, with the run's number, if a varied parameter leaves its valid range.
 
-    Only extremes are checked.
+    For each parameter, only the runs with its smallest and its largest value are checked.
     """
     extremes: dict[str, list[tuple[float, int]]] = {}
     for first in range(0, ready.plan.runs, 2**16):
@@ -322,14 +325,14 @@ def _check_values(ready: PreparedCampaign) -> None:
 
 
 def parameters_at(ready: PreparedCampaign, u: Any) -> dict[str, Any]:
-    """Return the exact value of each parameter at the point u (d,) of the spread, by path, without options."""
+    """Return path -> exact value of each varied parameter, at its quantile u (d,). Options are not included."""
     dtypes = {path: d.dtype() for path, _, d in leaves(ready.scenario) if isinstance(d, Quantity)}
     arrays = spread_arrays(ready.spread, ready.scenario, spread_values(ready.spread, ready.scenario, u[None]))
     return {path: np.asarray(array[0]).astype(dtypes[path])[()] for path, array in arrays.items()}
 
 
 def scenario_at(ready: PreparedCampaign, u: Any) -> Scenario:
-    """Return the scenario at the point u (d,) of the spread, with its options."""
+    """Return the scenario with all varied parameters and options at their quantiles u (d,)."""
     values = spread_values(ready.spread, ready.scenario, u[None])
     scenario = scenario_variant(ready, {text: int(values[text][0]) for text in program_options(ready)})
     for path, value in parameters_at(ready, u).items():
@@ -338,12 +341,12 @@ def scenario_at(ready: PreparedCampaign, u: Any) -> Scenario:
 
 
 def scenario_of(ready: PreparedCampaign, run: int) -> Scenario:
-    """Return the scenario of one run, with the run's own parameters."""
+    """Return the scenario of one run, with the parameters of this run."""
     return scenario_at(ready, draw_runs(ready, run, run + 1)[0].u[0])
 
 
 def program_options(ready: PreparedCampaign) -> dict[str, Factor]:
-    """Return the varied options by their texts. Options change the program."""
+    """Return the options that vary, by their texts. Each choice of an option needs its own program."""
     declared = {path: d for path, _, d in leaves(ready.scenario)}
     return {f.text: f for f in ready.spread.factors if isinstance(declared[f.path], Option)}
 
@@ -355,17 +358,18 @@ def scenario_variant(ready: PreparedCampaign, picks: Mapping[str, int]) -> Scena
 
 
 def refuse_options(ready: PreparedCampaign) -> None:
-    """Raise InputError for a spread of an option, because a search can only move numbers."""
+    """Raise InputError if an option varies, because a search can vary only numbers."""
     for text, factor in program_options(ready).items():
-        problem = f"{factor.path} changes the program, but a search can only move numbers"
-        fix = f"one search each, e.g. {argument('settings', factor.distribution.choices[0], factor.path)}"
+        problem = f"{factor.path} changes the program, but a search can vary only numbers"
+        fix = f"one search for each choice, e.g. {argument('settings', factor.distribution.choices[0], factor.path)}"
         raise InputError(argument_name("spread", text), problem, fix=fix)
 
 
 def check_bounds(ready: PreparedCampaign, ends: Any) -> None:
-    """Raise InputError for bounds beyond a part's valid range. Each parameter is tested at its ends, and all together.
+    """Raise InputError if a bound of a varied parameter is not valid.
 
-    ends: (2, d), the smallest and the largest point.
+    Each parameter is tested alone at both ends of its range, and all parameters together.
+    ends: (2, d), lower and upper ends as probabilities.
     """
     middle, names = ends.mean(axis=0), [f.text for f in ready.spread.factors]
     corners = [(ends[side], "all parameters at one end") for side in (0, 1)]
