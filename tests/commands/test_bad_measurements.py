@@ -114,7 +114,7 @@ OWN = {
     "a spike": ("spin-up", lambda x: put(x, 8, 1, "3"), "line 8, column 'yaw_rate': 3 is"),
     "a spike in a coast-down": ("friction", lambda x: put(x, 40, 1, "9"), "line 40, column 'yaw_rate': 9 is"),
     "two spikes": ("friction", lambda x: put(put(x, 40, 1, "9"), 60, 1, "-8"), "other such readings: lines 40 and 60"),
-    "a wrong sample of a gyro": ("gyro", lambda x: put(x, 900, 2, "4"), "line 900: the gyro is"),
+    "a wrong sample of a gyro": ("gyro", lambda x: put(x, 900, 2, "4"), "line 900: the gyro deviates by"),
     "a run under another's number": (
         "friction",
         lambda x: [x[0], *(line.rpartition(",")[0] + ",1" for line in x[1:])],

@@ -45,7 +45,7 @@ def test_a_gain_that_was_changed_is_not(file, tmp_path):
     wrong.write_text(certificate_json(certificate._replace(K=certificate.K * [[1, 1, 0, 1, 1]])), encoding="utf-8")
     done = call(CART, "--lqr", "--check", wrong)
     assert done.exit_code == 1, done.output
-    assert "NOT: A + B K Hurwitz" in done.output
+    assert "NOT proved: A + B K Hurwitz" in done.output
 
 
 @pytest.mark.thorough

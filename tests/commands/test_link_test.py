@@ -81,7 +81,7 @@ def test_how_long_it_takes_is_said_before_the_first_request(monkeypatch):
     monkeypatch.setattr(link_test, "open_link", lambda uri, listen: Silent())
     monkeypatch.setattr(link_test, "measure_delays", lambda link, exchange, plan: None)
     said = call("udp://127.0.0.1:14551", "--load", "1/8", "--load", "2/16", "--requests", 300).stderr
-    assert said.startswith("takes about 60 s; the other end must answer within 30 s\nerror: ")
+    assert said.startswith("the test takes about 60 s; the other end must answer within 30 s\nerror: ")
 
 
 @pytest.mark.real_time

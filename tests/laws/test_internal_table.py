@@ -46,7 +46,7 @@ def test_is_smooth_across_nodes(table):
         ({"nodes": np.zeros((1, 6))}, r"nodes: has shape \(1, 6\)"),
         ({"nodes": np.zeros((9, 5))}, r"nodes: has shape \(9, 5\)"),
         ({"nodes": np.zeros(6)}, r"nodes: has shape \(6,\)"),
-        ({"nodes": np.zeros((8, 6))}, "8 nodes and 9 rates"),
+        ({"nodes": np.zeros((8, 6))}, "8 nodes and 9 rows"),
     ],
 )
 def test_wrong_tables_are_refused(table, changes, text):

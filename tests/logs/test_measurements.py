@@ -75,7 +75,7 @@ def test_a_trial_column_tells_equal_readings_apart(tmp_path: Path) -> None:
 def test_too_few_points_for_a_cubic(tmp_path: Path) -> None:
     file = tmp_path / "reverse.csv"
     file.write_text("speed [rpm],forward [N],reverse [N]\n6000,.4,.1\n8000,.7,.2\n9000,.9,.3\n", encoding="utf-8")
-    with pytest.raises(InputError, match="3 readings for a cubic of 4 numbers"):
+    with pytest.raises(InputError, match="3 readings for a cubic of 4 coefficients"):
         thrust.fit_reverse(read_measurements(file, thrust.REVERSE_COLUMNS), 0.03)
 
 

@@ -43,7 +43,7 @@ def test_equal_values_of_two_samples_are_two():
 def test_rows_that_come_too_seldom_are_refused_with_the_reason():
     taken = np.arange(1000) * TICK
     log = held(np.arange(0, taken[-1], ms(10)), taken, np.zeros((1000, 1)))
-    with pytest.raises(InputError, match=r"the log has a row every 10 ms, so it misses samples(.|\n)*log_period"):
+    with pytest.raises(InputError, match=r"the log has a row only every 10 ms, so it misses samples(.|\n)*log_period"):
         samples(log, "sensors.imu.value.rate")
 
 

@@ -66,7 +66,7 @@ def test_thrust_that_was_measured_by_rudder_angle_makes_both_tables() -> None:
     ("name", "entry", "words"),
     [
         ("Gyroscope.b0", Entry(1.0, "1"), "none of the 1 entries"),
-        ("Hovercraft.mass", Entry(2600.0, "g"), "is in 'g'"),
+        ("Hovercraft.mass", Entry(2600.0, "g"), "has the unit 'g'"),
         ("Thruster.reverse_ratio", Entry([1.0, 2.0], "1"), "has shape (2,)"),
     ],
 )

@@ -150,8 +150,8 @@ def test_it_looks_each_period_and_holds_between():
 @pytest.mark.parametrize(
     ("formulas", "period", "says"),
     [
-        ("", ms(10), "'' is not FORMULA"),
-        ("always(estimate.x > 0);", ms(10), "'' is not FORMULA"),
+        ("", ms(10), "'' must be FORMULA"),
+        ("always(estimate.x > 0);", ms(10), "'' must be FORMULA"),
         ("A: always(estimate.x > 0)", ms(10), "is not allowed in a formula"),
         ("a: always(estimate.x > 0); a: once(estimate.x > 0)", ms(10), "two formulas are named 'a'"),
         ("eventually(always(estimate.x > 0))", ms(10), "looks ahead without an end"),

@@ -50,7 +50,7 @@ def test_scripts_that_can_not_be_flown_are_refused():
         stick_script((0, 0.0, 0.0, "auto"))
     with pytest.raises(InputError, match="rising order"):
         stick_script((ms(20), 0.0, 0.0, "manual"), (ms(20), 0.0, 0.0, "manual")).check()
-    with pytest.raises(InputError, match="1, 2, 2, 2 times"):
+    with pytest.raises(InputError, match="modes: 1, 2, 2, 2"):
         replace(SCRIPT, times=np.array([0], np.int64)).check()
     with pytest.raises(InputError, match=r"forward"):
         with_stick(load(), stick_script((0, 1.5, 0.0, "manual"))).check()

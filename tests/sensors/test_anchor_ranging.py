@@ -74,5 +74,5 @@ def test_a_place_in_space_comes_out_of_them():
 
 
 def test_places_that_are_none_are_refused():
-    with pytest.raises(InputError, match=r"must be \(n, 3\)"):
+    with pytest.raises(InputError, match=r"must have shape \(n, 3\)"):
         AnchorRanging(anchors=((0.0, 1.0),)).check()

@@ -134,8 +134,8 @@ def test_what_is_no_number_of_an_array_is_refused(quadrotor, make, says):
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda s: axis_of_path("a", [2.0, 1.0]).check(), "rising"),
-        (lambda s: Axis("a", [1.0], "", lambda s, v: {}).check(), "rising"),
+        (lambda s: axis_of_path("a", [2.0, 1.0]).check(), "increasing"),
+        (lambda s: Axis("a", [1.0], "", lambda s, v: {}).check(), "increasing"),
         (lambda s: axis_of_link("lag", [0, 1]), "delay, jitter, loss"),
         (lambda s: axis_of_link("delay", [0, 1], link="cable"), "uplink, downlink"),
         (lambda s: find_quantity(s, "autopilot.law.k3"), "autopilot.law.k2"),

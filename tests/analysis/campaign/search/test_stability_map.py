@@ -136,7 +136,7 @@ def test_success_of_angles_is_modulo_full_turns(linear):
     [
         ({"x": axis_of_path("autopilot.law.k3", [1, 2])}, "autopilot.law.k2"),
         ({"x": axis_of_path("autopilot.law.k2", [-1.0, 2])}, "above 0"),
-        ({"x": axis_of_path("autopilot.law.k2", [1.0])}, "rising"),
+        ({"x": axis_of_path("autopilot.law.k2", [1.0])}, "increasing"),
         ({"runs": 0}, "one run or more"),
         ({"threshold": 1.5}, "threshold"),
         ({"depth": 99}, "depth"),
