@@ -119,7 +119,7 @@ def flown(tmp_path_factory):
         page.wait(lambda: page.answer(7) and page.answer(8) and page.answer(9), "answers")
         page.has_stick = False
         page.wait(lambda: page.heard("supervisor: hold: hold request"), "the dead man holds")
-        page.wait(lambda: page.heard("the flight is ended"), "the dead man ends it")
+        page.wait(lambda: page.heard("flight ended"), "the dead man ends it")
         page.wait(lambda: read("vehicle.armed") == 0, "it is disarmed")
         page.send("request", request="clear", client=1, id=10)
         page.send("request", request="arm", client=1, id=12)
@@ -171,7 +171,7 @@ def test_of_two_requests_in_one_period_the_second_is_refused(flown):
 def test_a_silent_stick_holds_then_ends(flown):
     told = [e["text"] for e in flown.log.metadata["events"]]
     hold = next(k for k, text in enumerate(told) if "supervisor: hold: hold request" in text)
-    end = next(k for k, text in enumerate(told) if "the flight is ended" in text)
+    end = next(k for k, text in enumerate(told) if "flight ended" in text)
     assert hold < end
     times = [e["t"] for e in flown.log.metadata["events"]]
     assert times[end] - times[hold] == pytest.approx(2.5, abs=0.5)
