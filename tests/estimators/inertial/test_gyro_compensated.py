@@ -142,11 +142,12 @@ def test_both_carry_the_same_numbers():
         assert getattr(gyro, name) == getattr(compensator, name)
 
 
-def test_it_raises_noise_sevenfold_at_half_the_sampling_rate():
-    alternating = np.tile([1.0, -1.0], 20)
-    assert np.abs(compensated(GyroCompensator(normalised=False), alternating))[10:].max() == pytest.approx(
-        7.02, abs=0.01
-    )
+@pytest.mark.parametrize(("normalised", "fastest", "white"), [(False, 7.02, 4.42), (True, 7.34, 4.62)])
+def test_it_amplifies_white_noise_and_most_of_all_half_the_sampling_rate(normalised, fastest, white):
+    compensator = GyroCompensator(normalised=normalised)
+    alternating, impulse = np.tile([1.0, -1.0], 20), np.eye(40)[10]
+    assert np.abs(compensated(compensator, alternating))[10:].max() == pytest.approx(fastest, abs=0.01)
+    assert np.linalg.norm(compensated(compensator, impulse)) == pytest.approx(white, abs=0.01)
 
 
 @pytest.mark.thorough
