@@ -100,7 +100,10 @@ class RemoteArming:
         self.armed = armed
 
     def handle_acknowledgement(self, command: int, is_accepted: bool, owner: int) -> None:
-        """Handle the vehicle's answer to a command. owner: session of the vehicle's owner; 0: none, or not reported."""
+        """Handle the vehicle's answer to a command.
+
+        owner: session number of the autopilot that owns the vehicle; 0 if it has no owner or does not report one.
+        """
         if command in OWNED_COMMANDS:
             self._follow_owner(owner)
         is_ours = owner in (0, self._endpoint.session)  # else the answer is for another autopilot with the same id

@@ -321,7 +321,7 @@ class FaultySensor(FaultyPart):
 
     @property
     def FEELS(self) -> str:
-        """Return the kind of input that the sensor measures."""
+        """Return the input of the wrapped sensor's `step`: "motion", "input" or "state" of the vehicle."""
         return optional_member(self.inner, "FEELS")
 
     def init(self, key: Key) -> FaultyState:

@@ -31,12 +31,12 @@ INTEGRAL_FACTOR = 5.0
 
 
 def read_feedback(file: Path | str, x: Any, u: Any, believed: Any = None) -> StateFeedback:
-    """Return the law from a gain that `trimtab design VEHICLE --lqr --out FILE` has written.
+    """Return the control law with the gain in a file from `trimtab design VEHICLE --lqr --out FILE`.
 
     Args:
-        file: the certificate.
-        x: state record of the vehicle. It gives the fields, and the values that are not in the file.
-        u: input record of the vehicle. It gives the fields, and the values that are not in the file.
+        file: the file, which contains a certificate (gain, trim and proof of stability).
+        x: example of the vehicle's state record. It defines the fields, and each value that is not in the file.
+        u: example of the vehicle's input record. It defines the fields, and each value that is not in the file.
         believed: vehicle model for which the gain was designed. The log reports how it differs from the true vehicle.
 
     Raises: InputError if the file is not a certificate, or is the certificate of another vehicle.

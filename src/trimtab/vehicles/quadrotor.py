@@ -87,11 +87,12 @@ class Rotors:
     inertia: Scalar = quantity("kg m^2", "Moment of inertia of each rotor about its shaft.", default=0.0, low=0)
 
     def check(self) -> None:
-        """Raise InputError if the shape of `places` does not match the number of spins, or a spin is not 1 or -1."""
+        """Raise InputError if `places` has not one row per element of `spins`, or `spins` has a value other than 1 and
+        -1."""
         n = np.size(self.spins)
         if np.shape(self.places) != (n, 3) or np.ndim(self.spins) != 1:
-            problem = f"{n} spins need places of shape ({n}, 3), got {np.shape(self.places)}"
-            raise InputError("places", problem, fix=f"give {n} places of three numbers each")
+            problem = f"{n} rotors (spins) need positions (places) of shape ({n}, 3), got {np.shape(self.places)}"
+            raise InputError("places", problem, fix=f"give {n} positions of three numbers each")
         if not (np.abs(self.spins) == 1).all():
             raise InputError(
                 "spins",

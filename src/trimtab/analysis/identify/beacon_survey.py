@@ -196,7 +196,9 @@ def _guess_beacon(path: Any, ranges: Any, number: int, angle: float) -> Any:
     s = (points - centre) @ axes[0]
     if extent[0] == 0:
         raise InputError(
-            "survey", f"the pings that beacon {number} answered are at one point", fix="drive a loop under the beacon"
+            "survey",
+            f"all pings that beacon {number} answered were sent from one point",
+            fix="drive a loop under the beacon",
         )
     a, c = np.linalg.lstsq(np.stack([-2 * s, np.ones(len(s))], axis=1), rho**2 - s**2, rcond=None)[0]
     away = np.sqrt(max(c - a * a, 0.01))

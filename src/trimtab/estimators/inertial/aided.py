@@ -170,17 +170,17 @@ class InertialState:
 
 
 def listened_sensors(form: InertialForm) -> tuple[str, ...]:
-    """Return the names of the IMU and the aiding sensors (`listens` of every filter form)."""
+    """Return the names of the IMU and the aiding sensors. The inertial filters use this as their property `listens`."""
     return form.intake.listens()
 
 
 def check_intake(form: InertialForm) -> None:
-    """Raise InputError if the settings of the sensors are invalid (`check` of a filter form)."""
+    """Raise InputError if the settings of the sensors are invalid. Inertial filters use this as method `check`."""
     form.intake.check()
 
 
 def initial_inertial_state(form: InertialForm, key: Key, width: int = POSITION_NUMBERS) -> InertialState:
-    """Return the initial navigation state (`init` of a filter form).
+    """Return the initial navigation state. The inertial filters use this function as their method `init`.
 
     width: largest number of values in one measurement.
     """
@@ -202,9 +202,10 @@ def initial_inertial_state(form: InertialForm, key: Key, width: int = POSITION_N
 
 @jax.jit
 def navigate(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-    """Return the new state and the estimate, a NavigationState, at integer time t (`step` of every filter form).
+    """Return the new state and the estimate, a NavigationState, at integer time t.
 
-    Every fresh sample in the frame is fused at the time at which it was measured.
+    The inertial filters use this function as their method `step`. Every fresh sample in the frame is fused at the time
+    at which it was measured.
     """
     samples = [frame.samples[name] for name in form.intake.listens()]
     arrived = jnp.stack([jnp.asarray(one.fresh & one.valid) for one in samples]).any()

@@ -323,7 +323,8 @@ class RangingPosition:
         return jnp.where(own[:, None], now, s.ranges), jnp.minimum(repeats, np.int32(2**30))
 
     def _vehicle_fix(self, fix: RangingFix, place: Any, unit: Any, places: Any, times: Any) -> RangingFix:
-        """Return the vehicle's fix from the position of a unit, with a heading if both units have a recent fix."""
+        """Return the vehicle's fix from the position of one ultrasonic unit, with a heading if both ultrasonic units
+        have a recent fix."""
         heading, paired, at = fix.heading, fix.heading_valid, place
         if np.shape(self.units)[0] >= 2:
             levers = jnp.asarray(self.units)[:, :2]

@@ -112,7 +112,8 @@ class UltrasonicInertial:
         "T", "Earth's magnetic field, for the magnetometer.", frame="W", default=COLLEGE_PARK, shape=(3,)
     )
     magnetometer: str = option(
-        "Name of the magnetometer. If it is empty, the heading is computed from two units.", default=""
+        "Name of the magnetometer. Empty: the heading is computed from the positions of two ultrasonic units.",
+        default="",
     )
 
     @property

@@ -142,7 +142,7 @@ def _parse_spread(spread: Mapping[str, str]) -> tuple[tuple[str, Distribution], 
 
 
 def build_scenario(plan: CampaignPlan) -> Scenario:
-    """Build the scenario that a plan names, with its settings and calibration."""
+    """Build the scenario that is named in a plan, with the plan's settings, faults, calibration and inputs."""
     calibration = parse_calibration("calibration", plan.calibration) if plan.calibration else None
     return with_pieces(build(plan.scenario, dict(plan.settings), plan.without, plan.faults, calibration), plan.inputs)
 
