@@ -213,7 +213,7 @@ def interpolate_path(times: Any, places: Any, headings: Any = None, *, rests: bo
     t, x = np.asarray(times, np.float64), np.asarray(places, np.float64)
     fewest = 2 if rests else DEGREE + 1
     if t.ndim != 1 or x.shape != (len(t), 2) or len(t) < fewest or not (np.diff(t) > 0).all():
-        problem = f"{np.size(t)} times and {len(x)} places do not determine a smooth path"
+        problem = f"{np.size(t)} times and {len(x)} positions do not determine a smooth path"
         fix = f"give at least {fewest} places, each with a time, in rising order of time"
         raise InputError("path", problem, fix=fix)
     angles = np.zeros(len(t)) if headings is None else np.asarray(headings, np.float64)

@@ -103,14 +103,15 @@ def design_feedback(
 def track_course(
     feedback: StateFeedback, model: StateSpaceModel, course: Inversion, *, every: int = 1
 ) -> CourseTracking:
-    """Return the law that follows a course from an inversion: feedforward of its inputs, feedback of the deviations.
+    """Return the law that follows the trajectory of an inversion: feedforward of its inputs, feedback of the
+    deviations.
 
     Args:
-        feedback: linear law of the vehicle, about the first point of the course.
-        model: model with which the course was computed. Inputs that the model lacks keep the values of the feedback
+        feedback: linear law of the vehicle, about the first point of the trajectory.
+        model: model with which the trajectory was computed. Inputs that the model lacks keep the values of the feedback
             law.
         course: result of the inversion, with equal time steps.
-        every: N, to use only every Nth node of the course.
+        every: N, to use only every Nth node of the trajectory.
     """
     whole = jax.jit(jax.vmap(model.to_record or (lambda x: unpack_record(model.state_record, x))))
     states = whole(jnp.asarray(course.x[::every]))

@@ -50,7 +50,7 @@ class BeaconSurvey:
 def survey_beacons(
     ranges: Any, odometry: Any, *, range_noise: float, odometry_noise: float, iterations: int = 100
 ) -> BeaconSurvey:
-    """Estimate beacon positions and the unit's path by least squares, from ranges and the odometry between pings.
+    """Estimate positions of beacons and the ranging unit's path by least squares, from ranges and odometry.
 
     Args:
         ranges: true ranges (m), corrected for the cone error, shape (k, n): k pings, n beacons. NaN means no reply.
@@ -164,7 +164,7 @@ def _refuse_doubt(best: _SearchEnd, found: list[_SearchEnd], n: int, path: Any, 
             there = other.x[3 * j : 3 * j + 3]
             if other.cost - best.cost <= near and (np.abs(there - places[j]) > APART * errors[j]).any():
                 texts = (np.array2string(p, precision=3, suppress_small=True) for p in (places[j], there))
-                problem = f"two places of beacon {j} fit the ranges equally well: {' and '.join(texts)} m"
+                problem = f"two positions of beacon {j} fit the ranges equally well: {' and '.join(texts)} m"
                 raise InputError("survey", problem, fix=fix)
 
 

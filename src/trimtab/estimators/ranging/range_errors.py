@@ -93,7 +93,7 @@ class RangeFix:
     sigma_error: Any = quantity("m", "Standard deviation of the range error of each beacon.")
     scale: Scalar = quantity("1", "Scale error common to all ranges, positive if they are too long.")
     sigma_scale: Scalar = quantity("1", "Standard deviation of the ranges' scale error.")
-    unit: Scalar = quantity("1", "Index of the vehicle's unit that sent the ping.", kind="count")
+    unit: Scalar = quantity("1", "Index of the vehicle's ultrasonic unit that sent the ping.", kind="count")
     used: Scalar = quantity("1", "Number of ranges used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
     invalid: Scalar = quantity("1", "Number of received ranges that were not positive numbers.", kind="count")
