@@ -199,7 +199,7 @@ class HeadingProportional:
         source="[1] 6.1.6",
     )
     floor: Scalar = quantity(
-        "rad/s", "Minimum magnitude of the yaw rate reference in the form floored.", default=0.8, above=0
+        "rad/s", "Minimum magnitude of the yaw rate reference. Used only with form='floored'.", default=0.8, above=0
     )
     margin: Scalar = quantity(
         "1",
@@ -214,7 +214,7 @@ class HeadingProportional:
     )
     wrapping: str = option(WRAPPING, default="shortest", choices=("shortest", "none", "modulo"))
     form: str = option(
-        "Form of the law: literal as published, or floored, which avoids the bad limit point.",
+        "Variant of the law: literal, as published; or floored, to avoid the bad limit point.",
         default="floored",
         choices=("floored", "literal"),
     )

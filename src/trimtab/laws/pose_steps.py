@@ -2,7 +2,7 @@
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
 section 2.3.1, which describes the steps in words. The parameter values, and the conditions that end a step, are
-reconstructed (docs page).
+our own choice (docs page).
 """
 
 from typing import Any, ClassVar

@@ -76,7 +76,7 @@ class MonitorState:
 
     rows: Scalar = quantity("1", "Number of rows evaluated so far.", kind="count")
     memory: Any = quantity("U", "Stored values of the last rows: all delay lines, one after the other.")
-    outputs: Mapping[str, MonitorOutput] = part("Last output for each formula, by name.")
+    outputs: Mapping[str, MonitorOutput] = part("Last output of each formula, by name of the formula.")
 
 
 @record

@@ -33,7 +33,8 @@ class RunInputs:
     def drop_derived_outputs(self, s: Any, a: Any, always: frozenset[int]) -> tuple[WorldState, AutopilotState]:
         """Return the states of world and autopilot without outputs that the loop can compute again, see `loop.walk`.
 
-        s, a: states of world and autopilot.  always: periods that are due at every instant.
+        s, a: states of world and autopilot.  always: periods of the blocks that are due at every
+        instant.
         """
         return drop_derived_outputs(self.world, self.autopilot, s, a, always)
 

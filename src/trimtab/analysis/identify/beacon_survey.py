@@ -14,7 +14,7 @@ from trimtab.core.record import Scalar, quantity, record
 ANGLES = np.radians([15.0, 60.0, 90.0, 120.0, 165.0])
 """Angles of a beacon about the main line of the path (rad) at which the searches start.
 
-All these start positions have the same distance from the line, which is estimated from the ranges.
+All these start positions have the same distance from the line. This distance is estimated from the ranges.
 """
 DAMPING, DAMPING_MAX = 1e-3, 1e12
 """Initial and largest damping of a Levenberg-Marquardt step, relative to the diagonal of J'J."""

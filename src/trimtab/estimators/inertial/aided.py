@@ -1,9 +1,9 @@
-"""Aided inertial navigation: the step that all filter forms share. It reads samples, sorts them by time, replays the
+"""Aided inertial navigation: the step that all its filters share. It reads samples, sorts them by time, replays the
 filter and returns the state.
 
-A form (`core.interfaces.InertialForm`) is the filter alone: its state at one instant (a node), its propagation and
-correction, and its estimate (Belief). A form has the parts intake, noise, start and arms, and uses `navigate` as its
-`step`.
+A filter form (`core.interfaces.InertialForm`) is the filter alone: its state at one instant (a node), its propagation
+and correction, and its estimate (Belief). A form has the parts intake, noise, start and arms, and uses `navigate` as
+its `step`.
 
     navigate      read_samples (sensor_watch)  ->  enter_event, replay_events (measurement_history): the form's
                   propagate and correct_...  ->  the form's belief  ->  reference_kinematics (navigation_state)
@@ -123,7 +123,7 @@ class Intake:
         "Name of the position sensor; empty if the vehicle has no position sensor.", default="position"
     )
     slots: int = option(
-        "Number of measurements in the history, which must span the longest delay of a sensor, with a reserve.",
+        "Number of measurements in the history. It must cover the longest delay of a sensor, with a reserve.",
         default=64,
     )
 

@@ -180,7 +180,7 @@ class CoupledMotion(NamedTuple):
 def propagate_coupled(form: Any, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> CoupledMotion:
     """Return a step of dt (s) from a filter state (node) whose x begins with the values of Belief.x.
 
-    form: filter form with noise, smoothing and rest_smoothing.  imu_reading: IMU sample at the end of the step (3,).
+    form: filter with noise, smoothing and rest_smoothing.  imu_reading: IMU sample at the end of the step (3,).
     untrusted: as in `InertialForm.propagate`.
     """
     x = node.x

@@ -57,7 +57,7 @@ LISTEN_S, SILENCE_S = 0.1, 1.0
 """Longest wait for a connection before `stop` is called again; longest wait for an answer of PX4 to a sample (s)."""
 RATE_NOISE, FORCE_NOISE, FIELD_NOISE, PRESSURE_NOISE = np.radians(2000 / 32768), 9.80665 / 2048, 1e-7, 1.0
 """Standard deviations of the sensor noise (rad/s, m/s², T, Pa). The first two are one step of PX4's simulated
-converters; the others are reconstructed. PX4 treats a sensor with constant samples as dead."""
+converters; the others are our own choice. PX4 treats a sensor with constant samples as dead."""
 SYSTEM, COMPONENT = 1, 200
 
 OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {

@@ -2,7 +2,7 @@
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, sections
 5.4, 5.5 and 6.1. The hall, the positions of beacons and ultrasonic units, and the errors of survey and temperature are
-reconstructed.
+our own choice.
 """
 
 from collections.abc import Mapping

@@ -1,12 +1,12 @@
 """Falsification: a search for the worst run inside given bounds.
 
-    minimise over x in [0, 1]^d:  m(x) = minimum (or mean) over words of margin(run with parameters Q(x) and word)
+    minimise over x in [0, 1]^d:  m(x) = minimum (or mean) over w of margin(run with parameters Q(x), noise w)
 
 Q(x) are the quantiles of the varied parameters. A distribution without bounds is searched within three standard
-deviations. A word selects the random numbers of a run. Every candidate flies with the same few words (common random
-numbers), so that m depends only on x. The first runs cover the whole box [0, 1]^d with Sobol points. CMA-ES
-then starts from the worst point, and restarts from the worst points elsewhere. The last runs fly the worst point with
-new words.
+deviations. The random key word w selects the random numbers of a run. Every candidate flies with the same few words
+(common random numbers), so that m depends only on x. The first runs cover the whole box [0, 1]^d with Sobol points.
+CMA-ES then starts from the worst point, and restarts from the worst points elsewhere. The last runs fly the worst point
+with new words.
 
 The margin of a run measures how far the run is from failing. It is negative for a failure. It varies gradually, also
 among successes and among failures. Each condition has a room: its distance to the bound, relative to the bound. The

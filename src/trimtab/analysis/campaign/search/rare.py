@@ -40,7 +40,7 @@ from trimtab.logs.mcap import replace_file
 from trimtab.loop.scenario import Scenario
 
 GROUPS = 32
-"""Number of words that select the noise of a run."""
+"""Number of random key words that select the noise of a run."""
 ROUNDS, BATCHES = 4, 10
 """Number of rounds, and number of batches in a round. The interval is computed from the batches' means."""
 LEAST_RUNS = 5000
@@ -51,7 +51,8 @@ PILOT_STREAM, ROUND_STREAM = 0, 1
 
 
 class Failure(NamedTuple):
-    """Run that fails. z: standard normal numbers that determine its parameters.  words: words of its noise.
+    """Run that fails. z: standard normal numbers that determine its parameters.  words: random key words of its
+    noise.
 
     margin: margin found in the search.  values: path -> exact value of the parameter.
     columns: metrics, from a repetition of the run by itself.

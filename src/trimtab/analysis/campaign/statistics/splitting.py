@@ -8,7 +8,7 @@ failure step by step:
 
 **Pilot.** A subset simulation. Of `size` points, the tenth with the smallest margins sets the next level. Each of these
 points starts a Markov chain of SPLIT points below that level. All chains together are the next points. The pilot
-determines the levels and the step sizes, which are fixed afterwards.
+determines the levels and the step sizes. Both are fixed afterwards.
 
 **Splitting.** Roots are points drawn independently. A point below level k starts a Markov chain of SPLIT points,
 including itself, that all stay below this level. The chain's kernel preserves the distribution below the level. A root
@@ -55,7 +55,7 @@ Margins = Callable[[Any, Any], Any]
 class ChainStates(NamedTuple):
     """States of n Markov chains.
 
-    z: standard normal numbers of the parameters (n, d).  words: words of the noise (n, m), uint32.  margin: (n,).
+    z: standard normal numbers of the parameters (n, d).  words: seeds of the noise (n, m), uint32.  margin: (n,).
     root: index of the root of each state (n,).
     """
 
