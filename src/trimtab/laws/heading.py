@@ -60,7 +60,7 @@ class HeadingOutput:
 
 
 def heading_error(wrapping: str, heading: Any, target: Any) -> Any:
-    """Return the heading error e (rad), heading minus target. Source: [1] figure 6.11 ("modulo", reconstructed)."""
+    """Return the heading error e (rad), heading minus target. Source: [1] figure 6.11, which fits "modulo"."""
     if wrapping == "shortest":
         return wrap(heading - target)
     return (wrap_positive(heading) if wrapping == "modulo" else heading) - target

@@ -46,7 +46,7 @@ class Fault:
     duration: Scalar = quantity("100 ns", "Duration of the fault.", kind="time", default=FOREVER, low=0)
     severity: Scalar = quantity("1", "Severity of the fault; its meaning depends on the kind of fault.", default=1.0)
     bias: Scalar = quantity(
-        "1", "Bias of a fault `wrong`, added to every real number, in the unit of that number.", default=0.0
+        "1", "Bias of a fault of kind `wrong`, added to every real number, in the unit of that number.", default=0.0
     )
     level: Scalar = quantity("1", "Threshold of the watched signal that triggers the fault, in its unit.", default=0.0)
     watch: str = option("Path of the signal that triggers the fault; empty: the fault begins at `start`.", default="")

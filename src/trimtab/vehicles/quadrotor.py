@@ -87,8 +87,8 @@ class Rotors:
     inertia: Scalar = quantity("kg m^2", "Moment of inertia of each rotor about its shaft.", default=0.0, low=0)
 
     def check(self) -> None:
-        """Raise InputError if `places` has not one row per element of `spins`, or `spins` has a value other than 1 and
-        -1."""
+        """Raise InputError if `places` does not have one row for each element of `spins`, or if `spins` contains a
+        value other than 1 and -1."""
         n = np.size(self.spins)
         if np.shape(self.places) != (n, 3) or np.ndim(self.spins) != 1:
             problem = f"{n} rotors (spins) need positions (places) of shape ({n}, 3), got {np.shape(self.places)}"

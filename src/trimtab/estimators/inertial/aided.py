@@ -298,7 +298,7 @@ def position_numbers(value: Any) -> tuple[Any, ...]:
 
 
 def range_numbers(value: Any) -> tuple[Any, ...]:
-    """Return the ranges (m) of a ping, and the number of the unit that sent it.
+    """Return the ranges (m) of a ping, and the number of the ultrasonic unit that sent it.
 
     The value 0 marks a range that did not arrive, and -1 an invalid range (not a positive number).
     """

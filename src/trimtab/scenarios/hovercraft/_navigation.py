@@ -68,8 +68,8 @@ with the radio. none: the samples arrive without delay.
 """
 
 CEILING, SPACING = 4.0, 3.4
-"""Height of the beacons and distance between beacons (m). Everywhere on the floor, a unit receives at least three
-beacons, and at most places four."""
+"""Height of the beacons and distance between beacons (m). Everywhere on the floor, an ultrasonic unit receives at
+least three beacons, and in most positions four."""
 NOISE = InertialNoise(
     gyro=1.6e-4,
     gyro_walk=1e-6,

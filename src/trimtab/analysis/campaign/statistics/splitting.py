@@ -49,7 +49,7 @@ CORRELATION = 3.0
 """Factor by which correlation within chains increases the variance, seen with linear margins of 1 to 32 dimensions."""
 BOTH, PARAMETERS, NOISE = range(3)
 Margins = Callable[[Any, Any], Any]
-"""Function from z (n, d) and words (n, m) uint32 to margins (n,)."""
+"""Function from normal numbers z (n, d) and noise seeds (n, m) uint32 to the margins (n,) of n runs."""
 
 
 class ChainStates(NamedTuple):
@@ -101,7 +101,7 @@ def _draw_words(rng: np.random.Generator, shape: tuple[int, ...]) -> Any:
 
 
 def draw_roots(margins: Margins, rng: np.random.Generator, n: int, d: int, m: int) -> ChainStates:
-    """Draw n independent points with d parameters and m words, and compute their margins."""
+    """Draw n independent points with d parameters and m noise seeds, and compute their margins."""
     z, words = rng.standard_normal((n, d)), _draw_words(rng, (n, m))
     return ChainStates(z, words, margins(z, words), np.arange(n))
 
