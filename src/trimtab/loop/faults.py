@@ -116,7 +116,8 @@ class Fault:
         return jax.tree.map(leaf, value)
 
     def garbage_value(self, key: Key, index: Any, value: Any) -> Any:
-        """Return garbage in the form of the value: NaN, or random numbers of size severity times max(1, |value|)."""
+        """Return garbage with the structure of the value: NaN, or random numbers of size severity times max(1,
+        |value|)."""
 
         def garbage(v: Any, z: Any) -> Any:
             if v.dtype == np.bool_:

@@ -20,8 +20,8 @@ from trimtab.run.program import Column
 class WalkStructure(NamedTuple):
     """All data that determine the compiled text of a loop.
 
-    tree: tree structure of the inputs.  shapes: shape and type of each input.  always: periods that are due at every
-    instant.  signals: names of the logged signals.
+    tree: tree structure of the inputs.  shapes: shape and type of each input.  always: periods of the blocks that are
+    due at every instant.  signals: names of the logged signals.
     """
 
     tree: Any

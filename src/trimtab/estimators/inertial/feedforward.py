@@ -32,7 +32,7 @@ from trimtab.estimators.kalman import predict
 
 @record
 class FeedforwardNode:
-    """State of the feed-forward form at one instant: INS and error filters. Source: [1] chapter 3."""
+    """State of the INS without correction and of its error filters at one instant. Source: [1] chapter 3."""
 
     t: Scalar = quantity("100 ns", "Time of the filter state.", kind="time")
     imu_reading: Any = quantity(

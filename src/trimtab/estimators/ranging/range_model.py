@@ -133,7 +133,8 @@ class LinearisedRange(NamedTuple):
 class RangeUpdate(NamedTuple):
     """Result of an update with the ranges of a ping.
 
-    x, P: state and covariance.  innovation, variance, nis: of each range (n,).  accepted: True for ranges used (n,).
+    x, P: state and covariance.  innovation, variance, nis: innovation of each range, its variance and NIS (n,).
+    accepted: True for ranges used (n,).
     """
 
     x: Any

@@ -40,9 +40,9 @@ ALL = 100
 class TracedBoundary(NamedTuple):
     """Values on a lattice of `shape` points, of which only some were evaluated.
 
-    index: (n, 2) lattice points, in the order of evaluation.  value: (n,), their values in [0, 1].  call_index: (n,),
-    number of the function call that evaluated each point, from 0.  cells: (k, 3), lower corner and size of the cells
-    that tile the lattice.  threshold: a point is inside if its value is at least the threshold.
+    index: (n, 2), lattice points, in the order of evaluation.  value: (n,), value of each of these points, in [0, 1].
+    call_index: (n,), number of the function call that evaluated each point, from 0.  cells: (k, 3), lower corner and
+    size of the cells that tile the lattice.  threshold: a point is inside if its value is at least the threshold.
     """
 
     shape: tuple[int, int]

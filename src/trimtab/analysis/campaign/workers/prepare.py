@@ -51,8 +51,8 @@ class CampaignPlan(NamedTuple):
     """Plan of a campaign. settings, without, faults: as in `trimtab run`.
 
     spread: paths of varied parameters and their distributions.  correlate: pairs of these paths, with their
-    correlation.  runs: total number of runs. The parameters of a run depend on it only for a Latin hypercube.  success:
-    conditions that must all hold.  log_period: time between logged rows (100 ns).  calibration: content of the
+    correlation.  runs: total number of runs. The parameters of a run depend on this number only for a Latin hypercube.
+    success: conditions that must all hold.  log_period: time between logged rows (100 ns).  calibration: content of the
     calibration file named in the settings, so that other machines do not need this file.  inputs: inputs held constant
     in pieces, as typed after `--vary`.
     """
