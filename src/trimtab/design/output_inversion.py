@@ -2,9 +2,9 @@
 
 In the normal form the outputs and their derivatives are given. The internal dynamics zeta' = Psi(xi, zeta, v) are
 solved for their bounded solution. In this solution, stable modes depend on the past. Unstable modes depend on the
-future, so that the vehicle moves before its outputs do. The same holds for slow modes, e.g. that of the speed. Places
-(e.g. north, east), on which no other derivative depends, are integrated from their initial value. The result is a
-feedforward for use with a feedback. This code runs offline.
+future, so that the vehicle moves before its outputs do. The same holds for slow modes, e.g. that of the speed.
+Positions (e.g. north, east), on which no other derivative depends, are integrated from their initial value. The result
+is a feedforward for use with a feedback. This code runs offline.
 
 Source: S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
 Control 41(7), 1996.

@@ -234,10 +234,10 @@ class Multirotor:
 
 
 def ring_rotors(spins: str, arm: float, first: float = 0.0) -> tuple[Any, Any]:
-    """Return positions (n, 3) and spins (n,) of rotors around a ring, for `Rotors`.
+    """Return positions (n, 3) and directions of rotation (n,) of rotors around a ring, for `Rotors`.
 
     Args:
-        spins: one letter per rotor in clockwise order from above: P spins clockwise, N counter-clockwise, e.g. "PNPN".
+        spins: one letter per rotor in clockwise order from above: P turns clockwise, N counter-clockwise, e.g. "PNPN".
         arm: radius of the ring (m).
         first: angle of the first rotor, clockwise from the nose (rad).
 
@@ -247,7 +247,7 @@ def ring_rotors(spins: str, arm: float, first: float = 0.0) -> tuple[Any, Any]:
         raise InputError(
             "spins",
             f"must consist of the letters P and N, got {spins!r}",
-            fix="write P (positive spin) or N (negative spin) for each rotor, e.g. PNPNPN",
+            fix="write P (clockwise from above) or N (counter-clockwise) for each rotor, e.g. PNPNPN",
         )
     angle = first + 2 * np.pi * np.arange(len(spins)) / len(spins)
     places = arm * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)

@@ -72,8 +72,9 @@ class ChainStates(NamedTuple):
 class Ladder(NamedTuple):
     """Result of the pilot. levels: margins (K,), decreasing, the last one 0.
 
-    steps: step size s of each parameter below each level (K - 1, d).  refresh: probability q of redrawing a word below
-    each level (K - 1,).  estimate: biased failure probability from the pilot alone.  flown: number of the pilot's runs.
+    steps: step size s of each parameter below each level (K - 1, d).  refresh: probability q of redrawing a seed of the
+    noise below each level (K - 1,).  estimate: biased failure probability from the pilot alone.  flown: number of the
+    pilot's runs.
     """
 
     levels: Any
