@@ -41,8 +41,8 @@ class RemoteArming:
         self._end_time: int | None = None
         """Time at which the vehicle reported that it had disarmed because its own run ended."""
         self.owner = 0
-        """Session number of the autopilot that flies the vehicle, as last reported; 0 if there is none or none was
-        reported."""
+        """Session number of the autopilot that flies the vehicle, as last reported; 0 without an owner or a
+        report."""
         self.has_authority = self._takes_over = False
         """has_authority: the vehicle accepts this autopilot as its owner."""
         self._request: float | None = None
