@@ -111,9 +111,9 @@ def two_unit_errors(settings: tuple[tuple[str, str], ...] = LITERAL) -> tuple[fl
 def network_errors(rate: str) -> tuple[float, float]:
     """Return latency and error of the simulated ultrasonic network on the platform, over eight runs at a rate (deg/s).
 
-    No parameter is fitted. Two units of the vehicle ping in turn, in slots of 100 ms. The latency is the mean time (s)
-    from a ping to its last reply. The error is that of the heading from both units (deg, rms), evaluated when the
-    replies to unit B have arrived.
+    No parameter is fitted. Two ultrasonic units of the vehicle ping in turn, in slots of 100 ms. The latency is the
+    mean time (s) from a ping to its last reply. The error is that of the heading from both units (deg, rms), evaluated
+    when the replies to unit B have arrived.
     """
     scenario = load_rig("platform-cricket", (("rate", rate),))
     units = np.array([[0.0, 0.0, 0.0], [0.0, BASE, 0.0]])

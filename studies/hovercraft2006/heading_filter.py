@@ -29,7 +29,8 @@ RATE = (
 
 
 def rows() -> Iterator[Row]:
-    """Yield heading and rate with the magnetometer, heading with ultrasound at three rates, and from two units."""
+    """Yield heading and rate with the magnetometer, heading with ultrasound at three rates, and from two
+    ultrasonic units."""
     errors = navigation_errors("platform-magnetometer")
     yield band(
         "heading/magnetometer",
@@ -87,7 +88,7 @@ def _two_unit_rows() -> Iterator[Row]:
     raw, helped = two_unit_errors((*LITERAL, ("rate", "-115")))
     yield band(
         "two-units/raw",
-        "two units with fixes 100 ms apart, -115 deg/s, heading error",
+        "two ultrasonic units with fixes 100 ms apart, -115 deg/s, heading error",
         25.0,
         raw,
         PLACE,
@@ -95,11 +96,11 @@ def _two_unit_rows() -> Iterator[Row]:
         high=30.0,
         unit="deg",
         basis="text",
-        note="The position of unit B is reconstructed: on the arm, 4 in from the axis.",
+        note="The position of ultrasonic unit B is our estimate: on the arm, 4 inches from the axis.",
     )
     yield band(
         "two-units/assisted",
-        "two units, -115 deg/s, with inertial assistance, heading error",
+        "two ultrasonic units, -115 deg/s, with inertial assistance, heading error",
         10.0,
         helped,
         PLACE,

@@ -63,8 +63,9 @@ class ContinuousModeFilter:
         P' = A P + P A' + Q - P C' C P/R                                         [1, eq. 9 and below, corrected]
 
     Over a step, b and the measurement minus its affine part are held constant. eta and P are integrated by RK4, in
-    `substeps`. R is a density. The default is the printed Q and R, which give a gain of practically zero. Large gains
-    make the equations stiff, and `check` rejects a step that is too long for P(0). Flights use `FlexibleModeFilter`.
+    `substeps`. R is a density. The default values are the printed Q and R. They give a gain of practically zero. Large
+    gains make the equations stiff, and `check` rejects a step that is too long for P(0). Flights use
+    `FlexibleModeFilter`.
 
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
              flight vehicle", Aerospace 2022, 9(4), 206. Its P(0) is not printed. The default is an assumption.

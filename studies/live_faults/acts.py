@@ -19,7 +19,7 @@ Prepare = Callable[[FaultFlight], dict[str, dict[str, str]]]
 
 
 def inject_fault(text: str) -> Act:
-    """Return an act that injects a fault word in flight."""
+    """Return an act that injects a fault of a given kind in flight."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)

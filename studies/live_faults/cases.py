@@ -12,7 +12,7 @@ from studies.live_faults.words import EvidenceCheck, counter_rise, flag_gap, log
 WORDS = ("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
 PARTS = ("sensor:navigation", "downlink", "uplink", "actuators")
 SILENT = {"off", "stuck", "garbage"}
-"""Fault words of an uplink that let no new command through."""
+"""Kinds of faults of an uplink that let no new command through."""
 NOT_A_NUMBER = ("sensor:navigation", "garbage")
 """Fault that yields NaN. The supervisor then ends the flight, as a vehicle's only sensor cannot be trusted again."""
 CUTS = (0.1, 0.3, 1.0, 5.0)
@@ -21,7 +21,7 @@ LOST_S = 9.0
 
 
 def fault_cases() -> list[Case]:
-    """Return a case for each fault word on each part of the vehicle, for a second."""
+    """Return a case for each kind of fault in each part of the vehicle. The fault lasts a second."""
     return [_fault_case(part, word) for part in PARTS for word in WORDS]
 
 

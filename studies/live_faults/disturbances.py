@@ -371,7 +371,7 @@ def restart_vehicle(_: random.Random) -> Disturbance:
 
 
 def break_sensor(draw: random.Random) -> Disturbance:
-    """Draw a fault word on the navigation system, or on the link from it."""
+    """Draw a fault of the navigation system, or of the link from it to the autopilot."""
     part = draw.choice(("sensor:navigation", "downlink"))
     word = draw.choice(("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"))
     seconds = round(draw.uniform(1.0, 1.4), 2)
@@ -392,7 +392,7 @@ def break_sensor(draw: random.Random) -> Disturbance:
 
 
 def break_uplink(draw: random.Random) -> Disturbance:
-    """Draw a fault word between link and failsafe."""
+    """Draw a fault between link and failsafe."""
     word = draw.choice(("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"))
     seconds = round(draw.uniform(0.5, 1.4), 2)
     stops = word in ("off", "stuck", "garbage")
@@ -406,7 +406,7 @@ def break_uplink(draw: random.Random) -> Disturbance:
 
 
 def break_actuators(draw: random.Random) -> Disturbance:
-    """Draw a fault word on the actuators, which then ignore all commands."""
+    """Draw a fault of the actuators. They then ignore all commands."""
     word = draw.choice(("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"))
     seconds = round(draw.uniform(0.3, 1.2), 2)
     does = f"actuators {word} for {seconds} s"

@@ -2,7 +2,7 @@
 
 At every instant the batch solution uses all ranges of the drive, while a filter uses only those that have arrived. So
 each filter is compared with two kinds of batch: the whole drive, and all data up to each of 24 instants. Both have the
-filter's model and its tuning, which is from the other log. The lagged filter estimates the position 4 to 5 s ago.
+filter's model, and the filter's tuning from the other log. The lagged filter estimates the position 4 to 5 s ago.
 """
 
 from collections.abc import Iterator

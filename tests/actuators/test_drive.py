@@ -168,7 +168,7 @@ def test_force_is_differentiable_in_the_command():
 def test_fits_the_interface_and_refuses():
     assert isinstance(DRIVE, Actuators)
     DRIVE.check()
-    with pytest.raises(InputError, match="frame of 20 ms must be a multiple of the period of 3 ms"):
+    with pytest.raises(InputError, match="servo frame of 20 ms must be a multiple of the drive's period of 3 ms"):
         replace(DRIVE, period=ms(3)).check()
     with pytest.raises(InputError, match="another thruster"):
         replace(DRIVE, thruster=Thruster(coefficient=0.012)).check()

@@ -73,7 +73,7 @@ def test_a_table_is_read_with_its_units(tmp_path):
         ("waypoints(0 0, 3)", "has 1 numbers, but must have 2 or 3"),
         ("waypoints(0 0, 3 0; tempo=3)", "is not speed=NUMBER"),
         ("places(0 s: 0 0, 3 0)", "is not TIME: NORTH EAST"),
-        ("places(0: 0 0 1, 1: 1 0)", "some places have a heading"),
+        ("places(0: 0 0 1, 1: 1 0)", "some positions have a heading"),
         ("nowhere.csv", "nowhere.csv"),
     ],
 )

@@ -72,7 +72,7 @@ def test_noise_of_a_scenario_s_own_is_the_same_in_a_batch_and_alone(short):
 def test_words_that_a_scenario_has_no_room_for_are_refused(short):
     with pytest.raises(InputError, match="run numbers for"):
         simulate_batch(short, seeds=[0] * RUNS, runs=WORDS)
-    with pytest.raises(InputError, match="32 words for each run, but the scenario has 8"):
+    with pytest.raises(InputError, match="32 random key words for each run, but the scenario has 8"):
         simulate_batch(with_words(short, [0] * 8), seeds=[0] * RUNS, runs=WORDS)
 
 

@@ -70,7 +70,7 @@ def test_readings_are_those_of_the_printed_numbers():
     assert rounded(spreads["C"]) == (0.158, 0.132, 0.0934)
     assert rounded(SENSOR) == rounded(spreads["C"])
     assert NavigationErrors.reading("A", period=ms(1)).period == ms(1)
-    with pytest.raises(InputError, match=r"unknown reading 'D'.*\nChoices: A, B, C"):
+    with pytest.raises(InputError, match=r"unknown interpretation 'D'.*\nChoices: A, B, C"):
         NavigationErrors.reading("D")
 
 

@@ -118,7 +118,7 @@ def test_a_ring_of_rotors():
     np.testing.assert_array_equal(spins, [1, -1, 1, -1, 1, -1])
     np.testing.assert_allclose(places[0], [0.4, 0, 0])
     assert places[1][1] > 0, "clockwise from above: to starboard"
-    with pytest.raises(InputError, match=r"P \(positive spin\) or N"):
+    with pytest.raises(InputError, match=r"P \(clockwise from above\) or N"):
         ring_rotors("PX", 0.4)
 
 

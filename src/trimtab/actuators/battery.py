@@ -37,7 +37,7 @@ class Battery:
         V = full − (full − empty) min(drawn/capacity, 1) − resistance i
 
     Frames:  none.    Valid: down to `empty`.    Not modelled: recovery, temperature, the drop when nearly empty.
-    Source:  [1] chapter 4: 7.2 V. Everything else is reconstructed.
+    Source:  [1] chapter 4: 7.2 V. All other values are our own choice, because [1] does not give them.
     """
 
     full: Scalar = quantity(

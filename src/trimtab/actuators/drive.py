@@ -184,11 +184,11 @@ class FanDrive:
     saturation: bool = switch("True: the rudder angle and the fan speed are limited.", "saturation")
 
     def check(self) -> None:
-        """Raise InputError if the frame is not a multiple of the period, or the table was made from another
-        thruster."""
+        """Raise InputError if the servo frame is not a multiple of the drive's period, or the table was made from
+        another thruster."""
         if self.frame % self.period:
             frame, own = format_time(self.frame), format_time(self.period)
-            problem = f"the frame of {frame} must be a multiple of the period of {own}"
+            problem = f"the servo frame of {frame} must be a multiple of the drive's period of {own}"
             raise InputError("frame", problem, fix="choose a frame that is a multiple of the period")
         if self.table is not None:
             check_thrust_table(self.table, self.thruster)

@@ -103,7 +103,7 @@ class Failsafe:
     The docs page lists all rules.
 
     Frames:  those of the commands.    Not modelled: where requests come from.
-    Source:  [1] chapter 5 (safety pilot's takeover, on the vehicle); time-outs are reconstructed: docs page.
+    Source:  [1] chapter 5 (safety pilot's takeover, on the vehicle); time-outs are our own choice: docs page.
     """
 
     safe: Any = part("Command at which the vehicle stands still.")

@@ -60,7 +60,7 @@ class Motor:
     Valid:   continuous current.    Not modelled: friction, inductance, heating, inflow to the propeller, the
              controller's brake (see Speed controller).
     Source:  [1] chapter 4: 12 oz-in at stall, 19 200 rpm free, about 12 000 rpm loaded, 7.2 V, encoder of 100 cycles a
-             turn. The inertia and the propeller's torque are reconstructed.
+             turn. The inertia and the propeller's torque are our own choice.
     """
 
     stall_torque: Scalar = quantity(

@@ -46,8 +46,8 @@ class RegulatedFan:
         current of the motor -> battery -> voltage of the next step
 
     Frames:  positive speed pushes forward.    Not modelled: the servo frame of the duty's pulses, 20 ms.
-    Source:  [1] chapter 4 (PI regulator in the firmware; encoder). The docstrings of the parts name the reconstructed
-             values.
+    Source:  [1] chapter 4 (PI regulator in the firmware; encoder). The docstrings of the parts name the values
+             that are our own choice.
     """
 
     regulator: SpeedRegulator = part("Speed regulator of the firmware.", default=SpeedRegulator())

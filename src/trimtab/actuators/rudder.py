@@ -63,8 +63,8 @@ class RudderServo:
     pulse_start: Scalar = quantity("s", "Pulse width of the table's first point.", default=1.0e-3, above=0)
     pulse_step: Scalar = quantity("s", "Step of the pulse width between the table's points.", default=50e-6, above=0)
     neutral_pulse: Scalar = quantity("s", "Neutral pulse width, sent without a command.", default=1.5e-3, above=0)
-    angle_min: Scalar = quantity("rad", "Rudder angle at the lower stop; reconstructed.", default=-35 * DEG)
-    angle_max: Scalar = quantity("rad", "Rudder angle at the upper stop; reconstructed.", default=30 * DEG)
+    angle_min: Scalar = quantity("rad", "Rudder angle at the lower stop, from plots in [1].", default=-35 * DEG)
+    angle_max: Scalar = quantity("rad", "Rudder angle at the upper stop, from plots in [1].", default=30 * DEG)
 
     def check(self) -> None:
         """Raise InputError for a table that cannot be inverted, and for stops beyond the table."""

@@ -66,7 +66,8 @@ class SpeedRegulator:
 
     Frames:  positive pushes the vehicle forward.
     Valid:   |speed| below 32 768 counts per tick.    Not modelled: the speed controller's brake.
-    Source:  [1] chapter 4 (PI in the firmware, encoder of 100 cycles a turn). Gains, tick and fault are reconstructed.
+    Source:  [1] chapter 4 (PI in the firmware, encoder of 100 cycles a turn). Gains, tick and fault are
+             our own choice.
     """
 
     kp: Scalar = quantity("1/krpm", "Proportional gain: duty per speed error.", default=0.08, low=0)

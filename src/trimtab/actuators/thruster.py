@@ -118,7 +118,7 @@ class Thruster:
         return ((y[0] * n + y[1]) * n + y[2]) * n + y[3]
 
     def _reverse_speed(self, xp: Any, q: Any, root: Any) -> Any:
-        """Return n (krpm) that solves n^2 ratio(n) = q.
+        """Return the speed n (krpm) that solves n^2 ratio(n) = q.
 
         Where the ratio is constant, n is a square root. Elsewhere Newton's method is used.
         """

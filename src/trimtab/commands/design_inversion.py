@@ -1,4 +1,4 @@
-"""`trimtab design VEHICLE --inversion`: states and inputs for which the outputs follow a course exactly."""
+"""`trimtab design VEHICLE --inversion`: states and inputs for which the outputs follow a trajectory exactly."""
 
 import json
 import math
@@ -29,11 +29,12 @@ from trimtab.run.plant import load_plant
 
 OPTIONS = ("outputs", "inputs", "to", "seconds_long", "picture")
 FADES = math.log(1e4)
-"""Duration of the motion before and after the course, in time constants, for a decay to 1/10000."""
+"""Time before and after the change of the outputs, in time constants of an internal mode: a decay to 1/10000."""
 LONGEST = 10.0
-"""Maximum time before and after the course, relative to the duration of the course."""
+"""Maximum time before and after the change of the outputs, as a multiple of the duration of the change."""
 SLOW = 0.1
-"""Duration of the course, in time constants of a mode, below which the mode is slow and gets no lead time."""
+"""Duration of the change of the outputs, in time constants of a mode, below which the mode is slow and gets no lead
+time."""
 NODES = 1200
 
 
@@ -43,14 +44,14 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--inversion",
             is_flag=True,
-            help="Compute states and inputs so that outputs follow a course, given by --output, --to and --in.",
+            help="Compute states and inputs so that outputs change smoothly to new values: see --output, --to, --in.",
         ),
         click.option(
             "--output",
             "outputs",
             multiple=True,
             metavar="NAME",
-            help="Output that follows the course, with --inversion. May be repeated.",
+            help="With --inversion: output that changes to the value in --to. May be repeated.",
         ),
         click.option(
             "--input",
@@ -66,7 +67,7 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
             help="With --inversion: final value of each --output, in the same order.",
         ),
         click.option(
-            "--in", "seconds_long", type=float, metavar="SECONDS", help="With --inversion: duration of the course."
+            "--in", "seconds_long", type=float, metavar="SECONDS", help="With --inversion: duration of the change."
         ),
         PLOT("Draw states, inputs and outputs to this picture, with --inversion.", "picture"),
     )
@@ -87,7 +88,7 @@ def refuse_inversion_options(words: Mapping[str, Any]) -> None:
 def invert_vehicle(
     vehicle: str | None, words: Mapping[str, Any], settings: Mapping[str, str], out: Path | None, as_json: bool
 ) -> None:
-    """Compute the states and inputs for which the outputs follow a course, and print, write or draw the result.
+    """Compute the states and inputs for which the outputs follow a trajectory, and print, write or draw the result.
 
     words: values of the options of --lqr and of --inversion, as typed.  settings: settings of the scenario.
     """
@@ -141,7 +142,7 @@ def invert_vehicle(
 
 
 def find_lead_times(modes: tuple[InternalMode, ...], length: float) -> tuple[float, float]:
-    """Return the time (s) needed before a course for unstable internal modes, and after it for stable modes."""
+    """Return the times (s) needed before the outputs change, for unstable modes, and after it, for stable modes."""
     real = np.array([m.pole.real for m in modes if not _is_slow(m, length)])
     right, left = real[real > 0], -real[real < 0]
     times = [FADES / side.min() if len(side) else 0.1 * length for side in (right, left)]
@@ -176,9 +177,9 @@ def _print_inversion(plant: Any, found: Inversion, states: Any, inputs: Any, spa
             side = "stable, solved forwards" if mode.pole.real < 0 else "unstable, solved backwards"
             click.echo(f"slow: {mode.pole.real:+.4g} 1/s in {mode.states}; {side}")
     click.echo(
-        f"the course is from {span[0]:.3g} to {span[1]:.3g} s; converged after {found.internal.iterations} iterations"
+        f"outputs change from {span[0]:.3g} to {span[1]:.3g} s; converged after {found.internal.iterations} iterations"
     )
-    table = new_table("", ">first", ">least", ">most", ">last", ">at course start")
+    table = new_table("", ">first", ">least", ">most", ">last", ">at change start")
     begin = int(np.abs(found.times - span[0]).argmin())
     for name, column in zip((*states, *inputs), np.column_stack([found.x, found.u]).T, strict=True):
         picks = (column[0], column.min(), column.max(), column[-1], column[begin])

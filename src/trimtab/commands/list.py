@@ -102,7 +102,7 @@ def print_settings(
                 default = "Default: " if i == 0 else ""
                 table.add_row("" if i else argument, choice, "", f"{default}{lines[argument][choice]}.")
             continue
-        table.add_row(argument, " | ".join(choices), "", "Choice of this scenario; the first is the default.")
+        table.add_row(argument, " | ".join(choices), "", "Option of this scenario. The first value is the default.")
     for row in rows:
         table.add_row(*row)
     for path, declared in absent_parts(scenario):

@@ -350,7 +350,7 @@ class Writer:
             self.frame.fresh.append(thing)
 
     def share_type(self, thing: Value | Buffer) -> str:
-        """Return the C type of a frame member for a value, or of a pointer to an array."""
+        """Return the C type of the frame member for a value or an array; for an array, the type of a pointer to it."""
         kind = self.type(thing.dtype, self.varies(thing))
         if isinstance(thing, Value):
             return kind

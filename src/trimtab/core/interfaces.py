@@ -204,22 +204,22 @@ class InertialForm(Protocol):
         ...
 
     def first(self) -> Any:
-        """Return the node before the first sample."""
+        """Return the filter's state (node) before the first sample."""
         ...
 
     def propagate(self, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> Any:
-        """Return the node advanced by dt (s).
+        """Return the filter's state (node) advanced by dt (s).
 
         imu_reading: (3,).  untrusted: (2,), flags of gyro and accelerometer; 1: the sensor is not trusted.
         """
         ...
 
     def correct_heading(self, node: Any, z: Any, variance: Any) -> Any:
-        """Return the node corrected by a measured heading z (rad)."""
+        """Return the filter's state (node) corrected by a measured heading z (rad)."""
         ...
 
     def belief(self, node: Any) -> Any:
-        """Return the estimate in a node, as a Belief. Its velocity and position are those of the IMU."""
+        """Return the estimate in a filter state (node), as a Belief. Its velocity and position are those of the IMU."""
         ...
 
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from trimtab.core.record import Scalar
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
-"""No rotation."""
+"""Quaternion of the zero rotation."""
 SMALL2 = 1e-8
 """Squared half angle (rad²) below which a power series is used in place of the formula."""
 

@@ -213,8 +213,8 @@ def interpolate_path(times: Any, places: Any, headings: Any = None, *, rests: bo
     t, x = np.asarray(times, np.float64), np.asarray(places, np.float64)
     fewest = 2 if rests else DEGREE + 1
     if t.ndim != 1 or x.shape != (len(t), 2) or len(t) < fewest or not (np.diff(t) > 0).all():
-        problem = f"{np.size(t)} times and {len(x)} places do not determine a smooth path"
-        fix = f"give at least {fewest} places, each with a time, in rising order of time"
+        problem = f"{np.size(t)} times and {len(x)} positions do not determine a smooth path"
+        fix = f"give at least {fewest} positions, each with a time, in rising order of time"
         raise InputError("path", problem, fix=fix)
     angles = np.zeros(len(t)) if headings is None else np.asarray(headings, np.float64)
     still: Any = [(1, np.zeros(3)), (2, np.zeros(3))]
@@ -234,7 +234,7 @@ def pass_waypoints(places: Any, speeds: Any) -> PiecewisePath:
             longer, because they begin or end at rest.
 
     Raises:
-        InputError: fewer than two places, two equal places in a row, or a speed that is not above 0.
+        InputError: fewer than two positions, two equal positions in a row, or a speed that is not above 0.
     """
     x = np.asarray(places, np.float64)
     if x.ndim != 2 or x.shape[1] != 2 or len(x) < 2:

@@ -31,10 +31,11 @@ TERM_STRIDE = 0x9E3779B1
 
 @record
 class Key:
-    """Key of a block's random numbers: the words (seed, run), and a stream. Frames: none. Source: this module."""
+    """Key of a block's random numbers: the 32-bit words (seed, run), and a stream. Frames: none. Source: this
+    module."""
 
     seed: Scalar = quantity("1", "First key word: the seed of a study.", kind="word")
-    run: Any = quantity("1", "Second key word: the number of a run; or one word for each group of draws.", kind="word")
+    run: Any = quantity("1", "Second key word: the run number; or one word for each group of draws.", kind="word")
     stream: int = option("First stream number of the block, derived from its path.", default=0)
 
     def at(self, name: str) -> "Key":

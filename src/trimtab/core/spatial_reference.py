@@ -1,4 +1,4 @@
-"""References in three dimensions: a helix, a fixed place, and a path in the plane at a constant height.
+"""References in three dimensions: a helix, a fixed position, and a path in the plane at a constant height.
 
 `at(t)` returns a SpatialPoint: the position and four derivatives, the heading and two derivatives. References are pure
 functions and compile to C, so that a law can use one in flight.

@@ -104,7 +104,7 @@ def to_seconds(units: Any) -> Any:
 
 
 class Instant(NamedTuple):
-    """The present instant, and the periods known to be due at every instant of the run."""
+    """The present instant, and the periods of the blocks known to be due at every instant of the run."""
 
     t: Any
     always: frozenset[int] = frozenset()
@@ -115,10 +115,10 @@ class Instant(NamedTuple):
 
 
 class Timetable(NamedTuple):
-    """Instants of a run. t[0] is 0; the last step ends at the run's duration, which is not an instant.
+    """Times at which the blocks of a run are computed. t[0] is 0; the last step ends at the end of the run.
 
-    t: int64 (n,), strictly rising.  h: int64 (n,), the time from each instant to the next.
-    always: the periods that are due at every instant.
+    t: int64 (n,), strictly rising, without the end of the run.  h: int64 (n,), the time from each instant to the next,
+    or to the end of the run.  always: periods of the blocks that are due at every instant.
     """
 
     t: np.ndarray[Any, np.dtype[np.int64]]
@@ -127,11 +127,11 @@ class Timetable(NamedTuple):
 
 
 def timetable(periods: Iterable[int], duration: int, max_step: int) -> Timetable:
-    """Return all instants in [0, duration) at which a period is due, with gaps longer than max_step split evenly.
+    """Return all multiples of the periods in [0, duration), with gaps longer than max_step split evenly.
 
     Args:
-        periods: in 100 ns units, each at least 1, with or without common divisor.
-        duration: end of the run, which is not an instant.
+        periods: periods of the blocks in 100 ns units, each at least 1, with or without common divisor.
+        duration: end of the run. No block is computed at this time.
         max_step: longest integration step.
     """
     return _merge_instants(tuple(sorted({int(p) for p in periods})), int(duration), int(max_step))

@@ -21,8 +21,8 @@ from trimtab.design.proof import Line, ProofCondition
 SAME = 1e-9
 """Largest accepted relative deviation of a matrix entry in a file from the same entry of the system."""
 SMALL = 1e-4
-"""Limit of small matrix entries, as a fraction of the largest entry in the scaled row. The deviation of a smaller entry
-is taken relative to this limit, to allow for rounding."""
+"""Size of the smallest matrix entry whose deviation is divided by the entry itself, as a fraction of the largest entry
+in the scaled row. The deviation of a smaller entry is divided by this size, to allow for rounding."""
 ANEW = "computed again, in floats"
 Setting = float | str
 
@@ -213,7 +213,7 @@ def _compare_about(there: Mapping[str, Setting], now: Mapping[str, Setting]) -> 
 def _compare_matrix(there: Any, now: Any, size: Any, names: tuple[Any, Any]) -> ProofCondition:
     """Compare two matrices by the largest relative deviation of an entry.
 
-    The deviation of a small entry is taken relative to SMALL times the largest entry in its scaled row.
+    The deviation of a small entry is divided by SMALL times the largest entry in its scaled row.
     """
     meaning = "largest relative deviation of an entry"
     if (there is None) != (now is None) or (now is not None and there.shape != now.shape):

@@ -6,7 +6,7 @@ E selects the estimated states. The weight of the observer in V is a free parame
 
     z(weight) = [Q_e, W E/2; E'W/2, weight Pi] > 0     W = P B R_e^-1 B'P     Pi = P_eta^-1 Q_eta P_eta^-1 + C'R^-1 C
 
-is (15) of [1], corrected and with a weight. The second condition is `decrease_matrix` > 0, which is -dV/dt > 0 for any
+is (15) of [1], corrected and with a weight. The second condition is `decrease_matrix` > 0, i.e. -dV/dt > 0, for any
 gain. Both use coordinates w with e_eta = P_eta w. These coordinates keep the sign of both conditions, and need no
 inverse of P_eta. All functions accept float arrays, or arrays of fractions for exact results.
 

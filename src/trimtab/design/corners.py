@@ -40,7 +40,8 @@ class Corner(NamedTuple):
 
 
 class _Side(NamedTuple):
-    """Changes of slopes (rows, columns) and values (rows,) from the point to two places, FAR and NEAR, on one side."""
+    """Changes of slopes (rows, columns) and values (rows,) at the distances FAR and NEAR from the point, on one
+    side."""
 
     far: Any
     near: Any

@@ -95,7 +95,7 @@ def prove_level(c: Certificate, o: ObserverPart, slope: Any, room: Any) -> Proof
     Args:
         c: certificate; its P gives the first term of V.
         o: the certificate's observer; its P_eta and weight give the second term of V.
-        slope: derivatives of the inputs, which are linear, by (e, e_eta) (m, n + k).
+        slope: derivatives of the inputs by (e, e_eta) (m, n + k). The inputs are linear in (e, e_eta).
         room: distance of each input at rest from its nearer limit (m,).
     """
     n, meaning, how = len(c.A), "level of V", f"exact, {len(room)} inputs"

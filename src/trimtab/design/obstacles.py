@@ -1,4 +1,4 @@
-"""Floor with obstacles: distance of a place from the nearest obstacle, and the file that describes the floor.
+"""Floor with obstacles: distance of a point from the nearest obstacle, and the file that describes the floor.
 
 [floor]                              limits in metres, in the world frame W
 north = [-4, 4]
@@ -62,7 +62,7 @@ class ObstacleFloor(NamedTuple):
     polygons: tuple[Any, ...] = ()
 
     def clearance(self, places: Any) -> Any:
-        """Return the distance (n,) of places (n, 2) from the nearest obstacle or edge of the floor; negative inside an
+        """Return the distance (n,) of points (n, 2) from the nearest obstacle or edge of the floor; negative inside an
         obstacle or outside the floor."""
         p = np.asarray(places, np.float64)
         edges = [p[:, 0] - self.north[0], self.north[1] - p[:, 0], p[:, 1] - self.east[0], self.east[1] - p[:, 1]]
@@ -183,7 +183,7 @@ def _angle(value: Any, part: str) -> float:
 
 
 def _polygon_distance(corners: Any, p: Any) -> Any:
-    """Return the distance (n,) of places p (n, 2) from a polygon's boundary; negative inside the polygon."""
+    """Return the distance (n,) of points p (n, 2) from a polygon's boundary; negative inside the polygon."""
     a, b = corners, np.roll(corners, -1, axis=0)
     along = b - a
     square = np.maximum((along**2).sum(axis=1), 1e-300)

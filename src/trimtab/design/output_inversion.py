@@ -1,10 +1,10 @@
-"""Output inversion: states and inputs for which outputs follow a course exactly, even if non-minimum phase.
+"""Output inversion: states and inputs for which outputs follow a trajectory exactly, even if non-minimum phase.
 
 In the normal form the outputs and their derivatives are given. The internal dynamics zeta' = Psi(xi, zeta, v) are
 solved for their bounded solution. In this solution, stable modes depend on the past. Unstable modes depend on the
-future, so that the vehicle moves before its outputs do. The same holds for slow modes, e.g. that of the speed. Places
-(e.g. north, east), on which no other derivative depends, are integrated from their initial value. The result is a
-feedforward for use with a feedback. This code runs offline.
+future, so that the vehicle moves before its outputs do. The same holds for slow modes, e.g. that of the speed.
+Positions (e.g. north, east), on which no other derivative depends, are integrated from their initial value. The result
+is a feedforward for use with a feedback. This code runs offline.
 
 Source: S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
 Control 41(7), 1996.
@@ -26,15 +26,16 @@ from trimtab.design.stable_inversion import ON_AXIS, BoundedSolution, bounded_so
 
 
 class Course(NamedTuple):
-    """Desired course of outputs. times: (k,) (s).  derivatives: output -> value and derivatives (order + 1, k)."""
+    """Desired trajectory of outputs. times: (k,) (s).  derivatives: output -> value and derivatives (order + 1, k)."""
 
     times: Any
     derivatives: Mapping[str, Any]
 
 
 class Inversion(NamedTuple):
-    """State and input along a course. times: (k,) (s).  x: states (k, n).  u: inputs (k, m).  internal: bounded
-    solution of the internal dynamics.  form: normal form.
+    """State and input along an output trajectory. times: (k,) (s).  x: states (k, n).  u: inputs (k, m).
+
+    internal: bounded solution of the internal dynamics.  form: normal form.
     """
 
     times: Any
@@ -52,9 +53,9 @@ class InternalMode(NamedTuple):
 
 
 def internal_modes(form: NormalForm) -> tuple[tuple[str, ...], tuple[InternalMode, ...]]:
-    """Return the names of a normal form's internal coordinates that are places, and the modes of the other coordinates.
+    """Return the names of the positions among a normal form's internal coordinates, and the modes of the others.
 
-    Places are coordinates, e.g. north, on which no other derivative depends.
+    A position is a coordinate, e.g. north, that enters no derivative except those of other positions.
 
     Raises: InputError if a mode lies on the imaginary axis, because the bounded solution is then not unique.
     """
@@ -78,7 +79,8 @@ def internal_modes(form: NormalForm) -> tuple[tuple[str, ...], tuple[InternalMod
 def smooth_course(
     times: Any, changes: Mapping[str, tuple[float, float]], begin: float, end: float, order: int
 ) -> Course:
-    """Create a course that goes from one value to another between two times, with `order` continuous derivatives.
+    """Create output trajectories that change from one value to another between two times, with `order` continuous
+    derivatives.
 
     Args:
         times: (k,) (s), evenly spaced.
@@ -109,11 +111,11 @@ def smooth_course(
 def invert_output(
     model: StateSpaceModel, course: Course, *, end: tuple[Any, Any] | None = None, tolerance: float = 1e-9
 ) -> Inversion:
-    """Compute the state and input for which all outputs follow a course.
+    """Compute the state and input for which all outputs follow a trajectory.
 
     Args:
-        model: model with as many inputs as outputs; its point is the equilibrium at the beginning of the course.
-        course: course of all outputs at evenly spaced times, each with at least as many derivatives as its relative
+        model: model with as many inputs as outputs; its point is the equilibrium at the beginning of the trajectory.
+        course: trajectory of all outputs at evenly spaced times, each with at least as many derivatives as its relative
             degree.
         end: x (n,), u (m,) of the equilibrium at the end. Default: the internal coordinates end as they begin.
         tolerance: as in `bounded_solution`.
@@ -129,7 +131,7 @@ def invert_output(
         need = ", ".join(f"{n}: {r}" for n, r in degrees)
         raise InputError(
             "course",
-            f"the course needs more derivatives of {short[0]}",
+            f"the trajectory needs more derivatives of {short[0]}",
             fix=f"give at least as many derivatives as the relative degree, {need}",
         )
     xi = np.concatenate([np.asarray(course.derivatives[n])[:r] for n, r in degrees]).T
@@ -159,6 +161,6 @@ def invert_output(
         raise InputError(
             "inversion",
             "no state near the model's point has these outputs and derivatives",
-            fix="make the course slower or smaller",
+            fix="make the change slower or smaller",
         )
     return Inversion(np.asarray(course.times), x, u, solution, form)

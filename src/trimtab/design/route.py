@@ -20,11 +20,11 @@ from trimtab.core.errors import InputError
 from trimtab.design.obstacles import ObstacleFloor, PlanTask
 
 GRID = 0.1
-"""Distance between neighbouring places of the search grid (m)."""
+"""Distance between neighbouring points of the search grid (m)."""
 MARGINS = (0.3, 0.2, 0.12, 0.06)
 """Margins (m) between craft and obstacles, tried in this order. The first margin for which a route exists is used."""
 SPACING = 0.05
-"""Distance between consecutive places of a route (m)."""
+"""Distance between consecutive points of a route (m)."""
 CONTROL = 0.4
 """Distance between the control points of the spline (m)."""
 WEIGHTS = 0.2, 1.0, 0.15
@@ -45,7 +45,8 @@ class Tempo(NamedTuple):
 
 
 class Route(NamedTuple):
-    """Timed route. times: (n,) (s).  places: (n, 2) (m), in W.  margin: distance kept beyond the craft's radius (m)."""
+    """Timed route. times: (n,) (s).  places: points (n, 2) (m), in W.  margin: distance kept beyond the craft's radius
+    (m)."""
 
     times: Any
     places: Any
@@ -53,13 +54,14 @@ class Route(NamedTuple):
 
 
 class _Grid(NamedTuple):
-    """Search grid. places: (rows, columns, 2).  clearance: distance from obstacles of each place (rows, columns)."""
+    """Search grid. places: points (rows, columns, 2).  clearance: distance from obstacles of each point (rows,
+    columns)."""
 
     places: Any
     clearance: Any
 
     def nearest(self, place: Any) -> tuple[int, int]:
-        """Return row and column of the grid point that is nearest to a place."""
+        """Return row and column of the grid point that is nearest to a given point."""
         away = ((self.places - np.asarray(place)) ** 2).sum(axis=2)
         row, column = np.unravel_index(np.argmin(away), away.shape)
         return int(row), int(column)
@@ -177,7 +179,7 @@ def _shortcut(floor: ObstacleFloor, corners: Any, room: float) -> Any:
 
 
 def _resample(places: Any, spacing: float) -> Any:
-    """Return evenly spaced places along the lines between the given places."""
+    """Return evenly spaced points along the lines between the given points."""
     lengths = np.append(0.0, np.cumsum(np.hypot(*np.diff(places, axis=0).T)))
     count = max(int(np.ceil(lengths[-1] / spacing)), 1) + 1
     along = np.linspace(0.0, lengths[-1], count)
@@ -185,7 +187,7 @@ def _resample(places: Any, spacing: float) -> Any:
 
 
 def _smooth(floor: ObstacleFloor, corners: Any, room: float) -> Any:
-    """Return places along a smooth route near the given corners.
+    """Return points along a smooth route near the given corners.
 
     The route is a spline of degree 5 with little curvature and, where possible, extra clearance.
     """
@@ -224,7 +226,7 @@ def _smooth(floor: ObstacleFloor, corners: Any, room: float) -> Any:
 
 
 def _directions(floor: ObstacleFloor, places: Any) -> Any:
-    """Return the gradient (n, 2) of the floor's clearance at the places (n, 2)."""
+    """Return the gradient (n, 2) of the floor's clearance at the points (n, 2)."""
     h = 1e-6
     return np.column_stack(
         [(floor.clearance(places + d) - floor.clearance(places - d)) / (2 * h) for d in h * np.eye(2)]
@@ -232,7 +234,7 @@ def _directions(floor: ObstacleFloor, places: Any) -> Any:
 
 
 def _times(places: Any, tempo: Tempo) -> Any:
-    """Return the time at each place (n,) of a motion from rest to rest, as fast as the tempo allows."""
+    """Return the time at each point (n,) of a motion from rest to rest, as fast as the tempo allows."""
     step = np.hypot(*np.diff(places, axis=0).T)
     turn = np.zeros(len(places))
     direction = np.unwrap(np.arctan2(*np.diff(places, axis=0).T[::-1]))

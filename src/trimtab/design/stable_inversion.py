@@ -7,8 +7,8 @@ on the future, so that the motion begins before its cause. Picard's iteration: w
     zeta' = A zeta + w(t)        w = Psi(t, previous zeta) - A (previous zeta)
 
 exactly for w piecewise linear: the stable part forward from the first instant, the unstable part backward from the last
-instant. Repeat until zeta no longer changes. A place is a coordinate, e.g. north, that enters no derivative except
-those of other places. A place is integrated forward from the first instant.
+instant. Repeat until zeta no longer changes. A position is a coordinate, e.g. north, that enters no derivative except
+those of other positions. It is integrated forward from the first instant.
 
 `solve_steady_response` computes the steady response X, X S = A X + G, of a linear system to a command from an
 exosystem.
@@ -50,8 +50,8 @@ class BoundedSolution(NamedTuple):
     """Bounded solution of the internal dynamics.
 
     zeta: solution (n, k) on the grid.  rates: Psi, the derivative of zeta (n, k).  iterations: number of iterations.
-    changes: largest change in each iteration, relative to the scales.  poles: poles of A without its places, unstable
-    poles last.  unstable: number of unstable poles.  places: indices of the places.
+    changes: largest change in each iteration, relative to the scales.  poles: poles of A without the positions,
+    unstable poles last.  unstable: number of unstable poles.  places: indices of the positions.
     """
 
     zeta: Any
@@ -132,7 +132,7 @@ def bounded_solution(
 
 
 def find_places(A: Any) -> tuple[int, ...]:
-    """Return the indices of places: coordinates, e.g. north, that enter no derivatives except those of places."""
+    """Return the indices of positions: coordinates, e.g. north, that enter no derivatives except those of positions."""
     size = np.abs(np.asarray(A, float))
     size = size > PLACE * max(size.max(initial=0.0), np.finfo(float).tiny)
     places: list[int] = []

@@ -91,9 +91,9 @@ class TangentPlane:
     Source:  Groves, 2nd ed., section 2.1.3.
     """
 
-    latitude: Scalar = quantity("rad", "Geodetic latitude of the origin of W.", kind="angle")
-    longitude: Scalar = quantity("rad", "Longitude of the origin of W.", kind="angle")
-    height: Scalar = quantity("m", "Height of the origin of W above the ellipsoid.", default=0.0)
+    latitude: Scalar = quantity("rad", "Geodetic latitude of the origin of the world frame W.", kind="angle")
+    longitude: Scalar = quantity("rad", "Longitude of the origin of the world frame W.", kind="angle")
+    height: Scalar = quantity("m", "Height of the origin of the world frame W above the ellipsoid.", default=0.0)
 
     def to_ned(self, latitude: Any, longitude: Any, height: Any) -> Any:
         """Return north, east, down (3,) (m) of a geodetic position."""

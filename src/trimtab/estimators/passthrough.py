@@ -28,7 +28,7 @@ class Passthrough:
         return ()
 
     def step(self, t: Any, state: tuple[()], frame: Frame) -> tuple[tuple[()], Estimate]:
-        """Return the value of the newest sample as the estimate, which is valid from the first sample on."""
+        """Return the value of the newest sample as the estimate. The estimate is valid from the first sample on."""
         newest = frame.samples[self.sensor]
         age = to_seconds(t - newest.t)
         return state, Estimate(t=t, age=age, fresh=newest.fresh, valid=newest.valid, state=newest.value)

@@ -62,7 +62,7 @@ class Slider(NamedTuple):
 
 
 class WebFlight(NamedTuple):
-    """Closed loop for a browser. program: WebAssembly. about: data for the page, which can be stored as JSON."""
+    """Closed loop for a browser. program: WebAssembly. about: data for the page, in types that JSON has."""
 
     program: bytes
     about: dict[str, Any]

@@ -7,7 +7,7 @@
 
 The far end appends its timer reading to a request, and sends the request back. Bytes outside messages are skipped.
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5,
-for the experiment; header, ids and units are reconstructed.
+for the experiment; header, ids and units are our own choice.
 """
 
 import hashlib

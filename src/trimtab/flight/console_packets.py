@@ -1,7 +1,7 @@
 """Packets between a flight and its console: a letter for the kind of packet, then the content.
 
-After ROW follows a row in the form in which the page gets it: HEAD, then a float32 for each signal. After TEXT follows
-a JSON object.
+The letter ROW is followed by a row as the page receives it: HEAD, then a float32 for each signal. The letter TEXT is
+followed by a JSON object.
 Source: docs page, Protocol of the console.
 """
 

@@ -54,7 +54,8 @@ def is_on_globe(place: Place) -> bool:
 
 
 class Globe:
-    """Converter from positions in W to geographic positions, and MAVLink service that sets the origin of W."""
+    """Converter from positions in the world frame W to geographic positions, and MAVLink service that sets W's
+    origin."""
 
     names: Collection[str] = (SET_ORIGIN,)
 

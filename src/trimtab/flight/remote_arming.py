@@ -41,7 +41,8 @@ class RemoteArming:
         self._end_time: int | None = None
         """Time at which the vehicle reported that it had disarmed because its own run ended."""
         self.owner = 0
-        """Session of the autopilot that flies the vehicle, as last reported; 0: none, or not reported."""
+        """Session number of the autopilot that flies the vehicle, as last reported; 0 without an owner or a
+        report."""
         self.has_authority = self._takes_over = False
         """has_authority: the vehicle accepts this autopilot as its owner."""
         self._request: float | None = None
@@ -100,7 +101,10 @@ class RemoteArming:
         self.armed = armed
 
     def handle_acknowledgement(self, command: int, is_accepted: bool, owner: int) -> None:
-        """Handle the vehicle's answer to a command. owner: session of the vehicle's owner; 0: none, or not reported."""
+        """Handle the vehicle's answer to a command.
+
+        owner: session number of the autopilot that owns the vehicle; 0 if it has no owner or does not report one.
+        """
         if command in OWNED_COMMANDS:
             self._follow_owner(owner)
         is_ours = owner in (0, self._endpoint.session)  # else the answer is for another autopilot with the same id

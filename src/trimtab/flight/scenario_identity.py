@@ -1,7 +1,7 @@
 """Identity of a scenario: the settings on which autopilot and vehicle must agree before a flight, as text by path.
 
-The identity leaves out law and supervisor, which concern the autopilot only, the links, which the real link replaces,
-and faults, which concern the vehicle only.
+The identity leaves out law and supervisor, because they concern the autopilot only; the links, because the real link
+replaces them; and faults, because they concern the vehicle only.
 Source: docs page, Fly.
 """
 

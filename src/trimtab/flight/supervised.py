@@ -12,11 +12,12 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import ENDED, FLYING, HOLD, LINK, LOST, REQUESTS, STANDBY
 
 REQUEST_MODES = {"arm": FLYING, "hold": HOLD, "resume": FLYING, "end": ENDED, "clear": STANDBY}
-"""Mode to which each request leads. A request for the active mode, e.g. after a lost acknowledgement, is ignored."""
+"""Mode to which each request to the supervisor leads. A request for the active mode, e.g. after a lost acknowledgement,
+is ignored."""
 
 
 class CompiledSupervisor:
-    """Supervisor of a compiled step. In a step without a supervisor, requests have no effect."""
+    """Supervisor of a compiled step. If the step has no supervisor, requests to it (arm, hold, end …) are ignored."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
         """step: the compiled autopilot of this scenario."""
@@ -44,11 +45,11 @@ class CompiledSupervisor:
 
     @property
     def is_asked(self) -> bool:
-        """True while a request waits for the next step. A step takes one request."""
+        """True while a request to the supervisor waits for the next step. A step takes one request."""
         return self._request is not None
 
     def request(self, request: str) -> None:
-        """Make a request in the next step, unless the supervisor is already in the requested mode."""
+        """Make a request to the supervisor in the next step, unless the supervisor is already in the requested mode."""
         self._request = None if self.mode in (None, REQUEST_MODES[request]) else request
 
     def set_inputs(self, t: int) -> None:

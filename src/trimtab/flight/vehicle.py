@@ -61,7 +61,8 @@ class VehicleSummary(NamedTuple):
     lateness: Histogram
     log: LogFileSummary | None
     problems: tuple[str, ...]
-    """Problems listed in the JSON report: failsafes, outputs that went safe on their own, a lost log."""
+    """Problems listed in the JSON report: failsafes, outputs that switched to their safe values on their own,
+    a lost log."""
 
 
 class VehicleRows:

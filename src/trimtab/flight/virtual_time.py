@@ -3,7 +3,7 @@
 Each program (vehicle, outputs, autopilot, ground station, injector, attacker) is a thread. A thread runs only while it
 holds the baton. It hands the baton over when it waits, in `Clock.wait`. The earliest packet, deadline or action is
 next. Simultaneous events are ordered by kind, then by the order in which their programs were started. So one seed gives
-one course of events, however fast the machine is.
+one sequence of events, however fast the machine is.
 
 While a program runs, it can be frozen, killed or kept busy, and its wall clock can be stepped.
 Source: docs page, Testing; J. Zhou et al., "FoundationDB", SIGMOD 2021, section 4 (simulation of a whole system).

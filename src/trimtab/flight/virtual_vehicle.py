@@ -96,7 +96,7 @@ class VirtualVehicle:
 
 
 def instants(periods: list[int], max_step: int) -> Iterator[int]:
-    """Yield all instants from 0 on at which a period is due, with gaps over max_step split evenly."""
+    """Yield all multiples of the periods from 0 on, with gaps over max_step split evenly."""
     t, distinct = 0, sorted(set(periods))
     yield 0
     while True:

@@ -1,4 +1,4 @@
-"""State feedback about a precomputed course. A course is a table of reference states and inputs over time."""
+"""State feedback about a precomputed trajectory: a table of reference states and inputs over time."""
 
 from typing import Any
 
@@ -24,39 +24,39 @@ class CourseTrackingState:
 
 @record
 class CourseTracking:
-    """Law with feedforward and feedback: the input of the course, plus a gain on the deviation from the course.
+    """Law with feedforward and feedback: the input of a trajectory, plus a gain on the deviation from the trajectory.
 
         u = u_d(t) + K (x - x_d(t)) + L z
 
-    x_d and u_d are linear between the nodes of the course, and constant before the first and after the last node. If
-    the output is non-minimum phase, x_d moves before the output (`design.output_inversion`). A course is valid only for
-    the vehicle for which it was computed.
+    x_d and u_d are linear between the nodes of the trajectory, and constant before the first and after the last node.
+    If the output is non-minimum phase, x_d moves before the output (`design.output_inversion`). A trajectory is valid
+    only for the vehicle for which it was computed.
 
     Frames:  those of the state fields.
-    Valid:   near the course, if the gain stabilises the vehicle along the whole course. Quaternions are interpolated
+    Valid:   near the trajectory, if the gain stabilises the vehicle along all of it. Quaternions are interpolated
              element by element, so neighbouring nodes must differ by a small rotation.
     Source:  S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
              Control 41(7), 1996, section IV.
     """
 
     feedback: StateFeedback = part(
-        "State feedback on the deviation from the course. Its x0 and u0 are the first point of the course.",
+        "State feedback on the deviation from the trajectory. Its x0 and u0 are the first point of the trajectory.",
         default=StateFeedback(),
     )
     x: Any = quantity(
         "1",
-        "Reference state x_d at the k nodes of the course (k, n), with columns in the order of the feedback's x0.",
+        "Reference state x_d at the k nodes of the trajectory (k, n), with columns in the order of the feedback's x0.",
         default=np.zeros((2, 4)),
     )
     du: Any = quantity(
         "1",
-        "Reference input u_d minus the feedback's u0, at the k nodes of the course (k, m).",
+        "Reference input u_d minus the feedback's u0, at the k nodes of the trajectory (k, m).",
         default=np.zeros((2, 2)),
     )
-    spacing: Scalar = quantity("s", "Time between two nodes of the course.", default=0.1, above=0)
+    spacing: Scalar = quantity("s", "Time between two nodes of the trajectory.", default=0.1, above=0)
 
     def check(self) -> None:
-        """Raise InputError if the shapes of course and gain do not match."""
+        """Raise InputError if the shapes of trajectory and gain do not match."""
         self.feedback.check()
         k, n, m = len(self.x), np.size(self.feedback.x0), np.shape(self.feedback.K)[0]
         if k < 2 or np.shape(self.x) != (k, n) or np.shape(self.du) != (k, m):
@@ -69,7 +69,7 @@ class CourseTracking:
         return self.feedback.reads
 
     def init(self, key: Any) -> CourseTrackingState:
-        """Return the initial state, at the start of the course."""
+        """Return the initial state, at the start of the trajectory."""
         return CourseTrackingState(jnp.asarray(0.0), self.feedback.init(key))
 
     def step(

@@ -36,7 +36,7 @@ class HeadingLawState:
     """State of a heading law. Source: [1] section 2.3."""
 
     mode: Scalar = quantity("1", "Active mode of the law: damp or turn.", kind="mode", modes=("damp", "turn"))
-    switches: Scalar = quantity("1", "Number of switches between the modes damp and turn.", kind="count")
+    switches: Scalar = quantity("1", 'Number of switches between the modes "damp" and "turn".', kind="count")
     spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first turn.", frame="B")
 
 
@@ -46,13 +46,13 @@ class HeadingOutput:
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Active mode of the law: damp or turn.", kind="mode", modes=("damp", "turn"))
-    switches: Scalar = quantity("1", "Number of switches between the modes damp and turn.", kind="count")
+    switches: Scalar = quantity("1", 'Number of switches between the modes "damp" and "turn".', kind="count")
     spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first turn.", frame="B")
     heading_error: Scalar = quantity(
         "rad", "Heading error: heading minus target heading, wrapped according to the option `wrapping`."
     )
     lyapunov: Scalar = quantity(
-        "J", "Lyapunov function: V in the mode damp, W about the present reference in the mode turn."
+        "J", 'Lyapunov function: V in mode "damp", W about the present reference in mode "turn".'
     )
     provision: Scalar = quantity(
         "rad/s", "Yaw rate magnitude above which a new reference, with the sign of the present one, is safe."
@@ -60,7 +60,7 @@ class HeadingOutput:
 
 
 def heading_error(wrapping: str, heading: Any, target: Any) -> Any:
-    """Return the heading error e (rad), heading minus target. Source: [1] figure 6.11 ("modulo", reconstructed)."""
+    """Return the heading error e (rad), heading minus target. Source: [1] figure 6.11, which fits "modulo"."""
     if wrapping == "shortest":
         return wrap(heading - target)
     return (wrap_positive(heading) if wrapping == "modulo" else heading) - target
@@ -127,7 +127,7 @@ class HeadingBangBang:
         turn:  ConstantSpin at r_ref. Then damp once |e| <= tolerance or e r_ref > 0 (target passed between two
                samples; this exit is reconstructed, see docs Errata).                              [1, section 2.3.3]
 
-    Ends:    by chattering at the edge of the tolerance, because the heading drifts in the mode damp.
+    Ends:    by chattering at the edge of the tolerance, because the heading drifts in mode "damp".
     Valid:   turn_rate of about 1 rad/s. A faster turn overshoots the target. At 1.5 rad/s one ideal run in a thousand
              oscillates by 120 degrees for ever, at 3 rad/s every third run.
     Source:  [1] section 2.3.3; gains [1] tables 6.1 and 6.4, reconstructed. The default turn_rate is our own choice.
@@ -145,9 +145,9 @@ class HeadingBangBang:
         above=0,
         source="[1] 6.1.6",
     )
-    damping: ZeroVelocity = part("Law used in the mode damp.", default=ZeroVelocity())
+    damping: ZeroVelocity = part('Law used in mode "damp".', default=ZeroVelocity())
     turning: ConstantSpin = part(
-        "Law used in the mode turn. Its parameter `reference` is ignored.", default=ConstantSpin()
+        'Law used in mode "turn". Its parameter `reference` is ignored.', default=ConstantSpin()
     )
     wrapping: str = option(WRAPPING, default="shortest", choices=("shortest", "none", "modulo"))
 
@@ -156,7 +156,7 @@ class HeadingBangBang:
         _check_law("HeadingBangBang", self)
 
     def init(self, key: Any) -> HeadingLawState:
-        """Return the initial state, in the mode damp."""
+        """Return the initial state, in mode "damp"."""
         return _first_state()
 
     def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:
@@ -199,7 +199,7 @@ class HeadingProportional:
         source="[1] 6.1.6",
     )
     floor: Scalar = quantity(
-        "rad/s", "Minimum magnitude of the yaw rate reference in the form floored.", default=0.8, above=0
+        "rad/s", "Minimum magnitude of the yaw rate reference. Used only with form='floored'.", default=0.8, above=0
     )
     margin: Scalar = quantity(
         "1",
@@ -208,13 +208,13 @@ class HeadingProportional:
         above=0,
         high=1,
     )
-    damping: ZeroVelocity = part("Law used in the mode damp.", default=ZeroVelocity())
+    damping: ZeroVelocity = part('Law used in mode "damp".', default=ZeroVelocity())
     turning: ConstantSpin = part(
-        "Law used in the mode turn. Its parameter `reference` is ignored.", default=ConstantSpin()
+        'Law used in mode "turn". Its parameter `reference` is ignored.', default=ConstantSpin()
     )
     wrapping: str = option(WRAPPING, default="shortest", choices=("shortest", "none", "modulo"))
     form: str = option(
-        "Form of the law: literal as published, or floored, which avoids the bad limit point.",
+        "Variant of the law: literal, as published; or floored, to avoid the bad limit point.",
         default="floored",
         choices=("floored", "literal"),
     )
@@ -224,7 +224,7 @@ class HeadingProportional:
         _check_law("HeadingProportional", self)
 
     def init(self, key: Any) -> HeadingLawState:
-        """Return the initial state, in the mode damp."""
+        """Return the initial state, in mode "damp"."""
         return _first_state()
 
     def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:

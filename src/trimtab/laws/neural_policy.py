@@ -93,7 +93,7 @@ def _check_network(name: str, network: Network) -> None:
 
 
 def observe(wanted: SpatialPoint, x: Any, gravity: Any) -> Any:
-    """Return the inputs of the network (18,), all in B, so that they do not depend on place or compass direction.
+    """Return the inputs of the network (18,), all in B, so that they do not depend on position or compass direction.
 
     The inputs are: position error (m), velocity error (m/s), angular rate (rad/s), apparent vertical under the
     reference acceleration (g), direction of the reference heading, and reference jerk (m/s^3).

@@ -54,7 +54,7 @@ class PathTrackingOutput:
 class _Errors(NamedTuple):
     """Errors of P, (2,) in W: position e (m), velocity v (m/s).
 
-    acceleration, jerk: of the reference, minus those that drag causes.  heading: of the craft (rad).
+    acceleration, jerk: those of the reference, minus those that drag causes.  heading: heading of the craft (rad).
     """
 
     e: Any

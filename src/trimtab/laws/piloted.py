@@ -1,8 +1,8 @@
 """Law of a piloted hovercraft: the stick commands the thrust, the velocity in the body, or the velocity over the floor.
 The fan is at the tail, so sway has no actuator of its own. Without drag a steady turn at speed V and rate w needs the
 force m V w across the path, and the only steady force without a torque is along the nose: in a steady turn the nose
-points to the centre of the circle. In the mode damped the pilot has to turn the nose to the centre. In the mode
-assisted the law turns it.
+points to the centre of the circle. In mode "damped" the pilot has to turn the nose to the centre. In mode "assisted"
+the law turns it.
 
 Source: own derivation, except for the damping, which is from [1] Z. Kulis, "Feedback control of a hovercraft over a
 wireless link", University of Maryland, 2006, section 2.2.
@@ -24,7 +24,7 @@ MANUAL, DAMPED, ASSISTED = range(len(STICK_MODES))
 LONGEST_STEP = ms(100)
 """Longest time between two steps. After a longer pause the references restart at the vehicle's present motion."""
 TURN_DEAD_ZONE = 0.2
-"""Reference yaw rate (rad/s) above which the mode damped ignores sway."""
+"""Reference yaw rate (rad/s) above which mode "damped" ignores sway."""
 REVERSE_SWAY = -0.5
 """Weight s of sway while moving backward. Sway is damped for weights between 0 and -m d^2/J = -2.8."""
 REVERSE_SPEED = 0.1
@@ -46,10 +46,10 @@ class PilotedState:
     mode: Scalar = quantity("1", "Mode that the stick selected at the last step.", kind="mode", modes=STICK_MODES)
     began: Scalar = quantity("1", "True after the first step.", kind="flag")
     speed: Scalar = quantity(
-        "m/s", "Reference of surge velocity (mode damped) or of speed along the course (mode assisted)."
+        "m/s", 'Reference of surge velocity (mode "damped") or of speed along the course (mode "assisted").'
     )
     rate: Scalar = quantity(
-        "rad/s", "Reference of yaw rate (mode damped) or of the course's rate of turn (mode assisted)."
+        "rad/s", 'Reference of yaw rate (mode "damped") or of the rate of turn of the course (mode "assisted").'
     )
     course: Scalar = quantity("rad", "Reference course, clockwise from north, not wrapped.", kind="angle")
     backing: Scalar = quantity(
@@ -68,20 +68,20 @@ class PilotedOutput:
     )
     speed_reference: Scalar = quantity(
         "m/s",
-        "Reference of surge velocity (mode damped) or of speed along the course (mode assisted); 0 in mode manual.",
+        'Reference of surge velocity (mode "damped") or of speed along the course (mode "assisted"); else 0.',
     )
     rate_reference: Scalar = quantity(
         "rad/s",
-        "Reference of yaw rate (mode damped) or of the course's rate of turn (mode assisted); 0 in mode manual.",
+        'Reference of yaw rate (mode "damped") or of the rate of turn of the course (mode "assisted"); else 0.',
     )
     course_reference: Scalar = quantity(
-        "rad", "Reference course in the mode assisted; the heading of the nose in other modes.", kind="angle"
+        "rad", 'Reference course in mode "assisted"; the heading of the nose in other modes.', kind="angle"
     )
     heading_reference: Scalar = quantity(
-        "rad", "Reference heading of the nose in the mode assisted; the actual heading in other modes.", kind="angle"
+        "rad", 'Reference heading of the nose in mode "assisted"; the actual heading in other modes.', kind="angle"
     )
     velocity_error: Scalar = quantity(
-        "m/s", "Velocity error in the mode assisted; surge velocity error in the mode damped; 0 in the mode manual."
+        "m/s", 'Velocity error in mode "assisted"; surge velocity error in mode "damped"; 0 in mode "manual".'
     )
 
 
@@ -132,63 +132,63 @@ class Piloted:
 
     reads: ClassVar[tuple[str, ...]] = (*VELOCITIES, "heading")
 
-    thrust: Scalar = quantity("N", "Force at full forward stick in the mode manual.", default=1.2, above=0)
+    thrust: Scalar = quantity("N", 'Force at full forward stick in mode "manual".', default=1.2, above=0)
     deflection: Scalar = quantity(
-        "rad", "Angle of the force at full turn in the mode manual.", default=0.36, above=0, high=1.5
+        "rad", 'Angle of the force at full turn in mode "manual".', default=0.36, above=0, high=1.5
     )
     surge_range: Scalar = quantity(
-        "m/s", "Surge velocity at full forward stick in the mode damped.", default=0.8, above=0
+        "m/s", 'Surge velocity at full forward stick in mode "damped".', default=0.8, above=0
     )
-    yaw_range: Scalar = quantity("rad/s", "Yaw rate at full turn in the mode damped.", default=1.5, above=0)
-    speed_range: Scalar = quantity("m/s", "Speed at full forward stick in the mode assisted.", default=0.8, above=0)
+    yaw_range: Scalar = quantity("rad/s", 'Yaw rate at full turn in mode "damped".', default=1.5, above=0)
+    speed_range: Scalar = quantity("m/s", 'Speed at full forward stick in mode "assisted".', default=0.8, above=0)
     course_range: Scalar = quantity(
-        "rad/s", "Rate of turn of the course at full turn in the mode assisted.", default=0.6, above=0
+        "rad/s", 'Rate of turn of the course at full turn in mode "assisted".', default=0.6, above=0
     )
     acceleration: Scalar = quantity("m/s^2", "Maximum acceleration of the speed reference.", default=0.3, above=0)
     yaw_acceleration: Scalar = quantity(
-        "rad/s^2", "Maximum acceleration of the yaw rate reference in the mode damped.", default=1.0, above=0
+        "rad/s^2", 'Maximum acceleration of the yaw rate reference in mode "damped".', default=1.0, above=0
     )
     course_acceleration: Scalar = quantity(
         "rad/s^2",
-        "Maximum acceleration of the reference of the course's rate of turn in the mode assisted.",
+        'Maximum acceleration of the reference of the rate of turn of the course in mode "assisted".',
         default=0.3,
         above=0,
     )
     turn_acceleration: Scalar = quantity(
         "m/s^2",
-        "Maximum lateral acceleration, speed times the course's rate of turn, in the mode assisted.",
+        'Maximum lateral acceleration, speed times rate of turn of the course, in mode "assisted".',
         default=0.35,
         above=0,
     )
-    k1: Scalar = quantity("kg/s", "Gain of the surge velocity error in the mode damped.", default=2.0, above=0)
-    k2: Scalar = quantity("kg/s", "Gain of sway velocity and yaw rate error in the mode damped.", default=2.5, above=0)
-    k: Scalar = quantity("1/s", "Gain of the velocity error in the mode assisted.", default=0.8, above=0)
-    kh: Scalar = quantity("1/s", "Heading gain in the mode assisted: yaw rate per heading error.", default=1.0, above=0)
+    k1: Scalar = quantity("kg/s", 'Gain of the surge velocity error in mode "damped".', default=2.0, above=0)
+    k2: Scalar = quantity("kg/s", 'Gain of sway velocity and yaw rate error in mode "damped".', default=2.5, above=0)
+    k: Scalar = quantity("1/s", 'Gain of the velocity error in mode "assisted".', default=0.8, above=0)
+    kh: Scalar = quantity("1/s", 'Heading gain in mode "assisted": yaw rate per heading error.', default=1.0, above=0)
     kr: Scalar = quantity(
-        "1/s", "Yaw rate gain in the mode assisted: yaw acceleration per yaw rate error.", default=3.0, above=0
+        "1/s", 'Yaw rate gain in mode "assisted": yaw acceleration per yaw rate error.', default=3.0, above=0
     )
-    turn_rate: Scalar = quantity("rad/s", "Maximum yaw rate in the mode assisted.", default=1.0, above=0)
-    push: Scalar = quantity("N", "Maximum forward force in the mode assisted.", default=1.4, above=0)
-    pull: Scalar = quantity("N", "Maximum backward force in the mode assisted.", default=0.7, above=0)
-    swing: Scalar = quantity("N", "Maximum force to the side in the mode assisted.", default=0.4, above=0)
+    turn_rate: Scalar = quantity("rad/s", 'Maximum yaw rate in mode "assisted".', default=1.0, above=0)
+    push: Scalar = quantity("N", 'Maximum forward force in mode "assisted".', default=1.4, above=0)
+    pull: Scalar = quantity("N", 'Maximum backward force in mode "assisted".', default=0.7, above=0)
+    swing: Scalar = quantity("N", 'Maximum force to the side in mode "assisted".', default=0.4, above=0)
     nose_force: Scalar = quantity(
         "N",
-        "Demanded force at which the nose turns from the course to the force, in the mode assisted.",
+        'Demanded force at which the nose turns from the course to the force, in mode "assisted".',
         default=0.35,
         above=0,
     )
     nose_dead_zone: Scalar = quantity(
-        "N", "Demanded force below which the nose does not turn, in the mode assisted.", default=0.03, low=0
+        "N", 'Demanded force below which the nose does not turn, in mode "assisted".', default=0.03, low=0
     )
     leash: Scalar = quantity(
-        "m/s", "Velocity error at which the references stop changing, in the mode assisted.", default=0.4, above=0
+        "m/s", 'Velocity error at which the references stop changing, in mode "assisted".', default=0.4, above=0
     )
     stick_timeout: Scalar = quantity("s", "Maximum age of a stick sample.", default=0.3, above=0)
     stick: str = option("Name of the sensor that provides the pilot's stick input.", default="stick")
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def init(self, key: Any) -> PilotedState:
-        """Return the initial state, in the mode damped."""
+        """Return the initial state, in mode "damped"."""
         zero, no = np.asarray(0.0), np.asarray(False)
         return PilotedState(
             t=np.asarray(0, np.int64),

@@ -101,32 +101,32 @@ class Pose:
     heading: Scalar = quantity("rad", "Target heading of the nose.", kind="angle", default=0.0)
     k: Scalar = quantity("1/s", "Gain k of the velocity error of the centre of percussion.", default=2.0, above=0)
     c: Scalar = quantity("1/s", "Gain c: commanded speed per remaining distance.", default=0.5, above=0)
-    speed: Scalar = quantity("m/s", "Maximum commanded speed in the step go.", default=0.6, above=0)
+    speed: Scalar = quantity("m/s", 'Maximum commanded speed in step "go".', default=0.6, above=0)
     kh: Scalar = quantity("1/s", "Heading gain: yaw rate per heading error.", default=1.5, above=0)
     kr: Scalar = quantity("1/s", "Yaw rate gain: yaw acceleration per yaw rate error.", default=6.0, above=0)
     turn_rate: Scalar = quantity("rad/s", "Maximum yaw rate.", default=1.5, above=0)
-    aligned: Scalar = quantity("rad", "Heading error below which the step go starts.", default=0.001, above=0)
-    near: Scalar = quantity("m", "Remaining distance below which the step hold starts.", default=0.01, above=0)
+    aligned: Scalar = quantity("rad", 'Heading error below which step "go" starts.', default=0.001, above=0)
+    near: Scalar = quantity("m", 'Remaining distance below which step "hold" starts.', default=0.01, above=0)
     rest_speed: Scalar = quantity("m/s", "Speed below which the craft counts as at rest.", default=1e-3, above=0)
     far: Scalar = quantity(
-        "m", "Remaining distance above which the step hold ends and a new round begins.", default=0.1, above=0
+        "m", 'Remaining distance above which step "hold" ends and a new round begins.', default=0.1, above=0
     )
     leave_speed: Scalar = quantity(
-        "m/s", "Speed above which the step hold ends and a new round begins.", default=0.1, above=0
+        "m/s", 'Speed above which step "hold" ends and a new round begins.', default=0.1, above=0
     )
-    swing: Scalar = quantity("rad", "Maximum swing angle of the nose in the step hold.", default=0.025, above=0)
-    f: Scalar = quantity("rad/s", "Angular frequency of the nose's swing in the step hold.", default=3.0, above=0)
-    h: Scalar = quantity("1/s", "Decay rate h of the lateral error in the step hold.", default=0.3, above=0)
+    swing: Scalar = quantity("rad", 'Maximum swing angle of the nose in step "hold".', default=0.025, above=0)
+    f: Scalar = quantity("rad/s", 'Angular frequency of the swing of the nose in step "hold".', default=3.0, above=0)
+    h: Scalar = quantity("1/s", 'Decay rate h of the lateral error in step "hold".', default=0.3, above=0)
     s0: Scalar = quantity(
         "m/s^2",
-        "Demanded lateral acceleration s above which the swing has its maximum angle, in the step hold.",
+        'Demanded lateral acceleration s above which the swing has its maximum angle, in step "hold".',
         default=1e-3,
         above=0,
     )
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Raise InputError if the step hold would end as soon as it begins."""
+        """Raise InputError if step "hold" would end as soon as it begins."""
         for inner, outer in (("near", "far"), ("rest_speed", "leave_speed")):
             low, high = np.asarray(getattr(self, inner)), np.asarray(getattr(self, outer))
             if not np.all(low < high):
@@ -140,7 +140,7 @@ class Pose:
                 )
 
     def init(self, key: Any) -> PoseState:
-        """Return the initial state, in the step brake."""
+        """Return the initial state, in step "brake"."""
         zero = np.asarray(0, np.int32)
         return PoseState(mode=zero, nose=np.asarray(0.0), rounds=np.asarray(1, np.int32))
 
@@ -171,7 +171,7 @@ class Pose:
 
     def _swing(self, t: Any, now: PoseState, heading: Any, way: Any, v: Any) -> "tuple[_Swing, Any]":
         """Return the nose's swing, and the thrust acceleration (m/s^2) that moves P sideways. Both are zero outside
-        the step hold.
+        step "hold".
         """
         across = planar(self.heading)[:, 1]
         s = jnp.where(now.mode == HOLD, self.h**2 * (across @ way) - 2 * self.h * (across @ v), 0.0)

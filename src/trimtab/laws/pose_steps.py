@@ -2,7 +2,7 @@
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
 section 2.3.1, which describes the steps in words. The parameter values, and the conditions that end a step, are
-reconstructed (docs page).
+our own choice (docs page).
 """
 
 from typing import Any, ClassVar
@@ -33,7 +33,7 @@ class PoseStepsState:
         "Bearing of the target position when it was last computed, clockwise from north.",
         kind="angle",
     )
-    turning: HeadingLawState = part("State of the heading law that is used in the steps align and final.")
+    turning: HeadingLawState = part('State of the heading law that is used in the steps "align" and "final".')
     rounds: Scalar = quantity("1", "Number of times that the vector to the target position was computed.", kind="count")
 
 
@@ -46,11 +46,11 @@ class PoseStepsOutput:
     rounds: Scalar = quantity("1", "Number of times that the vector to the target position was computed.", kind="count")
     heading_reference: Scalar = quantity(
         "rad",
-        "Bearing of the target position in the steps align and move; target heading in other steps.",
+        'Bearing of the target position in the steps "align" and "move"; target heading in other steps.',
         kind="angle",
     )
     distance: Scalar = quantity("m", "Distance of the centre of mass from its target position.")
-    speed_reference: Scalar = quantity("m/s", "Speed reference in the step move; 0 in other steps.")
+    speed_reference: Scalar = quantity("m/s", 'Speed reference in step "move"; 0 in other steps.')
 
 
 @record
@@ -80,34 +80,34 @@ class PoseBySteps:
         "rad", "Heading error below which the heading counts as reached.", default=10 * DEG, above=0
     )
     speed_gain: Scalar = quantity(
-        "1/s", "Speed gain: commanded speed per remaining distance, in the step move.", default=0.35, above=0
+        "1/s", 'Speed gain: commanded speed per remaining distance, in step "move".', default=0.35, above=0
     )
-    least_speed: Scalar = quantity("m/s", "Minimum commanded speed in the step move.", default=0.1, above=0)
-    most_speed: Scalar = quantity("m/s", "Maximum commanded speed in the step move.", default=0.6, above=0)
-    passed: Scalar = quantity("m", "Remaining distance along the nose at which the step move ends.", default=0.1, low=0)
+    least_speed: Scalar = quantity("m/s", 'Minimum commanded speed in step "move".', default=0.1, above=0)
+    most_speed: Scalar = quantity("m/s", 'Maximum commanded speed in step "move".', default=0.6, above=0)
+    passed: Scalar = quantity("m", 'Remaining distance along the nose at which step "move" ends.', default=0.1, low=0)
     off_course: Scalar = quantity(
         "rad",
-        "Bearing error at which the step move ends, while the remaining distance is above twice `near`.",
+        'Bearing error at which step "move" ends, while the remaining distance is above twice `near`.',
         default=0.6,
         above=0,
     )
     margin: Scalar = quantity(
         "1",
-        "Kinetic energy below which the step stop ends, as a fraction of the switching energy.",
+        'Kinetic energy below which step "stop" ends, as a fraction of the switching energy.',
         default=0.3,
         above=0,
         high=1,
     )
     turn: HeadingBangBang = part(
-        "Law used in the steps align and final. Its parameter `target` is ignored.", default=HeadingBangBang()
+        'Law used in the steps "align" and "final". Its parameter `target` is ignored.', default=HeadingBangBang()
     )
     forward: ForwardMomentum = part(
-        "Law used in the step move. Its parameter `reference` is ignored.", default=ForwardMomentum(k1=2.0, k2=9.0)
+        'Law used in step "move". Its parameter `reference` is ignored.', default=ForwardMomentum(k1=2.0, k2=9.0)
     )
-    damping: ZeroVelocity = part("Law used in the steps stop and hold.", default=ZeroVelocity())
+    damping: ZeroVelocity = part('Law used in the steps "stop" and "hold".', default=ZeroVelocity())
 
     def init(self, key: Any) -> PoseStepsState:
-        """Return the initial state, in the step compute."""
+        """Return the initial state, in step "compute"."""
         return PoseStepsState(
             mode=np.asarray(COMPUTE, np.int32),
             bearing=np.asarray(0.0),

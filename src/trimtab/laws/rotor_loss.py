@@ -91,7 +91,7 @@ class RotorLossTracking:
 
     @property
     def reference(self) -> Any:
-        """Return the reference of the law `nominal`, which is used while all rotors work."""
+        """Return the reference of `nominal`, the law that is used while all rotors work."""
         return self.nominal.reference
 
     def init(self, key: Key) -> RotorLossState:

@@ -53,7 +53,8 @@ class Separation:
              -e.u_j. So h_ij(t + dt) >= (1 - a dt) h_ij(t) >= 0. (docs page, tests)
     Assumes: messages are true at their time stamps; clocks agree to within a slot's margin; all vehicles nearby are in
              the swarm.
-    Not proven: that the body stays near its point, which is measured; that every craft reaches its target.
+    Not proven: that the body stays near its point (simulations measure its distance); that every craft reaches its
+             target.
     Source:  own derivation. Each of two craft may use half of the rate a: L. Wang, A. Ames, M. Egerstedt, IEEE Trans.
              Robotics 33 (2017) 661; barriers in discrete time: A. Agrawal, K. Sreenath, RSS 2017.
     """

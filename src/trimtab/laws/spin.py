@@ -120,7 +120,7 @@ class SupervisedSpinOutput:
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Active mode of the law: brake or spin.", kind="mode", modes=("brake", "spin"))
     switches: Scalar = quantity("1", "Number of switches from brake to spin: 0 or 1.", kind="count")
-    lyapunov: Scalar = quantity("J", "Lyapunov function: V in the mode brake, W in the mode spin.")
+    lyapunov: Scalar = quantity("J", 'Lyapunov function: V in mode "brake", W in mode "spin".')
 
 
 @record
@@ -136,9 +136,9 @@ class SupervisedSpin:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    braking: ZeroVelocity = part("Law used in the mode brake.", default=ZeroVelocity())
+    braking: ZeroVelocity = part('Law used in mode "brake".', default=ZeroVelocity())
     spinning: ConstantSpin = part(
-        "Law used in the mode spin. Its parameter `reference` is the commanded yaw rate.", default=ConstantSpin()
+        'Law used in mode "spin". Its parameter `reference` is the commanded yaw rate.', default=ConstantSpin()
     )
     threshold: str = option(
         "Energy at which the law switches: as published, or sharp (1.74 times as large for the default model).",
@@ -147,7 +147,7 @@ class SupervisedSpin:
     )
 
     def init(self, key: Any) -> SpinSupervisorState:
-        """Return the initial state, in the mode brake."""
+        """Return the initial state, in mode "brake"."""
         return SpinSupervisorState(mode=np.asarray(BRAKE, np.int32), switches=np.asarray(0, np.int32))
 
     def step(

@@ -56,22 +56,24 @@ class SwingUp:
         "s/(kg m)", "Gain k of the energy control: cart acceleration per energy and pole rate.", default=8.0, above=0
     )
     n: Scalar = quantity("1", "Maximum acceleration n of the energy control, in g.", default=0.6, above=0)
-    k_x: Scalar = quantity("1/s^2", "Centring gain k_x of the cart's position in the mode swing.", default=0.6, low=0)
-    k_v: Scalar = quantity("1/s", "Centring gain k_v of the cart's speed in the mode swing.", default=0.6, low=0)
+    k_x: Scalar = quantity(
+        "1/s^2", 'Gain k_x for centring the cart, on its position, in mode "swing".', default=0.6, low=0
+    )
+    k_v: Scalar = quantity("1/s", 'Gain k_v for centring the cart, on its speed, in mode "swing".', default=0.6, low=0)
     K: Any = quantity(
         "1",
-        "Gain K in F = -K x of the mode balance. x: position (m), speed (m/s), angle (rad), angle rate (rad/s).",
+        'Gain K in F = -K x of mode "balance". x: position (m), speed (m/s), angle (rad), angle rate (rad/s).',
         shape=(4,),
         default=np.array([-3.1623, -5.9155, -49.507, -12.844]),
     )
-    catch: Scalar = quantity("rad", "Angle from upright below which the mode balance begins.", default=0.35, above=0)
-    catch_rate: Scalar = quantity("rad/s", "Pole rate below which the mode balance begins.", default=2.0, above=0)
-    release: Scalar = quantity("rad", "Angle from upright above which the mode balance ends.", default=0.9, above=0)
+    catch: Scalar = quantity("rad", 'Angle from upright below which mode "balance" begins.', default=0.35, above=0)
+    catch_rate: Scalar = quantity("rad/s", 'Pole rate below which mode "balance" begins.', default=2.0, above=0)
+    release: Scalar = quantity("rad", 'Angle from upright above which mode "balance" ends.', default=0.9, above=0)
 
     reads: ClassVar[tuple[str, ...]] = ("position", "speed", "angle", "angle_rate")
 
     def init(self, key: Any) -> SwingUpState:
-        """Return the initial state, in the mode swing."""
+        """Return the initial state, in mode "swing"."""
         return SwingUpState()
 
     def step(self, t: Any, state: SwingUpState, estimate: Estimate) -> tuple[SwingUpState, SwingUpOutput]:

@@ -59,7 +59,8 @@ class VirtualTargetOutput:
 
 
 class _Tangent(NamedTuple):
-    """Path at the target: place (2,) (m), heading (rad), curvature (1/m), pace (m/s), True if the path is at rest."""
+    """Path at the target: position (2,) (m), heading (rad), curvature (1/m), pace (m/s), True if the path is at
+    rest."""
 
     place: Any
     heading: Any

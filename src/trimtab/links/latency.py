@@ -181,7 +181,7 @@ SEND_PERIODS: Mapping[str, int] = MappingProxyType({"up": ms(20), "down": ms(6)}
 """Time between packets on each path: servo commands up, navigation down. [1] section 6.1."""
 
 BELOW_MIN_MS = 2.0
-"""Distance (ms) of the gamma distribution's start below the smallest measured latency (reconstructed, docs Errata)."""
+"""Distance (ms) of the gamma distribution's start below the smallest measured latency (our estimate, docs Errata)."""
 
 
 def bluetooth_link(

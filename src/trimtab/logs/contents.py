@@ -1,4 +1,4 @@
-"""Reader of the content of an MCAP file, which may be truncated. Damaged chunks are left out and reported.
+"""Reader of the content of a complete or truncated MCAP file. Damaged chunks are left out and reported.
 
 A truncated chunk is decompressed as far as possible. After a damaged part, reading continues at the next chunk that
 is compressed by zstd. All chunks of trimtab's own logs are compressed by zstd.
@@ -54,7 +54,7 @@ class _DamagedFileError(Exception):
 
 
 def parse_contents(path: Any, data: bytes) -> Contents:
-    """Parse the bytes of an MCAP file, which may be truncated. Raise InputError for damage outside of the chunks."""
+    """Parse the bytes of a complete or truncated MCAP file. Raise InputError for damage outside of the chunks."""
     contents = Contents(is_truncated=len(data) < 2 * len(MAGIC) or not data.endswith(MAGIC))
     reader = _ContentsReader(contents)
     try:

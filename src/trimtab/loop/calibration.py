@@ -176,7 +176,10 @@ def index_name(name: str, index: Sequence[int]) -> str:
 
 
 def joint_covariance(calibration: Calibration, names: Iterable[str]) -> Any:
-    """Return the covariance (k, k) of k numbers by name. Numbers of different procedures have covariance zero."""
+    """Return the covariance (k, k) of the k calibrated numbers with these names.
+
+    Numbers from different calibration procedures have covariance zero.
+    """
     names, flat = list(names), flat_entries(calibration)
     P = np.diag([flat[n][1] ** 2 for n in names])
     for c in calibration.covariances:

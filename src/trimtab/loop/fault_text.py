@@ -157,7 +157,7 @@ def _parse_start_time(about: str, text: str) -> int:
     try:
         value = parse_time(text)
     except InputError as error:
-        raise InputError(about, error.problem, choices=CLAUSES, fix="write e.g. @ 3 s for 200 ms") from None
+        raise InputError(about, error.problem, choices=CLAUSES, fix="write a time as in '@ 3 s for 200 ms'") from None
     if not 0 <= value < FOREVER:
         raise InputError(about, f"a time must be 0 or later, got {text!r}", fix="write a time from 0 s on")
     return value

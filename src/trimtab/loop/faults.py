@@ -46,7 +46,7 @@ class Fault:
     duration: Scalar = quantity("100 ns", "Duration of the fault.", kind="time", default=FOREVER, low=0)
     severity: Scalar = quantity("1", "Severity of the fault; its meaning depends on the kind of fault.", default=1.0)
     bias: Scalar = quantity(
-        "1", "Bias of a fault `wrong`, added to every real number, in the unit of that number.", default=0.0
+        "1", "Bias of a fault of kind `wrong`, added to every real number, in the unit of that number.", default=0.0
     )
     level: Scalar = quantity("1", "Threshold of the watched signal that triggers the fault, in its unit.", default=0.0)
     watch: str = option("Path of the signal that triggers the fault; empty: the fault begins at `start`.", default="")
@@ -116,7 +116,8 @@ class Fault:
         return jax.tree.map(leaf, value)
 
     def garbage_value(self, key: Key, index: Any, value: Any) -> Any:
-        """Return garbage in the form of the value: NaN, or random numbers of size severity times max(1, |value|)."""
+        """Return garbage with the structure of the value: NaN, or random numbers of size severity times max(1,
+        |value|)."""
 
         def garbage(v: Any, z: Any) -> Any:
             if v.dtype == np.bool_:
@@ -321,7 +322,7 @@ class FaultySensor(FaultyPart):
 
     @property
     def FEELS(self) -> str:
-        """Return the kind of input that the sensor measures."""
+        """Return the input of the wrapped sensor's `step`: "motion", "input" or "state" of the vehicle."""
         return optional_member(self.inner, "FEELS")
 
     def init(self, key: Key) -> FaultyState:

@@ -31,12 +31,12 @@ INTEGRAL_FACTOR = 5.0
 
 
 def read_feedback(file: Path | str, x: Any, u: Any, believed: Any = None) -> StateFeedback:
-    """Return the law from a gain that `trimtab design VEHICLE --lqr --out FILE` has written.
+    """Return the control law with the gain in a file from `trimtab design VEHICLE --lqr --out FILE`.
 
     Args:
-        file: the certificate.
-        x: state record of the vehicle. It gives the fields, and the values that are not in the file.
-        u: input record of the vehicle. It gives the fields, and the values that are not in the file.
+        file: the file, which contains a certificate (gain, trim and proof of stability).
+        x: example of the vehicle's state record. It defines the fields, and each value that is not in the file.
+        u: example of the vehicle's input record. It defines the fields, and each value that is not in the file.
         believed: vehicle model for which the gain was designed. The log reports how it differs from the true vehicle.
 
     Raises: InputError if the file is not a certificate, or is the certificate of another vehicle.
@@ -103,14 +103,15 @@ def design_feedback(
 def track_course(
     feedback: StateFeedback, model: StateSpaceModel, course: Inversion, *, every: int = 1
 ) -> CourseTracking:
-    """Return the law that follows a course from an inversion: feedforward of its inputs, feedback of the deviations.
+    """Return the law that follows the trajectory of an inversion: feedforward of its inputs, feedback of the
+    deviations.
 
     Args:
-        feedback: linear law of the vehicle, about the first point of the course.
-        model: model with which the course was computed. Inputs that the model lacks keep the values of the feedback
+        feedback: linear law of the vehicle, about the first point of the trajectory.
+        model: model with which the trajectory was computed. Inputs that the model lacks keep the values of the feedback
             law.
         course: result of the inversion, with equal time steps.
-        every: N, to use only every Nth node of the course.
+        every: N, to use only every Nth node of the trajectory.
     """
     whole = jax.jit(jax.vmap(model.to_record or (lambda x: unpack_record(model.state_record, x))))
     states = whole(jnp.asarray(course.x[::every]))

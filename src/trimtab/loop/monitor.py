@@ -76,7 +76,7 @@ class MonitorState:
 
     rows: Scalar = quantity("1", "Number of rows evaluated so far.", kind="count")
     memory: Any = quantity("U", "Stored values of the last rows: all delay lines, one after the other.")
-    outputs: Mapping[str, MonitorOutput] = part("Last output for each formula, by name.")
+    outputs: Mapping[str, MonitorOutput] = part("Last output of each formula, by name of the formula.")
 
 
 @record
@@ -141,7 +141,10 @@ class Monitor:
         return self.fit_signals({path: shape for path, shape, _ in known}, {path: unit for path, _, unit in known})
 
     def fit_signals(self, shapes: Mapping[str, tuple[int, ...]], units: Mapping[str, str]) -> dict[str, Formula]:
-        """Return the formulas by name, checked against the shapes and units of signals, which are given by path."""
+        """Return the formulas by name. Raise InputError if a formula does not fit the signals.
+
+        shapes: signal path -> shape.  units: signal path -> unit.
+        """
         try:
             return {name: fit_formula(text, shapes, units) for name, text in self.texts().items()}
         except InputError as error:

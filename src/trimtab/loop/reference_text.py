@@ -4,7 +4,7 @@ circle(radius=1.5, period=20 s)             fields of the record Circle, with or
 eight(length=5, width=150 cm)               fields of the record FigureEight, with or without a unit
 waypoints(0 0, 3 0, 3 3 0.3; speed=0.4)     north and east (m); a third number is the speed on the leg to it (m/s)
 places(0 s: 0 0, 2 s: 1 0, …)               north and east (m) at given times, all with or all without heading (rad)
-path.csv                                    table of timed places: time [s], north [m], east [m], heading [deg]
+path.csv                                    table of timed positions: time [s], north [m], east [m], heading [deg]
 """
 
 import re
@@ -37,9 +37,9 @@ FORMS = (
     "autopilot.law.PATH=steps(0 s: 1, 5 s: 2)",
 )
 COLUMNS = (
-    MeasuredColumn("time", "s", "time at each place"),
-    MeasuredColumn("north", "m", "north coordinate of each place"),
-    MeasuredColumn("east", "m", "east coordinate of each place"),
+    MeasuredColumn("time", "s", "time at each position"),
+    MeasuredColumn("north", "m", "north coordinate of each position"),
+    MeasuredColumn("east", "m", "east coordinate of each position"),
     MeasuredColumn("heading", "rad", "desired heading, unwrapped", needed=False, usual="deg"),
 )
 SHAPES: Mapping[str, Any] = MappingProxyType({"circle": Circle, "eight": FigureEight})
@@ -143,7 +143,7 @@ def _parse_waypoints(inside: str) -> PiecewisePath:
 
 
 def _parse_places(inside: str) -> PiecewisePath:
-    """Return the path that a text of timed places describes, e.g. ``0 s: 0 0, 2 s: 1 0``."""
+    """Return the path that a text of timed positions describes, e.g. ``0 s: 0 0, 2 s: 1 0``."""
     times, rows = [], []
     for item in inside.split(","):
         when, colon, what = item.partition(":")
@@ -155,7 +155,9 @@ def _parse_places(inside: str) -> PiecewisePath:
         rows.append(_parse_numbers(what, (2, 3), FORMS[3]))
     if len({len(row) for row in rows}) > 1:
         raise InputError(
-            argument_name(PART), "only some places have a heading", fix="give a heading for all places, or for no place"
+            argument_name(PART),
+            "only some positions have a heading",
+            fix="give each position a heading, or none of them",
         )
     places = np.array(rows)
     return interpolate_path(times, places[:, :2], places[:, 2] if places.shape[1] == 3 else None)

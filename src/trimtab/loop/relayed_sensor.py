@@ -24,7 +24,7 @@ class RelayedSensorState:
 
 @record
 class RelayedSensor:
-    """Sensor whose samples travel over a bus on the vehicle to the unit with the radio.
+    """Sensor whose samples travel over a bus on the vehicle to the microcontroller with the radio.
 
     A sample contains its time of measurement, so its age includes the delay of the bus. In a flight over a real link,
     the link replaces the scenario's radio, but not this bus.

@@ -47,7 +47,7 @@ else:
 
 @record
 class Scenario(Generic[V]):
-    """Scenario: world, autopilot, initial state and duration, which is all that a run needs.
+    """Scenario: everything that a run needs, i.e. world, autopilot, initial state and duration.
 
     >>> from trimtab import build
     >>> scenario = build("hovercraft/spin")
@@ -72,7 +72,8 @@ class Scenario(Generic[V]):
     name: str = option("Name of the scenario in the catalogue.", default="scenario")
     mismatch: Any = part("Paths of the autopilot's vehicle models that may differ from one another.", default=())
     words: Any = part(
-        "Random key word of each group of noise draws. Empty: the run number is used for all groups.", default=()
+        "Random key word of each group of noise draws. Empty: the run number is used for all groups.",
+        default=(),
     )
     choices: Any = part("Arguments with which `scenarios.build` built the scenario, recorded in logs.", default=())
 

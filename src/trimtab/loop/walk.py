@@ -123,7 +123,7 @@ def walk(
         instants: integer time of each instant (n,), time to the next instant (n,), and index of the log row that it
             writes (n,). Instants that are not logged write to the unused row with index `rows`.
         rows: number of rows in the log.
-        always: periods that are due at every instant.
+        always: periods of the blocks that are due at every instant.
         wanted: paths of the signals to log, see `logged_signals`. Empty: all signals.
     """
     s, a = start(world, autopilot, x, key)

@@ -81,7 +81,7 @@ def thin_rows(rows: Any, most: int) -> Any:
 
 
 def _axis_positions(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any, Any]:
-    """Return each run's place on each axis, 0 to 1, shape (parameters, runs), and smallest and largest values."""
+    """Return each run's position on each axis, 0 to 1, shape (parameters, runs), and smallest and largest values."""
     names, table = list(parameters), np.array([as_column(v, f"plot_parallel: {n}") for n, v in parameters.items()])
     if not names or table.shape[1] != runs or not np.isfinite(table).all():
         problem = (
@@ -96,7 +96,8 @@ def _axis_positions(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any,
 
 
 def _draw_lines(axes: Any, places: Any, colour: str, order: int) -> None:
-    """Draw lines of places (runs, parameters), fainter for more lines. Lines of a higher order are on top."""
+    """Draw one line per run through its positions on the axes (runs, parameters), fainter for more lines. Lines of a
+    higher order are on top."""
     from matplotlib.collections import LineCollection
 
     k = np.arange(places.shape[1])

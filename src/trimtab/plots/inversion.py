@@ -1,4 +1,4 @@
-"""Plot of state and input for an output that follows a course exactly, also before and after the course."""
+"""Plot of state and input for an output that follows a trajectory exactly, also before and after its change."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -27,16 +27,17 @@ def plot_inversion(
     units: Mapping[str, str] | None = None,
     outputs: tuple[str, ...] = (),
 ) -> "Figure":
-    """Draw outputs, each other state that moves, and each input, over time. The course itself is shaded.
+    """Draw outputs, each other state that moves, and each input, over time. The time in which the outputs
+    change is shaded.
 
     Args:
         found: result of the inversion.
         states, inputs: names of the columns of states and inputs.
-        span: beginning and end of the course (s).
+        span: times (s) at which the change of the outputs begins and ends.
         path: where to save, see `PicturePath`.
         title: title of the plot.
         units: units of states and inputs, by name. Angles in rad are drawn in degrees.
-        outputs: outputs that follow the course. Those outputs that are states are drawn first.
+        outputs: outputs that follow the trajectory. Those outputs that are states are drawn first.
     """
     units = units or {}
     moves = dict(zip(states, np.ptp(found.x, axis=0).tolist(), strict=True))

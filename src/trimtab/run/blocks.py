@@ -192,7 +192,7 @@ def compile_autopilot(scenario: Scenario, *, seed: int = 0) -> CompiledBlock:
 def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> BlockDefinition:
     """Return the closed loop of a checked scenario as a block with input `LoopInput`. Its output are the signals.
 
-    always: periods that are due at every instant.
+    always: periods of the blocks in the loop that are due at every instant.
     """
 
     def init(p: RunInputs) -> Any:

@@ -33,7 +33,8 @@ class RunInputs:
     def drop_derived_outputs(self, s: Any, a: Any, always: frozenset[int]) -> tuple[WorldState, AutopilotState]:
         """Return the states of world and autopilot without outputs that the loop can compute again, see `loop.walk`.
 
-        s, a: states of world and autopilot.  always: periods that are due at every instant.
+        s, a: states of world and autopilot.  always: periods of the blocks that are due at every
+        instant.
         """
         return drop_derived_outputs(self.world, self.autopilot, s, a, always)
 
@@ -51,8 +52,8 @@ def run_inputs(scenario: Scenario, seed: int = 0, run: int = 0) -> RunInputs:
 def noise_words(scenario: Scenario, numbers: Any) -> Any:
     """Return the second words of the random keys of runs with these numbers (…).
 
-    Without words in the scenario, they are the numbers themselves. If the scenario has m words, they are the scenario's
-    words plus the number, (…, m). Run 0 then has the scenario's words, and every other run has different noise.
+    If the scenario has no random key words, they are the run numbers themselves. If it has m words, they are its words
+    plus the run number, (…, m). Run 0 then has the scenario's words, and every other run has different noise.
     """
     numbers = np.asarray(numbers, np.uint32)
     return numbers[..., None] + np.asarray(scenario.words, np.uint32) if len(scenario.words) else numbers
@@ -118,15 +119,15 @@ def own_rows(own: dict[int, Any], runs: int) -> Any:
 def _run_words(first: Any, count: int, runs: Iterable[Any]) -> Any:
     """Return the second words of the random keys of `count` runs.
 
-    runs: number or words of each run.  first: words of run 0.
+    runs: run number, or the random key words, of each run.  first: random key words of run 0.
     """
     words = np.asarray(runs if isinstance(runs, np.ndarray) else list(runs), np.int64)
     if len(words) != count or words.ndim > 1 + np.ndim(first):
         fix = "give each run a seed and a number"
         raise InputError("simulate_batch", f"{len(words)} run numbers for {count} seeds", fix=fix)
     if words.ndim == 2 and words.shape[1:] != np.shape(first):
-        problem = f"{words.shape[1]} words for each run, but the scenario has {np.size(first)}"
-        raise InputError("simulate_batch", problem, fix="give as many words as in the scenario's `words`")
+        problem = f"{words.shape[1]} random key words for each run, but the scenario has {np.size(first)}"
+        raise InputError("simulate_batch", problem, fix="give one word for each entry of the scenario's `words`")
     for number in (words.min(), words.max()) if words.size else ():
         check_seed(int(number))
     words = words.astype(np.uint32)

@@ -159,8 +159,8 @@ class Program(NamedTuple):
     library: path of the library, which flies one run at a time.  shared_inputs: inputs of a run, float64.  words:
     indices in these inputs at which seed and run number are written.  periods, duration, max_step: times that determine
     the instants of a run.  columns: signals in a log row.  final: signals in the final values.  metadata: metadata of a
-    log, except seed, run and backend.  noise: noise words of the scenario. If there are any, the run number is added to
-    each of them, and they are written from the second index on.
+    log, except seed, run and backend.  noise: random key words of the scenario. If there are any, the run number is
+    added to each of them, and they are written from the second index on.
     """
 
     library: Path

@@ -223,7 +223,7 @@ def simulate_batch(
         scenario: the scenario, or its name. It is checked completely before the runs.
         seeds: a seed for each run.
         runs: number of each run within a study, which selects its random numbers together with the seed. None: 0 for
-            all runs. For a scenario with m words, the words of each run, (n, m), may be given instead.
+            all runs. For a scenario with m random key words, the words of each run, (n, m), may be given instead.
         spread: path of a parameter -> its value in each run, shape (n, …), e.g. {"world.vehicle.mass": masses}.
         signals: signals to reduce, and to log if `log` is True. Empty: all signals.
         log_period: time between rows. A row is taken at each multiple of this time at which a part of the loop runs.

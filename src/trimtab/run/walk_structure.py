@@ -20,8 +20,8 @@ from trimtab.run.program import Column
 class WalkStructure(NamedTuple):
     """All data that determine the compiled text of a loop.
 
-    tree: tree structure of the inputs.  shapes: shape and type of each input.  always: periods that are due at every
-    instant.  signals: names of the logged signals.
+    tree: tree structure of the inputs.  shapes: shape and type of each input.  always: periods of the blocks that are
+    due at every instant.  signals: names of the logged signals.
     """
 
     tree: Any
@@ -35,7 +35,7 @@ class WalkStructure(NamedTuple):
 
 
 def walk_structure(inputs: RunInputs, always: frozenset[int], signals: tuple[str, ...]) -> WalkStructure:
-    """Return the structure of a loop with these inputs. always: periods that are due at every instant."""
+    """Return the structure of a loop with these inputs. always: periods of the blocks due at every instant."""
     leaves, tree = jax.tree.flatten(inputs)
     return WalkStructure(tree, tuple((np.shape(v), str(np.asarray(v).dtype)) for v in leaves), always, signals)
 

@@ -84,7 +84,7 @@ class GnssRanges:
         rho'_i = u_i · (s_i' - a') + d + w'     u_i = (s_i - a)/|s_i - a|, a the antenna, e_i Gauss–Markov
 
     Satellites move in straight lines, s = `satellites` + `velocities` t. A real satellite is 500 m off this line after
-    a minute, which does not matter, because the receiver uses the same line. In an outage only the first `remaining`
+    a minute. This does not matter, because the receiver uses the same line. In an outage only the first `remaining`
     satellites are received.
 
     Frames:  satellites in W (`sky`, `satellites_from_ecef`); lever arm in B.

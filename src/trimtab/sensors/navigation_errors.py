@@ -113,7 +113,9 @@ class NavigationErrors:
             settings: values of the other fields, e.g. ``heading_range="positive"``.
         """
         if name not in READINGS:
-            raise InputError("NavigationErrors", f"unknown reading {name!r}", choices=READINGS)
+            raise InputError(
+                "NavigationErrors", f"unknown interpretation {name!r} of the printed units", choices=READINGS
+            )
         accelerometer_bias, gyro_bias, gyro_noise = READINGS[name]
         return cls(accelerometer_bias=accelerometer_bias, gyro_bias=gyro_bias, gyro_noise=gyro_noise, **settings)
 

@@ -20,7 +20,7 @@ from trimtab.environment.acoustics import CONE, Air, off_axis_angle, range_ratio
 SURVEY, CRYSTAL, NOISE, STRAY, ECHO = 110, 113, 120, 121, 122
 """Numbers of the random streams: survey errors, timer errors, noise, stray ranges, echoes."""
 CEILING = 2.7048
-"""Height (m) of the beacons above the vehicle's units in the calibration of [1] (table 5.2)."""
+"""Height (m) of the beacons above the vehicle's ultrasonic units in the calibration of [1] (table 5.2)."""
 CEILING_SQUARE = np.array([[1.5, 1.5, -CEILING], [1.5, -1.5, -CEILING], [-1.5, -1.5, -CEILING], [-1.5, 1.5, -CEILING]])
 """Positions (4, 3) in W of four beacons at the ceiling, at the corners of a 3 m square."""
 
@@ -123,7 +123,8 @@ def unit_velocity(motion: Motion, lever: Any) -> Any:
 
 
 def distances(positions: Any, unit: Any) -> tuple[Any, Any]:
-    """Return distances (n,) (m) from beacons (n, 3) to a unit (3,), and its angles (n,) (rad) off the beacons' axes."""
+    """Return distances (n,) (m) from beacons (n, 3) to an ultrasonic unit (3,), and its angles (n,) (rad) off the axes
+    of the beacons."""
     line = unit - positions
     distance = jnp.sqrt(jnp.sum(line * line, axis=1))
     return distance, off_axis_angle(line[:, 2], distance)
@@ -143,7 +144,7 @@ def measured_range(positions: Any, unit: Any, cone_error: bool = True) -> Any:
 
 
 def audible_beacons(beacons: Beacons, positions: Any, unit: Any) -> Any:
-    """Return a mask (n,) of the beacons at these positions (n, 3) whose reach and cone contain the unit (3,)."""
+    """Return a mask (n,) of the beacons at positions (n, 3) whose reach and cone contain the ultrasonic unit (3,)."""
     distance, beta = distances(positions, unit)
     return (distance <= beacons.reach) & (beta <= beacons.cone)
 
@@ -161,7 +162,8 @@ def actual_positions(beacons: Beacons, key: Key, t: Any) -> Any:
 
 
 def responding_beacons(beacons: Beacons, positions: Any, unit: Any, t: Any) -> Any:
-    """Return a mask (n,) of the beacons that the unit can receive and that no fault silences at integer time t."""
+    """Return a mask (n,) of the beacons that the ultrasonic unit can receive at integer time t and that no fault
+    silences."""
     return audible_beacons(beacons, positions, unit) & ~(jnp.asarray(beacons.dead) & (t >= beacons.fault_time))
 
 

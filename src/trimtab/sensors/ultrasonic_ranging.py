@@ -41,7 +41,7 @@ from trimtab.sensors.time_of_flight import (
 )
 
 SYNC, TICK, DRIFT = 130, 131, 132
-"""Numbers of the random streams of a unit's clock: error after setting, tick, drift."""
+"""Numbers of the random streams of an ultrasonic unit's clock: error after setting, tick, drift."""
 
 
 @record
@@ -50,7 +50,7 @@ class Ranges:
 
     range: Any = quantity("m", "Measured range to each beacon (n,), cone error included; 0 where no reply arrived.")
     arrived: Any = quantity("1", "True for each beacon whose reply arrived (n,).", kind="flag")
-    unit: Scalar = quantity("1", "Index of the unit that pinged, from 0.", kind="count")
+    unit: Scalar = quantity("1", "Index of the ultrasonic unit that pinged, from 0.", kind="count")
 
 
 @record
@@ -73,7 +73,8 @@ class UnitClock:
     sync: int = period("Time between two settings of the clock.", default=seconds(1))
 
     def error(self, key: Key, t: Any, unit: Any) -> Any:
-        """Return the delay (s) from the nominal start of a slot, at integer time t, to its start by a unit's clock."""
+        """Return the delay (s) from the nominal start of a slot, at integer time t, to its start by an ultrasonic
+        unit's clock."""
         drift, _ = normal2(key, unit, DRIFT)
         residual, _ = normal2(key, t // self.sync * 16 + unit, SYNC)
         tick, _ = uniform2(key, t // self.sync * 16 + unit, TICK)
@@ -121,7 +122,7 @@ class UltrasonicRanging:
     medium: Medium = part("Air that carries the sound.", default=Medium())
     clock: UnitClock = part("Clock of an ultrasonic unit on the vehicle.", default=UnitClock())
     clients: int = option(
-        "Number of clients that take turns. Clients beyond this vehicle's units are on other vehicles.",
+        "Number of ultrasonic units that take turns. Those beyond this vehicle's units are on other vehicles.",
         default=1,
     )
     cone_error: bool = switch("Model the cone error: a range measured off a beacon's axis is too long.", "cone-error")
@@ -138,10 +139,10 @@ class UltrasonicRanging:
             raise InputError(
                 "UltrasonicRanging.units",
                 f"has shape {shape}, must be (m, 3)",
-                fix="give one row (x, y, z) for each unit",
+                fix="give one row (x, y, z) for each ultrasonic unit",
             )
         if not shape[0] <= self.clients <= 10:
-            problem = f"the number of clients must be from {shape[0]}, the number of units, to 10, got {self.clients}"
+            problem = f"clients must be from {shape[0]}, the number of ultrasonic units, to 10, got {self.clients}"
             raise InputError(
                 "UltrasonicRanging.clients", problem, fix=f"set clients to at least {shape[0]}, at most 10"
             )
@@ -158,13 +159,14 @@ class UltrasonicRanging:
         return RangingState(key=key, coming=none, pinged=zero, due=never, held=none, measured=zero, any=np.bool_(False))
 
     def pinging_unit(self, t: Any) -> tuple[Any, Any]:
-        """Return True if a unit of this vehicle pings at time t (unit: 100 ns), and the index of the unit."""
+        """Return True if an ultrasonic unit of this vehicle pings at integer time t, and the unit's index."""
         client = (t // self.slot) % self.clients
         m = np.shape(self.units)[0]
         return (t % self.slot == 0) & (client < m), jnp.minimum(client, m - 1).astype(np.int32)
 
     def measure(self, motion: Motion) -> Ranges:
-        """Return the ranges h(x) from the beacons in the map to the unit that pings now, with only the cone error."""
+        """Return the ranges h(x) from the mapped beacons to the ultrasonic unit that pings now, with only the cone
+        error."""
         _, unit = self.pinging_unit(motion.t)
         at = unit_position(motion, jnp.asarray(self.units)[unit])
         positions = jnp.asarray(self.beacons.map)

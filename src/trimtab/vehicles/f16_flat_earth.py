@@ -179,7 +179,8 @@ class F16FlatEarth:
 
 
 def air_data(height: Any) -> AirProperties:
-    """Return the air properties at a height (m). Source: [1] fig. A-2, ADC, which gives no viscosity, so it is 0."""
+    """Return the air properties at a height (m). Source: [1] fig. A-2, ADC. The viscosity is 0, because [1] does not
+    give it."""
     altitude = height / FOOT
     share = 1 - 0.703e-5 * altitude
     temperature = jnp.where(altitude >= 35_000, 390.0, 519 * share) * RANKINE

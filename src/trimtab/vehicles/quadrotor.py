@@ -87,11 +87,12 @@ class Rotors:
     inertia: Scalar = quantity("kg m^2", "Moment of inertia of each rotor about its shaft.", default=0.0, low=0)
 
     def check(self) -> None:
-        """Raise InputError if the shape of `places` does not match the number of spins, or a spin is not 1 or -1."""
+        """Raise InputError if `places` does not have one row for each element of `spins`, or if `spins` contains a
+        value other than 1 and -1."""
         n = np.size(self.spins)
         if np.shape(self.places) != (n, 3) or np.ndim(self.spins) != 1:
-            problem = f"{n} spins need places of shape ({n}, 3), got {np.shape(self.places)}"
-            raise InputError("places", problem, fix=f"give {n} places of three numbers each")
+            problem = f"{n} rotors (spins) need positions (places) of shape ({n}, 3), got {np.shape(self.places)}"
+            raise InputError("places", problem, fix=f"give {n} positions of three numbers each")
         if not (np.abs(self.spins) == 1).all():
             raise InputError(
                 "spins",
@@ -233,10 +234,10 @@ class Multirotor:
 
 
 def ring_rotors(spins: str, arm: float, first: float = 0.0) -> tuple[Any, Any]:
-    """Return positions (n, 3) and spins (n,) of rotors around a ring, for `Rotors`.
+    """Return positions (n, 3) and directions of rotation (n,) of rotors around a ring, for `Rotors`.
 
     Args:
-        spins: one letter per rotor in clockwise order from above: P spins clockwise, N counter-clockwise, e.g. "PNPN".
+        spins: one letter per rotor in clockwise order from above: P turns clockwise, N counter-clockwise, e.g. "PNPN".
         arm: radius of the ring (m).
         first: angle of the first rotor, clockwise from the nose (rad).
 
@@ -246,7 +247,7 @@ def ring_rotors(spins: str, arm: float, first: float = 0.0) -> tuple[Any, Any]:
         raise InputError(
             "spins",
             f"must consist of the letters P and N, got {spins!r}",
-            fix="write P (positive spin) or N (negative spin) for each rotor, e.g. PNPNPN",
+            fix="write P (clockwise from above) or N (counter-clockwise) for each rotor, e.g. PNPNPN",
         )
     angle = first + 2 * np.pi * np.arange(len(spins)) / len(spins)
     places = arm * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)

@@ -52,7 +52,8 @@ NO_WRENCH = Wrench(np.zeros(3), np.zeros(3))
 class Airflow(NamedTuple):
     """Flow of the air around a body.
 
-    velocity: of the centre of mass through the air, in B (3,) (m/s).  speed: airspeed, the length of velocity (m/s).
+    velocity: velocity of the centre of mass through the air, in B (3,) (m/s).  speed: airspeed, the length of velocity
+    (m/s).
     rate: angular velocity of the body relative to the air, which rotates with the earth, in B (3,) (rad/s).
     air: air properties at the body's position.
     """
@@ -76,7 +77,7 @@ class Airflow(NamedTuple):
 class FlightCondition(NamedTuple):
     """Flight state of a body.
 
-    latitude, longitude: geodetic (rad).  height: above the ellipsoid (m).  velocity: over the ground, in local
+    latitude, longitude: geodetic (rad).  height: height above the ellipsoid (m).  velocity: over the ground, in local
     north-east-down (3,) (m/s).  angles: roll, pitch, yaw of B in local north-east-down (3,) (rad).  gravity:
     acceleration of gravitation, without centrifugal acceleration (m/s²). flow: flow of the air around the body.
     """
@@ -259,8 +260,8 @@ class RigidBody:
 
         Args:
             latitude, longitude: geodetic (rad).
-            height: above the ellipsoid (m).
-            velocity: over the ground, in local north-east-down (3,) (m/s).
+            height: height above the ellipsoid (m).
+            velocity: velocity over the ground, in local north-east-down (3,) (m/s).
             angles: roll, pitch, yaw in local north-east-down (3,) (rad).
             rate: angular velocity in B (3,) (rad/s). over_ground: True if rate is relative to the ground, False if
             relative to I.

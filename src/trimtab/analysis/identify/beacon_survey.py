@@ -14,7 +14,7 @@ from trimtab.core.record import Scalar, quantity, record
 ANGLES = np.radians([15.0, 60.0, 90.0, 120.0, 165.0])
 """Angles of a beacon about the main line of the path (rad) at which the searches start.
 
-All these start positions have the same distance from the line, which is estimated from the ranges.
+All these start positions have the same distance from the line. This distance is estimated from the ranges.
 """
 DAMPING, DAMPING_MAX = 1e-3, 1e12
 """Initial and largest damping of a Levenberg-Marquardt step, relative to the diagonal of J'J."""
@@ -50,7 +50,7 @@ class BeaconSurvey:
 def survey_beacons(
     ranges: Any, odometry: Any, *, range_noise: float, odometry_noise: float, iterations: int = 100
 ) -> BeaconSurvey:
-    """Estimate beacon positions and the unit's path by least squares, from ranges and the odometry between pings.
+    """Estimate positions of beacons and the ranging unit's path by least squares, from ranges and odometry.
 
     Args:
         ranges: true ranges (m), corrected for the cone error, shape (k, n): k pings, n beacons. NaN means no reply.
@@ -164,7 +164,7 @@ def _refuse_doubt(best: _SearchEnd, found: list[_SearchEnd], n: int, path: Any, 
             there = other.x[3 * j : 3 * j + 3]
             if other.cost - best.cost <= near and (np.abs(there - places[j]) > APART * errors[j]).any():
                 texts = (np.array2string(p, precision=3, suppress_small=True) for p in (places[j], there))
-                problem = f"two places of beacon {j} fit the ranges equally well: {' and '.join(texts)} m"
+                problem = f"two positions of beacon {j} fit the ranges equally well: {' and '.join(texts)} m"
                 raise InputError("survey", problem, fix=fix)
 
 
@@ -196,7 +196,9 @@ def _guess_beacon(path: Any, ranges: Any, number: int, angle: float) -> Any:
     s = (points - centre) @ axes[0]
     if extent[0] == 0:
         raise InputError(
-            "survey", f"the pings that beacon {number} answered are at one point", fix="drive a loop under the beacon"
+            "survey",
+            f"all pings that beacon {number} answered were sent from one point",
+            fix="drive a loop under the beacon",
         )
     a, c = np.linalg.lstsq(np.stack([-2 * s, np.ones(len(s))], axis=1), rho**2 - s**2, rcond=None)[0]
     away = np.sqrt(max(c - a * a, 0.01))

@@ -40,9 +40,9 @@ NAMES = ("IdentifiedGyro.b0", "IdentifiedGyro.a1", "IdentifiedGyro.a2")
 class GyroFit(NamedTuple):
     """Fitted model of a gyro. b0, a1, a2: its coefficients.  covariance: covariance of b0, a1, a2 (3, 3).
 
-    delay: in samples.  offset: rad/s.  period: time between samples (s).  deviation: standard deviation of the output
-    error (rad/s).  freedom: degrees of freedom of the fit.  fitted: the model's output (n,).  highest: largest
-    frequency in the reference (Hz).
+    delay: delay in samples.  offset: offset (rad/s).  period: time between samples (s).  deviation: standard deviation
+    of the output error (rad/s).  freedom: degrees of freedom of the fit.  fitted: the model's output (n,).  highest:
+    largest frequency in the reference (Hz).
     """
 
     b0: float

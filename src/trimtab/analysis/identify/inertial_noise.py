@@ -20,7 +20,9 @@ AXES = "xyz"
 
 
 class Triad(NamedTuple):
-    """Names of the calibration entries of a three-axis sensor. unit: unit of a sample. record: the sensor model.
+    """Names of the calibration entries of a three-axis sensor.
+
+    unit: unit of a sample.  record: class name of the sensor model.
 
     white: axis -> name of the filter's entry for the variance of a sample.
     walk: axes that the filter uses, and name of the filter's entry for their bias walk.

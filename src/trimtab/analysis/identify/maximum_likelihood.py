@@ -45,7 +45,8 @@ CORRECTIONS = 1
 class Timeline(NamedTuple):
     """One or more flights, joined end to end: n instants. A segment is a flight, or a flight's part after a long gap.
 
-    h: time since the instant before (n,) (s), 0 where a segment begins.  begins: (n,) bool, True where it begins.
+    h: time since the instant before (n,) (s), 0 where a segment begins.  begins: (n,) bool, True at the first instant
+    of a segment.
     y: measurements (n, k).  seen: (n, k) bool, True where y was measured.  first: first state of a segment (n, d), used
     only where one begins. drive: data from which the model computes its inputs.
     """
@@ -105,7 +106,8 @@ class CompiledLikelihood(NamedTuple):
 class LikelihoodEstimate(NamedTuple):
     """Maximum-likelihood estimate. p: parameters (m,).  information: Fisher information matrix (m, m).
 
-    log_likelihood: its value at p.  converged: True if the search ended at a maximum.  iterations: number of steps.
+    log_likelihood: log likelihood at p.  converged: True if the search ended at a maximum.  iterations: number of
+    steps.
     """
 
     p: Any

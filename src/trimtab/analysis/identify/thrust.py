@@ -100,8 +100,8 @@ def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
 class ReverseFit(NamedTuple):
     """Fitted ratio of reverse to forward thrust: y3 n³ + y2 n² + y1 n + y0, n in krpm.
 
-    coefficients: y3 … y0 (4,).  covariance: of the coefficients (4, 4).  slowest: lowest speed measured (rpm), below
-    which the cubic is not valid.
+    coefficients: y3 … y0 (4,).  covariance: covariance of the coefficients (4, 4).  slowest: lowest speed measured
+    (rpm), below which the cubic is not valid.
     """
 
     coefficients: Any

@@ -189,7 +189,7 @@ class AdaptiveFlexibleModeFilter:
     """
 
     craft: Hypersonic = part("Vehicle model used by the filter, with nominal frequencies.", default=Hypersonic())
-    Q: Any = quantity("1", "Process noise density, diagonal.", default=(1e-5, 0.1, 1e-5, 0.1), shape=(4,))
+    Q: Any = quantity("1", "Diagonal of the process noise density.", default=(1e-5, 0.1, 1e-5, 0.1), shape=(4,))
     R: Scalar = quantity("rad^2/s^4", "Noise variance of one sample of the pitch acceleration.", default=1e-4, above=0)
     P0: Any = quantity(
         "1", "Initial variances of the modal state at known frequencies.", default=(1.0, 100.0, 1.0, 100.0), shape=(4,)

@@ -96,7 +96,9 @@ class FlexibleModeFilter:
     """
 
     craft: Hypersonic = part("Vehicle model used by the filter.", default=Hypersonic())
-    Q: Any = quantity("1", "Density of the modal state's process noise, diagonal.", default=TUNED_Q, shape=(4,))
+    Q: Any = quantity(
+        "1", "Diagonal of the spectral density of the modal state's process noise.", default=TUNED_Q, shape=(4,)
+    )
     R: Scalar = quantity("rad^2/s^4", "Noise variance of one sample of the pitch acceleration.", default=1e-4, above=0)
     P0: Any = quantity("1", "Initial variances of the modal state.", default=(1.0, 100.0, 1.0, 100.0), shape=(4,))
     eta0: Any = quantity("1", "Initial estimate of the modal state.", default=PRINTED_ETA0, shape=(4,), source="[1]")

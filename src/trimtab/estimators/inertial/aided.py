@@ -1,9 +1,9 @@
-"""Aided inertial navigation: the step that all filter forms share. It reads samples, sorts them by time, replays the
+"""Aided inertial navigation: the step that all its filters share. It reads samples, sorts them by time, replays the
 filter and returns the state.
 
-A form (`core.interfaces.InertialForm`) is the filter alone: its state at one instant (a node), its propagation and
-correction, and its estimate (Belief). A form has the parts intake, noise, start and arms, and uses `navigate` as its
-`step`.
+A filter form (`core.interfaces.InertialForm`) is the filter alone: its state at one instant (a node), its propagation
+and correction, and its estimate (Belief). A form has the parts intake, noise, start and arms, and uses `navigate` as
+its `step`.
 
     navigate      read_samples (sensor_watch)  ->  enter_event, replay_events (measurement_history): the form's
                   propagate and correct_...  ->  the form's belief  ->  reference_kinematics (navigation_state)
@@ -123,7 +123,7 @@ class Intake:
         "Name of the position sensor; empty if the vehicle has no position sensor.", default="position"
     )
     slots: int = option(
-        "Number of measurements in the history, which must span the longest delay of a sensor, with a reserve.",
+        "Number of measurements in the history. It must cover the longest delay of a sensor, with a reserve.",
         default=64,
     )
 
@@ -170,17 +170,17 @@ class InertialState:
 
 
 def listened_sensors(form: InertialForm) -> tuple[str, ...]:
-    """Return the names of the IMU and the aiding sensors (`listens` of every filter form)."""
+    """Return the names of the IMU and the aiding sensors. The inertial filters use this as their property `listens`."""
     return form.intake.listens()
 
 
 def check_intake(form: InertialForm) -> None:
-    """Raise InputError if the settings of the sensors are invalid (`check` of a filter form)."""
+    """Raise InputError if the settings of the sensors are invalid. Inertial filters use this as method `check`."""
     form.intake.check()
 
 
 def initial_inertial_state(form: InertialForm, key: Key, width: int = POSITION_NUMBERS) -> InertialState:
-    """Return the initial navigation state (`init` of a filter form).
+    """Return the initial navigation state. The inertial filters use this function as their method `init`.
 
     width: largest number of values in one measurement.
     """
@@ -202,9 +202,10 @@ def initial_inertial_state(form: InertialForm, key: Key, width: int = POSITION_N
 
 @jax.jit
 def navigate(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-    """Return the new state and the estimate, a NavigationState, at integer time t (`step` of every filter form).
+    """Return the new state and the estimate, a NavigationState, at integer time t.
 
-    Every fresh sample in the frame is fused at the time at which it was measured.
+    The inertial filters use this function as their method `step`. Every fresh sample in the frame is fused at the time
+    at which it was measured.
     """
     samples = [frame.samples[name] for name in form.intake.listens()]
     arrived = jnp.stack([jnp.asarray(one.fresh & one.valid) for one in samples]).any()
@@ -297,7 +298,7 @@ def position_numbers(value: Any) -> tuple[Any, ...]:
 
 
 def range_numbers(value: Any) -> tuple[Any, ...]:
-    """Return the ranges (m) of a ping, and the number of the unit that sent it.
+    """Return the ranges (m) of a ping, and the number of the ultrasonic unit that sent it.
 
     The value 0 marks a range that did not arrive, and -1 an invalid range (not a positive number).
     """

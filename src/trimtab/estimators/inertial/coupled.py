@@ -41,7 +41,7 @@ SIGNS = np.array([1.0, 1, 1, 1, 1, -1, -1, -1])
 
 @record
 class CoupledNode:
-    """State of the coupled form at one instant: corrected INS, biases and covariance. Source: [1] chapter 3."""
+    """State of the coupled filter at one instant: corrected INS, biases and covariance. Source: [1] chapter 3."""
 
     t: Scalar = quantity("100 ns", "Time of the filter state.", kind="time")
     imu_reading: Any = quantity(
@@ -168,7 +168,7 @@ def is_force_significant(steady: Any, P: Any, noise: InertialNoise, smoothing: A
 
 
 class CoupledMotion(NamedTuple):
-    """Step of the coupled form: the new state, both low-passed forces (2,), Phi and Q of the errors (8, 8)."""
+    """Step of the coupled filter: the new state, both low-passed forces (2,), Phi and Q of the errors (8, 8)."""
 
     x: Any
     force: Any
@@ -180,7 +180,7 @@ class CoupledMotion(NamedTuple):
 def propagate_coupled(form: Any, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> CoupledMotion:
     """Return a step of dt (s) from a filter state (node) whose x begins with the values of Belief.x.
 
-    form: filter form with noise, smoothing and rest_smoothing.  imu_reading: IMU sample at the end of the step (3,).
+    form: filter with noise, smoothing and rest_smoothing.  imu_reading: IMU sample at the end of the step (3,).
     untrusted: as in `InertialForm.propagate`.
     """
     x = node.x

@@ -33,7 +33,7 @@ from trimtab.estimators.kalman import predict
 
 @record
 class DirectNode:
-    """State of the direct form at one instant: total states and their covariances. Source: [1] chapter 3."""
+    """State of the direct filters at one instant: total states and their covariances. Source: [1] chapter 3."""
 
     t: Scalar = quantity("100 ns", "Time of the filter state.", kind="time")
     imu_reading: Any = quantity(

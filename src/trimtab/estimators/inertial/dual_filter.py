@@ -211,7 +211,7 @@ def lever_arm_noise(R: Any, slope: Any, variance: Any) -> Any:
 
 
 def belief_covariance(P1: Any, P2: Any, bias_sign: float = 1.0) -> Any:
-    """Return the covariance (8, 8) of a Belief from the covariances of the two filters, which are taken as independent.
+    """Return the covariance (8, 8) of a Belief from the covariances of two filters that are taken as independent.
 
     bias_sign: 1 if the bias error has the same sign in the filters as in a Belief; -1 if its sign is reversed. The
     errors of heading, velocity and position have the same sign in both.

@@ -32,7 +32,8 @@ from trimtab.estimators.kalman import predict_covariance
 
 @record
 class FeedbackNode:
-    """State of the feedback form at one instant: corrected INS, biases and covariances. Source: [1] chapter 3."""
+    """State of the filters with feedback at one instant: corrected INS, biases and covariances. Source: [1] chapter
+    3."""
 
     t: Scalar = quantity("100 ns", "Time of the filter state.", kind="time")
     imu_reading: Any = quantity(

@@ -32,7 +32,7 @@ from trimtab.estimators.kalman import predict
 
 @record
 class FeedforwardNode:
-    """State of the feed-forward form at one instant: INS and error filters. Source: [1] chapter 3."""
+    """State of the INS without correction and of its error filters at one instant. Source: [1] chapter 3."""
 
     t: Scalar = quantity("100 ns", "Time of the filter state.", kind="time")
     imu_reading: Any = quantity(
@@ -58,9 +58,9 @@ class AidedInertialFeedforward:
         heading = phi_ins - x1[0]        yaw rate = w - x1[1]        v = v_ins - x2[:2]        r = r_ins - x2[2:4]
 
     Valid:         while the INS's errors stay small enough for a linear model. They keep growing, because the INS is
-                   never reset: after half an hour with biases of 0.1 m/s^2 the INS is 160 km off, which is still
-                   harmless in double precision.
-    Not modelled:  effect of a heading error on the velocity. Positions don't correct the heading in this form.
+                   never reset: after half an hour with biases of 0.1 m/s^2 the INS is 160 km off. This error is
+                   still harmless in double precision.
+    Not modelled:  effect of a heading error on the velocity. Positions don't correct the heading in this filter.
     Source:        [1] chapter 3; differences from [1]: docs page and Errata.
     """
 

@@ -80,7 +80,7 @@ class CompensatedState:
 
 @record
 class CompensatedInertial:
-    """Aided inertial navigation of any form, with each gyro sample compensated for the gyro's dynamics first.
+    """Aided inertial navigation with any filter, with each gyro sample compensated for the gyro's dynamics first.
 
     The first sample, and a sample after a gap, restart the compensator as if the rate had been constant for all time.
     Samples that are late, repeated or not finite pass unchanged, because the navigation rejects them.

@@ -22,7 +22,7 @@ DIMENSION = 8
 
 
 class Belief(NamedTuple):
-    """Estimate of a navigation filter at one instant. All filter forms use the same order of values.
+    """Estimate of a navigation filter at one instant. All inertial filters use the same order of values.
 
     x: heading (rad, unwrapped), velocity north and east (m/s), position north and east (m) of the IMU, gyro bias
     (rad/s), accelerometer biases forward and starboard (m/s^2); shape (8,).

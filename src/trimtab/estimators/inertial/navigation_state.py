@@ -110,7 +110,7 @@ def no_position_fix() -> PositionFix:
 
 
 def first_of_node(position_fix: Any = None) -> dict[str, Any]:
-    """Return the initial values of the fields that the filter states (nodes) of all forms share.
+    """Return the initial values of the fields that the states (nodes) of all inertial filters share.
 
     position_fix: initial statistics of the position updates; default: a PositionFix.
     """
@@ -126,7 +126,7 @@ def first_of_node(position_fix: Any = None) -> dict[str, Any]:
 def fuse_heading(
     form: InertialForm, node: Any, x: Any, P: Any, y: Any, H: Any, R: Any, *, consider: Any = None, sign: float = 1.0
 ) -> tuple[Update, HeadingFix]:
-    """Return the update of x and P with a heading, using the gate of the form's intake, and the new statistics.
+    """Return the update of x and P with a heading, using the gate of the filter's intake, and the new statistics.
 
     Other arguments are those of `fuse_measurement`.
     """
@@ -137,7 +137,7 @@ def fuse_heading(
 def fuse_position(
     form: InertialForm, node: Any, x: Any, P: Any, y: Any, H: Any, R: Any, *, consider: Any = None, sign: float = 1.0
 ) -> tuple[Update, PositionFix]:
-    """Return the update of x and P with a position, using the gate of the form's intake, and the new statistics.
+    """Return the update of x and P with a position, using the gate of the filter's intake, and the new statistics.
 
     Other arguments are those of `fuse_measurement`.
     """

@@ -1,11 +1,11 @@
-"""Position from ranges, on the floor or in space, and heading from the positions of two units.
+"""Position from ranges, on the floor or in space, and heading from the positions of two ultrasonic units.
 
 Every function takes all n beacons and a mask of the beacons to use, so that shapes never depend on the number of
-replies. Heights are those of the beacons above the unit. A position that cannot be found is NaN or has a large
-residual.
+replies. Heights are those of the beacons above the ultrasonic unit. A position that cannot be found is NaN or has a
+large residual.
 
-The units of one vehicle can't be located at the same time: one unit is polled, and the other a time slot later. The
-vehicle's motion in between causes a heading error, unless inertial navigation measures the motion.
+The ultrasonic units of one vehicle can't be located at the same time: one unit is polled, and the other a time slot
+later. The vehicle's motion in between causes a heading error, unless inertial navigation measures the motion.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -25,7 +25,7 @@ ITERATIONS = 5
 
 
 def two_unit_heading(place_a: Any, place_b: Any, lever_a: Any, lever_b: Any) -> Any:
-    """Return the vehicle's heading (rad, in [-pi, pi)) from the positions of two units at the same time.
+    """Return the vehicle's heading (rad, in [-pi, pi)) from the positions of two ultrasonic units at the same time.
 
     place_a, place_b: north and east of the units (m), shape (2,).
     lever_a, lever_b: x and y of the units in B (m), shape (2,); on the body's x axis in [1].
@@ -36,7 +36,7 @@ def two_unit_heading(place_a: Any, place_b: Any, lever_a: Any, lever_b: Any) -> 
 
 
 def assisted_heading(place_a: Any, place_b: Any, displacement: Any, lever_a: Any, lever_b: Any) -> Any:
-    """Return the heading from the positions of unit a at t_a and unit b at t_b, and the displacement of a in between.
+    """Return the heading from the positions of ultrasonic unit a at t_a and b at t_b, and a's displacement in between.
 
         r_a' = r_a + [r_ins(t_b) - r_ins(t_a)]
 

@@ -67,7 +67,7 @@ class OdometryNoise:
 class RadioErrors:
     """Errors of radio ranges: measured = (1 + scale) distance + error of the beacon + noise.
 
-    Source: docs page, Odometry and ranges; values reconstructed for ultra-wideband radios.
+    Source: docs page, Odometry and ranges. The default values are our own estimates for ultra-wideband radios.
     """
 
     noise: Scalar = quantity("m", "Standard deviation of a range's white noise.", default=0.15, above=0)

@@ -56,7 +56,7 @@ class ParticleFix:
     effective: Scalar = quantity("1", "Effective number of particles, from 1 to N.")
     believed: Any = quantity("1", "Total weight, 0 to 1, of the particles that accept each beacon's range (n,).")
     used: Scalar = quantity("1", "Number of pings used so far.", kind="count")
-    unit: Scalar = quantity("1", "Index of the vehicle's unit that sent the ping.", kind="count")
+    unit: Scalar = quantity("1", "Index of the vehicle's ultrasonic unit that sent the ping.", kind="count")
     redrawn: Scalar = quantity("1", "Number of times the particles were resampled.", kind="count")
     doubted: Scalar = quantity("1", "Number of consecutive pings whose ranges most particles rejected.", kind="count")
     tracking: Scalar = quantity("1", "True while the filter has particles; False before a start.", kind="flag")
@@ -96,7 +96,7 @@ class Particle:
     From this time, the estimate is predicted to the newest IMU sample. A ping older than the last ping used is not
     used.
 
-    Frames:  beacons in W, units in B; level vehicle on a flat floor.
+    Frames:  beacons in W, ultrasonic units in B; level vehicle on a flat floor.
     Not modelled: a heading sensor; moved beacons (their ranges count as wrong).
     Source:  [1] chapter 7 names such a filter as future work; docs page, Particle filter.
     """
@@ -146,7 +146,7 @@ class Particle:
     listens = property(listened_sensors)
 
     def check(self) -> None:
-        """Raise InputError if the sensors, the beacons, the units or the number of particles are invalid."""
+        """Raise InputError if the sensors, the beacons, the ultrasonic units or the number of particles are invalid."""
         self.intake.check()
         if self.intake.heading or not self.intake.position:
             raise InputError(

@@ -1,4 +1,4 @@
-"""Position, and heading if there are two units, from the ranges of an ultrasonic network, one ping at a time.
+"""Position, and heading from two ultrasonic units, from the ranges of an ultrasonic network, one ping at a time.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -30,11 +30,14 @@ MODES = ("no fix", "two ranges", "all ranges", "one rejected", "inconsistent")
 SQUARE = np.array([[1.5, 1.5, -2.7048], [1.5, -1.5, -2.7048], [-1.5, -1.5, -2.7048], [-1.5, 1.5, -2.7048]])
 """Default positions of the beacons in W (m): a square of four below a ceiling."""
 PAIR = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
-"""Default positions of a vehicle's two units in B (m): on the x axis, fore and aft."""
+"""Default positions of a vehicle's two ultrasonic units in B (m): on the x axis, fore and aft."""
 
 
 def check_positions(name: str, form: Any) -> None:
-    """Raise InputError if the beacons or units of a filter do not have the shape (n, 3). name: name of the filter."""
+    """Raise InputError if the positions of a filter's beacons or ultrasonic units are not of shape (n, 3).
+
+    name: name of the filter.
+    """
     for field, positions in (("beacons", form.beacons), ("units", form.units)):
         shape = np.shape(positions)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
@@ -50,16 +53,16 @@ class RangingFix:
     """Position fix from the ranges of a ping, with its quality. Source: [1] section 5.5.3."""
 
     north: Scalar = quantity(
-        "m", "North position of the vehicle's reference point, or of the unit while the heading is unknown."
+        "m", "North position of the vehicle's reference point, or of the ultrasonic unit while the heading is unknown."
     )
     east: Scalar = quantity(
-        "m", "East position of the vehicle's reference point, or of the unit while the heading is unknown."
+        "m", "East position of the vehicle's reference point, or of the ultrasonic unit while the heading is unknown."
     )
-    heading: Scalar = quantity("rad", "Heading from the positions of two units, in [-pi, pi).", kind="angle")
-    heading_valid: Scalar = quantity("1", "True if both units have a recent fix.", kind="flag")
-    unit: Scalar = quantity("1", "Index of the unit located last.", kind="count")
-    unit_north: Scalar = quantity("m", "North position of the unit located last.")
-    unit_east: Scalar = quantity("m", "East position of the unit located last.")
+    heading: Scalar = quantity("rad", "Heading from the positions of two ultrasonic units, in [-pi, pi).", kind="angle")
+    heading_valid: Scalar = quantity("1", "True if both ultrasonic units have a recent fix.", kind="flag")
+    unit: Scalar = quantity("1", "Index of the ultrasonic unit located last.", kind="count")
+    unit_north: Scalar = quantity("m", "North position of the ultrasonic unit located last.")
+    unit_east: Scalar = quantity("m", "East position of the ultrasonic unit located last.")
     residual: Scalar = quantity("m", "Root mean square of the residuals of the ranges used at the last ping.")
     bias: Scalar = quantity("m", "Range error common to all beacons; 0 if it is not estimated.")
     dilution: Scalar = quantity(
@@ -69,9 +72,9 @@ class RangingFix:
     rejected: Scalar = quantity(
         "1", "Index of the beacon whose range was left out at the last ping; -1 if none was left out.", kind="count"
     )
-    mode: Scalar = quantity("1", "Result of locating the unit at the last ping.", kind="mode", modes=MODES)
+    mode: Scalar = quantity("1", "Result of locating the ultrasonic unit at the last ping.", kind="mode", modes=MODES)
     frozen: Scalar = quantity(
-        "1", "True if the unit is frozen: its ranges repeat exactly, and it gets no fix.", kind="flag"
+        "1", "True if the ultrasonic unit is frozen: its ranges repeat exactly, and it gets no fix.", kind="flag"
     )
     out_of_time: Scalar = quantity(
         "1",
@@ -85,21 +88,24 @@ class RangingFix:
 
 @record
 class RangingPositionState:
-    """State of the positioning from ranges: newest fix, and last position of each unit. Source: this module."""
+    """State of the positioning from ranges: newest fix, and last position of each ultrasonic unit. Source: this
+    module."""
 
     fix: RangingFix = part("Newest position fix.")
-    places: Any = quantity("m", "Last position fix of each unit (m, 2), north and east.", frame="W")
-    gains: Any = quantity("1", "Sensitivity of each unit's last fix to an error of each range (m, n, 2).", frame="W")
+    places: Any = quantity("m", "Last position fix of each ultrasonic unit (m, 2), north and east.", frame="W")
+    gains: Any = quantity(
+        "1", "Sensitivity of each ultrasonic unit's last fix to an error of each range (m, n, 2).", frame="W"
+    )
     times: Any = quantity(
-        "100 ns", "Time at which each unit was last located (m,); NEVER for a unit without a fix.", kind="time"
+        "100 ns", "Time at which each ultrasonic unit was last located (m,); NEVER for one without a fix.", kind="time"
     )
     measured: Scalar = quantity("100 ns", "Time at which the newest ping with a fix was sent.", kind="time")
     seen: Scalar = quantity("100 ns", "Time at which the newest ping, with or without a fix, was sent.", kind="time")
-    ranges: Any = quantity("m", "Last ranges of each unit (m, n).")
+    ranges: Any = quantity("m", "Last ranges of each ultrasonic unit (m, n).")
     repeats: Any = quantity(
-        "1", "Number of consecutive pings of each unit that repeated the ranges exactly (m,).", kind="count"
+        "1", "Number of consecutive pings of each ultrasonic unit that repeated the ranges exactly (m,).", kind="count"
     )
-    any: Scalar = quantity("1", "True once any unit has had a fix.", kind="flag")
+    any: Scalar = quantity("1", "True once any ultrasonic unit has had a fix.", kind="flag")
 
 
 class _UnitLocation(NamedTuple):
@@ -113,7 +119,8 @@ class _UnitLocation(NamedTuple):
 
 @record
 class RangingPosition:
-    """Estimator that locates a unit from each ping. It corrects the cone error of ranges, and rejects one outlier.
+    """Estimator that locates an ultrasonic unit from each ping. It corrects the cone error of ranges, and rejects one
+    outlier.
 
     From three or more ranges, the position is found by Bancroft's closed form, followed by least squares. If the
     residual is above its limit and there are enough ranges, one range is left out. Without this range, the residual
@@ -121,7 +128,7 @@ class RangingPosition:
     qualify, the residual and the distance from the previous fix decide. If none qualifies, there is no fix. From two
     ranges, the intersection nearer to the previous fix is taken.
 
-    Frames:  beacons in W, units in B; level vehicle on a flat floor.
+    Frames:  beacons in W, ultrasonic units in B; level vehicle on a flat floor.
     Not modelled: motion between the pings of two units, see docs page; correlation of fixes in time.
     Source:  [1] sections 5.4, 5.5.3 and 5.5.4; the rejection of an outlier is added, see docs page.
     """
@@ -135,19 +142,24 @@ class RangingPosition:
         "m", "Largest accepted root mean square of the ranges' residuals.", default=0.02, above=0
     )
     cone_limit: Scalar = quantity(
-        "rad", "Largest accepted angle of the unit off a beacon's axis.", default=0.9, kind="angle", above=0, high=1.5
+        "rad",
+        "Largest accepted angle of the ultrasonic unit off a beacon's axis.",
+        default=0.9,
+        kind="angle",
+        above=0,
+        high=1.5,
     )
     usual_jump: Scalar = quantity("m", "Typical distance between consecutive fixes.", default=0.2, above=0)
     dilution_limit: Scalar = quantity("1", "Largest accepted dilution of precision.", default=10.0, above=0)
     frozen_after: Scalar = quantity(
         "1",
-        "Number of consecutive pings of a unit with exactly equal ranges after which it counts as frozen; 0 for never.",
+        "Number of pings in a row with exactly equal ranges after which an ultrasonic unit is frozen; 0 for never.",
         default=3,
         kind="count",
         off={"range-noise": 0},
     )
     pair_time: int = period(
-        "Longest time between the fixes of two units for which a heading is computed from them.", default=ms(200)
+        "Longest time between the fixes of two ultrasonic units from which a heading is computed.", default=ms(200)
     )
     cone: bool = option(
         "True to compensate the cone error, which makes ranges off a beacon's axis too long.",
@@ -163,13 +175,14 @@ class RangingPosition:
     sensor: str = option("Name of the ranging sensor.", default="ranging")
 
     def check(self) -> None:
-        """Raise InputError if the positions of beacons or units are invalid, or one unit is above the other."""
+        """Raise InputError if the positions of beacons or ultrasonic units are invalid, or one unit is above the
+        other."""
         check_positions("RangingPosition", self)
         plan = np.asarray(self.units)[:2, :2]
         if len(plan) == 2 and np.allclose(plan[0], plan[1]):
             raise InputError(
                 "RangingPosition.units",
-                "one of the first two units must not be above the other",
+                "one of the first two ultrasonic units must not be above the other",
                 fix="give the two units different x or y",
             )
 
@@ -196,7 +209,7 @@ class RangingPosition:
         )
 
     def locate(self, ranges: Any, arrived: Any, unit: Any, near: Any, known: Any) -> _UnitLocation:
-        """Return a unit's position (2,) and its quality, from measured ranges.
+        """Return an ultrasonic unit's position (2,) and its quality, from measured ranges.
 
         ranges: measured ranges (m), shape (n,).  arrived: True for each range that arrived, shape (n,).  unit: index of
         the unit.  near: position of the previous fix (m), shape (2,).  known: True if there was a previous fix.
@@ -268,9 +281,9 @@ class RangingPosition:
     def _gain(self, place: Any, unit: Any, arrived: Any, rejected: Any) -> tuple[Any, Any]:
         """Return the effect of each range's error on the fix, north and east: H (H'H)^-1 (n, 2), and the dilution.
 
-        H (n, 2): horizontal directions from the beacons to the unit. Dilution: error of the fix over error of a range,
-        i.e. the square root of the gain's sum of squares. It is at most 1000, also if all beacons lie on a line with
-        the unit.
+        H (n, 2): horizontal directions from the beacons to the ultrasonic unit. Dilution: error of the fix over error
+        of a range, i.e. the square root of the gain's sum of squares. It is at most 1000, also if all beacons lie on a
+        line with the unit.
         """
         beacons = jnp.asarray(self.beacons)
         height = self.down + jnp.asarray(self.units)[unit, 2] - beacons[:, 2]
@@ -313,7 +326,7 @@ class RangingPosition:
         return RangingPositionState(fix, places, gains, times, measured, t, ranges, repeats, s.any | good)
 
     def _count_repeats(self, s: RangingPositionState, own: Any, value: Any) -> tuple[Any, Any]:
-        """Return the last ranges (m, n) and the repeat counts (m,) of all units after a ping.
+        """Return the last ranges (m, n) and the repeat counts (m,) of all ultrasonic units after a ping.
 
         own: True for the unit that pinged (m,). A ping without any range does not count as a repetition.
         """
@@ -323,7 +336,8 @@ class RangingPosition:
         return jnp.where(own[:, None], now, s.ranges), jnp.minimum(repeats, np.int32(2**30))
 
     def _vehicle_fix(self, fix: RangingFix, place: Any, unit: Any, places: Any, times: Any) -> RangingFix:
-        """Return the vehicle's fix from the position of a unit, with a heading if both units have a recent fix."""
+        """Return the vehicle's fix from the position of one ultrasonic unit, with a heading if both ultrasonic units
+        have a recent fix."""
         heading, paired, at = fix.heading, fix.heading_valid, place
         if np.shape(self.units)[0] >= 2:
             levers = jnp.asarray(self.units)[:, :2]

@@ -20,12 +20,12 @@ class RangeErrorModel:
 
         measured = (1 + scale) h(place) + error of the beacon + noise
 
-    The scale error, caused by a wrong speed of sound, is estimated: 5 K cause 2.4 cm in 2.7 m, which is six times the
-    noise. A beacon's survey error is considered, not estimated. It can't be distinguished from a displacement of the
-    vehicle, so that a filter that averages it is overconfident. For a beacon that was found moved, the range error is
-    considered with the standard deviation `moved`. Its ranges then have almost no weight, until they have agreed with
-    the survey for a long time. The range error of a moved beacon changes with the vehicle's position. A constant fitted
-    to it made the filter overconfident (NEES of 12 to 20 instead of 8, docs page).
+    The scale error, caused by a wrong speed of sound, is estimated: 5 K cause 2.4 cm in 2.7 m, six times the noise. A
+    beacon's survey error is considered, not estimated. It can't be distinguished from a displacement of the vehicle, so
+    that a filter that averages it is overconfident. For a beacon that was found moved, the range error is considered
+    with the standard deviation `moved`. Its ranges then have almost no weight, until they have agreed with the survey
+    for a long time. The range error of a moved beacon changes with the vehicle's position. A constant fitted to it made
+    the filter overconfident (NEES of 12 to 20 instead of 8, docs page).
 
     Source: [1] section 5.5; Schmidt 1966; values for the simulated network, docs page, Tightly coupled ranging.
     """
@@ -93,7 +93,7 @@ class RangeFix:
     sigma_error: Any = quantity("m", "Standard deviation of the range error of each beacon.")
     scale: Scalar = quantity("1", "Scale error common to all ranges, positive if they are too long.")
     sigma_scale: Scalar = quantity("1", "Standard deviation of the ranges' scale error.")
-    unit: Scalar = quantity("1", "Index of the vehicle's unit that sent the ping.", kind="count")
+    unit: Scalar = quantity("1", "Index of the vehicle's ultrasonic unit that sent the ping.", kind="count")
     used: Scalar = quantity("1", "Number of ranges used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
     invalid: Scalar = quantity("1", "Number of received ranges that were not positive numbers.", kind="count")

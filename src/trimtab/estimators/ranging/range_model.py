@@ -71,7 +71,7 @@ class RangePrediction(NamedTuple):
 
 
 def predict_range(beacon: Any, place: Any, down: Any, *, cone: bool) -> RangePrediction:
-    """Return the range to a beacon that a unit measures, including the cone error but no noise.
+    """Return the range from an ultrasonic unit to a beacon, including the cone error but no noise.
 
         d / e(beta),  tan beta = |p - q| / h,  e = 1 without cone error
 
@@ -99,7 +99,7 @@ def predict_range(beacon: Any, place: Any, down: Any, *, cone: bool) -> RangePre
 
 
 class Geometry(NamedTuple):
-    """Geometry of the ranges of one unit.
+    """Geometry of the ranges of one ultrasonic unit.
 
     beacons: positions in W (n, 3).  lever: vector in B from the navigated point to the unit (2,).  down: down
     coordinate of the unit.  cone: True to model the cone error.
@@ -112,7 +112,10 @@ class Geometry(NamedTuple):
 
 
 def unit_geometry(form: Any, unit: Any) -> Geometry:
-    """Return the geometry of the ranges of a unit. form: a filter with beacons, units, down, arms and cone."""
+    """Return the geometry of the ranges of an ultrasonic unit.
+
+    form: a filter with beacons, units, down, arms and cone.  unit: index of the ultrasonic unit.
+    """
     lever = jnp.asarray(form.units, np.float64)[unit]
     beacons = jnp.asarray(form.beacons, np.float64)
     return Geometry(beacons, lever[:2] - form.arms.imu, form.down + lever[2], form.cone)
@@ -130,7 +133,8 @@ class LinearisedRange(NamedTuple):
 class RangeUpdate(NamedTuple):
     """Result of an update with the ranges of a ping.
 
-    x, P: state and covariance.  innovation, variance, nis: of each range (n,).  accepted: True for ranges used (n,).
+    x, P: state and covariance.  innovation, variance, nis: innovation of each range, its variance and NIS (n,).
+    accepted: True for ranges used (n,).
     """
 
     x: Any
@@ -188,7 +192,7 @@ def update_with_ranges(
 
 
 def place_information(place: Any, used: Any, g: Geometry, sigma: Any) -> Any:
-    """Return the information matrix (2, 2) of a unit's position (2,) from the used ranges (n,).
+    """Return the information matrix (2, 2) of an ultrasonic unit's position (2,) from the used ranges (n,).
 
     sigma: standard deviation of each range.
     """

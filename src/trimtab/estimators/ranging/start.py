@@ -1,7 +1,9 @@
-"""Position, velocity and heading from unit positions at a few pings and the IMU readings in between, in closed form.
+"""Position, velocity and heading from a few position fixes of ultrasonic units and the IMU readings in between.
+
+The solution has a closed form.
 
 The motion since the first ping is integrated in the body's axes at the first ping (turn a, velocity dv, displacement
-dr). The position of a unit with the lever arm l from the IMU is then linear in the unknowns:
+dr). The position of an ultrasonic unit with the lever arm l from the IMU is then linear in the unknowns:
 
     place = p0 + v0 t + [w, J w] (c, s),    w = dr + R(a) l,   J w = (-w2, w1),   c = cos phi0, s = sin phi0
 
@@ -36,7 +38,7 @@ class RangingStart:
         "m", "First position found from ranges. The equations measure all positions from it.", frame="W", shape=(2,)
     )
     pings: Scalar = quantity(
-        "1", "Number of pings used. For each, the unit's position was found from ranges.", kind="count"
+        "1", "Number of pings used: those for which a position of the ultrasonic unit was found.", kind="count"
     )
     elapsed: Scalar = quantity("s", "Time since the first ping used.")
     turn: Scalar = quantity("rad", "Angle turned since the first ping used.", kind="angle")
@@ -78,7 +80,7 @@ def propagate_start(start: RangingStart, dt: Any, before: Any, imu_reading: Any,
 
 
 def add_unit_position(start: RangingStart, place: Any, lever: Any, W: Any) -> RangingStart:
-    """Add a unit's position (2,) to the normal equations.
+    """Add the position (2,) of an ultrasonic unit to the normal equations.
 
     lever: vector in B from the IMU to the unit (2,).  W: information matrix of the position (2, 2).
     """

@@ -68,11 +68,11 @@ class TightlyCoupled:
     outliers.
 
     State: heading, velocity, position, gyro and accelerometer biases, scale error of all ranges, error of each beacon.
-    With two units, or with a lever arm and motion, ranges alone make the heading observable.
+    With two ultrasonic units, or with a lever arm and motion, ranges alone make the heading observable.
 
     Starts:  in closed form (`RangingStart`) from the first four pings with three or more ranges, without a first guess.
              Only the biases are then taken from `start`. With begins="given", all states are taken from `start`.
-    Frames:  beacons in W, units in B; level vehicle on a flat floor.
+    Frames:  beacons in W, ultrasonic units in B; level vehicle on a flat floor.
     Not modelled: survey errors that change with the position; motion of the vehicle while the sound travels.
     Source:  [1] chapter 7 names such a filter as future work; docs page, Tightly coupled ranging.
     """
@@ -96,7 +96,7 @@ class TightlyCoupled:
     )
     rest_sigmas: Scalar = quantity(
         "1",
-        "Number of standard deviations below which a force counts as zero. Only used with a single unit.",
+        "Number of standard deviations below which a force counts as zero. Only used with a single ultrasonic unit.",
         default=3.0,
         low=0,
     )
@@ -120,7 +120,7 @@ class TightlyCoupled:
     listens = property(listened_sensors)
 
     def check(self) -> None:
-        """Raise InputError if the settings of sensors, or the positions of beacons or units, are invalid."""
+        """Raise InputError if the settings of sensors, or the positions of beacons or ultrasonic units, are invalid."""
         self.intake.check()
         if not self.intake.position:
             raise InputError(
@@ -226,8 +226,8 @@ def correction_mask(form: TightlyCoupled, node: TightNode) -> Any:
 
 
 def find_agreeing_ranges(form: TightlyCoupled, node: TightNode, ranges: Any, unit: Any) -> tuple[Any, Any, Any]:
-    """Return flags of the ranges that agree with each other (n,), the unit's position (2,), and True if at least three
-    agree."""
+    """Return flags of the ranges that agree with each other (n,), the ultrasonic unit's position (2,), and True if at
+    least three ranges agree."""
     finder = RangingPosition(
         beacons=form.beacons,
         units=form.units,

@@ -25,7 +25,7 @@ from trimtab.estimators.ranging.position import PAIR, RangingPosition, RangingPo
 
 KNOWN = 0.3
 """Standard deviation of the INS's heading (rad) below which the heading counts as known. A known heading is used to
-move fixes from a unit to the vehicle's reference point."""
+move fixes from an ultrasonic unit to the vehicle's reference point."""
 
 
 @record
@@ -70,9 +70,9 @@ class UltrasonicInertial:
     """Loosely coupled navigation: RangingPosition computes positions from ranges, and an INS fuses positions and
     headings.
 
-        position   r = position of the unit - B(phi) lever,  phi the INS's heading when the unit pinged
-        heading    from a magnetometer, or from the positions of two units; the older position is first moved by the
-                   displacement of the INS since then
+        position   r = position of the ultrasonic unit - B(phi) lever,  phi the INS's heading at the ping
+        heading    from a magnetometer, or from the positions of two ultrasonic units; the older position is first
+                   moved by the displacement of the INS since then
 
     g (n, 2) is the effect of an error of each of n ranges on a unit's position, e is the unit vector perpendicular to
     the line through the units, and base is the distance between the units. The variances are
@@ -101,7 +101,7 @@ class UltrasonicInertial:
     range_noise: Scalar = quantity("m", "Standard deviation of a range's noise.", default=0.0045, above=0)
     survey_error: Scalar = quantity(
         "m",
-        "Standard deviation of a beacon's position. It affects a heading if the two units received different beacons.",
+        "Standard deviation of a beacon's position. Affects a heading if the units received different beacons.",
         default=0.005,
         low=0,
     )
@@ -112,7 +112,8 @@ class UltrasonicInertial:
         "T", "Earth's magnetic field, for the magnetometer.", frame="W", default=COLLEGE_PARK, shape=(3,)
     )
     magnetometer: str = option(
-        "Name of the magnetometer. If it is empty, the heading is computed from two units.", default=""
+        "Name of the magnetometer. Empty: the heading is computed from the positions of two ultrasonic units.",
+        default="",
     )
 
     @property
@@ -122,26 +123,24 @@ class UltrasonicInertial:
         return (self.inertial.intake.imu, self.positioning.sensor, *extra)
 
     def check(self) -> None:
-        """Raise InputError if the number of units is not 1 or 2, if the INS reads headings but none are measured, if it
-        reads no positions, or if its lever arm is wrong."""
+        """Raise InputError if the number of ultrasonic units is not 1 or 2, if the INS reads headings but none are
+        measured, if it reads no positions, or if its lever arm is wrong."""
         self.positioning.check()
         self.inertial.check()
         units = np.shape(self.positioning.units)[0]
         if units not in (1, 2):
-            fix = "set positioning.units to the rows of one or two units, or use another estimator for ranges"
+            fix = "set positioning.units to one or two rows (x, y, z), or use another estimator for ranges"
             raise InputError(
                 "UltrasonicInertial", f"the number of ultrasonic units must be 1 or 2, got {units}", fix=fix
             )
         if self.inertial.intake.heading and not self.magnetometer and units < 2:
             problem = "the INS reads headings, but there is only one ultrasonic unit and no magnetometer"
-            fix = "add a unit, name a magnetometer, or use AidedInertialCoupled with intake.heading empty"
+            fix = "add an ultrasonic unit, name a magnetometer, or use AidedInertialCoupled with intake.heading empty"
             raise InputError("UltrasonicInertial", problem, fix=fix)
         lever = np.asarray(self.positioning.units)[0, :2] if units == 1 else np.zeros(2)
         if not np.allclose(self.inertial.arms.aiding, lever):
             problem = f"inertial.arms.aiding is {np.asarray(self.inertial.arms.aiding)}; for {units} units set {lever}"
-            fix = (
-                "set it to x, y of a single unit; with two units set it to 0, as their lever arms are subtracted before"
-            )
+            fix = "set it to x, y of a single unit; with two units set it to 0: their lever arms are subtracted before"
             raise InputError("UltrasonicInertial", problem, fix=fix)
         if not self.inertial.intake.position:
             raise InputError(
@@ -193,7 +192,8 @@ class UltrasonicInertial:
     def _locate_vehicle(
         self, s: RangingPositionState, fix: Estimate, inertial: InertialState
     ) -> tuple[PositionMeasurement, HeadingMeasurement]:
-        """Return the vehicle's position from the position of the unit that pinged, and its heading from two units."""
+        """Return the vehicle's position from that of the ultrasonic unit that pinged, and its heading from two
+        units."""
         levers = jnp.asarray(self.positioning.units)[:, :2]
         new = fix.state.unit
         now, lever = self._pose(inertial, s.measured), levers[new]

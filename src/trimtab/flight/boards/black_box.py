@@ -33,7 +33,7 @@ class FlightRecord(NamedTuple):
     commanded: bool
     """True while the firmware obeys a command."""
     pulses: Mapping[str, float]
-    """Pulse width (s) of each output, by name: the numbers of the vehicle's command, or the outputs of a fan drive."""
+    """Name of each output -> its pulse width (s). The outputs are those of the vehicle's command, or of a fan drive."""
     wanted_rpm: int | None
     """Set-point of the fan's speed (rpm). This field and `speed_rpm` are None for a board without a fan drive."""
     speed_rpm: int | None

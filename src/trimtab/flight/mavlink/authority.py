@@ -21,7 +21,7 @@ from typing import NamedTuple
 from trimtab.flight.mavlink.definitions import Message
 
 SESSION = "session"
-"""Name of the extension field of COMMAND that carries the sender's session."""
+"""Name of the extension field of COMMAND that carries the sender's session number."""
 MOST_SESSIONS = 2**24
 """Upper limit of session numbers. A command parameter is a 32-bit float, in which smaller whole numbers are exact."""
 
@@ -32,7 +32,10 @@ def draw_session() -> int:
 
 
 class Sender(NamedTuple):
-    """Sender of a message. session: 0 for a sender without session, e.g. a ground station. link: signature stream."""
+    """Sender of a message. session: session number, 0 for a sender without one, e.g. a ground station.
+
+    link: signature stream.
+    """
 
     system: int
     component: int
@@ -45,7 +48,7 @@ class Sender(NamedTuple):
 
 
 def parse_session(number: float) -> int:
-    """Return a session from the parameter of a command; 0 if it is not valid."""
+    """Return a session number from the parameter of a command; 0 if it is not valid."""
     return int(number) if 0 < number < MOST_SESSIONS and number == int(number) else 0
 
 
@@ -67,7 +70,8 @@ class Authority:
         """Number of commands so far from senders that do not own the vehicle."""
 
     def is_addressed(self, session: int) -> bool:
-        """Return True if a session addresses this vehicle. Two vehicles on one link may have the same system id."""
+        """Return True if a session number in a message is 0 or that of this vehicle. Two vehicles on one link may have
+        the same system id, but not the same session number."""
         return session in (0, self.session)
 
     def find_arming_problem(self, sender: Sender) -> str:

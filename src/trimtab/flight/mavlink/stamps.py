@@ -152,7 +152,7 @@ class Stamps:
         return (stamp - max(self.last, self._current_stamp())) / PER_SECOND
 
     def follow(self, stamp: int) -> None:
-        """Continue from the other end's stamp, which may be ahead or behind. The other end's answer must be current.
+        """Continue from the other end's time stamp, ahead or behind this end's. The other end's answer must be current.
 
         From then on no stamp is stored, because the stamps are not those of this end's clock.
         """

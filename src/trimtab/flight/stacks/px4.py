@@ -45,7 +45,8 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.command_pulses import PulseOutput
 
 ORIGIN = "38.9897,-76.9378,20"
-"""Geographic position of the origin of W. There, the magnetic field that PX4 derives from the position is COLLEGE_PARK.
+"""Geographic position of the origin of the world frame W. There, the magnetic field that PX4 derives from the position
+is COLLEGE_PARK.
 """
 STEP, SLOW_SAMPLES, FIX_SAMPLES = ms(4), 5, 25
 """Time between samples of the inertial unit, as in PX4's own simulators; number of these samples between samples of the
@@ -57,7 +58,7 @@ LISTEN_S, SILENCE_S = 0.1, 1.0
 """Longest wait for a connection before `stop` is called again; longest wait for an answer of PX4 to a sample (s)."""
 RATE_NOISE, FORCE_NOISE, FIELD_NOISE, PRESSURE_NOISE = np.radians(2000 / 32768), 9.80665 / 2048, 1e-7, 1.0
 """Standard deviations of the sensor noise (rad/s, m/s², T, Pa). The first two are one step of PX4's simulated
-converters; the others are reconstructed. PX4 treats a sensor with constant samples as dead."""
+converters; the others are our own choice. PX4 treats a sensor with constant samples as dead."""
 SYSTEM, COMPONENT = 1, 200
 
 OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
@@ -289,7 +290,8 @@ def pulse_span(o: PulseOutput) -> tuple[float, float, float]:
 
 
 def _surroundings_block() -> BlockDefinition:
-    """Define the block that computes `Surroundings` from a motion. Its parameters are the origin of W."""
+    """Define the block that computes `Surroundings` from a motion. Its parameters are the geographic position of
+    the origin of the world frame W."""
 
     def step(p: Any, s: Any, now: Any) -> Any:
         latitude, longitude, height = p.from_ned(now["p_WB"])

@@ -113,7 +113,7 @@ class ServedFiles:
         SYSTEM_CLOCK.wait(None, LISTING_PERIOD_S)
 
     def has_document(self, path: str) -> bool:
-        """Return True if the path is that of a document, which is read without a disk."""
+        """Return True if the path is that of a document. Documents are read without a disk."""
         parts = _split_path(path)
         return parts is not None and len(parts) == 1 and parts[0] in self.documents
 

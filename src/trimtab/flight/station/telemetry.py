@@ -85,13 +85,14 @@ def global_position(now: int, motion: VehicleMotion, place: Place, home: Vehicle
 
 
 def home_position(now: int, p_WB: Vector, quaternion: Vector, place: Place) -> Fields:
-    """Return the fields of HOME_POSITION, without an approach. quaternion: w, x, y, z of the rotation from B to W."""
+    """Return the fields of HOME_POSITION, without an approach. quaternion: w, x, y, z of the rotation
+    from the body frame B to the world frame W."""
     local = dict(zip("xyz", p_WB, strict=True)) | {"q": tuple(quaternion)}
     return {"time_usec": now // UNITS_PER_US} | _place_fields(place) | local | dict.fromkeys(APPROACH, math.nan)
 
 
 def global_origin(now: int, origin: Place) -> Fields:
-    """Return the fields of GPS_GLOBAL_ORIGIN: the geographic position of the origin of W."""
+    """Return the fields of GPS_GLOBAL_ORIGIN: the geographic position of the origin of the world frame W."""
     return {"time_usec": now // UNITS_PER_US} | _place_fields(origin)
 
 

@@ -2,7 +2,7 @@
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, sections
 5.4, 5.5 and 6.1. The hall, the positions of beacons and ultrasonic units, and the errors of survey and temperature are
-reconstructed.
+our own choice.
 """
 
 from collections.abc import Mapping
@@ -68,8 +68,8 @@ with the radio. none: the samples arrive without delay.
 """
 
 CEILING, SPACING = 4.0, 3.4
-"""Height of the beacons and distance between beacons (m). Everywhere on the floor, a unit receives at least three
-beacons, and at most places four."""
+"""Height of the beacons and distance between beacons (m). Everywhere on the floor, an ultrasonic unit receives at
+least three beacons, and in most positions four."""
 NOISE = InertialNoise(
     gyro=1.6e-4,
     gyro_walk=1e-6,

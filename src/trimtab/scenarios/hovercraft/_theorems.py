@@ -167,7 +167,8 @@ def spin() -> LawTheorem:
 def spin_gate(*, mass: float = 2.6, inertia: float = 0.096, arm: float = 0.32) -> LawTheorem:
     """Return the theorem that ConstantSpin, started with V below the switching energy, reaches r = ref.
 
-    The theorem holds for both switching energies, and for no threshold above the sharp switching energy.
+    The theorem holds for both switching energies, and for no threshold above the sharp switching energy. W_bad in the
+    names of the claims is the value of W at the bad limit point (`limit_point_value`).
     """
     model, craft = _numeric_craft(mass, inertia, arm)
     ref, x = symbol("ref"), _state()

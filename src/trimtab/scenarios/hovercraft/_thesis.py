@@ -62,8 +62,8 @@ POUND = 0.45359237
 LIGHTER = 1 - 0.5 * POUND / float(Hovercraft().mass)
 """Mass of the lighter craft, and likewise its inertia, relative to the craft of the thesis.
 
-[1] chapter 7 expects to save half a pound of electronics. The position of this mass is not given. It is assumed
-(reconstructed) that the radius of gyration does not change.
+[1] chapter 7 expects to save half a pound of electronics. The position of this mass is not given. We assume
+that the radius of gyration does not change.
 """
 
 
@@ -160,7 +160,7 @@ def _choose_fan(fan: Fan) -> tuple[FanDrive, ThrustVectorAllocation]:
 
 
 def _flight_limits(navigation: Navigation, floor: Floor) -> tuple[Limit, ...]:
-    """Return the supervisor's limits (reconstructed). They are far beyond these flights, and safe in a hall."""
+    """Return the supervisor's limits, our own choice. They are far beyond these flights, and safe in a hall."""
     speeds = (
         Limit(fields=("surge_velocity", "sway_velocity"), high=4.0, kind="envelope"),
         Limit(fields=("yaw_rate",), low=-12.0, high=12.0, kind="envelope"),

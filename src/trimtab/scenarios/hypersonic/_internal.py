@@ -4,8 +4,8 @@ The tables are computed before a run. They contain the bounded solution of the e
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eq. 7: the internal dynamics. The linearisation computed here differs from the
-printed linearisation. The paper does not print the method for the tables, which is that of S. Devasia, D. Chen, B.
-Paden, IEEE Transactions on Automatic Control 41(7), 1996.
+printed linearisation. The paper does not print the method for the tables. It is that of S. Devasia, D. Chen, B. Paden,
+IEEE Transactions on Automatic Control 41(7), 1996.
 """
 
 import math

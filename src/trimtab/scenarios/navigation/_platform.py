@@ -45,7 +45,7 @@ compass would have a constant error.
 """
 LEAN = math.atan2(COLLEGE_PARK[1], COLLEGE_PARK[0])
 FIX_INTERVAL = seconds(1)
-"""Time between position fixes (reconstructed). The thesis's simulation draws new navigation errors once a second."""
+"""Time between position fixes: our own choice. The thesis's simulation draws new navigation errors once a second."""
 LEAK = (STANDARD * math.sin(TILT)) ** 2 * to_seconds(FIX_INTERVAL) / to_seconds(InertialNoise().tick)
 """Variance of the force noise (m^2/s^4) that covers the unknown tilt between two fixes."""
 
@@ -70,10 +70,10 @@ def rig_scenario(
         sensors: sensors of the world, by name.
         law: rotation of the platform.
         arm: distance from the axis to the body (m).
-        time_constant: time constant of the motor (s). Reconstructed: between 0.05 and 0.1.
+        time_constant: time constant of the motor (s). Our estimate: between 0.05 and 0.1.
         intake: samples that the navigation reads.
         covariance: use of the process noise in the filter.
-        form: form of the aided inertial navigation.
+        form: class of the aided inertial navigation filter.
         noise: noise values that replace printed values in a consistent filter. A literal filter ignores them.
         estimator: function that makes the estimator from the navigation, or None.
     """

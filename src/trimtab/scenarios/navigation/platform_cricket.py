@@ -22,9 +22,10 @@ HEADING_LATENCY, POSITION_LATENCY = 0.087, 0.120
 FIX = 0.0044
 """Standard deviation of each coordinate of a fix (m). Half of the fixes are within 0.52 cm, [1] fig. 5.8."""
 BASE = 0.2032
-"""Distance from unit A, at the end of the arm, to unit B (m). Reconstructed: unit B is 4 in from the axis."""
+"""Distance (m) from ultrasonic unit A, at the end of the arm, to unit B. Our estimate: unit B is 4 inches from the
+axis."""
 TURN = math.sqrt(2) * FIX / BASE
-"""Standard deviation of the heading that is computed from the positions of the two units (rad)."""
+"""Standard deviation of the heading that is computed from the positions of the two ultrasonic units (rad)."""
 
 
 def scenario(

@@ -1,7 +1,7 @@
 """Keep a hovercraft at rest, to record a log from which the noise of its inertial unit is calibrated.
 
-All parts except the inertial unit have a period of 5 ms, shorter than the unit's sampling period. The log has a row for
-each millisecond in which a part runs. So it contains every sample of the unit, and few other rows.
+All parts except the inertial unit have a period of 5 ms, shorter than its sampling period. The log has a row for each
+millisecond in which a part runs. So it contains every sample of the inertial unit, and few other rows.
 """
 
 from trimtab.actuators.allocation import DirectActuation, DirectAllocation

@@ -45,7 +45,8 @@ class Amount(NamedTuple):
 class Distribution(NamedTuple):
     """Distribution of a parameter. text: distribution as typed, e.g. ``normal(2.6, 0.1)``.  kind: e.g. "normal".
 
-    amounts: its numbers.  choices: texts of the choices of ``choice(A, B)``.  column: sorted values of ``file(…)``.
+    amounts: the numbers in brackets, e.g. 2.6 and 0.1.  choices: the values A, B of ``choice(A, B)``, as text.
+    column: sorted values of ``file(…)``.
     """
 
     text: str

@@ -1,12 +1,12 @@
 """Falsification: a search for the worst run inside given bounds.
 
-    minimise over x in [0, 1]^d:  m(x) = minimum (or mean) over words of margin(run with parameters Q(x) and word)
+    minimise over x in [0, 1]^d:  m(x) = minimum (or mean) over w of margin(run with parameters Q(x), noise w)
 
 Q(x) are the quantiles of the varied parameters. A distribution without bounds is searched within three standard
-deviations. A word selects the random numbers of a run. Every candidate flies with the same few words (common random
-numbers), so that m depends only on x. The first runs cover the whole box [0, 1]^d with Sobol points. CMA-ES
-then starts from the worst point, and restarts from the worst points elsewhere. The last runs fly the worst point with
-new words.
+deviations. The random key word w selects the random numbers of a run. Every candidate flies with the same few words w
+(common random numbers), so that m depends only on x. The first runs cover the whole box [0, 1]^d with Sobol points.
+CMA-ES then starts from the worst point, and restarts from the worst points elsewhere. The last runs fly the worst point
+with new words.
 
 The margin of a run measures how far the run is from failing. It is negative for a failure. It varies gradually, also
 among successes and among failures. Each condition has a room: its distance to the bound, relative to the bound. The
@@ -60,13 +60,13 @@ NAME = "margin"
 SMALLEST_VIOLATION = 1e-12
 """Smallest size of the margin of a violated condition."""
 OVER: Mapping[str, Callable[[Any], Any]] = {"worst": lambda m: m.min(axis=1), "mean": lambda m: m.mean(axis=1)}
-"""Functions that combine the margins (n, words) of the runs at each of n points into the values to minimise (n,)."""
+"""Functions that combine the margins (n, k) of the k runs at each of n points into the values to minimise (n,)."""
 TAIL = float(special.ndtr(-3.0))
 """Probability cut off at each end of a distribution without bounds."""
 BATCH_RUNS_MIN = 64
 """Minimum number of runs in a batch. Fewer runs would not use the processor's vector units fully."""
 FIRST, LAST = 0.15, 0.1
-"""Fractions of all runs that cover the whole box at first, and that repeat the worst point with new words at last."""
+"""Fractions of all runs that cover the whole box at first, and that repeat the worst point with new noise at last."""
 STEP = 0.2
 """Initial standard deviation of CMA-ES, as a fraction of the box's width."""
 START_DISTANCE_MIN = 0.3
@@ -150,11 +150,12 @@ class BoxSearch:
         self.starts: list[Any] = []
 
     def __call__(self, x: Any) -> Any:
-        """Return the values to minimise at points x (n, d), all flown with the same words."""
+        """Return the values to minimise at points x (n, d), all flown with the same random key words."""
         return self.over(self.fly_candidates(x, np.zeros(len(x), np.uint32)))
 
     def fly_candidates(self, x: Any, first: Any) -> Any:
-        """Return margins (n, words) at points x (n, d), each flown with consecutive words from `first` (n,) on."""
+        """Return margins (n, words) at points x (n, d), each flown with consecutive random key words from `first` (n,)
+        on."""
         u = np.repeat(spread_levels(self.ready, x), self.words, axis=0)
         words = first[:, None] + np.arange(self.words, dtype=np.uint32)
         m = margins(fly_points(self.ready, u, words.ravel(), **self.options)).reshape(words.shape)
@@ -163,14 +164,15 @@ class BoxSearch:
         return m
 
     def refly_worst(self, n: int) -> None:
-        """Fly the worst candidate n more times, each time with new words."""
+        """Fly the worst candidate n more times, each time with new random key words."""
         x, m, *_ = self.candidates()
         first = self.words * np.arange(1, n + 1, dtype=np.uint32)
         self.restart += 1
         self.fly_candidates(np.repeat(x[[np.argmin(self.over(m))]], n, axis=0), first)
 
     def candidates(self) -> tuple[Any, ...]:
-        """Return all candidates: points (n, d), margins (n, words), first word of each (n,), and restart (n,)."""
+        """Return all candidates: points (n, d), margins (n, words), first random key word of each (n,), and restart
+        (n,)."""
         return tuple(np.concatenate(parts) for parts in zip(*self.flights, strict=True))
 
     def remaining_candidates(self, runs: int) -> int:
@@ -210,7 +212,7 @@ class FalsificationResult(NamedTuple):
     numbers.  columns: the run's metrics.  flown_runs: total number of runs.  first: number of runs until the first
     failure, or None.  candidate_margins: (n, words), margins of all candidates in the order flown.  points: (n, d),
     the candidates.  stages: (n,), -1 for a Sobol point, otherwise the number of the restart of CMA-ES. The largest
-    number marks the repetitions of the worst point with new words.  names: names of the varied parameters.
+    number marks the repetitions of the worst point with new noise.  names: names of the varied parameters.
     """
 
     plan: CampaignPlan
@@ -320,7 +322,7 @@ def _check_search(ready: PreparedCampaign, runs: int, words: int, over: str) -> 
     if not 1 <= words <= BATCH_RUNS_MIN:
         raise InputError(
             argument_name("words"),
-            f"the number of words must be from 1 to {BATCH_RUNS_MIN}, got {words}",
+            f"the number of runs for each point must be from 1 to {BATCH_RUNS_MIN}, got {words}",
             fix=argument("words", 4),
         )
     if runs < 4 * BATCH_RUNS_MIN:

@@ -40,7 +40,7 @@ from trimtab.logs.mcap import replace_file
 from trimtab.loop.scenario import Scenario
 
 GROUPS = 32
-"""Number of words that select the noise of a run."""
+"""Number of random key words that select the noise of a run."""
 ROUNDS, BATCHES = 4, 10
 """Number of rounds, and number of batches in a round. The interval is computed from the batches' means."""
 LEAST_RUNS = 5000
@@ -51,7 +51,8 @@ PILOT_STREAM, ROUND_STREAM = 0, 1
 
 
 class Failure(NamedTuple):
-    """Run that fails. z: standard normal numbers that determine its parameters.  words: words of its noise.
+    """Run that fails. z: standard normal numbers that determine its parameters.  words: random key words of its
+    noise.
 
     margin: margin found in the search.  values: path -> exact value of the parameter.
     columns: metrics, from a repetition of the run by itself.
@@ -212,7 +213,7 @@ class _Study:
         self.new_runs, self.rate, self.d = 0, math.inf, len(ready.spread.factors)
 
     def margins(self, z: Any, words: Any) -> Any:
-        """Compute margins (n,) of runs with parameters from z (n, d) and noise from words (n, m)."""
+        """Compute margins (n,) of runs with parameters from z (n, d) and noise from random key words (n, m)."""
         if not words.shape[1]:
             words = np.zeros((len(z), GROUPS), np.uint32)
         self.new_runs += len(z)
@@ -247,7 +248,7 @@ class _Study:
         self._write()
 
     def _find_noise(self, rng: np.random.Generator) -> bool:
-        """Return True if a run depends on its words, i.e. if it draws random numbers."""
+        """Return True if a run depends on its random key words, i.e. if it draws random numbers."""
         n = 64
         z, words = rng.standard_normal((n, self.d)), rng.integers(0, 2**32, (2, n, GROUPS), dtype=np.uint32)
         first, second = self.margins(z, words[0]), self.margins(z, words[1])

@@ -46,7 +46,7 @@ def write_scenario(
         plan: plan with the scenario, its settings, its faults and the effects left out.
         values: path -> number or array.
         about: lines of the file's docstring.
-        words: words that select the noise of run 0. Empty: the noise of run 0 is that of a campaign.
+        words: random key words that select the noise of run 0. Empty: the noise of run 0 is that of a campaign.
     """
     own, _, function = plan.scenario.rpartition(":")
     head, name = '"""' + about.replace('"""', "'''").strip() + '\n"""\n', repr(plan.scenario)

@@ -40,9 +40,9 @@ ALL = 100
 class TracedBoundary(NamedTuple):
     """Values on a lattice of `shape` points, of which only some were evaluated.
 
-    index: (n, 2) lattice points, in the order of evaluation.  value: (n,), their values in [0, 1].  call_index: (n,),
-    number of the function call that evaluated each point, from 0.  cells: (k, 3), lower corner and size of the cells
-    that tile the lattice.  threshold: a point is inside if its value is at least the threshold.
+    index: (n, 2), lattice points, in the order of evaluation.  value: (n,), value of each of these points, in [0, 1].
+    call_index: (n,), number of the function call that evaluated each point, from 0.  cells: (k, 3), lower corner and
+    size of the cells that tile the lattice.  threshold: a point is inside if its value is at least the threshold.
     """
 
     shape: tuple[int, int]
@@ -69,7 +69,7 @@ class TracedBoundary(NamedTuple):
         return whole
 
     def boundary_cells(self) -> Any:
-        """Return the cells (k, 3) that contain the boundary: their edges have points both inside and outside."""
+        """Return the cells (k, 3) with the boundary of success: their edges have points on both sides of it."""
         inside, known = self.grid() >= self.threshold, ~np.isnan(self.grid())
         mixed = [_is_mixed(inside, known, c) for c in self.cells.tolist()]
         return self.cells[np.array(mixed, bool)]
@@ -89,7 +89,7 @@ class TracedBoundary(NamedTuple):
 def trace_boundary(
     values: Callable[[Any], Any], coarse: tuple[int, int], depth: int, *, threshold: float = 0.5
 ) -> TracedBoundary:
-    """Evaluate a coarse grid, then only the cells whose edges have points both inside and outside.
+    """Evaluate a coarse grid, then only the cells whose edges have points on both sides of the boundary.
 
     Each of `depth` levels halves these cells and evaluates their new points in one call. If a new point on an edge
     shows that the boundary enters the neighbouring cell, that cell is split too, in a further call. A region that

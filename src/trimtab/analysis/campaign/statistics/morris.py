@@ -43,7 +43,7 @@ class Morris(NamedTuple):
     """Elementary effects of each factor. Arrays have shape (factors,), and are NaN if the runs give no effects.
 
     factors: names of the factors; if the noise is a factor, it is the last.  mu, mu_star, sigma: in the metric's unit,
-    for a change over the factor's whole range.  *_low, *_high: ends of their intervals.  trajectories: number of
+    for a change over the factor's whole range.  *_low, *_high: their intervals.  trajectories: number of
     trajectories used.  rows: number of runs in these trajectories.  note: reason if the effects are missing, or "".
     """
 

@@ -33,7 +33,7 @@ class Sensitivity(NamedTuple):
     """Sobol indices of each factor with their intervals. Arrays have shape (factors,); NaN if nothing varies.
 
     factors: names of the factors; if the noise is a factor, it is the last.  first, total: indices S and T.
-    *_low, *_high: ends of their intervals.  variance: variance of the metric, or of its ranks with `by_rank`.  base:
+    *_low, *_high: interval of each index.  variance: variance of the metric, or of its ranks with `by_rank`.  base:
     number of base samples used, a power of two.  rows: number of runs for these base samples.  note: reason if the
     indices are missing, or "".
     """

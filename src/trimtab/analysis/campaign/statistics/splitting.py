@@ -8,7 +8,7 @@ failure step by step:
 
 **Pilot.** A subset simulation. Of `size` points, the tenth with the smallest margins sets the next level. Each of these
 points starts a Markov chain of SPLIT points below that level. All chains together are the next points. The pilot
-determines the levels and the step sizes, which are fixed afterwards.
+determines the levels and the step sizes. Both are fixed afterwards.
 
 **Splitting.** Roots are points drawn independently. A point below level k starts a Markov chain of SPLIT points,
 including itself, that all stay below this level. The chain's kernel preserves the distribution below the level. A root
@@ -49,13 +49,13 @@ CORRELATION = 3.0
 """Factor by which correlation within chains increases the variance, seen with linear margins of 1 to 32 dimensions."""
 BOTH, PARAMETERS, NOISE = range(3)
 Margins = Callable[[Any, Any], Any]
-"""Function from z (n, d) and words (n, m) uint32 to margins (n,)."""
+"""Function from normal numbers z (n, d) and noise seeds (n, m) uint32 to the margins (n,) of n runs."""
 
 
 class ChainStates(NamedTuple):
     """States of n Markov chains.
 
-    z: standard normal numbers of the parameters (n, d).  words: words of the noise (n, m), uint32.  margin: (n,).
+    z: standard normal numbers of the parameters (n, d).  words: seeds of the noise (n, m), uint32.  margin: (n,).
     root: index of the root of each state (n,).
     """
 
@@ -72,8 +72,9 @@ class ChainStates(NamedTuple):
 class Ladder(NamedTuple):
     """Result of the pilot. levels: margins (K,), decreasing, the last one 0.
 
-    steps: step size s of each parameter below each level (K - 1, d).  refresh: probability q of redrawing a word below
-    each level (K - 1,).  estimate: biased failure probability from the pilot alone.  flown: number of the pilot's runs.
+    steps: step size s of each parameter below each level (K - 1, d).  refresh: probability q of redrawing a seed of the
+    noise below each level (K - 1,).  estimate: biased failure probability from the pilot alone.  flown: number of the
+    pilot's runs.
     """
 
     levels: Any
@@ -101,7 +102,7 @@ def _draw_words(rng: np.random.Generator, shape: tuple[int, ...]) -> Any:
 
 
 def draw_roots(margins: Margins, rng: np.random.Generator, n: int, d: int, m: int) -> ChainStates:
-    """Draw n independent points with d parameters and m words, and compute their margins."""
+    """Draw n independent points with d parameters and m noise seeds, and compute their margins."""
     z, words = rng.standard_normal((n, d)), _draw_words(rng, (n, m))
     return ChainStates(z, words, margins(z, words), np.arange(n))
 

@@ -211,9 +211,9 @@ def uses_c(ready: PreparedCampaign, backend: str) -> bool:
 
 
 def _group_by_program(values: Mapping[str, Any], options: list[str], n: int) -> list[tuple[dict[str, int], Any]]:
-    """Group the runs of a block by the choices of their options, which need different programs.
+    """Group the runs of a block by the values of their options. Each combination of values needs its own program.
 
-    Return for each group the choice of each option, and the indices of its runs in the block.
+    Return for each group the value of each option, and the indices of its runs in the block.
     """
     if not options:
         return [({}, np.arange(n))]

@@ -32,7 +32,7 @@ class RowCount:
         self._pieces: dict[int, int] = {}
 
     def fly(self, start: int, done: int) -> None:
-        """Report that `done` runs are flown of the sequence of runs that begins at run `start`.
+        """Report that `done` runs, counted from run number `start`, are flown.
 
         start = -1 is used for the runs of earlier sessions.
         """

@@ -51,8 +51,8 @@ class CampaignPlan(NamedTuple):
     """Plan of a campaign. settings, without, faults: as in `trimtab run`.
 
     spread: paths of varied parameters and their distributions.  correlate: pairs of these paths, with their
-    correlation.  runs: total number of runs. The parameters of a run depend on it only for a Latin hypercube.  success:
-    conditions that must all hold.  log_period: time between logged rows (100 ns).  calibration: content of the
+    correlation.  runs: total number of runs. The parameters of a run depend on this number only for a Latin hypercube.
+    success: conditions that must all hold.  log_period: time between logged rows (100 ns).  calibration: content of the
     calibration file named in the settings, so that other machines do not need this file.  inputs: inputs held constant
     in pieces, as typed after `--vary`.
     """
@@ -142,7 +142,7 @@ def _parse_spread(spread: Mapping[str, str]) -> tuple[tuple[str, Distribution], 
 
 
 def build_scenario(plan: CampaignPlan) -> Scenario:
-    """Build the scenario that a plan names, with its settings and calibration."""
+    """Build the scenario that is named in a plan, with the plan's settings, faults, calibration and inputs."""
     calibration = parse_calibration("calibration", plan.calibration) if plan.calibration else None
     return with_pieces(build(plan.scenario, dict(plan.settings), plan.without, plan.faults, calibration), plan.inputs)
 
