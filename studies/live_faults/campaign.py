@@ -4,11 +4,14 @@ Vehicle, autopilot and the link between them have priority over ordinary process
 are based on logged times, so cases that start and end during a flight do not disturb it.
 """
 
+import contextlib
 import functools
 import multiprocessing
+import os
 import tempfile
+import threading
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
@@ -57,8 +60,7 @@ def fly_cases(
         seed: seed of virtual time.
         tell: function that is called with each outcome.
     """
-    apart = multiprocessing.get_context("spawn")
-    with tempfile.TemporaryDirectory() as scratch, ProcessPoolExecutor(jobs, apart) as pool:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as scratch, _open_pool(jobs) as pool:
         where = out or Path(scratch)
         virtual = functools.partial(_fly_virtual_case, seed)
         fly = _fly_named_case if is_real else functools.partial(virtual, keeps_logs=out is not None)
@@ -75,6 +77,30 @@ def fly_cases(
                 found[name] = found[name]._replace(problems=(*found[name].problems, problem))
                 tell(found[name])
     return [found[name] for name in names]
+
+
+@contextlib.contextmanager
+def _open_pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
+    """Open a pool of processes. After an error or Ctrl-C, no further case begins, and the caller does not wait."""
+    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), initializer=_end_with_parent)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+def _end_with_parent() -> None:
+    """Let this process of the pool end as soon as its parent has ended, even if the parent was killed."""
+    parent = multiprocessing.parent_process()
+
+    def wait() -> None:
+        if parent is not None:
+            parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def explain_crash(fly: Callable[[str, Path], CaseOutcome], name: str, folder: Path) -> CaseOutcome:

@@ -3,12 +3,15 @@
 The verdict is tested by logs of vehicles that were not safe.
 """
 
+import contextlib
 import dataclasses
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
 from functools import partial
 from pathlib import Path
 
@@ -281,6 +284,41 @@ def test_a_thousand_drawn_flights_end_safe_with_the_right_cause():
     print(f"{len(found['cases'])} flights in {found['wall_s']:.0f} s")
     assert done.returncode == 0, done.stderr
     assert {case["verdict"] for case in found["cases"]} == {"holds"}
+
+
+def find_session(number):
+    """The processes of a session that have not ended."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            state, _, _, session = stat.read_text().rpartition(")")[2].split()[:4]
+            found += [int(stat.parent.name)] if int(session) == number and state != "Z" else []
+    return found
+
+
+@pytest.mark.real_time
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_campaign_that_is_stopped_leaves_no_process(number):
+    command = [sys.executable, "-m", "trimtab", "live-faults", "--jobs", "2"]
+    started = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True)
+    try:
+        end = time.monotonic() + 120
+        while len(find_session(started.pid)) < 4:  # the command, a helper of multiprocessing, and two flights
+            assert started.poll() is None
+            assert time.monotonic() < end
+            time.sleep(0.1)
+        time.sleep(2.0)
+        os.kill(started.pid, number)
+        assert started.wait(10) == (-number if number == signal.SIGKILL else 128 + number)
+        end = time.monotonic() + 10
+        while left := find_session(started.pid):
+            assert time.monotonic() < end, left
+            time.sleep(0.1)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(started.pid, signal.SIGKILL)
+        started.communicate()
 
 
 @pytest.mark.real_time

@@ -119,6 +119,19 @@ def test_no_step_is_flown_on_samples_that_are_missing(tmp_path):
         same(log, simulated)
 
 
+def test_a_last_command_that_is_lost_is_sent_again(tmp_path):
+    """The autopilot's end stays until the vehicle has the last command."""
+    scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
+    scenario = replace(scenario, duration=seconds(0.1))
+    name = f"loopback://{tmp_path.name}-losing"
+    lost = set(range(98, 106))  # a heartbeat, a request to arm and 100 commands come before the first repetition
+    vehicle, flight = in_step(scenario, tmp_path, 4, (open_link(name, listen=True), LosingLink(open_link(name), lost)))
+    simulated = simulate(scenario, seed=4, backend="c")
+    for log in (vehicle, flight):
+        assert len(log) == 100
+        same(log, simulated)
+
+
 def test_a_predictor_is_the_autopilots_own_business(tmp_path):
     """The vehicle knows of none, and what is predicted comes into the flight's log."""
     plain, flown = (

@@ -32,6 +32,10 @@ RESEND_PERIOD = 0.2
 """Time after which an unanswered packet is sent again (s)."""
 PATIENCE = 10.0
 """Time without an answer after which the other end counts as lost (s)."""
+LINGER = 1.0
+"""Time without a repeated instant after which the autopilot's end stops answering the last one (s)."""
+END_PACKETS = 3
+"""Number of times that the vehicle's end sends that it has the last command."""
 START_PATIENCE = 120.0
 """Longest time that the start of the other end may take (s), including its compilation."""
 
@@ -52,6 +56,8 @@ def lead_lockstep(
     for t in vehicle.instants():
         vehicle.advance(min(t, duration), fresh=fresh)
         if t >= duration:
+            for _ in range(END_PACKETS):
+                link.send(_pack_instant(endpoint, duration, 0))
             yield duration
             return
         fresh = t % period == 0
@@ -67,7 +73,7 @@ def _await_command(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, t: i
 
     def packets() -> list[bytes]:
         samples = vehicle.sample_packets(endpoint, changed)
-        return [*samples, endpoint.pack(endpoint.dialect.groups[INSTANT][0], {"t": t, "samples": len(changed)})]
+        return [*samples, _pack_instant(endpoint, t, len(changed))]
 
     def answer(message: Message) -> GroupSample | None:
         command = vehicle.command.assemble(message) if message.name in vehicle.command.names else None
@@ -79,6 +85,10 @@ def _await_command(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, t: i
     if command is None:
         raise NoAnswerError(f"the autopilot has sent no command for {patience:g} s")
     return command
+
+
+def _pack_instant(endpoint: Endpoint, t: int, samples: int) -> bytes:
+    return endpoint.pack(endpoint.dialect.groups[INSTANT][0], {"t": t, "samples": samples})
 
 
 def follow_lockstep(
@@ -121,6 +131,15 @@ def follow_lockstep(
                 link.send(packet)
         if now() > deadline:
             raise NoAnswerError(f"the vehicle has sent no data after the instant {done * 1e-7:g} s")
+    deadline = now() + LINGER
+    while now() < deadline:  # the last command may be lost
+        for message in receive_messages(link, endpoint, RESEND_PERIOD):
+            if message.name == instant and message.get("t") > done:
+                return
+            if message.name == instant:
+                deadline = now() + LINGER
+                for packet in autopilot_end.command_packets(endpoint):
+                    link.send(packet)
 
 
 MakeEndpoint = Callable[[Dialect], Endpoint]
