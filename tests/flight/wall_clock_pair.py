@@ -14,15 +14,16 @@ from trimtab.run.blocks import replace_links
 class Pair:
     """A vehicle that serves in a thread, and an autopilot that may fly it."""
 
-    def __init__(self, scenario, name, step=None):
+    def __init__(self, scenario, name, step=None, confirmed=frozenset()):
         self.there, self.here = open_link(f"loopback://{name}", listen=True), open_link(f"loopback://{name}")
         self.vehicle = LiveVehicle(replace_links(scenario), self.there, lambda d: Endpoint(d, 1, 1, KEY))
         self.flyer = LiveAutopilot(scenario, self.here, lambda d: Endpoint(d, 1, 191, KEY), step=step)
+        self._confirmed = confirmed
         self._ended, self.served = threading.Event(), []
         self.thread = threading.Thread(target=self._serve)
 
     def _serve(self):
-        self.served.append(self.vehicle.serve(log=self.log, stop=self._ended.is_set))
+        self.served.append(self.vehicle.serve(log=self.log, stop=self._ended.is_set, confirmed=self._confirmed))
 
     def start(self, log=None):
         self.log = log
