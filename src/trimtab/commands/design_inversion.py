@@ -51,7 +51,7 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
             "outputs",
             multiple=True,
             metavar="NAME",
-            help="With --inversion: output that changes to the value in --to. May be repeated.",
+            help="Output that changes to the value in --to, with --inversion. May be repeated.",
         ),
         click.option(
             "--input",

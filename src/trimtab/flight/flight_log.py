@@ -136,8 +136,7 @@ class FlightLog:
         """
         self._rows, stop = rows, 1 + rows.width
         self.pose: Any = no_pose() if frame else np.zeros(0)
-        """Pose as in `logs.frames`. Change its elements in place. Each row of the log contains the pose at that
-        time."""
+        """Pose as in `logs.frames`. Change its elements in place. Each row contains the pose at that time."""
         self._row = np.zeros(stop + len(self.pose))
         self._numbers, self._poses = self._row[1:stop], self._row[stop:]
         self._ring = Ring.create(columns=len(self._row), rows=ROWS)

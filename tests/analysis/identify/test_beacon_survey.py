@@ -84,7 +84,7 @@ def test_what_cannot_be_surveyed_is_refused():
     few = np.where(np.arange(60)[:, None] < [60, 3, 60, 60], 3.0, np.nan)
     with pytest.raises(InputError, match="beacon 1 answered 3 pings"):
         survey_beacons(few, odometry, range_noise=RANGE, odometry_noise=STEP)
-    with pytest.raises(InputError, match="at one point"):
+    with pytest.raises(InputError, match="from one point"):
         survey_beacons(ranges, 0 * odometry, range_noise=RANGE, odometry_noise=STEP)
 
 
