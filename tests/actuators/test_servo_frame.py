@@ -105,5 +105,5 @@ def test_a_board_sends_pulses_at_the_servos_frame_and_its_world_does_not_hold_th
     both["rudder"] = bank.stages["rudder"]
     assert len(both) > 1
     mixed = replace(scenario, world=replace(scenario.world, actuators=replace(bank, stages=both)))
-    assert frame_of(mixed) == ms(20)  # the analogue servo of the rudder bears no shorter frame
+    assert frame_of(mixed) == ms(20)  # the rudder's analogue servo overheats in a shorter frame
     assert replace_hardware(framed).world.actuators.stages["rudder"][0].frame == 0

@@ -176,18 +176,18 @@ def programs(first, count):
     return together, x, i.astype(np.int32)
 
 
-@pytest.mark.parametrize("count", [pytest.param(12), pytest.param(120, marks=pytest.mark.thorough)])
-def test_random_programs_have_selects_that_become_branches(count, monkeypatch):
+@pytest.mark.parametrize(("count", "without"), [(12, []), pytest.param(120, [93], marks=pytest.mark.thorough)])
+def test_random_programs_have_selects_that_become_branches(count, without, monkeypatch):
     monkeypatch.setattr(uniform, "BRANCH_COST_MIN", 1)
-    with_branches = 0
+    unchanged = []
     for first in range(0, count, 3):
         together, x, i = programs(first, 3)
         made = lower_function(together, (x[0], i[0]))
         inputs = [t for a in made.inputs for t in (a.items.ravel() if a.items is not None else [a.buffer])]
         kept = [v for a in made.outputs if a.items is not None for v in a.items.ravel()]
         branched = uniform.branch_uniform_selects(made.blocks, find_varying(made.blocks, inputs, []), kept)
-        with_branches += count_branches(branched) > count_branches(made.blocks)
-    assert with_branches >= 0.9 * count / 3  # a few groups have no select that all lanes decide alike
+        unchanged += [first] if count_branches(branched) <= count_branches(made.blocks) else []
+    assert unchanged == without  # these three programs have no select that all lanes decide alike
 
 
 @pytest.mark.thorough(*[f"first{k}" for k in range(3, 120, 3)])

@@ -32,26 +32,12 @@ from trimtab.scenarios import catalogue
 HASHES = Path(__file__).parents[1] / "golden" / "hashes.json"
 NAMES = list(catalogue.scenario_names())
 QUICK = ("hovercraft/zero-velocity", "navigation/still")
+EVERY = [n if n in QUICK else pytest.param(n, marks=pytest.mark.thorough) for n in NAMES]
 STEPS = 300
 RUNS = 65
 """So many fly over lanes, and one is left over."""
 X86 = platform.machine() == "x86_64"
 FLAGS = Path("/proc/cpuinfo").read_text() if X86 and Path("/proc/cpuinfo").exists() else ""
-
-
-def pair_with_scenarios(kinds, parts):
-    """Return cases (kind, scenario). Each scenario is paired with every `parts`-th kind, beginning with another kind.
-
-    The first kind is paired with all scenarios, and the scenarios in QUICK with all kinds.
-    """
-    return [
-        pytest.param(kind, name, id=f"{kind}-{name}", marks=() if name in QUICK else pytest.mark.thorough)
-        for i, kind in enumerate(kinds)
-        for j, name in enumerate(NAMES)
-        if i == 0 or name in QUICK or (i + j) % parts == 0
-    ]
-
-
 needs_compiler = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 
 
@@ -124,7 +110,8 @@ COMPILERS = {
     "gcc without FMA-hovercraft/zero-velocity",
     "clang-navigation/still",
 )
-@pytest.mark.parametrize(("which", "name"), pair_with_scenarios(COMPILERS, 2))
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("which", COMPILERS)
 def test_lanes_threads_and_compilers_change_no_bit(name, which, monkeypatch, request):
     c, cpp, options = COMPILERS[which]
     if options and not X86:
@@ -191,7 +178,8 @@ def loop_of(tmp_path_factory):
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("board_tools", "platform_tools")
-@pytest.mark.parametrize(("which", "name"), pair_with_scenarios(PLATFORMS, 3))
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("which", PLATFORMS)
 def test_platforms_fly_the_recorded_flight(name, which, loop_of, tmp_path):
     """World and autopilot, exported as C99, fly on each platform what the compiled simulation flies here."""
     folder, columns = loop_of(name)

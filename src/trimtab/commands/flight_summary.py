@@ -70,7 +70,7 @@ def _read_flight_log(file: Path | None) -> Log | None:
 def assess_estimate(file: Path | None, release: int | None, targets: Iterable[Target]) -> dict[str, Any] | str:
     """Assess a live flight by the autopilot's estimates, as `assess_targets` does by the truth.
 
-    Return the verdict. If there is no verdict, return the reason in words.
+    Return the verdict, or a text that says why the flight cannot be assessed.
 
     Args:
         file: log of the autopilot.

@@ -63,6 +63,7 @@ def compile_kept(make: Callable[..., BlockDefinition], *records: Any, **numbers:
         numbers: seed and run, by name.
 
     Raises:
-        InputError: a JAX primitive has no C text (the error names the line that uses it), or no C compiler is found.
+        InputError: a JAX primitive cannot be written as C (the error names the line that uses it), or no C compiler
+            is found.
     """
     return CompiledBlock(_keep_text(make, Content(*records), tuple(sorted(numbers.items()))))
