@@ -58,7 +58,7 @@ SLIPS = {
     ),
     "numpy function": Slip(LAW, RETURN, before("import numpy; off = numpy.sin(off)"), ":43: `numpy.sin`", "jnp.sin"),
     "function of math by its name": Slip(
-        LAW, RETURN, before("from math import sin; off = sin(off)"), ":43: `sin` of Python", "use jnp.sin"
+        LAW, RETURN, before("from math import sin; off = sin(off)"), ":43: Python's `sin` on", "use jnp.sin"
     ),
     "number is taken out": Slip(LAW, RETURN, before("off.item()"), ":43: `.item()` of a traced", "leave .item() out"),
     "number is printed": Slip(LAW, RETURN, before("print(f'{off:.2f}')"), ":43: unsupported format", "jax.debug.print"),

@@ -196,6 +196,23 @@ def test_outliers_of_all_beacons_in_a_row_do_not_restart_the_filter():
     assert int(state.fix.given_in) == 0
     assert int(state.fix.rejected) >= 24
     assert position_error(world, estimates).max() < 1.5
+    # While the newest twelve ranges were all rejected, the estimate is not valid. It is valid again afterwards.
+    in_a_row = np.asarray(estimates.state.position_fix.rejected_in_a_row)
+    known = np.maximum.accumulate(np.asarray(frames_of(world).samples["odometry"].fresh))
+    np.testing.assert_array_equal(estimates.valid, known & (in_a_row < 12))
+    assert 0 < np.sum(in_a_row >= 12) < 100
+    assert estimates.valid[-1]
+
+
+def test_without_restarts_sixteen_rejected_ranges_make_the_estimate_invalid():
+    """The vehicle starts 14 m from where the filter starts, and the filter may not restart."""
+    start = replace(FILTER.start, north=FILTER.start.north + 14.0)
+    never = replace(FILTER, start=start, errors=replace(FILTER.errors, patience=0))
+    _, estimates = run(frames_of(drive(4)), never)
+    in_a_row = np.asarray(estimates.state.position_fix.rejected_in_a_row)
+    assert in_a_row.max() > 16
+    assert not np.any(np.asarray(estimates.valid) & (in_a_row >= 16))
+    assert np.all(np.asarray(estimates.valid)[(in_a_row > 0) & (in_a_row < 16)])
 
 
 def test_one_moved_beacon_does_not_restart_the_filter():

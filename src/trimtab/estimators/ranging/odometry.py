@@ -170,13 +170,13 @@ class PredictedRange(NamedTuple):
 
 @record
 class OdometryRanging:
-    """Extended Kalman filter driven by odometry. It fuses each range when it arrives.
+    """Extended Kalman filter driven by odometry, from a known initial pose. It fuses each range when it arrives.
 
     Odometry samples are totals of distance and angle since power-on, so that a lost message loses no motion. For a
     range measured between two samples, the position is extrapolated with the last speed and yaw rate.
 
     Frames:  beacons in W; level vehicle on a flat floor.
-    Valid:   from the first odometry sample on, with a given initial pose (`OdometryParticle` finds the pose itself).
+    Valid:   from the first odometry sample on, except while the newest `patience` ranges (16 if 0) were all rejected.
     Not modelled: antennas away from the vehicle's reference point; a range's curvature, small at metres.
     Source:  docs page, Odometry and ranges.
     """
@@ -213,7 +213,9 @@ class OdometryRanging:
         """Return the new state and the estimate, a RobotNavigation, at integer time t."""
         s, came = drive_on(self, state, t, frame)
         s, ranged = fuse_ranges(self, s, t, frame)
-        return s, planar_estimate(t, s, s.x, s.P, came | ranged, s.t > NEVER)
+        most = jnp.where(self.errors.patience > 0, self.errors.patience, KEPT)
+        valid = (s.t > NEVER) & (s.fix.rejected_in_a_row < most)
+        return s, planar_estimate(t, s, s.x, s.P, came | ranged, valid)
 
 
 def drive_on(form: OdometryRanging, state: OdometryState, t: Any, frame: Frame) -> tuple[OdometryState, Any]:
@@ -355,12 +357,11 @@ def restart_pose(form: Any, s: OdometryState, number: Any) -> OdometryState:
     e, n, fix = form.errors, s.fix.nis.shape[0], s.fix
     sigma = jnp.sqrt(e.noise**2 + e.sigma_error**2)
     fit = fit_pose(s.recent, number, form.beacons, form.down, (e.scale, e.sigma_scale), sigma)
-    agrees = fit.chi_square <= AGREEMENT * fit.freedom
     x0, P0 = initial_belief(form.start, e, n)
     pose = np.array([HEADING, NORTH, EAST, SCALE])
     x0 = x0.at[pose].set(fit.q).at[HEADING].set(s.x[HEADING] + s.x[COURSE] + fit.q[0])
     P0 = P0.at[pose[:, None], pose[None, :]].set(RESTART_VARIANCE * fit.P)
-    own = slice(0, ERRORS + n)
+    own = slice(ERRORS + n)
     P0 = s.P.at[own, :].set(0.0).at[:, own].set(0.0).at[own, own].set(P0)
     again = replace(
         s,
@@ -374,7 +375,7 @@ def restart_pose(form: Any, s: OdometryState, number: Any) -> OdometryState:
         ),
         recent=replace(s.recent, range=jnp.zeros(KEPT), refused=jnp.zeros(KEPT, bool)),
     )
-    return tree_where(agrees, again, s)
+    return tree_where(fit.chi_square <= AGREEMENT * fit.freedom, again, s)
 
 
 def planar_estimate(t: Any, s: Any, x: Any, P: Any, fresh: Any, valid: Any) -> Estimate:
@@ -396,5 +397,4 @@ def planar_estimate(t: Any, s: Any, x: Any, P: Any, fresh: Any, valid: Any) -> E
         covariance_north_east=P[NORTH, EAST],
         position_fix=s.fix,
     )
-    age = jnp.where(s.t > NEVER, to_seconds(t - s.t), 0.0)
-    return Estimate(t=t, age=age, fresh=fresh, valid=valid, state=state)
+    return Estimate(t=t, age=jnp.where(s.t > NEVER, to_seconds(t - s.t), 0.0), fresh=fresh, valid=valid, state=state)

@@ -97,7 +97,9 @@ def test_descent_and_search_find_the_minimum_of_a_noisy_bowl():
 
 
 def test_candidates_with_infinite_costs_come_last_in_order():
-    costs = np.array([[1, 1, 1, 1], [2, 2, 2, 2], [1, 1, 1, np.inf], [1, 1, np.inf, np.inf], [np.inf] * 4])
+    """However large its finite costs are, a candidate with fewer infinite costs is better."""
+    finite = [[-1e3, 0, 0, 0], [1, 1, 1, 1], [2, 2, 2, 2], [9e6, 9e6, 9e6, 9e6]]
+    costs = np.array([*finite, [-1, 1, 1, np.inf], [9, 9, 9, np.inf], [1, 1, np.inf, np.inf], [np.inf] * 4])
     assert np.all(np.diff(merit(costs, 1.5)) > 0)
 
 

@@ -1,7 +1,7 @@
 """Methods of tuning: CMA-ES without derivatives, or gradient descent with derivatives through the simulated loop.
 
-**Search**: CMA-ES minimises the mean cost of many runs, the same runs for every candidate. The share of
-runs with infinite cost is added to the score of a candidate, see `merit`.
+**Search**: CMA-ES minimises the mean cost of many runs, the same runs for every candidate. A candidate with fewer runs
+of infinite cost is always better, see `merit`.
 
 **Gradient**, smoothed over switches: the cost is averaged over nearby gains and over runs.
 
@@ -57,12 +57,13 @@ class TuningStep(NamedTuple):
 def merit(costs: Any, reference: float) -> Any:
     """Return a score (n,) of candidates from their costs (n, runs). A lower score is better.
 
-    The score is z/(1 + |z|) plus the share of infinite costs, with z the mean finite cost divided by the reference.
+    A candidate with fewer infinite costs is always better. Among candidates with as many, the lower mean of the finite
+    costs is better. The score is the number of infinite costs plus (1 + z/(1 + |z|))/2, which lies between 0 and 1, with
+    z the mean finite cost divided by the reference.
     """
     finite = np.isfinite(costs)
-    share = 1 - finite.mean(axis=1)
     z = np.where(finite, costs, 0.0).sum(axis=1) / np.maximum(finite.sum(axis=1), 1) / max(abs(reference), 1e-12)
-    return share + np.where(finite.any(axis=1), z / (1 + np.abs(z)), 1.0)
+    return np.sum(~finite, axis=1) + np.where(finite.any(axis=1), (1 + z / (1 + np.abs(z))) / 2, 1.0)
 
 
 def search_gains(
