@@ -17,7 +17,7 @@ SEA_DENSITY = 1.225
 
 @record
 class AirDataReading:
-    """Sample of the air data probes. Source: docs page, Sensors in space."""
+    """Sample of the air data probes. Source: docs page, Sensors for three dimensions."""
 
     impact_pressure: Scalar = quantity("Pa", "Impact pressure: pitot pressure minus static pressure.")
     equivalent_airspeed: Scalar = quantity(
@@ -32,7 +32,7 @@ class AirDataReading:
 
 @record
 class AirDataState:
-    """State of the air data probes: their zero errors in this run. Source: docs page, Sensors in space."""
+    """State of the air data probes: their zero errors in this run. Source: docs page, Sensors for three dimensions."""
 
     key: Key = part("Random key of the noise.")
     pressure_offset: Scalar = quantity("Pa", "Zero error of the pressure transducer.")

@@ -19,7 +19,7 @@ HALL = ((0.0, 0.0, -3.0), (8.0, 0.0, -0.3), (8.0, 6.0, -3.0), (0.0, 6.0, -0.3), 
 
 @record
 class AnchorRanges:
-    """Sample of the ranging radio: a range to each anchor. Source: docs page, Sensors in space."""
+    """Sample of the ranging radio: a range to each anchor. Source: docs page, Sensors for three dimensions."""
 
     range: Any = quantity("m", "Range to each anchor (n,), or its previous range if the anchor was not received.")
     received: Any = quantity("1", "True for each anchor that was received (n,).", kind="flag")
@@ -27,7 +27,7 @@ class AnchorRanges:
 
 @record
 class AnchorRangingState:
-    """State of the ranging radio. Source: docs page, Sensors in space."""
+    """State of the ranging radio. Source: docs page, Sensors for three dimensions."""
 
     key: Key = part("Key of the random noise.")
     bias: Any = quantity("m", "Range bias of each anchor (n,) in this run.")

@@ -15,7 +15,7 @@ from trimtab.environment.atmosphere import pressure_altitude, standard_atmospher
 
 @record
 class PressureReading:
-    """Sample of a barometer. Source: docs page, Sensors in space."""
+    """Sample of a barometer. Source: docs page, Sensors for three dimensions."""
 
     pressure: Scalar = quantity("Pa", "Pressure at the static port.")
     altitude: Scalar = quantity("m", "Height above sea level, computed from the pressure by the standard atmosphere.")
@@ -23,7 +23,7 @@ class PressureReading:
 
 @record
 class BarometerState:
-    """State of a barometer. Source: docs page, Sensors in space."""
+    """State of a barometer. Source: docs page, Sensors for three dimensions."""
 
     key: Key = part("Key of the random noise.")
     offset: Scalar = quantity("Pa", "Zero error of the sensor, including its drift.")

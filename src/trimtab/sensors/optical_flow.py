@@ -16,7 +16,7 @@ LEAST_COSINE = 0.1
 
 @record
 class FlowReading:
-    """Sample of an optical flow sensor. Source: docs page, Sensors in space."""
+    """Sample of an optical flow sensor. Source: docs page, Sensors for three dimensions."""
 
     flow: Any = quantity(
         "rad/s",
@@ -38,7 +38,7 @@ class FlowReading:
 
 @record
 class FlowState:
-    """State of an optical flow sensor: random key and gyro zero error. Source: docs page, Sensors in space."""
+    """State of an optical flow sensor: random key and gyro zero error. Source: docs page, Optical flow."""
 
     key: Key = part("Key of the random noise.")
     gyro_offset: Any = quantity("rad/s", "Zero error of the gyro: roll and pitch rate.", frame="B", shape=(2,))

@@ -19,7 +19,7 @@ ARC_SECOND = DEG / 3600
 
 @record
 class AttitudeReading:
-    """Sample of a measured attitude. Source: docs page, Sensors in space."""
+    """Sample of a measured attitude. Source: docs page, Sensors for three dimensions."""
 
     attitude: Any = quantity("1", "Quaternion q_WB, scalar first; either sign.", frame="WB", shape=(4,))
     tracking: Scalar = quantity(
@@ -29,7 +29,7 @@ class AttitudeReading:
 
 @record
 class StarTrackerState:
-    """State of a star tracker. Source: docs page, Sensors in space."""
+    """State of a star tracker. Source: docs page, Sensors for three dimensions."""
 
     key: Key = part("Key of the random noise.")
     alignment: Any = quantity(

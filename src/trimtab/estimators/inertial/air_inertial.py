@@ -17,7 +17,7 @@ ZERO = (0.0, 0.0, 0.0)
 
 @record
 class AirInertialEstimate:
-    """Flight state for a control law, and the underlying navigation state. Source: docs page, Air and inertial."""
+    """Flight state for a control law, and the navigation state. Source: docs page, Air data and inertial navigation."""
 
     speed: Scalar = quantity("m/s", "Airspeed measured by the pitot tube.")
     alpha: Scalar = quantity("rad", "Angle of attack measured by the vane.", kind="angle")
@@ -45,7 +45,7 @@ class AirInertial:
 
     Frames:  those of `GnssInertial`.
     Not modelled: wind, which is not estimated. Neither air data nor a barometer aids the navigation.
-    Source:  docs page, Air and inertial.
+    Source:  docs page, Air data and inertial navigation.
     """
 
     inertial: GnssInertial = part("Inertial navigation aided by satellites.", default=GnssInertial())
