@@ -1,4 +1,4 @@
-/* What the portable part asks of a board. A board file writes these functions; nothing else in it is called. */
+/* Functions that a board must provide for the portable part. No other function of a board's file is called. */
 #ifndef PORT_H
 #define PORT_H
 #include <stdbool.h>
@@ -10,16 +10,16 @@
 enum { RADIO_RUDDER, RADIO_THRUST, RADIO_MODE, RADIO_CHANNELS };
 enum { RECORD_WORDS = 6 }; /* of the black box */
 
-/* Time since the start, in units of 100 ns; never falls. */
+/* Time since the start, in units of 100 ns. It never decreases. */
 int64_t board_now(void);
 
-/* Hand bytes to the transmitter, all or none, without waiting; whether there was room. */
+/* Send all of the bytes or none, without waiting. Return true if the buffer had room for them. */
 bool board_write(const uint8_t *bytes, size_t n);
 
-/* A byte that was received; false where there is none. */
+/* Read a received byte. Return false if no byte was received. */
 bool board_read(uint8_t *byte);
 
-/* Bytes received and lost because nobody took them in time. */
+/* Number of received bytes that were lost because they were not read in time. */
 uint32_t board_lost(void);
 
 /* Sleep until an interrupt. */
@@ -28,38 +28,38 @@ void board_wait(void);
 /* Set the width of a servo channel's pulses, in counts of 1/PULSE_HZ s (pulse.h), from the next frame on. */
 void board_pulse(int channel, uint16_t counts);
 
-/* The counter of the thrust fan's encoder, 16 bits, as a timer caught it at time `at`, which is not later than now. */
+/* The 16-bit count of the thrust fan's encoder that a timer captured at time `at`, which is not later than now. */
 uint16_t board_encoder(int64_t at);
 
-/* Pulse widths (us) from the safety pilot's receiver; false where it hears nothing. */
+/* Pulse widths (us) from the safety pilot's receiver. Return false if no pulses are received. */
 bool board_radio(uint16_t us[RADIO_CHANNELS]);
 
-/* Keep a number over a loss of power; recall gives 0 where there is none. */
+/* Store a number so that it survives a loss of power, and read it. Without a stored number, recall returns 0. */
 void board_remember(uint64_t number);
 uint64_t board_recall(void);
 
-/* Keep a parameter over a loss of power; load gives false where there is none. Only while disarmed. */
+/* Store a parameter so that it survives a loss of power, while disarmed only. Load returns false if none is stored. */
 void board_store(int which, float value);
 bool board_load(int which, float *value);
 
-/* Where the key was put, apart from the program (key.h); NULL where there is no such place. */
+/* Address of the key, which is stored apart from the program (key.h); NULL if the board has no such memory. */
 const uint8_t *board_key(void);
 
-/* Put the hardware watchdog off by its period. Called once a tick, when all of its work was done. */
+/* Reset the timer of the hardware watchdog. Called once per tick, when all work of the tick is done. */
 void board_kick(void);
 
-/* What the start came from, a word or two: "power on", "watchdog". */
+/* Cause of the last start in one or two words: "power on", "watchdog". */
 const char *board_cause(void);
 
-/* Why the board must not be armed, a word or two; NULL where it may be. */
+/* Reason in one or two words why the board must not be armed; NULL if it may be armed. */
 const char *board_refusal(void);
 
-/* Keep a record of the flight for who looks for the cause of an accident; dropped where there is no room. */
+/* Store a record of the flight in the black box. The record is dropped if the black box is full. */
 void board_record(const uint32_t record[RECORD_WORDS]);
 
-/* Called once a second while disarmed: time for what takes long, such as erasing flash. */
+/* Do slow work, such as erasing flash. Called once a second while disarmed. */
 void board_rest(void);
 
-/* Most bytes of stack used so far. */
+/* Largest number of bytes of stack used so far. */
 uint32_t board_stack(void);
 #endif

@@ -43,7 +43,7 @@ LIMITS = {
         "first words": 0,
     },
     "pages": {
-        "believe": 11,
+        "believe": 5,
         "heard": 0,
         "told": 9,
         "under way": 0,

@@ -32,20 +32,20 @@ DEFINES = ["HSE_HZ=8000000", "BAUD=921600", "BOX_SIZE=0x20000", "APB1_TIMER_HZ=8
 
 DEVIATIONS = {
     "2.3": (
-        "type names that nothing uses",
-        "The header of a block declares all its structures. Some users need only one of them.",
+        "unused type names",
+        "The header of a block declares all its structures. Some files that include the header need only one of them.",
     ),
     "2.4": (
-        "enumerations that nothing uses",
-        "Two programs share a header, and each uses a part of it.",
+        "unused enumerations",
+        "Two programs share a header, and each program uses only a part of the header.",
     ),
     "2.5": (
-        "macros that nothing uses",
-        "The generated prologue is the same for all blocks. The period of a sensor is for its readers.",
+        "unused macros",
+        "The generated prologue is the same for all blocks. The period of a sensor is defined for human readers.",
     ),
     "5.7": (
         "a tag used twice",
-        "The addon takes nested structures without tags for tags of the same name.",
+        "False alarm: the addon treats nested structures without tags as tags of the same name.",
     ),
     "5.8": (
         "an external name used again",
@@ -57,7 +57,7 @@ DEVIATIONS = {
     ),
     "8.4": (
         "a definition without a declaration before it",
-        "The function is called only from assembly, so no caller in C could have a different declaration.",
+        "The function is called only from assembly, so a caller in C with a different declaration cannot exist.",
     ),
     "8.7": (
         "an external function used in one file only",
@@ -69,7 +69,7 @@ DEVIATIONS = {
     ),
     "8.11": (
         "an external array without its size",
-        "They are symbols of the linker. Only their address is used.",
+        "The arrays are symbols of the linker. Only their address is used.",
     ),
     "9.3": (
         "an array with a partial initialiser",
@@ -81,7 +81,7 @@ DEVIATIONS = {
     ),
     "10.3": (
         "a value assigned to another type",
-        "A duty is limited to 1 and -1, written as integers. Both are exact as doubles.",
+        "A duty is limited to 1 and -1, which are written as integers. Both numbers are exact as doubles.",
     ),
     "10.4": (
         "operands of two types",
@@ -97,15 +97,15 @@ DEVIATIONS = {
     ),
     "12.1": (
         "operator precedence without brackets",
-        "The order arithmetic, comparison, logic is well known. The risky cases are errors by gcc's -Wparentheses.",
+        "The order of arithmetic, comparison and logic is well known. gcc's -Wparentheses finds the risky cases.",
     ),
     "12.2": (
         "a shift by more bits than the type has",
-        "The addon assumes that a constant has 8 bits. All shifts are by less than 32 of 32 bits.",
+        "False alarm: the addon assumes that a constant has 8 bits. All shifts are by less than 32, of 32 bits.",
     ),
     "12.3": (
         "the comma operator",
-        "The addon takes commas in declarations and in lists of enumerators for the operator.",
+        "False alarm: the addon treats commas in declarations and in lists of enumerators as the operator.",
     ),
     "13.3": (
         "an increment within an expression",
@@ -113,19 +113,19 @@ DEVIATIONS = {
     ),
     "13.4": (
         "use of the value of an assignment",
-        "Chains such as `a = b = c` of one type, and `while ((n = f()) > 0)`.",
+        "These are chains such as `a = b = c` of one type, and `while ((n = f()) > 0)`.",
     ),
     "14.2": (
         "an unusual for loop",
-        "The start or the step is a call or another variable. Each loop ends at a bound of one variable.",
+        "The first or the last clause is a call or uses another variable. Each loop ends at a bound of one variable.",
     ),
     "14.4": (
         "a condition that is not Boolean",
-        "Bits tested by `&`, and counts, where every value except zero is true.",
+        "The conditions are bits tested by `&`, and counts. Every value except zero is true.",
     ),
     "15.5": (
         "more than one return",
-        "Invalid input returns at once. Flags would need more nesting, and no resource has to be released at the end.",
+        "Invalid input returns at once. One return would need flags and more nesting. No resource has to be released.",
     ),
     "15.6": (
         "a body without braces",
@@ -136,8 +136,8 @@ DEVIATIONS = {
         "The remaining cases need no action.",
     ),
     "17.7": (
-        "a result not used",
-        "memcpy, memmove and memset return their first argument.",
+        "an unused result",
+        "The functions are memcpy, memmove and memset, which return their first argument.",
     ),
     "17.8": (
         "a parameter that is changed",
@@ -157,11 +157,12 @@ DEVIATIONS = {
 
 HEAD = """# MISRA C:2012
 
-Violations that cppcheck's MISRA addon reports in the firmware of an [STM32F405](stm32f405.md), with the reason for
-accepting each deviation. The page is written by `python tests/firmware/misra.py`. A test fails if a rule is violated
-that has no reason here.
+This page lists the violations of MISRA C:2012 that cppcheck's MISRA addon reports in the firmware of an
+[STM32F405](stm32f405.md). For each violated rule it gives the reason for accepting the deviation. It is for users who
+assess the firmware. Read [STM32F405](stm32f405.md) first. `python tests/firmware/misra.py` writes this page. A test
+fails if the firmware violates a rule for which this page gives no reason.
 
-The addon checks the rules that can be decided from the text of the program. MAVLink's generated headers are not
+The addon checks only those rules that can be decided from the text of the program. MAVLink's generated headers are not
 checked. This page is not a certificate: MISRA compliance requires more than the report of a tool.
 
 The columns "hand-written" and "generated" give the number of violations.
