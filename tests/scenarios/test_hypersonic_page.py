@@ -78,18 +78,18 @@ def test_noise():
     h, V, elevator = batch("tuned")
     h, V = rms(h[:-1]), rms(V[:-1])
     says(f"| {h.min():.3f} to {h.max():.3f}, {V.max():.4f} at most (20 seeds) |")
-    says("an elevator that noise moves by {:.2f} to {:.2f}° rms".format(*moved(elevator)))
+    says("noise moves the elevator by {:.2f} to {:.2f}° rms".format(*moved(elevator)))
     h, _, elevator = batch("adaptive")
     low, high = (f"{m:.2f}" for m in moved(elevator))
     assert low == high
-    says(f"learns the frequencies and moves it by {low}°")
+    says(f"estimates the frequencies, and noise moves the elevator by {low}° only")
     h, without = rms(h[:-1]), rms(h[-1])
-    says(f"stays: {h.min():.2f} to {h.max():.2f} ft rms of altitude, {without:.2f} without noise")
+    says(f"altitude remains, {h.min():.2f} to {h.max():.2f} ft rms ({without:.2f} ft without noise)")
 
 
 def test_no_measurement_tracks_best_with_an_exact_model():
     h, _ = errors(flown("noise", filter="none"))
-    says(f"it even tracks as well as `tuned` ({h:.3f} ft under noise")
+    says(f"tracks as well as `tuned` ({h:.3f} ft under noise")
 
 
 def test_frequencies_off():
@@ -122,14 +122,15 @@ def test_remedies_of_a_wrong_model():
         h, V = errors(flown("mismatch", **{"integral": "off"} | choices))
         return h, V
 
-    says("nothing {:.1f} ft, {:.2f} ft/s;".format(*of()))
+    says("| none (`integral=off`) | {:.1f} | {:.2f} |".format(*of()))
     says("| {:.1f}, {:.2f}; see below |".format(*of(integral="on")))
-    says("u_h with the published sign {:.1f}, {:.2f}".format(*of(robust="published")))
-    says("with the other {:.1f}, {:.2f};".format(*of(robust="minus")))
-    says("u_s smoothed {:.1f}, {:.2f};".format(*of(robust="smooth")))
-    says("u_s with sgn {:.1f}, {:.2f};".format(*of(robust="sign")))
+    says("`robust=published`), which halves the gain | {:.1f} | {:.2f} |".format(*of(robust="published")))
+    says("`robust=minus`) | {:.1f} | {:.2f} |".format(*of(robust="minus")))
+    says("`robust=smooth`) | {:.1f} | {:.2f} |".format(*of(robust="smooth")))
+    says("`robust=sign`) | {:.1f} | {:.2f} |".format(*of(robust="sign")))
     end = abs(flown("mismatch", integral="on")["law.h_error"][-1])
-    says("integrals, the default, {:.1f}, {:.2f} and {:.2f} ft at the end.".format(*of(integral="on"), end))
+    says("| integrals (`integral=on`, the default) | {:.1f} | {:.2f} |".format(*of(integral="on")))
+    says(f"With integrals, the altitude error is {end:.2f} ft at the end.")
 
 
 def test_impulses_and_steps():
@@ -147,9 +148,10 @@ def test_impulses_and_steps():
 def test_internal_motion():
     linear, table = flown("climb-large", internal="linear", integral="off"), flown("climb-large")
     h, end = errors(linear)[0], abs(linear["law.h_error"][-1])
-    says(f"`climb-large` with the linear one is {h:.1f} ft off, {end:.1f} ft for good with `integral=off`;")
+    says(f"| `linear` | `off` | {h:.1f} ft rms, {end:.1f} ft at the end |")
     left = [errors(flown("climb-large", internal=form))[0] for form in ("linear", "quasi-static")]
-    says(f"integrals leave {left[0]:.1f} ft of it, and {left[1]:.2f} ft with the quasi-static one;")
+    says(f"| `linear` | `on` | {left[0]:.1f} ft rms |")
+    says(f"| `quasi-static` | `on` | {left[1]:.2f} ft rms |")
     preview = errors(flown("climb-large", internal="preview"))[0]
     assert f"{preview:.3f}" == f"{errors(table)[0]:.3f}"
-    says("looking 4 s ahead in flight as good as the table computed before")
+    says("`internal=preview` tracks as well as the table computed before the flight")
