@@ -52,8 +52,8 @@ millisecond), by code that shares nothing with the firmware:
 
 - no force without a command: {servo:g} ms (a servo frame) after the vehicle has gone to failsafe or is disarmed, the
   thrust of the fan is zero;
-- never more than {silence:g} ms without an accepted command: the vehicle then goes to failsafe;
-- {lift:g} s after failsafe begins the lift fan is off; it stops at once when the vehicle is disarmed;
+- the vehicle never flies more than {silence:g} ms without an accepted command: it then goes to failsafe;
+- {lift:g} s after the start of failsafe the lift fan is off; it stops at once when the vehicle is disarmed;
 - failsafe ends only after a request to arm;
 - at the end the vehicle is in failsafe or disarmed, without force and lift;
 - at all times the vehicle stays within {bounds}.
