@@ -12,21 +12,22 @@ from trimtab import __version__
 HEADINGS = ("case", "what was done", "what the vehicle did", "evidence in the logs", "verdict")
 WORDS = """# Faults over the live pair
 
-This page shows what happens to a vehicle in flight when its link, its processes or its machine fail. Read it before you
-trust the live pair with a craft of your own. [Fly](../live/fly.md) and [Vehicle](../live/vehicle.md) explain the two
-programs.
+This page shows what happens to a vehicle in flight when its link, its processes or its computer fail. It is for users
+who want to fly a craft of their own. Read [Fly](../live/fly.md) and [Vehicle](../live/vehicle.md) first. They explain
+the two programs.
 
-The pair is a vehicle (`trimtab vehicle hovercraft/forward`) and an autopilot (`trimtab fly`). They talk over signed
-datagrams or a pair of serial devices. The study disturbs the link between them. Each case is a separate flight. One
-second after arming, something goes wrong. These two commands write this page:
+The two programs, the live pair, are a vehicle (`trimtab vehicle hovercraft/forward`) and an autopilot (`trimtab fly`).
+They exchange signed datagrams, or are connected by a pair of serial devices. The study flies this pair many times and
+adds a fault. Each case of the study is a separate flight. In most cases the fault occurs one second after arming. These
+two commands write this page:
 
     trimtab live-faults --page docs/studies/live-faults.md
     trimtab live-faults --real-time --only CASE --page docs/studies/live-faults.md
 
-The second command flies the cases with serial devices, which exist in real time only.
+The second command is for the cases with serial devices, which can be flown in real time only.
 
-The page shows the campaign as it ran: {cases} cases, {held} hold, {skipped} skipped, {failed} fail.
-With `--only CASE` the command flies that case and updates its row of the page. `--out DIR` keeps the logs.
+Result of all cases: {cases} cases, {held} hold, {skipped} skipped, {failed} fail.
+With `--only CASE` the command flies only that case and updates its row of the table. `--out DIR` stores the logs.
 
 Flown: {runs}.
 
@@ -36,50 +37,52 @@ Flown: {runs}.
     trimtab live-faults --draw 1000 --seed 1           flights drawn at random
     trimtab live-faults --only drawn-1-17              repeat one of these flights, bit for bit
 
-A flight in virtual time runs in one process on one virtual clock ([Testing](../testing.md)). Vehicle and autopilot are
-the same programs as in real time, but they use the clock, disk, network and processes of
-`trimtab.flight.virtual_machine`. The seed decides every packet, and no other program can disturb the flight. `--json`
-prints the hash of all packets, log rows and events as `digest`. The campaign flies one flight in twenty twice, in two
-processes. Both hashes must be equal.
+By default, the flights are in virtual time. A flight in virtual time runs in one process on one virtual clock
+([Testing](../testing.md)). Vehicle and autopilot are the same programs as in real time, but they use the clock, disk,
+network and processes of `trimtab.flight.virtual_machine`. The seed determines every packet, and no other program can
+disturb the flight. The hash of all packets, log rows and events is printed by `--json` as `digest`. As a check, the
+command flies one flight in twenty twice, in two processes. Both hashes must be equal.
 
 Flights with serial devices, and cases that are not flights, need `--real-time`.
 
-## What holds means
+## Criteria
 
-The vehicle's own log is judged, row by row, every millisecond, by code that shares nothing with the firmware:
+A case holds if the vehicle meets these criteria. They are checked in every row of the vehicle's log (one row every
+millisecond), by code that shares nothing with the firmware:
 
 - no force without a command: {servo:g} ms (a servo frame) after the vehicle has gone to failsafe or is disarmed, the
-  fan gives nothing;
-- never more than {silence:g} ms without an accepted command, else failsafe;
-- {lift:g} s after failsafe the lift fan stops; it stops at once when the vehicle is disarmed;
+  thrust of the fan is zero;
+- the vehicle never flies more than {silence:g} ms without an accepted command: it then goes to failsafe;
+- {lift:g} s after the start of failsafe the lift fan is off; it stops at once when the vehicle is disarmed;
 - failsafe ends only after a request to arm;
 - at the end the vehicle is in failsafe or disarmed, without force and lift;
 - at all times the vehicle stays within {bounds}.
 
-In addition, no process may end early or with a traceback. All logs must be readable and must say what happened (fourth
-column). A fault that the vehicle must survive fails if the vehicle goes to failsafe. A fault that must stop the vehicle
-fails if the vehicle flies on.
+In addition, no process may end early or with a traceback. All logs must be readable and must contain evidence of the
+fault (fourth column of the table). For each fault it is also known if the vehicle must fly on or go to failsafe. The
+case fails if the vehicle does the opposite.
 
 ## How the faults are made
 
-- Fault words are injected in flight, for one second or for good, by the mechanism of
-  [`trimtab inject`](../loop/faults.md). Faults of the uplink act between the link and the failsafe, as on a real link.
-  The first rule above does not apply while the actuators themselves are at fault, because the vehicle then obeys
-  no command.
-- The study controls the link between the two ends. It cuts the link, it delays, truncates and repeats packets, and it
-  inverts bits.
-- A stepped wall clock changes the time of day that one process reads, in flight. Both ends fly by the monotonic clock.
-- In `vehicle-restarted` the clock of the *vehicle* restarts. The autopilot measures another offset, and the vehicle
-  stays disarmed, because an autopilot asks to arm only once, when it starts.
-- In `autopilot-restarted` a new `trimtab fly` asks to arm when it starts. After a failsafe the vehicle refuses this
-  until it is at rest and a person has given `--rearm`.
-- A full disk is filled to the last byte in flight. In real time it is a disk of 160 megabytes below the folder of the
-  log. Only root can make it; other users skip the case.
-- A flood repeats recorded frames. It has ten times the bytes that the link usually carries.
-- The log of each autopilot is replayed with the frames that it received. All bits must be equal.
+- **Faults of sensors, links and actuators** (such as `uplink off`) are injected in flight in the same way as by
+  [`trimtab inject`](../loop/faults.md), for one second or permanently. Faults of the uplink act between the link and
+  the failsafe, as on a real link. The first criterion above does not apply while the actuators have a fault, because
+  they then do not obey commands.
+- **Faults of the transmission.** The study controls the link between vehicle and autopilot. It cuts the link, delays,
+  truncates and repeats packets, and inverts bits. A flood repeats recorded frames at ten times the usual data rate.
+- **Wall clock.** A step of the wall clock changes the time of day that one process reads in flight. Vehicle and
+  autopilot use the monotonic clock for control.
+- **Restart of the vehicle** (`vehicle-restarted`). The clock of the vehicle restarts too, and the autopilot measures
+  its new offset. The vehicle stays disarmed, because an autopilot asks to arm only once, when it starts.
+- **Restart of the autopilot** (`autopilot-restarted`). A new `trimtab fly` asks to arm when it starts. After a failsafe
+  the vehicle refuses this request until it is at rest and a person has given `--rearm`.
+- **Full disk.** The disk is filled to the last byte in flight. In real time it is a separate disk of 160 megabytes,
+  mounted for the folder of the log. Only root can create this disk; for other users the case is skipped.
+- **Replay of the log.** After each flight, the autopilot's log is replayed with the frames that it received. All
+  outputs must be equal to the bit.
 
-In real time the flights need an idle machine. A flight that failed is repeated if the log shows that a process, the
-line or the campaign waited longer than 100 ms for the processor. A flight that fails twice for this reason counts as
+In real time the flights need an idle machine. A failed flight is repeated if the log shows that a process, the link or
+the study itself waited longer than 100 ms for the processor. If it fails again for this reason, the case counts as
 "kept waiting", neither as passed nor as failed.
 
 ## Flights drawn at random
@@ -87,22 +90,35 @@ line or the campaign waited longer than 100 ms for the processor. A flight that 
     trimtab live-faults --draw 1000 --seed 1
     trimtab live-faults --real-time --draw 200 --seed 1 --jobs 3
 
-Number and seed of a flight decide what goes wrong in it. An autopilot is killed, frozen, starved, replaced,
-impersonated, or started with a wrong clock or wrong settings. A vehicle is killed, frozen, starved or restarted. The
-process of its outputs is killed, frozen or starved. A disk is full, or a disk or a terminal hangs. A sensor, the
-uplink, the downlink or the actuators fail. The link is bad or cut. Half of the flights have a second, passing
-disturbance. In a quarter of the flights two parts stall, up to a second apart.
+These commands fly faults that are drawn at random. The fault of a flight depends only on the number of the flight and
+the seed. The possible faults are:
 
-The draw also decides, before the flight, how the flight must end and which lines both logs must and may contain. Any
-other line is counted as unexplained. After a refusal (clock, scenario, key) the autopilot flies with the command that
-the refusal suggests. `--only drawn-1-17` repeats one flight.
+- an autopilot that is killed, frozen, deprived of the processor (starved), replaced, impersonated, or started with a
+  wrong clock or wrong settings;
+- a vehicle that is killed, frozen, starved or restarted;
+- the process that applies the vehicle's outputs, killed, frozen or starved;
+- a full disk, or a disk or terminal that hangs;
+- a failed sensor, uplink, downlink or actuator;
+- a bad or cut link.
 
-In virtual time a driver reads the port of the outputs once a millisecond, in every flight. It must apply the safe
-values at the latest 100 ms after the vehicle or the process of its outputs stopped, and 250 ms after the last packet of
-an autopilot arrived. The check allows 1 ms for the period of the driver, 2 ms for a packet in transit, and the delay
-of an injected fault of the uplink. The longest times that were seen are printed at the end.
+Half of the flights have a second, temporary disturbance. In a quarter of the flights two processes or devices stall, up
+to a second apart.
+
+Before the flight, it is decided how the flight must end, and which lines both logs must and may contain. Any other line
+is counted as unexplained. If the vehicle refuses an autopilot (for its clock, scenario or key), the autopilot is
+started again with the command that the refusal suggests. `--only drawn-1-17` repeats one flight.
+
+In virtual time, a simulated driver of the actuators reads the vehicle's outputs once a millisecond in every flight. It
+must apply the safe values at the latest 100 ms after the vehicle or the process of its outputs stopped, and 250 ms
+after the last packet of an autopilot arrived. The check allows 1 ms for the period of the driver, 2 ms for a packet in
+transit, and the delay of an injected fault of the uplink. The longest of these times are printed at the end.
 
 ## Outcomes
+
+The third column gives the changes of the vehicle's mode, with the cause in brackets and the time since arming. It ends
+with the largest surge velocity in the flight. The fourth column quotes the logs: `vehicle-1` and `autopilot-1` are the
+vehicle and the autopilot of the case, `vehicle-2` and `autopilot-2` are those that were started later, and `refused-1`
+is an autopilot that the vehicle refused.
 
 {table}
 """
