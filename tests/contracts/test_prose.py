@@ -45,10 +45,10 @@ LIMITS = {
     "pages": {
         "believe": 5,
         "heard": 0,
-        "told": 9,
+        "told": 0,
         "under way": 0,
         "hang together": 0,
-        "somebody": 1,
+        "somebody": 0,
         "anew": 1,
         "so many": 0,
         "is no": 5,

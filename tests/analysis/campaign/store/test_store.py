@@ -27,7 +27,7 @@ def store(tmp_path):
 def test_store_of_another_campaign(store):
     small(2 * BLOCK).run(store)
     for other in ({"seed": 4}, {"metrics": ["peak:yaw_rate"]}, {"spread": {"world.vehicle.mass": "normal(100%, 5%)"}}):
-        with pytest.raises(InputError, match="rows of another campaign: campaign") as refused:
+        with pytest.raises(InputError, match="rows of another campaign; different: campaign") as refused:
             small(2 * BLOCK, **other).run(store)
         assert "OTHER.zarr" in refused.value.fix
     folder = store.parent / "photographs"
@@ -46,7 +46,7 @@ def test_metric_of_a_file_that_was_changed(store, tmp_path):
     small(BLOCK, **asked).run(store)
     assert small(BLOCK, **asked).run(store).flown_runs == 0
     file.write_text("def worst(rows):\n    return rows['yaw_rate'].min(axis=1)\n")
-    with pytest.raises(InputError, match="another campaign: files"):
+    with pytest.raises(InputError, match="another campaign; different: files"):
         small(BLOCK, **asked).run(store)
 
 
