@@ -213,14 +213,14 @@ def weigh_range(form: OdometryParticle, s: OdometryParticleState, i: Any, z: Any
     spread = w @ S + w @ (predicted - middle) ** 2
     accepted = w @ used.astype(np.float64) > 0.5
     me = jnp.arange(fix.nis.shape[0]) == i
-    refused = jnp.where(accepted, 0, fix.refused_in_a_row + 1)
+    refused = jnp.where(accepted, 0, fix.beacon_rejected_in_a_row + 1)
     fix = replace(
         fix,
         innovation=jnp.where(me, z - middle, fix.innovation),
         normalised=jnp.where(me, (z - middle) / jnp.sqrt(spread), fix.normalised),
         nis=jnp.where(me, (z - middle) ** 2 / spread, fix.nis),
         accepted=jnp.where(me, accepted, fix.accepted),
-        refused_in_a_row=jnp.where(me, refused, fix.refused_in_a_row).astype(np.int32),
+        beacon_rejected_in_a_row=jnp.where(me, refused, fix.beacon_rejected_in_a_row).astype(np.int32),
         used=increment(fix.used, accepted),
         rejected=increment(fix.rejected, ~accepted),
         rejected_in_a_row=jnp.where(accepted, 0, fix.rejected_in_a_row + 1).astype(np.int32),

@@ -219,7 +219,7 @@ def test_one_moved_beacon_does_not_restart_the_filter():
     world = drive(3)
     state, estimates = run(frames_of(with_ranges(world, 6.0 * LATE * (np.arange(4) == 1))))
     assert int(state.fix.given_in) == 0
-    assert int(state.fix.refused_in_a_row[1]) > 30
+    assert int(state.fix.beacon_rejected_in_a_row[1]) > 30
     assert position_error(world, estimates).max() < 1.5
 
 
@@ -245,7 +245,7 @@ def test_two_beacons_do_not_restart_the_filter():
     wrong = np.where(np.arange(4) < 2, 1.05 * (distance(place + beside) - distance(place)), -7.0)
     moved = with_ranges(world, wrong * LATE)
     state, _ = run(frames_of(moved._replace(arrived=world.arrived & ~silent)))
-    assert (np.asarray(state.fix.refused_in_a_row)[2:] > 0).all()
+    assert (np.asarray(state.fix.beacon_rejected_in_a_row)[2:] > 0).all()
     assert int(state.fix.given_in) == 0
 
 
