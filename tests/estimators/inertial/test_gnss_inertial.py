@@ -339,7 +339,7 @@ def test_an_outlier_is_refused_and_the_filter_gives_in_to_many():
     assert float(told.gnss_fix.nis) > STILL.gate
     for _ in range(3):
         told = bench.step(30, fix=(60, 0, 0))
-    assert int(told.gnss_fix.given_in) == 1
+    assert int(told.gnss_fix.forced) == 1
     assert int(told.gnss_fix.rejected) == 3
     assert int(told.gnss_fix.rejected_in_a_row) == 0
     assert abs(float(told.position[0]) - 60) < 3

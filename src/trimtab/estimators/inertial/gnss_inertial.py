@@ -81,7 +81,7 @@ class GnssFix:
         "1", "Number of rejected measurements. Raw ranges count as rejected if every range was rejected.", kind="count"
     )
     rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last used one.", kind="count")
-    given_in: Scalar = quantity(
+    forced: Scalar = quantity(
         "1",
         "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
         kind="count",
@@ -345,7 +345,7 @@ def _correct(form: GnssInertial, state: GnssInertialState, longest: Any) -> Gnss
         used=increment(fix.used, taken),
         rejected=increment(fix.rejected, refused),
         rejected_in_a_row=row,
-        given_in=increment(fix.given_in, taken & gives),
+        forced=increment(fix.forced, taken & gives),
         late=increment(fix.late, ~usable),
     )
     after = tree_where(taken, put_error_in(x, fusion.error, fusion.P), x)

@@ -118,7 +118,7 @@ class RadioFix:
     used: Scalar = quantity("1", "Number of ranges used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
     rejected_in_a_row: Scalar = quantity("1", "Number of ranges rejected since the last accepted range.", kind="count")
-    given_in: Scalar = quantity(
+    restarts: Scalar = quantity(
         "1",
         "Number of restarts of the pose from ranges that agree with each other.",
         kind="count",
@@ -371,7 +371,7 @@ def restart_pose(form: Any, s: OdometryState, number: Any) -> OdometryState:
         P=P0,
         fix=replace(
             fix,
-            given_in=increment(fix.given_in, True),
+            restarts=increment(fix.restarts, True),
             beacon_rejected_in_a_row=jnp.zeros_like(fix.beacon_rejected_in_a_row),
             rejected_in_a_row=jnp.zeros_like(fix.rejected_in_a_row),
         ),
