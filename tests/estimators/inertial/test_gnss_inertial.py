@@ -348,7 +348,7 @@ def test_an_outlier_is_refused_and_the_filter_gives_in_to_many():
 
 @pytest.mark.thorough
 def test_a_saturated_unit_is_doubted():
-    """A gyro at its limit says nothing: sigma of the attitude grows as `doubtful_rate` says."""
+    """A gyro at its limit says nothing: sigma of the attitude grows as `untrusted_rate` says."""
     sure, unsure = Bench(), Bench()
     full = replace(AT_REST, gyro_saturated=np.bool_(True))
     for bench, imu in ((sure, AT_REST), (unsure, full)):

@@ -282,7 +282,7 @@ def _cloud_estimate(form: Particle, t: Any, s: ParticleState, fresh: Any) -> Est
     mean, P = predict_particle(mean, P, still, motion_covariance(form.noise, mean[0], still))
     belief = Belief(mean[:DIMENSION], P[:DIMENSION, :DIMENSION])
     rate = jnp.where(silent, mean[5], s.history.imu_reading[-1, 0])
-    variance = form.noise.gyro + jnp.where(silent, form.noise.doubtful_rate**2, 0.0)
+    variance = form.noise.gyro + jnp.where(silent, form.noise.untrusted_rate**2, 0.0)
     kinematics = reference_kinematics(belief, rate, variance, form.arms)
     sure = (jnp.sqrt(P[3, 3] + P[4, 4]) <= form.sigma_valid) & (jnp.sqrt(P[0, 0]) <= form.sigma_heading_valid)
     state = NavigationState(
