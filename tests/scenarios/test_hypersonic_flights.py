@@ -193,8 +193,8 @@ def test_modes_are_fed_back_at_the_frequency_that_is_estimated():
     late = log.t > 60
     print(f"h up to {np.abs(log['law.h_error'][late]).max():.3f} ft")
     assert np.abs(log["law.h_error"][late]).max() < 0.15
-    wanted, w2 = log["law.eta2_wanted"][late], log["estimate.state.frequencies.w2"][late]
+    wanted, w2 = log["law.eta2_reference"][late], log["estimate.state.frequencies.w2"][late]
     fixed, _ = catalogue.load_scenario("hypersonic/modal-mismatch", {"frequency": "1.10"})
-    told = simulate(fixed, seed=1, log_period=ms(100))["law.eta2_wanted"][late]
+    told = simulate(fixed, seed=1, log_period=ms(100))["law.eta2_reference"][late]
     np.testing.assert_allclose(wanted, told * (20.0 / w2) ** 2, rtol=1e-9)
     assert math.isclose(float(np.median(w2)), 22.0, rel_tol=0.05)
