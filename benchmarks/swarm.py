@@ -17,7 +17,7 @@ from trimtab.run.simulate import compile_scenario
 
 TOUCH = 0.64
 """Distance (m) at which two craft touch. Each is a disc with its rudder's arm (0.32 m) as radius."""
-SPACING, ASTRAY = "least:sensors.arena.value.spacing", "final:sensors.arena.value.astray"
+SPACING, FORMATION_ERROR = "least:sensors.arena.value.spacing", "final:sensors.arena.value.formation_error"
 
 
 def starts(scenario: Any, room: float = 0.15) -> dict[str, str]:
@@ -33,7 +33,8 @@ def starts(scenario: Any, room: float = 0.15) -> dict[str, str]:
 
 def time_swarms() -> None:
     """Print a table with one row for each number of craft."""
-    print(f"{'craft':>6} {'ready (s)':>10} {'s per CPU s':>16} {'least distance (m)':>19} {'astray at end (m)':>18}")
+    last = "formation error at end (m)"
+    print(f"{'craft':>6} {'ready (s)':>10} {'s per CPU s':>16} {'least distance (m)':>19} {last:>26}")
     for n in (5, 10, 100):
         scenario, signals = build("swarm/formation", {"craft": str(n)}), ("sensors.arena",)
         begin = time.perf_counter()
@@ -41,20 +42,20 @@ def time_swarms() -> None:
         ready, begin = time.perf_counter() - begin, time.process_time()
         log = program.fly(0, 0, ms(20))
         factor = to_seconds(scenario.duration) / (time.process_time() - begin)
-        spacing, astray = (log[f"sensors.arena.value.{name}"] for name in ("spacing", "astray"))
-        print(f"{n:6} {ready:10.1f} {factor:16.1f} {spacing.min():19.2f} {astray[-1]:18.2f}", flush=True)
+        spacing, formation_error = (log[f"sensors.arena.value.{name}"] for name in ("spacing", "formation_error"))
+        print(f"{n:6} {ready:10.1f} {factor:16.1f} {spacing.min():19.2f} {formation_error[-1]:26.2f}", flush=True)
 
 
 def fly_campaign(runs: int) -> None:
     """Print the share of successful runs, with confidence intervals."""
     scenario = build("swarm/formation")
-    metrics = [SPACING, ASTRAY]
+    metrics = [SPACING, FORMATION_ERROR]
     success = [f"{SPACING} >= {TOUCH}"]
     found = Campaign(
         "swarm/formation", runs=runs, seed=1, spread=starts(scenario), metrics=metrics, success=success
     ).run()
-    spacing, astray = (np.asarray(found.columns[m]) for m in metrics)
-    apart, formed = int((spacing >= TOUCH).sum()), int((astray <= 1).sum())
+    spacing, formation_error = (np.asarray(found.columns[m]) for m in metrics)
+    apart, formed = int((spacing >= TOUCH).sum()), int((formation_error <= 1).sum())
     for what, good in (("never nearer than 0.64 m", apart), ("in formation within 1 m at 60 s", formed)):
         share = proportion(good, runs)
         print(f"{what}: {good} of {runs}, {100 * share.low:.3f} % to {100 * share.high:.3f} % (95 %)")

@@ -49,9 +49,9 @@ class Cart:
 LIMITS, T = {"position": 0.3, "velocity": 1.0, "lean": 0.1, "lean_rate": 1.0, "force": 5.0}, ms(5)
 
 
-def scenario(believed=None) -> Scenario:
+def scenario(assumed=None) -> Scenario:
     """Return a flight from a lean of 0.1 rad to upright, with a delay of 10 ms to the motor."""
-    law = design_feedback(believed or Cart(), CartState(), Push(), LIMITS, {"position": 0.5})
+    law = design_feedback(assumed or Cart(), CartState(), Push(), LIMITS, {"position": 0.5})
     push, link = DirectActuation(Push(), period=T), DelayChain(period=T, steps=2)
     world = World(Cart(), {"state": TrueState(period=T)}, push, downlink=Wire(period=T), uplink=link, max_step=T)
     autopilot = Autopilot(Passthrough("state"), law, DirectAllocation(), period=T)

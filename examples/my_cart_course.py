@@ -16,10 +16,10 @@ from trimtab.design.output_inversion import invert_output, smooth_course
 from trimtab.loop.linear_laws import track_course
 
 
-def scenario(believed=None) -> Scenario:
+def scenario(assumed=None) -> Scenario:
     """Return a move from 2 s on within 1.5 s. The pole leans before the cart moves."""
-    still = upright(believed)
-    model = model_of_vehicle(believed or Cart(), CartState(), Push(), outputs=["position"])
+    still = upright(assumed)
+    model = model_of_vehicle(assumed or Cart(), CartState(), Push(), outputs=["position"])
     course = smooth_course(np.linspace(0, 6, 1201), {"position": (0.0, 0.5)}, 2.0, 3.5, order=2)
     inversion = invert_output(model, course, end=([0.5, 0, 0, 0], [0.0]))
     law = track_course(still.autopilot.law, model, inversion, every=4)

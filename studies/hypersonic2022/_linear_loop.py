@@ -71,8 +71,8 @@ def widest_error(Q: Any, R: float, K: Any = K_FLOWN, most: float = 0.4) -> float
 
 def loop_matrices(Q: Any, R: float, K: Any, detuned: tuple[float, float] = (1.0, 1.0)) -> tuple[Any, Any]:
     """Return F (20, 20) and N (20,) of z = F z + N w over one period. w: the accelerometer's noise."""
-    believed = Hypersonic()
-    modes = believed.modes
-    plant = replace(believed, modes=replace(modes, w1=modes.w1 * detuned[0], w2=modes.w2 * detuned[1]))
-    kept = FlexibleModeFilter(craft=believed, Q=tuple(map(float, Q)), R=float(R), period=TICK)
-    return sampled_loop(plant, kept, K, level_trim(believed, H, V))
+    assumed = Hypersonic()
+    modes = assumed.modes
+    plant = replace(assumed, modes=replace(modes, w1=modes.w1 * detuned[0], w2=modes.w2 * detuned[1]))
+    kept = FlexibleModeFilter(craft=assumed, Q=tuple(map(float, Q)), R=float(R), period=TICK)
+    return sampled_loop(plant, kept, K, level_trim(assumed, H, V))

@@ -264,7 +264,7 @@ def _actuator_fault_interval(case: Case, log: Log) -> tuple[float, float] | None
     """Return the start and end (s) of an actuator fault, from its logged event, or None."""
     if not case.actuator_fault_s:
         return None
-    times: list[Any] = [e["t"] for e in log.metadata.get("events", []) if "actuators.fault.word" in e["text"]]
+    times: list[Any] = [e["t"] for e in log.metadata.get("events", []) if "actuators.fault.kind" in e["text"]]
     with contextlib.suppress(IndexError):
         return times[0] - 0.5, times[0] + case.actuator_fault_s
     return None

@@ -30,7 +30,7 @@ def _fault_case(part: str, word: str) -> Case:
     uplink = part == "uplink"
     silent = word in SILENT if uplink else (part, word) == NOT_A_NUMBER
     ends = STOPS if silent else EITHER if uplink else FLIES
-    says: tuple[EvidenceCheck, ...] = (logged_event(VEHICLE, rf"world\.{place}\.fault\.word = {word}"),)
+    says: tuple[EvidenceCheck, ...] = (logged_event(VEHICLE, rf"world\.{place}\.fault\.kind = {word}"),)
     return Case(
         f"{part.rpartition(':')[2]}-{word}",
         f"fault `{part} {word} for 1 s` injected",
@@ -54,7 +54,7 @@ def _loss_case(part: str, *more: EvidenceCheck) -> Case:
         f"fault `{part} off` injected, permanent",
         acts.inject_fault(f"{part} off"),
         STOPS,
-        (logged_event(VEHICLE, rf"world\.{place}\.fault\.word = off"), *more, FAILSAFE),
+        (logged_event(VEHICLE, rf"world\.{place}\.fault\.kind = off"), *more, FAILSAFE),
         fly=LOST_S,
     )
 

@@ -379,7 +379,7 @@ def break_sensor(draw: random.Random) -> Disturbance:
     not_a_number = (part, word) == ("sensor:navigation", "garbage")
     gap = {"off": 0.8 * seconds, "slow": 0.02, "delayed": 0.15, "intermittent": 0.08}.get(word)
     silent = word == "off" or (part == "downlink" and word in ("stuck", "garbage"))
-    evidence: list[EvidenceCheck] = [logged_event(VEHICLE, rf"world\.{place}\.fault\.word = {word}")]
+    evidence: list[EvidenceCheck] = [logged_event(VEHICLE, rf"world\.{place}\.fault\.kind = {word}")]
     if gap is not None:
         evidence.append(flag_gap(AUTOPILOT, "downlink.navigation.fresh", gap))
     evidence += [FAILSAFE, logged_event(AUTOPILOT, GARBAGE[0])] if not_a_number else []
@@ -396,7 +396,7 @@ def break_uplink(draw: random.Random) -> Disturbance:
     word = draw.choice(("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"))
     seconds = round(draw.uniform(0.5, 1.4), 2)
     stops = word in ("off", "stuck", "garbage")
-    evidence = (logged_event(VEHICLE, rf"world\.uplink\.fault\.word = {word}"), *((FAILSAFE, TOLD) if stops else ()))
+    evidence = (logged_event(VEHICLE, rf"world\.uplink\.fault\.kind = {word}"), *((FAILSAFE, TOLD) if stops else ()))
     does = f"uplink {word} for {seconds} s"
     ends, explains = STOPS if stops else EITHER, (r"fault\.", *NO_COMMAND)
     delay = SEVERITY[word] if word == "delayed" else 0.0
@@ -410,7 +410,7 @@ def break_actuators(draw: random.Random) -> Disturbance:
     word = draw.choice(("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"))
     seconds = round(draw.uniform(0.3, 1.2), 2)
     does = f"actuators {word} for {seconds} s"
-    evidence = (logged_event(VEHICLE, rf"world\.actuators\.fault\.word = {word}"),)
+    evidence = (logged_event(VEHICLE, rf"world\.actuators\.fault\.kind = {word}"),)
     return Disturbance(
         "actuators", does, acts.inject_fault(does), FLIES, seconds, evidence, (r"fault\.",), actuator_fault_s=seconds
     )

@@ -31,13 +31,13 @@ def read_tuned() -> dict[str, dict[str, float]]:
     return json.loads(TUNED.read_text(encoding="utf-8"))
 
 
-def believed_on(name: str) -> dict[str, float]:
+def assumed_on(name: str) -> dict[str, float]:
     """Return the filter parameters for a log, tuned on the other log."""
     return read_tuned()[OTHER[name]]
 
 
-def odometry_filter(p: Plaza, believed: dict[str, Any], scale: Any) -> OdometryRanging:
-    """Return the tightly coupled filter, started at the first true pose. believed: parameters named as in BEFORE."""
+def odometry_filter(p: Plaza, assumed: dict[str, Any], scale: Any) -> OdometryRanging:
+    """Return the tightly coupled filter, started at the first true pose. assumed: parameters named as in BEFORE."""
     start = PlanarStart(
         heading=p.heading[0],
         north=p.north[0],
@@ -46,8 +46,8 @@ def odometry_filter(p: Plaza, believed: dict[str, Any], scale: Any) -> OdometryR
         sigma_course=SIGMA_COURSE,
     )
     return OdometryRanging(
-        noise=OdometryNoise(slip=believed["slip"], turn=TURN),
-        errors=RadioErrors(noise=believed["noise"], scale=scale, sigma_scale=SIGMA_SCALE, sigma_error=SIGMA_ERROR),
+        noise=OdometryNoise(slip=assumed["slip"], turn=TURN),
+        errors=RadioErrors(noise=assumed["noise"], scale=scale, sigma_scale=SIGMA_SCALE, sigma_error=SIGMA_ERROR),
         start=start,
         beacons=np.asarray(p.beacons),
     )
@@ -55,8 +55,8 @@ def odometry_filter(p: Plaza, believed: dict[str, Any], scale: Any) -> OdometryR
 
 def tight_filter(name: str) -> OdometryRanging:
     """Return the tightly coupled filter for a log, tuned on the other one."""
-    believed = believed_on(name)
-    return odometry_filter(read_plaza(name), believed, believed["scale"])
+    assumed = assumed_on(name)
+    return odometry_filter(read_plaza(name), assumed, assumed["scale"])
 
 
 def particle_filter(name: str) -> OdometryParticle:

@@ -82,8 +82,10 @@ class OdometryParticle:
         "s", "Maximum time between the two ranges that give the first position.", default=1.0, above=0
     )
     start_sigma: Scalar = quantity("m", "Standard deviation of the first position.", default=1.0, above=0)
-    wrong: Scalar = quantity("1", "Probability that a range is an outlier.", default=0.02, above=0, high=0.9)
-    width: Scalar = quantity("m", "Width of the uniform distribution of outliers.", default=50.0, above=0)
+    outlier_probability: Scalar = quantity(
+        "1", "Probability that a range is an outlier.", default=0.02, above=0, high=0.9
+    )
+    outlier_width: Scalar = quantity("m", "Width of the uniform distribution of outliers.", default=50.0, above=0)
     share: Scalar = quantity(
         "1",
         "Share of each particle's heading variance that resampling turns into spread.",
@@ -91,7 +93,7 @@ class OdometryParticle:
         low=0,
         high=0.99,
     )
-    sure: Scalar = quantity("m", "Position sigma below which the estimate may be valid.", default=1.0, above=0)
+    sigma_valid: Scalar = quantity("m", "Position sigma below which the estimate may be valid.", default=1.0, above=0)
     N: int = option("Number of particles.", default=200)
     odometry: str = option("Name of the odometry sensor; its samples have `distance` and `turn`.", default="odometry")
     ranging: str = option("Name of the ranging sensor; its samples have `range` and `arrived`.", default="ranging")
@@ -157,7 +159,7 @@ class OdometryParticle:
         mean, P = cloud_moments(s.cloud)
         s = replace(s, drive=replace(s.drive, x=mean, P=P))
         sure = (s.effective > 0) & (s.accepted_share >= ACCEPTED_MIN)
-        sure = sure & (jnp.sqrt(P[NORTH, NORTH] + P[EAST, EAST]) <= self.sure)
+        sure = sure & (jnp.sqrt(P[NORTH, NORTH] + P[EAST, EAST]) <= self.sigma_valid)
         return s, planar_estimate(t, s.drive, mean, P, came | jnp.any(new), sure)
 
 
@@ -191,7 +193,8 @@ def throw_particles(form: OdometryParticle, s: OdometryParticleState, recent: An
 def weigh_range(form: OdometryParticle, s: OdometryParticleState, i: Any, z: Any, ahead: Any) -> OdometryParticleState:
     """Update and weight every particle with a range z (m) to beacon i. Resample if few particles have weight.
 
-    p(z) = (1 - wrong) N(innovation; 0, S) + wrong / width. A range outside a particle's gate does not correct it.
+    p(z) = (1 - w) N(innovation; 0, S) + w / outlier_width, where w is outlier_probability. A range outside a
+    particle's gate does not correct it.
     """
     e, fix = form.errors, s.drive.fix
     R = jnp.reshape(e.noise**2, (1, 1))
@@ -201,26 +204,26 @@ def weigh_range(form: OdometryParticle, s: OdometryParticleState, i: Any, z: Any
         at = predict_range(x, i, form.beacons, form.down, s.drive, ahead)
         new = update(x, P, (z - at.range)[None], at.H[None], R, gate=e.gate)
         S = new.S[0, 0]
-        right = (1 - form.wrong) * jnp.exp(-jnp.minimum(new.nis, 700.0) / 2) / jnp.sqrt(2 * np.pi * S)
-        return new.x, new.P, jnp.log(right + form.wrong / form.width), at.range, S, new.accepted
+        right = (1 - form.outlier_probability) * jnp.exp(-jnp.minimum(new.nis, 700.0) / 2) / jnp.sqrt(2 * np.pi * S)
+        return new.x, new.P, jnp.log(right + form.outlier_probability / form.outlier_width), at.range, S, new.accepted
 
     x, P, log, predicted, S, used = lax.map(one, (s.cloud.x, s.cloud.P))
     w = s.cloud.weight
     middle = w @ predicted
     spread = w @ S + w @ (predicted - middle) ** 2
-    believed = w @ used.astype(np.float64) > 0.5
+    accepted = w @ used.astype(np.float64) > 0.5
     me = jnp.arange(fix.nis.shape[0]) == i
-    refused = jnp.where(believed, 0, fix.refused_in_a_row + 1)
+    refused = jnp.where(accepted, 0, fix.beacon_rejected_in_a_row + 1)
     fix = replace(
         fix,
         innovation=jnp.where(me, z - middle, fix.innovation),
         normalised=jnp.where(me, (z - middle) / jnp.sqrt(spread), fix.normalised),
         nis=jnp.where(me, (z - middle) ** 2 / spread, fix.nis),
-        accepted=jnp.where(me, believed, fix.accepted),
-        refused_in_a_row=jnp.where(me, refused, fix.refused_in_a_row).astype(np.int32),
-        used=increment(fix.used, believed),
-        rejected=increment(fix.rejected, ~believed),
-        rejected_in_a_row=jnp.where(believed, 0, fix.rejected_in_a_row + 1).astype(np.int32),
+        accepted=jnp.where(me, accepted, fix.accepted),
+        beacon_rejected_in_a_row=jnp.where(me, refused, fix.beacon_rejected_in_a_row).astype(np.int32),
+        used=increment(fix.used, accepted),
+        rejected=increment(fix.rejected, ~accepted),
+        rejected_in_a_row=jnp.where(accepted, 0, fix.rejected_in_a_row + 1).astype(np.int32),
     )
     weight = w * jnp.exp(log - jnp.max(log))
     total = jnp.sum(weight)
@@ -236,5 +239,5 @@ def weigh_range(form: OdometryParticle, s: OdometryParticleState, i: Any, z: Any
         drive=replace(s.drive, fix=fix),
         effective=effective,
         redrawn=increment(s.redrawn, few),
-        accepted_share=s.accepted_share + (believed - s.accepted_share) / EVIDENCE,
+        accepted_share=s.accepted_share + (accepted - s.accepted_share) / EVIDENCE,
     )

@@ -101,7 +101,7 @@ void fly(int n, const double *wanted, const double *volts, const double *passed,
     motor_defaults(&mp); motor_init(&mp, &mstate);
     for (int k = 0; k < n; ++k) {
         if (k % 10 == 0) {
-            ri.t = k * 10000; ri.input.wanted_rpm = wanted[k]; ri.input.count = mo.count;
+            ri.t = k * 10000; ri.input.rpm_command = wanted[k]; ri.input.count = mo.count;
             speed_regulator_step(&rp, &rs, &ri, &ro);
         }
         duty[k] = ro.duty;

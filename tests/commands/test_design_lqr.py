@@ -50,8 +50,8 @@ def test_a_gain_that_was_changed_is_not(file, tmp_path):
 
 @pytest.mark.thorough
 def test_the_vehicle_as_it_is_believed_makes_another_gain():
-    own, heavy = data(CART, "--lqr", *WORDS), data(CART, "--lqr", *WORDS, "--believed", "bob=0.5")
-    assert heavy["about"]["believed"] == "bob=0.5"
+    own, heavy = data(CART, "--lqr", *WORDS), data(CART, "--lqr", *WORDS, "--assume", "bob=0.5")
+    assert heavy["about"]["assume"] == "bob=0.5"
     assert not np.allclose(own["K"], heavy["K"], rtol=1e-3)
 
 
@@ -64,7 +64,7 @@ def test_refusals():
         ((CART, "--lqr", "--method", "lmi", *WORDS), "leave --method out"),
         ((CART, "--lqr", "--limit", "force"), "NAME=VALUE"),
         (("--lqr",), "no vehicle"),
-        ((CART, "--lqr", *WORDS, "--believed", "bib=1"), "bob"),
+        ((CART, "--lqr", *WORDS, "--assume", "bib=1"), "bob"),
     ):
         done = call(*words)
         assert done.exit_code == 2, (words, done.output)

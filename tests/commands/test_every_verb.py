@@ -88,7 +88,7 @@ SCENARIOS = {
     ),
     "src/trimtab/templates/my_vehicle.py:scenario": Walk(
         uncertain="world.vehicle.speed",
-        gain="autopilot.law.believed.speed",
+        gain="autopilot.law.design_model.speed",
         success="final:truth.lean <= 0.1",
         cost="rms:truth.heading",
         shown="heading (deg)",

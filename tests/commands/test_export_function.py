@@ -48,7 +48,7 @@ def test_examples_are_defaults_or_named(file: Path) -> None:
 
 def test_a_default_of_none_is_no_number(tmp_path: Path) -> None:
     path = tmp_path / "own_scenario.py"
-    path.write_text("def scenario(believed=None):\n    return believed\n")
+    path.write_text("def scenario(assumed=None):\n    return assumed\n")
     assert find_function(f"{path}:scenario") is None
 
 

@@ -24,7 +24,7 @@ NOW = seconds(123)
 def test_what_is_set_in_flight_is_told_with_its_unit():
     scenario, _ = catalogue.load_scenario(NAME)
     listed = {p.path: p.declaration for p in Parameters(add_idle_faults(scenario).world, "world").listed}
-    start, duration, word = (listed[f"world.downlink.fault.{name}"] for name in ("start", "duration", "word"))
+    start, duration, word = (listed[f"world.downlink.fault.{name}"] for name in ("start", "duration", "kind"))
     assert format_value(start, float(seconds(6) + 2841735)) == "6284.1735 ms"
     assert format_value(duration, float(seconds(2))) == "2 s"
     assert format_value(duration, float(FOREVER)) == "until the end"
@@ -85,9 +85,9 @@ def test_a_fault_is_set_from_now_on_and_its_word_last(played):
     before = "world.sensors.navigation.fault."
     assert found[f"{before}start"] == pytest.approx(NOW + seconds(2), rel=1e-7)
     assert found[f"{before}duration"] == seconds("0.5")
-    assert found[f"{before}word"] == WORDS.index("stuck")
-    assert order[-1] == f"{before}word"
-    assert set(order) == {f"{before}{n}" for n in ("start", "duration", "word")}  # the others stay as they are
+    assert found[f"{before}kind"] == WORDS.index("stuck")
+    assert order[-1] == f"{before}kind"
+    assert set(order) == {f"{before}{n}" for n in ("start", "duration", "kind")}  # the others stay as they are
     assert json.loads(done.stdout) == {
         "answer": "inject/1",
         "fault": "sensor:navigation stuck @ 2 s for 500 ms",
@@ -101,7 +101,7 @@ def test_what_is_lost_on_the_way_is_asked_again(played):
     played.loses = 2
     done = inject("uplink off")
     assert done.exit_code == 0, done.output
-    assert numbers(played)[0]["world.uplink.fault.word"] == WORDS.index("off")
+    assert numbers(played)[0]["world.uplink.fault.kind"] == WORDS.index("off")
     assert "uplink off: from 123 s on, until the end" in done.stdout
 
 

@@ -81,11 +81,11 @@ def test_the_page_reads_what_is_told():
 
 def test_set_points_hold_for_truth_and_estimate():
     scenario = build("hovercraft/forward")
-    known = ["truth.surge_velocity", "estimate.state.surge_velocity", "estimate.state.h", "law.h_wanted"]
+    known = ["truth.surge_velocity", "estimate.state.surge_velocity", "estimate.state.h", "law.h_reference"]
     found = list_set_points(scenario, known)
     assert abs(found["truth.surge_velocity"] - 2.8 / 2.6) < 1e-9
     assert found["estimate.state.surge_velocity"] == found["truth.surge_velocity"]
-    assert found["estimate.state.h"] == "law.h_wanted"
+    assert found["estimate.state.h"] == "law.h_reference"
 
 
 def test_a_calibration_is_named_by_its_hash():

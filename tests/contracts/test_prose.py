@@ -29,7 +29,7 @@ FIRST_WORDS = re.compile(r"\s*(?:What|Whether|Which|How|Who|That|Of|So many)\b")
 """A docstring begins with a noun (of a thing) or with a verb (of a function) instead."""
 LIMITS = {
     "src": {
-        "believe": 14,
+        "believe": 0,
         "heard": 0,
         "told": 0,
         "under way": 0,
@@ -43,7 +43,7 @@ LIMITS = {
         "first words": 0,
     },
     "pages": {
-        "believe": 5,
+        "believe": 0,
         "heard": 0,
         "told": 0,
         "under way": 0,

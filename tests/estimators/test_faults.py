@@ -163,7 +163,7 @@ FAULTS = {
     "position from the future": Fault(position_from_the_future, lambda s: s.position_sensor.invalid > 0, ("north",)),
     "motor beside the compass": Fault(motor_beside_the_compass, lambda s: s.heading_fix.rejected_in_a_row > 5),
     "position source moved": Fault(
-        moved_position, lambda s: s.position_fix.given_in == 1, truth=MOVED, left_out=range(500, 650)
+        moved_position, lambda s: s.position_fix.forced == 1, truth=MOVED, left_out=range(500, 650)
     ),
     "gyro at its limit": Fault(clipped, lambda s: s.imu.saturated, truth=_whirl()),
     "accelerometers at their limit": Fault(clipped, lambda s: s.imu.saturated, truth=_jolt()),

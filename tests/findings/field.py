@@ -160,7 +160,7 @@ def ranges_through_walls() -> tuple[str, bool]:
     def run(world: Any, north: float) -> tuple[int, Any]:
         state, estimates = program(frames_of(world), north)
         place = np.asarray(estimates.state.north), np.asarray(estimates.state.east)
-        return int(state.fix.given_in), np.hypot(place[0] - world.north, place[1] - world.east)
+        return int(state.fix.restarts), np.hypot(place[0] - world.north, place[1] - world.east)
 
     program, world, rng = jax.jit(fly), drive(3), np.random.default_rng(3)
     wall = world.arrived & (rng.random(world.range.shape) < 0.5)

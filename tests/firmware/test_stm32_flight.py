@@ -150,5 +150,5 @@ def test_the_stamp_is_in_flash_and_the_black_box_has_the_flight(craft):
     assert len(flight) >= 20
     assert np.diff([r.t for r in flight[1:]]) == pytest.approx(0.1, abs=2e-3)  # the first is the change of mode
     assert {(r.mode, r.cause, r.armed) for r in flight} == {("computer", "arm request", True)}
-    assert flight[-1].wanted_rpm == 6000
+    assert flight[-1].rpm_command == 6000
     assert flight[-1].speed_rpm == pytest.approx(6000, rel=0.05)

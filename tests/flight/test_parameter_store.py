@@ -95,7 +95,7 @@ def test_it_is_refused_while_armed_without_a_file_and_where_it_can_not_be_writte
 def test_a_fault_is_of_one_flight(tmp_path):
     file = tmp_path / "kept.json"
     store = ParameterStore(file, "a", setting_path)
-    assert store.write({"world.sensors.imu.fault.word": [3.0], "world.sensors.imu.inner.bias": [0.1, 0.2, 0.3]}) == ""
+    assert store.write({"world.sensors.imu.fault.kind": [3.0], "world.sensors.imu.inner.bias": [0.1, 0.2, 0.3]}) == ""
     assert json.loads(file.read_text())["parameters"] == {"world.sensors.imu.bias": [0.1, 0.2, 0.3]}
 
 

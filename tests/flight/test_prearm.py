@@ -19,7 +19,7 @@ from trimtab.loop.vehicle_limits import VehicleLimits
 from trimtab.scenarios import catalogue
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-WORD = "world.sensors.navigation.fault.word"
+WORD = "world.sensors.navigation.fault.kind"
 
 
 class Craft:

@@ -121,7 +121,7 @@ def test_with_the_only_sensor_off_a_whole_vehicle_is_not_armed_and_all_are_told_
     def serve(machine):
         vehicle = pair.make_vehicle(machine, add_idle_faults(scenario))
         assert vehicle.parts.station.status.arming_problem == "the checks have not run yet"
-        vehicle.body.world.parameters["world.sensors.navigation.fault.word"].flat[0] = WORDS.index("off")
+        vehicle.body.world.parameters["world.sensors.navigation.fault.kind"].flat[0] = WORDS.index("off")
         return vehicle.serve(log=LOG, stop=pair.has_autopilot_ended, tell=pair.told.append)
 
     pair.serving = pair.there.start(serve)

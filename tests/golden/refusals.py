@@ -46,7 +46,7 @@ REFUSED: dict[str, tuple[str, ...]] = {
     "picture without ending": ("run", REST, "--plot", "picture"),
     "fault of no part": ("run", FORWARD, "--fault", "sensor:gps off"),
     "fault without word": ("run", FORWARD, "--fault", "uplink"),
-    "fault of unknown word": ("run", FORWARD, "--fault", "uplink tired @ 3 s"),
+    "fault of unknown kind": ("run", FORWARD, "--fault", "uplink tired @ 3 s"),
     "trace that is missing": ("run", FORWARD, "--set", "uplink=nowhere.csv"),
     "no runs": ("campaign", REST, "--runs", "0"),
     "spread of no path": (*CAMPAIGN, "--spread", "world.vehicle.mas=normal(1, 2)"),

@@ -49,7 +49,7 @@ def dive(law, seconds, torpedo=None):
 def test_signs():
     law = Diving(depth=5.0, heading=0.3, steering=replace(Diving().steering, ki=0.0))
     _, out = ask(law, depth=3.0, steps=5)
-    assert out.pitch_asked < 0, "to go deeper the nose goes down"
+    assert out.pitch_command < 0, "to go deeper the nose goes down"
     assert out.demand.stern > 0, "for which the tail is pushed up"
     assert out.demand.rudder < 0, "to starboard"
     assert ask(law, depth=7.0, steps=5)[1].demand.stern < 0
@@ -78,7 +78,7 @@ def test_depth_and_heading_are_reached_though_it_is_lighter_than_water():
 def test_limits_and_waiting_integrals():
     law = Diving(depth=50.0, climb=100.0, steepest=0.2, limit=0.1)
     state, out = ask(law, depth=0.0, steps=50)
-    assert float(out.pitch_asked) == pytest.approx(-0.2)
+    assert float(out.pitch_command) == pytest.approx(-0.2)
     assert float(out.demand.stern) == pytest.approx(0.1)
     assert float(state.pitch_integral) == 0.0
 

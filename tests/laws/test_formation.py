@@ -15,7 +15,7 @@ from trimtab.loop.swarm import Each
 from trimtab.sensors.planar_pose import PlanarPoseState
 
 STEP = ms(20)
-ALONE = Formation(number=np.int32(1), north=8.0, east=-6.0, leash=1e6)
+ALONE = Formation(number=np.int32(1), north=8.0, east=-6.0, waiting_distance=1e6)
 QUICK = replace(ALONE, separation=Separation(distance=0.5, speed=3.0))
 """Whom the barrier leaves alone."""
 
@@ -75,29 +75,29 @@ def test_a_leader_on_a_circle_is_followed_to_the_bound_of_the_page():
 
 @pytest.mark.thorough
 def test_the_leader_goes_round_and_tells_where_its_point_is():
-    law = Formation(radius=3.0, pace=0.15)
+    law = Formation(radius=3.0, leader_speed=0.15)
     state, step = law.init(None), jax.jit(law.step)
     for k in range(3000):
         t = k * STEP
         q = (float(state.north), float(state.east)) if k else (3.0, 0.0)
         state, out = step(np.int64(t), state, estimate(t, view(q, [NEVER], [[0, 0]])))
         if k % 500 == 499 and k > 1500:
-            angle = law.pace / law.radius * to_seconds(t)
+            angle = law.leader_speed / law.radius * to_seconds(t)
             aim = 3.0 * np.array([np.cos(angle), np.sin(angle)])
-            np.testing.assert_allclose([out.demand.say.north, out.demand.say.east], aim, atol=0.01)
-            assert out.demand.say.t == t
+            np.testing.assert_allclose([out.demand.message.north, out.demand.message.east], aim, atol=0.01)
+            assert out.demand.message.t == t
 
 
 @pytest.mark.thorough
 def test_nothing_moves_before_everybody_is_heard_or_while_the_craft_lags():
-    law = replace(ALONE, leash=0.5)
+    law = replace(ALONE, waiting_distance=0.5)
     state, _ = law.step(np.int64(0), law.init(None), estimate(0, view((1, 1), [NEVER, NEVER], np.zeros((2, 2)))))
     silent, _ = law.step(np.int64(STEP), state, estimate(STEP, view((1, 1), [NEVER, STEP], np.zeros((2, 2)))))
     assert (silent.north, silent.east) == (1 + law.model.percussion_arm, 1)
     heard = view((1.6, 1), [STEP, STEP], [[9, 9], [0, 0]])
     lagging, out = law.step(np.int64(STEP), state, estimate(STEP, heard))
     assert (lagging.north, lagging.east) == (silent.north, silent.east)
-    assert out.off_point == pytest.approx(0.6)
+    assert out.point_error == pytest.approx(0.6)
 
 
 @pytest.mark.thorough
@@ -114,7 +114,9 @@ def test_a_command_depends_on_the_craft_s_own_estimate_and_messages_alone():
     def demand(own, tables):
         given = estimate(ms(1000), PeerView(own, Peers((stamps, *tables))))
         _, out = law.step(np.int64(ms(1000)), state, given)
-        return jax.numpy.stack([out.demand.act.FX, out.demand.act.FY, out.demand.say.north, out.demand.say.east])
+        return jax.numpy.stack(
+            [out.demand.act.FX, out.demand.act.FY, out.demand.message.north, out.demand.message.east]
+        )
 
     by_own, by_tables = jax.jacobian(demand, argnums=(0, 1))(own, tables)
     seen = 0
@@ -128,4 +130,4 @@ def test_a_command_depends_on_the_craft_s_own_estimate_and_messages_alone():
 
 def test_a_leader_that_nobody_could_follow_is_refused():
     with pytest.raises(InputError, match=r"must be below separation\.speed"):
-        Formation(pace=0.4).check()
+        Formation(leader_speed=0.4).check()

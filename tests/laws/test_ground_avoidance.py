@@ -71,17 +71,17 @@ def test_a_full_turn_of_bank_changes_nothing(turns):
     dive = {"altitude": 200.0, "pitch": -0.3, "roll": 0.5}
     state = replace(LAW.init(key(0)), mode=np.int32(ROLL))
     one, other = (step(LAW, state, **dive | {"roll": 0.5 + 2 * np.pi * n})[1] for n in (0, turns))
-    np.testing.assert_allclose(other.roll_wanted, one.roll_wanted, atol=1e-12)
-    assert float(one.roll_wanted) == pytest.approx(-4 * 0.5)
+    np.testing.assert_allclose(other.roll_rate_command, one.roll_rate_command, atol=1e-12)
+    assert float(one.roll_rate_command) == pytest.approx(-4 * 0.5)
 
 
 def test_what_is_asked_for():
     pulls = replace(LAW.init(key(0)), mode=np.int32(PULL))
-    assert float(step(LAW, pulls, pitch=-0.3, altitude=200.0)[1].load_wanted) == 5.0
+    assert float(step(LAW, pulls, pitch=-0.3, altitude=200.0)[1].load_command) == 5.0
     rolls = replace(LAW.init(key(0)), mode=np.int32(ROLL))
     limited = replace(LAW, most_roll=1.5)
-    assert float(step(limited, rolls, roll=3.0)[1].roll_wanted) == -1.5
-    assert float(step(LAW, rolls, roll=1.0, roll_rate=-0.5)[1].roll_wanted) == pytest.approx(-4 + 1)
+    assert float(step(limited, rolls, roll=3.0)[1].roll_rate_command) == -1.5
+    assert float(step(LAW, rolls, roll=1.0, roll_rate=-0.5)[1].roll_rate_command) == pytest.approx(-4 + 1)
 
 
 def test_feedback_is_trim_less_gains_times_errors():

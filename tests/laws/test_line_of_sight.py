@@ -35,12 +35,12 @@ def sail(law, seconds, *, speed=0.58, current=(0.0, 0.0), start=(0.0, 0.0), vali
         x = PlanarPoseState(c * v[0] + s * v[1], c * v[1] - s * v[0], 0.0, heading, north, east)
         estimate = Estimate(t=0, age=0.0, fresh=True, valid=jnp.asarray(valid), state=x, dt=DT)
         state, out = law.step(0, state, estimate)
-        return state, out, north + DT * v[0], east + DT * v[1], out.heading_asked
+        return state, out, north + DT * v[0], east + DT * v[1], out.heading_command
 
     state, (north, east), heading, rows = law.init(key(0)), start, jnp.asarray(0.0), []
     for _ in range(round(seconds / DT)):
         state, out, north, east, heading = step(state, north, east, heading)
-        rows.append([north, east, out.cross_track, out.along_track, out.integral, out.progress, out.heading_asked])
+        rows.append([north, east, out.cross_track, out.along_track, out.integral, out.progress, out.heading_command])
     return np.array(rows, float)
 
 

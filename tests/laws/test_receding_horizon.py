@@ -212,7 +212,7 @@ def plan_cost(plan, x, law, before):
         push = a - law.k1 * e - law.k2 * w
         turning = (a[0] * j[1] - a[1] * j[0]) / (a @ a + law.least**2)
         aim = np.hypot(np.hypot(*push), 1e-3) * n - push
-        square = law.position**2 * e @ e + law.velocity**2 * w @ w + law.aim**2 * aim @ aim
+        square = law.position**2 * e @ e + law.velocity**2 * w @ w + law.alignment_weight**2 * aim @ aim
         square += law.yaw**2 * (r - turning) ** 2
         cost += (law.last**2 if k == STAGES - 1 else 1.0) * square
         cost += (law.effort * move[0]) ** 2 + (law.steering * move[1]) ** 2

@@ -89,7 +89,7 @@ def test_in_relaxed_hover_it_asks_for_what_the_hover_gives(rotor):
     x = MultirotorState(
         PLACE, np.zeros(3), q / np.linalg.norm(q), hover.rate, np.asarray(CRAFT.rotors.speeds(hover.thrusts))
     )
-    outputs, _ = run(replace(LAW, lead=0.0), [x.rotor_speed] * 4, x)
+    outputs, _ = run(replace(LAW, prediction_time=0.0), [x.rotor_speed] * 4, x)
     out = outputs[-1]
     assert out.rotor == rotor
     made = np.asarray(CRAFT.rotors.effectiveness()) @ hover.thrusts
@@ -101,7 +101,7 @@ def test_in_relaxed_hover_it_asks_for_what_the_hover_gives(rotor):
 @pytest.mark.thorough
 def test_roll_and_pitch_bring_the_axis_to_the_direction_as_its_gains_say():
     """d'' = -ks (d - axis) - kd d', in x and y, along the motion that the demanded moment makes."""
-    rng, law = np.random.default_rng(0), replace(LAW, lead=0.0)
+    rng, law = np.random.default_rng(0), replace(LAW, prediction_time=0.0)
     R_of = quaternion.to_matrix
     for _ in range(10):
         q = quaternion.retract(jnp.array([1.0, 0, 0, 0]), jnp.asarray(rng.uniform(-0.4, 0.4, 3)))
@@ -123,7 +123,7 @@ def test_roll_and_pitch_bring_the_axis_to_the_direction_as_its_gains_say():
 @pytest.mark.parametrize("rotor", range(4))
 def test_upside_down_it_is_driven_away_from_the_mirror_image_of_its_axis(rotor):
     """Where d is that image, d - axis has neither x nor y; all around, d'' points away from there."""
-    law, lost = replace(LAW, lead=0.0), np.arange(4) == rotor
+    law, lost = replace(LAW, prediction_time=0.0), np.arange(4) == rotor
     mirror = np.asarray(law.axes)[rotor] * [1, 1, -1]
     for angle in np.arange(8) * np.pi / 4:
         away = 0.2 * np.array([np.cos(angle), np.sin(angle)])

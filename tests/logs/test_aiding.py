@@ -107,7 +107,7 @@ def ranged():
         "normalised": z,
         "nis": z**2,
         "accepted": accepted,
-        "refused_in_a_row": in_a_row,
+        "beacon_rejected_in_a_row": in_a_row,
         "tracking": tracking,
         "used": used,
         "rejected": np.cumsum(refused.sum(1)),

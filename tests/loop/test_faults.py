@@ -61,7 +61,7 @@ def motion(t):
 
 def fault(word, severity=1.0, **more):
     told = {"start": START * STEP, "duration": (END - START) * STEP} | more
-    return Fault(word=WORDS.index(word), severity=severity, **told)
+    return Fault(kind=WORDS.index(word), severity=severity, **told)
 
 
 @functools.partial(jax.jit, static_argnums=(1, 2))
@@ -276,7 +276,7 @@ def test_words_can_be_switched_while_it_runs():
     state = strengthen_types(sensor.init(key(0)))
     for k in range(30):
         word, severity = ("none", 1.0) if k < 10 else ("wrong", 1.0) if k < 20 else ("delayed", 0.05)
-        now = replace(sensor, fault=replace(sensor.fault, word=np.int32(WORDS.index(word)), severity=severity))
+        now = replace(sensor, fault=replace(sensor.fault, kind=np.int32(WORDS.index(word)), severity=severity))
         state, out = step(to_arrays(now), np.int64(k * STEP), state)
         expected = 100 + k if k < 10 else 2 * (100 + k) if k < 20 else 2 * 119 if k < 25 else 100 + k - 5
         assert float(out.value.distance) == expected, k
@@ -345,10 +345,10 @@ def test_the_imperfections_keep_their_names(flight):
 @pytest.mark.parametrize(
     ("text", "where", "what"),
     [
-        ("sensor:navigation off", "sensor:navigation", {"word": 1, "start": 0, "severity": 1.0}),
-        ("uplink  delayed by 0.3 @ 3 s", "uplink", {"word": 6, "start": seconds(3), "severity": 0.3}),
+        ("sensor:navigation off", "sensor:navigation", {"kind": 1, "start": 0, "severity": 1.0}),
+        ("uplink  delayed by 0.3 @ 3 s", "uplink", {"kind": 6, "start": seconds(3), "severity": 0.3}),
         ("uplink off for 200 ms", "uplink", {"duration": ms(200)}),
-        ("actuators wrong", "actuators", {"word": 4, "severity": -2.0}),
+        ("actuators wrong", "actuators", {"kind": 4, "severity": -2.0}),
         ("downlink wrong by 0 bias -1.5 @2s", "downlink", {"severity": 0.0, "bias": -1.5, "start": seconds(2)}),
         ("downlink stuck for 1 s when age below -2", "downlink", {"watch": "age", "side": "below", "level": -2.0}),
         ("sensor:navigation stuck when p_WB.0 above 1", "sensor:navigation", {"watch": "p_WB.0"}),
@@ -376,8 +376,8 @@ def _part(scenario, place):
             r"unknown part 'sensor:compass'.*\nChoices: sensor:navigation, downlink, uplink, actuators",
         ),
         ("navigation off", r"unknown part 'navigation'(.|\n)*Fix: write 'sensor:navigation'"),
-        ("uplink of", r"unknown word 'of'(.|\n)*intermittent(.|\n)*write 'off'"),
-        ("uplink none", r"unknown word"),
+        ("uplink of", r"unknown kind of fault 'of'(.|\n)*intermittent(.|\n)*write 'off'"),
+        ("uplink none", r"unknown kind of fault"),
         ("uplink off @ soon", r"'soon' is not a time"),
         ("uplink off @ -1 s", r"a time must be 0 or later"),
         ("uplink off by", r"not a number"),

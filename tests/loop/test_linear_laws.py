@@ -16,8 +16,8 @@ from trimtab.design.certificate import design_certificate
 from trimtab.design.certificate_file import certificate_json
 from trimtab.design.coordinates import error_model
 from trimtab.design.linearise import linearise
-from trimtab.loop.beliefs import belief_mismatches
 from trimtab.loop.linear_laws import compensator_law, feedback_law, read_feedback
+from trimtab.loop.model_mismatch import belief_mismatches
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_what_the_law_believes_is_told_beside_what_flies():
     flown = scenario()
     heavier = replace(flown.world, vehicle=Cart(bob=0.3))
     (one,) = belief_mismatches(flown.autopilot, heavier.vehicle)
-    assert (one.path, one.believed, one.actual) == ("bob", "0.1", "0.3")
+    assert (one.path, one.assumed, one.actual) == ("bob", "0.1", "0.3")
     other = scenario(Cart(bob=0.3))
     assert not np.allclose(other.autopilot.law.K, flown.autopilot.law.K)
     assert belief_mismatches(other.autopilot, heavier.vehicle) == []

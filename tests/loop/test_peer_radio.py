@@ -90,4 +90,4 @@ def test_the_observer_sees_the_nearest_two_and_the_one_most_astray():
     arena = Arena(north=np.array([0.0, 2.0, 0.0]), east=np.array([0.0, 0.0, 3.0]))
     seen = arena.measure(motion([1.0, 3.0, 1.0], [1.0, 1.0, 4.5]))
     assert seen.spacing == pytest.approx(2.0)
-    assert seen.astray == pytest.approx(0.5)
+    assert seen.formation_error == pytest.approx(0.5)

@@ -202,7 +202,7 @@ def test_periods_that_do_not_fit_are_refused(change, part):
 
 @pytest.mark.thorough
 def test_what_is_predicted_is_what_comes():
-    """Without noise, the vehicle as believed: the state 40 ms later, over stops, tables, dead zone and brake."""
+    """Without noise, the vehicle as assumed: the state 40 ms later, over stops, tables, dead zone and brake."""
     log = simulate(on("zero-velocity", {"duration": "6 s"}), seed=0, log_period=ms(20))
     assert log["actuators.brakings"][-1] > 0
     lead = 2  # rows of 20 ms: the chain's 40 ms
@@ -265,7 +265,7 @@ def test_what_acts_is_what_the_supervisor_lets_through():
 
 @pytest.mark.thorough
 def test_the_innovation_is_what_was_missed():
-    """A vehicle heavier than believed: measured minus what was predicted for the last command, carried on by SciPy."""
+    """A vehicle heavier than assumed: measured minus what was predicted for the last command, carried on by SciPy."""
     scenario = on("forward", {"world.vehicle.mass": "3.2", "initial.yaw_rate": "0.8", "duration": "4 s"})
     log = simulate(scenario, seed=0, log_period=ms(1))
     for k in range(1000, 4000, 340):

@@ -103,5 +103,5 @@ def test_without_a_command_nobody_says_anything():
     for valid in (False, True):
         state = actuators.init(key(0))
         _, out = actuators.step(np.int64(0), state, Sample(value, np.int64(0), 0.0, True, valid))
-        same(out.u.say, words if valid else silence)
+        same(out.u.message, words if valid else silence)
         assert (np.asarray(out.u.act.FX) > 0).all() == valid

@@ -87,7 +87,7 @@ def range_factor(k, ahead, rate, speed, radio, place, measured, sigma, pose, c):
     return gtsam.JacobianFactor(k, A, SHARED, B, -error, gtsam.noiseModel.Isotropic.Sigma(1, sigma))
 
 
-def linear_graph(name, believed, way, shared):
+def linear_graph(name, assumed, way, shared):
     """The factors of the first len(way) instants, made linear at a way (n, 3) and the shared numbers."""
     truth, odometry, ranges, radios = read(name)
     n, graph = len(way), gtsam.GaussianFactorGraph()
@@ -95,24 +95,24 @@ def linear_graph(name, believed, way, shared):
     prior = gtsam.noiseModel.Diagonal.Sigmas(np.array([SIGMA_HEADING, SIGMA_PLACE, SIGMA_PLACE]))
     graph.add(gtsam.JacobianFactor(0, np.eye(3), first - way[0], prior))
     sigmas = np.array([SIGMA_BIAS, SIGMA_SCALE, *[SIGMA_ERROR] * len(radios)])
-    mean = np.array([0.0, believed["scale"], *[0.0] * len(radios)])
+    mean = np.array([0.0, assumed["scale"], *[0.0] * len(radios)])
     noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
     graph.add(gtsam.JacobianFactor(SHARED, np.eye(len(mean)), mean - shared, noise))
     speed = odometry[:, 1] / odometry[:, 0]
     for k in range(1, n):
         slips = k > 1 and abs(speed[k - 1] - speed[k - 2]) > GRIP * odometry[k - 1, 0]
         doubt = odometry[k - 1, 1] if slips else 0.0
-        graph.add(odometry_factor(k, odometry[k - 1], believed["slip"], doubt, way[k - 1], way[k], shared))
+        graph.add(odometry_factor(k, odometry[k - 1], assumed["slip"], doubt, way[k - 1], way[k], shared))
     for t, radio, measured in ranges:
         k = int(np.searchsorted(truth[:, 0], t, side="right")) - 1
         if 0 <= k < n:
             dt, step, turn = odometry[k - 1] if k else (1.0, 0.0, 0.0)
             at = k, t - truth[k, 0], turn / dt, step / dt, int(radio), radios[int(radio)]
-            graph.add(range_factor(*at, measured, believed["noise"], way[k], shared))
+            graph.add(range_factor(*at, measured, assumed["noise"], way[k], shared))
     return graph
 
 
-def solve(name, believed, until=None, start=None):
+def solve(name, assumed, until=None, start=None):
     """Solution (n, 3), the shared numbers, and the linear graph there with its ordering; by Gauss and Newton.
 
     until: only so many instants, with the ranges up to then.  start: shared numbers and way of a shorter one.
@@ -124,7 +124,7 @@ def solve(name, believed, until=None, start=None):
         biases = np.linspace(-0.01, 0.01, 41)
         ways = [dead_reckoning(first, odometry, b) for b in biases]
         best = int(np.argmin([misfit(way, name) for way in ways]))
-        way, shared = ways[best][:n], np.array([biases[best], believed["scale"], *[0.0] * len(radios)])
+        way, shared = ways[best][:n], np.array([biases[best], assumed["scale"], *[0.0] * len(radios)])
     else:
         shared, known = start
         more = dead_reckoning(known[-1], odometry[len(known) - 1 : n - 1], shared[0])
@@ -133,7 +133,7 @@ def solve(name, believed, until=None, start=None):
     for key in [*range(n), SHARED]:  # along the way: what all hang on comes last
         order.push_back(key)
     for _ in range(ITERATIONS):
-        graph = linear_graph(name, believed, way, shared)
+        graph = linear_graph(name, assumed, way, shared)
         step = graph.optimize(order)
         way = way + np.stack([step.at(k) for k in range(n)])
         shared = shared + step.at(SHARED)
@@ -142,9 +142,9 @@ def solve(name, believed, until=None, start=None):
     raise ArithmeticError(f"{name}: no solution after {ITERATIONS} iterations")
 
 
-def cost(name, believed, way, shared):
+def cost(name, assumed, way, shared):
     """What a solution makes least: half the sum of all squares, of a way (n, 3) and the shared numbers."""
-    graph = linear_graph(name, believed, way, shared)
+    graph = linear_graph(name, assumed, way, shared)
     zero = gtsam.VectorValues()
     for k in range(len(way)):
         zero.insert(k, np.zeros(3))
@@ -191,16 +191,16 @@ def rms(way, truth):
     return float(np.sqrt(np.mean(np.sum((way[:, 1:] - truth[: len(way), 2:]) ** 2, axis=1))))
 
 
-def values_of(name, believed, checkpoints=CHECKPOINTS):
+def values_of(name, assumed, checkpoints=CHECKPOINTS):
     """What the file holds of one log."""
     truth = read(name)[0]
-    way, shared, graph = solve(name, believed)
+    way, shared, graph = solve(name, assumed)
     marginals = gtsam.Marginals(graph, graph.optimize())
     kept = np.arange(0, len(way), EVERY)
     P = np.stack([marginals.marginalCovariance(int(k))[1:, 1:] for k in kept])
     error = way[kept, 1:] - truth[kept, 2:]
     held = {
-        "believed": believed,
+        "assumed": assumed,
         "rms": rms(way, truth),
         "nees": float(np.mean(np.einsum("ni,nij,nj->n", error, np.linalg.inv(P), error))),
         "sigma": float(np.sqrt(np.mean(np.trace(P, axis1=1, axis2=2)))),
@@ -213,7 +213,7 @@ def values_of(name, believed, checkpoints=CHECKPOINTS):
     }
     start = None
     for until in np.linspace(len(way) / checkpoints, len(way), checkpoints).astype(int).tolist():
-        sofar, c, _ = solve(name, believed, until, start)
+        sofar, c, _ = solve(name, assumed, until, start)
         start = c, sofar
         held["causal"].append([until - 1, *sofar[-1, 1:].tolist()])
     return held

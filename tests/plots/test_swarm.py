@@ -19,7 +19,7 @@ def log(shift=0.0, **more):
         "truth.east": 3 * np.sin(AROUND),
         "truth.heading": AROUND,
         "sensors.arena.value.spacing": 1.5 + shift + to_seconds(T),
-        "sensors.arena.value.astray": 2.0 - to_seconds(T) / 2,
+        "sensors.arena.value.formation_error": 2.0 - to_seconds(T) / 2,
     }
     return Log(t=to_seconds(T), ticks=T, signals=signals | more)
 

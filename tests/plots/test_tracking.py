@@ -23,8 +23,8 @@ def log(**more):
         "estimate.state.bend": WAVE + 0.1,
         "estimate.state.h": 100 * WAVE,
         "estimate.state.without_measurement.bend": WAVE + 0.5,
-        "law.bend_wanted": WAVE - 0.2,
-        "law.h_wanted": 100 * WAVE - 3,
+        "law.bend_reference": WAVE - 0.2,
+        "law.h_reference": 100 * WAVE - 3,
         "law.idle": np.zeros((len(T), 2)),
         "actuators.u.fuel": WAVE,
     }
@@ -35,13 +35,13 @@ def test_tracked_signals_come_first_then_inputs_then_estimated_ones(tmp_path):
     assert [(r.name, r.is_estimated) for r in tracking_rows(log())] == [("h", False), ("bend", True)]
     figure = plot_tracking(log(), tmp_path / "t.png", title="Test")
     titles = [axes.get_title("left") for axes in figure.axes if axes.axison]
-    assert titles == ["h", "h minus wanted", "fuel", "bend", "bend: estimate minus truth"]
+    assert titles == ["h", "h minus reference", "fuel", "bend", "bend: estimate minus truth"]
     assert imread(tmp_path / "t.png").std() > 0.05
 
 
 def test_lines_are_the_signals_and_the_observer_without_measurement_is_beside():
     axes = {a.get_title("left"): a for a in plot_tracking(log()).axes}
-    np.testing.assert_allclose(axes["h minus wanted"].lines[0].get_ydata(), 3.0)
+    np.testing.assert_allclose(axes["h minus reference"].lines[0].get_ydata(), 3.0)
     wanted = [line for line in axes["bend"].lines if line.get_color() == GREEN]
     np.testing.assert_allclose(wanted[0].get_ydata(), WAVE - 0.2)
     error = {line.get_color(): line.get_ydata() for line in axes["bend: estimate minus truth"].lines}
@@ -53,19 +53,19 @@ def test_lines_are_the_signals_and_the_observer_without_measurement_is_beside():
 def test_the_rms_it_prints_is_that_of_the_rest_of_the_run():
     spoilt = 100 * WAVE - 3
     spoilt[: len(T) // 10] = 1e6  # the first tenth does not count
-    axes = {a.get_title("left"): a for a in plot_tracking(log(**{"law.h_wanted": spoilt})).axes}
-    assert axes["h minus wanted"].get_title("right").startswith("rms 3 after")
+    axes = {a.get_title("left"): a for a in plot_tracking(log(**{"law.h_reference": spoilt})).axes}
+    assert axes["h minus reference"].get_title("right").startswith("rms 3 after")
 
 
-def test_a_run_without_wanted_signals_is_refused():
-    with pytest.raises(InputError, match="X_wanted"):
+def test_a_run_without_references_is_refused():
+    with pytest.raises(InputError, match="X_reference"):
         plot_tracking(Log(t=to_seconds(T), ticks=T, signals={"truth.h": WAVE}))
 
 
-def test_the_picture_of_the_run_shows_what_is_wanted_behind_what_is_and_leaves_idle_terms_out():
+def test_the_picture_of_the_run_shows_the_reference_behind_the_signal_and_leaves_idle_terms_out():
     panels = {p.paths[0]: p for p in select_panels(log())}
-    assert panels["truth.h"].demand_path == "law.h_wanted"
-    assert "law.h_wanted" not in panels
+    assert panels["truth.h"].demand_path == "law.h_reference"
+    assert "law.h_reference" not in panels
     assert "law.idle" not in panels
     assert "law.busy" in {p.paths[0] for p in select_panels(log(**{"law.busy": np.ones((len(T), 2))}))}
 
@@ -101,21 +101,21 @@ def test_a_start_that_lies_outside_the_axes_is_shown_in_an_inset():
     low, high = error.get_ylim()
     assert low < np.asarray(shown.get_ydata())[-1] < high < 5.1
     assert inset.get_xlim()[1] < T[-1] / 1e7 / 20
-    assert not axes["h minus wanted"].child_axes
+    assert not axes["h minus reference"].child_axes
 
 
-def test_a_heading_is_in_degrees_its_error_and_its_sigma_too():
+def test_an_angle_is_in_degrees_its_error_and_its_sigma_too():
     more = {
-        "truth.heading": WAVE,
-        "law.heading_wanted": WAVE - 0.2,
-        "estimate.state.heading": WAVE + 0.1,
-        "estimate.state.sigma_heading": np.full(len(T), 0.2),
+        "truth.pitch": WAVE,
+        "law.pitch_reference": WAVE - 0.2,
+        "estimate.state.pitch": WAVE + 0.1,
+        "estimate.state.sigma_pitch": np.full(len(T), 0.2),
     }
     made = log(**more)
     declared = {path: Quantity("rad", "For the picture.", kind="angle") for path in more}
     axes = {a.get_title("left"): a for a in plot_tracking(Log(made.t, made.ticks, made.signals, declared)).axes}
-    error = axes["heading: estimate minus truth"]
-    assert (axes["heading"].get_ylabel(), error.get_ylabel()) == ("deg", "deg")
+    error = axes["pitch: estimate minus truth"]
+    assert (axes["pitch"].get_ylabel(), error.get_ylabel()) == ("deg", "deg")
     lines = {line.get_color(): line.get_ydata() for line in error.lines}
     np.testing.assert_allclose(lines[VERMILION], np.degrees(0.1))
     np.testing.assert_allclose(lines["black"], np.degrees(0.4))

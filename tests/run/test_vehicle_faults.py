@@ -41,7 +41,7 @@ def driven(parts, step, word, severity=1.0):
     bare, world, command = parts
     if step is not None:
         step.reset()
-        fault = {"word": WORDS.index(word), "start": ms(500), "duration": ms(500), "severity": severity}
+        fault = {"kind": WORDS.index(word), "start": ms(500), "duration": ms(500), "severity": severity}
         for name, value in fault.items():
             step.parameters[f"uplink.fault.{name}"][...] = value
     duties = Duties(choose_failsafe(bare, command), command, world, step)
@@ -94,7 +94,7 @@ def test_faults_of_the_command_line_stay_on_a_real_line(scenario):
     """They were lost with the simulated channels that they stood in."""
     both = replace_links(inject_faults(scenario, ["uplink delayed by 0.3 @ 1 s", "downlink off @ 2 s"]))
     for channel, word in ((both.world.uplink, "delayed"), (both.world.downlink, "off")):
-        assert WORDS[int(channel.fault.word)] == word
+        assert WORDS[int(channel.fault.kind)] == word
         assert isinstance(channel.inner, Wire)
         channel.check()
     assert isinstance(replace_links(scenario).world.uplink, Wire)
@@ -110,6 +110,6 @@ def test_a_plan_names_parameters_that_the_vehicle_has(scenario):
         "duration",
         "severity",
         "bias",
-        "word",
+        "kind",
     ]
     assert list(plan.values.values()) == [0.0, 2e7, 0.25, 0.0, WORDS.index("wrong")]

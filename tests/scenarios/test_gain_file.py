@@ -11,7 +11,7 @@ from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.design.certificate_file import certificate_json, read_certificate
 from trimtab.logs.mcap import read_mcap
-from trimtab.loop.beliefs import belief_mismatches
+from trimtab.loop.model_mismatch import belief_mismatches
 from trimtab.scenarios.catalogue import GAIN
 from trimtab.scenarios.recorded import rebuild_scenario
 
@@ -67,13 +67,13 @@ def test_the_gain_takes_the_place_of_the_law_about_its_trim(folder):
 
 
 @pytest.mark.thorough
-def test_what_it_was_designed_for_is_believed_while_the_world_flies_its_own(folder):
-    file = design(folder, CART[0], "--believed", "world.vehicle.pole_mass=0.15")
+def test_the_law_assumes_the_vehicle_of_its_design(folder):
+    file = design(folder, CART[0], "--assume", "world.vehicle.pole_mass=0.15")
     name, settings = CART
     scenario = build(name, {**settings, GAIN: str(file), "world.vehicle.pole_mass": "0.2"})
     told = [m for m in belief_mismatches(scenario.autopilot, scenario.world.vehicle) if m.path == "pole_mass"]
-    assert [(m.believed, m.actual) for m in told] == [("0.15", "0.2")]
-    short = design(folder, CART[0], "--believed", "pole_mass=0.15")
+    assert [(m.assumed, m.actual) for m in told] == [("0.15", "0.2")]
+    short = design(folder, CART[0], "--assume", "pole_mass=0.15")
     np.testing.assert_array_equal(read_certificate(file)[0].K, read_certificate(short)[0].K)
     assert not np.allclose(read_certificate(file)[0].K, read_certificate(design(folder, CART[0]))[0].K, rtol=1e-3)
 
@@ -183,12 +183,12 @@ def test_vehicles_in_space_and_at_sea_come_to_their_trim(folder, name, settings,
 
 @pytest.mark.thorough
 def test_a_wrong_mass_costs_what_the_page_says(folder):
-    """20 % more mass than believed: it hangs lower by the weight that the gain's own trim does not carry."""
+    """20 % more mass than assumed: it hangs lower by the weight that the gain's own trim does not carry."""
     name, heavy = "quadrotor/track", {"trajectory": "place", "world.vehicle.mass": "5.208"}
     heights = {}
     for what, more in {
         "belief": (),
-        "truth": ("--believed", "mass=5.208"),
+        "truth": ("--assume", "mass=5.208"),
         "integral": ("--integrate", "position.down=0.3"),
     }.items():
         log = simulate(build(name, {**heavy, GAIN: str(design(folder, name, *more))}), duration="10 s")

@@ -6,7 +6,7 @@ import pytest
 from trimtab.core.record import leaves
 from trimtab.core.signals import PlanarForce, new_sample
 from trimtab.core.time import ms, seconds
-from trimtab.loop.beliefs import belief_mismatches, vehicle_copies
+from trimtab.loop.model_mismatch import belief_mismatches, vehicle_copies
 from trimtab.run.simulate import simulate, simulate_batch
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build

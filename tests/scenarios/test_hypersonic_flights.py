@@ -10,7 +10,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.laws.path_command import FilteredClimb
-from trimtab.loop.beliefs import belief_mismatches
+from trimtab.loop.model_mismatch import belief_mismatches
 from trimtab.run.simulate import simulate, simulate_batch
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
@@ -162,13 +162,13 @@ def test_a_climb_that_the_engine_cannot_fly_is_refused_before_it_flies():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("integral", ["on", "off"])
-def test_what_is_believed_is_believed_by_gain_filter_law_and_table(integral):
-    """A vehicle 10 % heavier, believed in by all, is flown like the nominal one; believed in by none it is not."""
+def test_the_assumed_vehicle_is_used_by_gain_filter_law_and_table(integral):
+    """A vehicle 10 % heavier, used by all parts, is flown like the nominal one; used by none it is not."""
     heavy = replace(Hypersonic(), m=330.0)
     climb = FilteredClimb(dh=500.0, dV=100.0)
     apart, alike = (
         hypersonic_scenario("mine", climb, 30.0, plant=heavy, integral=integral, **more)
-        for more in ({}, {"believed": heavy})
+        for more in ({}, {"assumed": heavy})
     )
     assert belief_mismatches(alike.autopilot, alike.world.vehicle) == []
     assert [m.path for m in belief_mismatches(apart.autopilot, apart.world.vehicle)] == ["m"]
@@ -193,8 +193,8 @@ def test_modes_are_fed_back_at_the_frequency_that_is_estimated():
     late = log.t > 60
     print(f"h up to {np.abs(log['law.h_error'][late]).max():.3f} ft")
     assert np.abs(log["law.h_error"][late]).max() < 0.15
-    wanted, w2 = log["law.eta2_wanted"][late], log["estimate.state.frequencies.w2"][late]
+    wanted, w2 = log["law.eta2_reference"][late], log["estimate.state.frequencies.w2"][late]
     fixed, _ = catalogue.load_scenario("hypersonic/modal-mismatch", {"frequency": "1.10"})
-    told = simulate(fixed, seed=1, log_period=ms(100))["law.eta2_wanted"][late]
+    told = simulate(fixed, seed=1, log_period=ms(100))["law.eta2_reference"][late]
     np.testing.assert_allclose(wanted, told * (20.0 / w2) ** 2, rtol=1e-9)
     assert math.isclose(float(np.median(w2)), 22.0, rel_tol=0.05)

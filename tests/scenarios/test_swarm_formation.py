@@ -46,11 +46,11 @@ def nearest(log):
 @pytest.mark.parametrize("craft", ["3", "10"])
 def test_they_form_and_keep_apart(craft):
     log = fly(build("swarm/formation", {"craft": craft}))
-    spacing, astray = log["sensors.arena.value.spacing"], log["sensors.arena.value.astray"]
+    spacing, formation_error = log["sensors.arena.value.spacing"], log["sensors.arena.value.formation_error"]
     np.testing.assert_allclose(spacing, nearest(log), rtol=1e-12)
     assert spacing.min() > TOUCH
-    assert (astray[log.t > 45] < 0.6).all()
-    assert (log["law.off_place"][log.t > 45] < 0.05).all(), "the points are in their places"
+    assert (formation_error[log.t > 45] < 0.6).all()
+    assert (log["law.place_error"][log.t > 45] < 0.05).all(), "the points are in their places"
     assert 0.02 < log["law.oldest"][log.t > 1].max() < 1.0
 
 
@@ -66,7 +66,7 @@ def test_a_hundred_craft_form_too_and_faster_than_real_time():
     factor = 150 / (time.perf_counter() - began)
     print(f"100 craft: {factor:.1f} times real time; least {log['sensors.arena.value.spacing'].min():.2f} m")
     assert log["sensors.arena.value.spacing"].min() > TOUCH
-    assert log["sensors.arena.value.astray"][-1] < 1.5
+    assert log["sensors.arena.value.formation_error"][-1] < 1.5
     assert factor > 1
 
 
@@ -74,7 +74,7 @@ def test_a_hundred_craft_form_too_and_faster_than_real_time():
 def test_the_ideal_twin_flies_and_is_observed():
     log = fly(build("swarm/formation").ideal())
     assert log["sensors.arena.value.spacing"].min() > 1.0
-    assert log["sensors.arena.value.astray"][-1] < 0.3
+    assert log["sensors.arena.value.formation_error"][-1] < 0.3
     assert log["law.oldest"][log.t > 1].max() <= 0.02 + 1e-9, "messages come within one control period"
 
 
@@ -99,13 +99,13 @@ def test_without_messages_each_flies_alone_and_what_others_do_changes_no_bit():
 def test_those_that_have_to_pass_each_other_do():
     log = fly(build("swarm/formation", {"start": "swapped", "route": "fixed"}), seconds(100))
     assert log["sensors.arena.value.spacing"].min() > TOUCH
-    assert log["sensors.arena.value.astray"][-1] < 0.6
+    assert log["sensors.arena.value.formation_error"][-1] < 0.6
 
 
 @pytest.mark.thorough
 def test_random_starts_never_collide():
     scenario = build("swarm/formation")
-    metrics = ["least:sensors.arena.value.spacing", "final:sensors.arena.value.astray"]
+    metrics = ["least:sensors.arena.value.spacing", "final:sensors.arena.value.formation_error"]
     campaign = Campaign(
         "swarm/formation", runs=120, seed=5, spread=benchmark().starts(scenario), metrics=metrics,
         success=[f"{metrics[0]} >= {TOUCH}"],

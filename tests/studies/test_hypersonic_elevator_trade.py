@@ -20,11 +20,11 @@ from trimtab.vehicles.hypersonic import Hypersonic
 
 @pytest.mark.thorough
 def test_level_flight_stays_also_where_the_plants_modes_are_others():
-    believed = Hypersonic()
-    at = level_trim(believed, loop.H, loop.V)
-    plant = replace(believed, modes=believed.modes.detune(0.9))
-    kept = loop.FlexibleModeFilter(craft=believed, period=loop.TICK)
-    z = whole.rest_state(plant, believed, at)
+    assumed = Hypersonic()
+    at = level_trim(assumed, loop.H, loop.V)
+    plant = replace(assumed, modes=assumed.modes.detune(0.9))
+    kept = loop.FlexibleModeFilter(craft=assumed, period=loop.TICK)
+    z = whole.rest_state(plant, assumed, at)
     moved = whole.step_period(plant, kept, np.asarray(K_FLOWN), np.eye(4), at, z, 0.0)
     assert np.abs(np.asarray(moved) - z).max() < 1e-11
 

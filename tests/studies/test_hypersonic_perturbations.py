@@ -44,7 +44,7 @@ def module(name):
 
 
 def vehicle(patch, **factors):
-    """Numbers of the vehicle times factors, flown and believed; __ stands for the dot of a path."""
+    """Numbers of the vehicle times factors, flown and assumed; __ stands for the dot of a path."""
     craft = Hypersonic()
     for path, factor in factors.items():
         craft = scale(craft, path.split("__"), factor)
@@ -53,7 +53,7 @@ def vehicle(patch, **factors):
     for kind in (FlexibleModeFilter, StableInversion, QuasiStaticInternal):
         set_defaults(patch, kind, craft=craft)
     named = _flight.hypersonic_scenario.__kwdefaults__
-    patch.setattr(_flight.hypersonic_scenario, "__kwdefaults__", {**named, "believed": craft})
+    patch.setattr(_flight.hypersonic_scenario, "__kwdefaults__", {**named, "assumed": craft})
     default = _design.error_model.__wrapped__.__defaults__
     patch.setattr(_design.error_model.__wrapped__, "__defaults__", (craft, *default[1:]))
 
@@ -186,7 +186,7 @@ def replace_setting(setting):
     return setting._replace(Q=(Q[0], Q[3], Q[2], Q[1]))
 
 
-def modes_as_believed(patch):
+def modes_as_assumed(patch):
     """Plants that are said to be detuned are not."""
     patch.setattr(module("_trade"), "DETUNED", ((1.0, 1.0),) * len(module("_trade").DETUNED))
 
@@ -239,7 +239,7 @@ def turned_plane_law(patch):
     patch.setattr(plane, "build_plane", turned)
 
 
-def plane_as_believed(patch):
+def plane_as_assumed(patch):
     """In the less kind truth, modes that are said to be detuned are not: no measurement is needed."""
     patch.setattr(module("_plane"), "SEEDS", 2)
     patch.setattr(module("_plane"), "FREQUENCIES", ("1.00", "1.00"))
@@ -278,8 +278,8 @@ PERTURBATIONS = {
     "closed-loop-disturbances": (turned_feedback,),
     "closed-loop-mismatch": (turned_feedback, no_adaptation),
     "closed-loop-noise": (turned_feedback, true_modes),
-    "elevator-trade": (loud_noise, modes_as_believed, turned_settings, exchanged_weights),
-    "plane-truth": (turned_plane_law, plane_as_believed),
+    "elevator-trade": (loud_noise, modes_as_assumed, turned_settings, exchanged_weights),
+    "plane-truth": (turned_plane_law, plane_as_assumed),
     "further-work": (turned_law, strong_disturbances),
 }
 """Group -> what is changed; each row that holds must fail under one of these."""

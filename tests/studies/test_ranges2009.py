@@ -1,4 +1,4 @@
-"""The study of two public range logs: rows that must hold do, and would not if the filter believed otherwise."""
+"""The study of two public range logs: rows that must hold do, and would not if the filter assumed otherwise."""
 
 import importlib.util
 import os
@@ -65,8 +65,8 @@ def test_the_log_is_what_the_file_holds(tmp_path):
 @cache
 def fly_with(**changes):
     """rms error and NEES of the tightly coupled filter on Plaza2, with some of what it believes changed."""
-    p, believed = _data.read_plaza("Plaza2"), {**_filters.believed_on("Plaza2"), **changes}
-    estimator = _filters.odometry_filter(p, believed, believed["scale"])
+    p, assumed = _data.read_plaza("Plaza2"), {**_filters.assumed_on("Plaza2"), **changes}
+    estimator = _filters.odometry_filter(p, assumed, assumed["scale"])
     if changes.get("scale") == 0.0:
         estimator = replace(estimator, errors=replace(estimator.errors, sigma_scale=1e-4))
     log = replay_estimator(_data.plaza_log("Plaza2"), estimator)
@@ -102,8 +102,8 @@ def test_the_batch_in_the_file_is_what_gtsam_solves(name):
     from oracles import ranges2009
 
     held = _flights.read_batch()[name]
-    assert held["believed"] == _filters.believed_on(name), "python -m oracles.ranges2009 was not run after tuning"
-    way, shared, _ = ranges2009.solve(name, held["believed"])
+    assert held["assumed"] == _filters.assumed_on(name), "python -m oracles.ranges2009 was not run after tuning"
+    way, shared, _ = ranges2009.solve(name, held["assumed"])
     kept = np.asarray(held["row"])
     np.testing.assert_allclose(way[kept, 1], held["north"], atol=2e-4)
     np.testing.assert_allclose(way[kept, 2], held["east"], atol=2e-4)
@@ -116,14 +116,14 @@ def test_the_batch_is_the_least_of_what_it_makes_least():
     """Its cost grows whichever way the solution is moved."""
     from oracles import ranges2009
 
-    believed = _filters.believed_on("Plaza2")
-    way, shared, _ = ranges2009.solve("Plaza2", believed, until=400)
-    least = ranges2009.cost("Plaza2", believed, way, shared)
+    assumed = _filters.assumed_on("Plaza2")
+    way, shared, _ = ranges2009.solve("Plaza2", assumed, until=400)
+    least = ranges2009.cost("Plaza2", assumed, way, shared)
     rng = np.random.default_rng(0)
     for _ in range(20):
         away = np.cumsum(1e-4 * rng.standard_normal(way.shape), axis=0)
-        assert ranges2009.cost("Plaza2", believed, way + away, shared) > least
-        assert ranges2009.cost("Plaza2", believed, way, shared + 1e-4 * rng.standard_normal(shared.shape)) > least
+        assert ranges2009.cost("Plaza2", assumed, way + away, shared) > least
+        assert ranges2009.cost("Plaza2", assumed, way, shared + 1e-4 * rng.standard_normal(shared.shape)) > least
 
 
 def worse_data(**change):

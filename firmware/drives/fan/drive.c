@@ -39,7 +39,7 @@ void drive_sticks(failsafe_in *in, const uint16_t *us) {
 
 static void regulate(drive *d, const failsafe_out *out, int64_t at) {
     d->in.t = at;
-    d->in.input.wanted_rpm = out->command.value.speed_rpm;
+    d->in.input.rpm_command = out->command.value.speed_rpm;
     d->in.input.count = board_encoder(at);
     speed_regulator_step(&d->params, &d->state, &d->in, &d->out);
     d->duty = (double)d->out.duty;
@@ -69,6 +69,6 @@ static int64_t rpm(double speed) { return speed > -32768 && speed < 32768 ? (int
 /* Pulses; speed asked for and measured, in rpm; age of the command. */
 void drive_record(const drive *d, const uint16_t pulses[CHANNELS], uint16_t age_ms, uint32_t words[DRIVE_WORDS]) {
     words[0] = word_pair(pulses[RUDDER], pulses[THRUST]);
-    words[1] = word_pair(pulses[LIFT], rpm((double)d->in.input.wanted_rpm));
+    words[1] = word_pair(pulses[LIFT], rpm((double)d->in.input.rpm_command));
     words[2] = word_pair(rpm((double)d->out.speed_rpm), age_ms);
 }

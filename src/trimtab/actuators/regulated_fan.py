@@ -76,11 +76,11 @@ class RegulatedFan:
         power = BatteryOutput(voltage=self.battery.init().voltage, current=other, remaining=self.battery.initial)
         return RegulatedFanOutput(duty=0.0, encoder_fault=np.bool_(False), battery=power)
 
-    def regulate(self, t: Any, state: RegulatedFanState, wanted_rpm: Any) -> RegulatedFanState:
+    def regulate(self, t: Any, state: RegulatedFanState, rpm_command: Any) -> RegulatedFanState:
         """Return the state with the duty for a wanted speed. The duty changes only when t is a multiple of
         `regulator.period`.
         """
-        given = SpeedRegulatorInput(wanted_rpm=wanted_rpm, count=state.count)
+        given = SpeedRegulatorInput(rpm_command=rpm_command, count=state.count)
         regulator, out = self.regulator.step(t, state.regulator, given)
         due = t % self.regulator.period == 0
         return RegulatedFanState(

@@ -16,7 +16,7 @@ from trimtab.core.time import ms, to_seconds
 class SpeedRegulatorInput:
     """Input of the speed regulator in one period. Frames: positive pushes the vehicle forward. Source: docs page."""
 
-    wanted_rpm: Scalar = quantity("rpm", "Wanted speed of the fan, negative in reverse.")
+    rpm_command: Scalar = quantity("rpm", "Commanded speed of the fan, negative in reverse.")
     count: Scalar = quantity("1", "Counter of the encoder; only the low 16 bits are used.", kind="count")
 
 
@@ -99,7 +99,7 @@ class SpeedRegulator:
         dt = to_seconds(self.period)
         counts = (input.count - state.count + 32768) % 65536 - 32768
         speed = jnp.where(state.started, counts * self.rpm_per_count, 0.0)
-        wanted = jnp.where(jnp.isfinite(input.wanted_rpm), input.wanted_rpm, 0.0)
+        wanted = jnp.where(jnp.isfinite(input.rpm_command), input.rpm_command, 0.0)
         sign = jnp.sign(wanted)
         error = (wanted - speed) * 1e-3
         integral = jnp.where(state.integral * sign > 0, state.integral, 0.0)

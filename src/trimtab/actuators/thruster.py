@@ -108,10 +108,10 @@ class Thruster:
         root = xp.where(q > 0, xp.sqrt(xp.where(q > 0, q, 1.0)), 0.0)
         return 1e3 * xp.where(force < 0, -self._reverse_speed(xp, q, root), root)
 
-    def follow_speed(self, speed_rpm: Any, wanted_rpm: Any, dt: Any) -> Any:
+    def follow_speed(self, speed_rpm: Any, rpm_command: Any, dt: Any) -> Any:
         """Return the speed (rpm) after a first-order lag for dt (s), or the wanted speed if the time constant is 0."""
         share = -jnp.expm1(-dt / jnp.maximum(self.time_constant, 1e-9))
-        return speed_rpm + share * (wanted_rpm - speed_rpm)
+        return speed_rpm + share * (rpm_command - speed_rpm)
 
     def _cubic(self, n: Any) -> Any:
         y = self.reverse_ratio

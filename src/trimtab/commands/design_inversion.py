@@ -102,8 +102,8 @@ def invert_vehicle(
     check_picture(words["picture"], None)
     if out is not None:
         check_out("--out", out)
-    believed = dict(text.split("=", 1) for text in words["believed"] if "=" in text)
-    plant = load_plant(vehicle, settings, believed)
+    assumed = dict(text.split("=", 1) for text in words["assume"] if "=" in text)
+    plant = load_plant(vehicle, settings, assumed)
     start = find_point(plant, words["at"]).require_trim("--inversion, at the start")
     held = [w for w in words["at"] if w.partition("=")[0].strip() not in outputs]
     held += _hold_inputs(plant.model.inputs, start.u, words["inputs"])

@@ -27,7 +27,7 @@ from trimtab.run.plant import Plant, load_plant
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.gain_file import vehicle_settings
 
-LISTS = ("at", "limit", "integrate", "believed", "fast")
+LISTS = ("at", "limit", "integrate", "assume", "fast")
 """Options of ``--lqr`` that may be repeated; a certificate stores their values as lists."""
 
 
@@ -52,7 +52,7 @@ def GAIN(function: Callable[..., Any]) -> Callable[..., Any]:
             help="With --lqr: state to integrate, and the limit of its integral. May be repeated.",
         ),
         click.option(
-            "--believed",
+            "--assume",
             multiple=True,
             metavar="NAME=VALUE",
             help="With --lqr: setting of the vehicle model used for the design. May be repeated.",
@@ -138,11 +138,11 @@ def build_gain_system(vehicle: str, words: Mapping[str, Iterable[str]], settings
     """Return the certified system of a vehicle at a trim, with weights from limits.
 
     words: "at", conditions of the trim; "limit", largest acceptable values of states and inputs; "integrate", largest
-    acceptable integrals of errors; "believed", settings of the vehicle model for the design; "fast", fast states that
+    acceptable integrals of errors; "assume", settings of the vehicle model for the design; "fast", fast states that
     are not fed back.  settings: settings of the scenario.
     """
     lists = {n: tuple(words.get(n, ())) for n in LISTS}
-    plant = load_plant(vehicle, dict(settings), believed=vehicle_settings(_pairs("--believed", lists["believed"])))
+    plant = load_plant(vehicle, dict(settings), assumed=vehicle_settings(_pairs("--assume", lists["assume"])))
     point = find_point(plant, lists["at"]).require_trim("trim")
     whole = linearise_at(plant, point)
     fast = _expand(whole.states, "--fast", lists["fast"])

@@ -17,7 +17,7 @@ from trimtab.logs.log_limit import list_files
 from trimtab.logs.metrics import Target, full_path, metrics, mode_switches, nearest_target_value
 from trimtab.logs.robustness import PENDING, VERDICTS, VIOLATED
 from trimtab.logs.spatial import FLIGHT, display_unit, flight_sources, with_flight
-from trimtab.loop.beliefs import describe_mismatches
+from trimtab.loop.model_mismatch import describe_mismatches
 
 ERROR = "world.integration_error"
 MOTIONS = ("velocity", "rate", "speed", "velocity[0]", "velocity[1]", "velocity[2]")

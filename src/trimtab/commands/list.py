@@ -84,7 +84,7 @@ def print_settings(
     arguments: argument of the scenario -> its choices.  lines: argument -> choice -> description, where known.
     """
     from trimtab.core.record import absent_parts, leaves  # imports numpy, which a list of names does not need
-    from trimtab.loop.beliefs import belief_mismatches, describe_mismatches
+    from trimtab.loop.model_mismatch import belief_mismatches, describe_mismatches
 
     faults = sorted(scenario.imperfections())
     mismatch = [m._asdict() for m in belief_mismatches(scenario.autopilot, scenario.world.vehicle)]

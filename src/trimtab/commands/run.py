@@ -243,11 +243,10 @@ def _draw_run(report: RunReport, file: Path | None, with_navigation: bool) -> li
     if file is None:
         return []
     from trimtab.plots.run import plot_run
+    from trimtab.plots.tracking import plot_tracking, tracking_rows
 
     pictures = draw_plot(file, plot_run, report.real, report.ideal, title=report.name, targets=report.targets)
-    if any(p.startswith("law.") and p.endswith("_wanted") for p in report.real.paths):
-        from trimtab.plots.tracking import plot_tracking
-
+    if tracking_rows(report.real):
         pictures.append(file.with_stem(f"{file.stem}-tracking"))
         plot_tracking(report.real, pictures[-1], title=f"{report.name}: tracking")
     if closest_approach(report.real) is not None:

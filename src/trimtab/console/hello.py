@@ -20,7 +20,7 @@ from trimtab.flight.flight_log import FlightRows
 from trimtab.flight.flight_signals import FLIGHT_SIGNALS
 from trimtab.flight.silence import SILENCE
 from trimtab.flight.stick import CompiledStick
-from trimtab.logs.spatial import ANGLES, FLIGHT
+from trimtab.logs.spatial import ANGLES, FLIGHT, referenced_signal
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor_modes import CAUSES, MODES, REQUESTS
 
@@ -142,8 +142,7 @@ def list_set_points(scenario: Scenario, paths: Sequence[str]) -> dict[str, float
         name = target.path.removeprefix(TRUTH)
         found |= {path: float(target.value) for path in (TRUTH + name, ESTIMATE + name) if path in paths}
     for path in paths:
-        name = path.removeprefix("law.").removesuffix("_wanted")
-        if path == f"law.{name}_wanted":
+        if name := referenced_signal(path):
             found |= {own: path for own in (TRUTH + name, ESTIMATE + name) if own in paths}
     return found
 

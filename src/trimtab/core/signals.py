@@ -213,7 +213,7 @@ class SwarmInput:
     """Input and message of each craft of a swarm: the swarm's demand, command and input. Source: docs page, Swarms."""
 
     act: Any = part("Input of each craft, or demand for its actuators; fields (n,).")
-    say: PeerMessage = part("Message of each craft; fields (n,).")
+    message: PeerMessage = part("Message of each craft; fields (n,).")
 
 
 @record
@@ -221,4 +221,4 @@ class SwarmMotion:
     """Motion of all craft of a swarm, the input of its sensors. Source: docs page, Swarms."""
 
     each: Motion = part("Motion of each craft, fields (n, …).")
-    say: PeerMessage = part("Message of each craft, fields (n,).")
+    message: PeerMessage = part("Message of each craft, fields (n,).")

@@ -57,7 +57,7 @@ class LinearModelFilter:
         e = Ad e + Bd (u - u0)                  P = Ad P Ad' + Qd
         r = y - y0 - C e - D (u - u0)           then one scalar at a time in Joseph's form
 
-    u is the input that has been acting since the last command, as measured by `acting`
+    u is the input that has been acting since the last command, as measured by `input_channels`
     (`sensors.flight_state.ActingInput`). Each step uses the new samples that were measured less than one period before.
     Older or non-finite samples are not used.
 
@@ -73,7 +73,7 @@ class LinearModelFilter:
         "Sensor channels that the filter uses, each as SENSOR.FIELD, e.g. imu.force[2].",
         default=("navigation.heading",),
     )
-    acting: tuple[str, ...] = option(
+    input_channels: tuple[str, ...] = option(
         "Sensor channels that report the inputs of the model, each as SENSOR.FIELD.", default=()
     )
     Ad: Any = quantity("1", "Transition matrix over one period (n, n).", default=np.eye(4) + TURNS)
@@ -89,11 +89,11 @@ class LinearModelFilter:
     @property
     def listens(self) -> tuple[str, ...]:
         """Return the names of the sensors of the measured values and of the acting inputs."""
-        return tuple(dict.fromkeys((*_sensors(self.channels), *_sensors(self.acting))))
+        return tuple(dict.fromkeys((*_sensors(self.channels), *_sensors(self.input_channels))))
 
     def check(self) -> None:
         """Raise InputError if the shapes of the matrices do not match."""
-        n, m, p = len(self.Ad), len(self.acting), len(self.channels)
+        n, m, p = len(self.Ad), len(self.input_channels), len(self.channels)
         shapes = {
             "u0": (m,),
             "Ad": (n, n),
@@ -165,9 +165,9 @@ class LinearModelFilter:
 
     def _acting_change(self, frame: Frame) -> tuple[Any, Any]:
         """Return u - u0 (m,) and True, or zeros and False if a sample of the acting inputs is not valid."""
-        numbers = [_number(frame, name) - self.u0[i] for i, name in enumerate(self.acting)]
+        numbers = [_number(frame, name) - self.u0[i] for i, name in enumerate(self.input_channels)]
         du = jnp.stack(numbers) if numbers else jnp.zeros(0)
-        valid = [frame.samples[name].valid for name in _sensors(self.acting)]
+        valid = [frame.samples[name].valid for name in _sensors(self.input_channels)]
         acts = jnp.all(jnp.stack(valid)) if valid else jnp.asarray(True)
         return jnp.where(acts & jnp.all(jnp.isfinite(du)), du, 0.0), acts
 

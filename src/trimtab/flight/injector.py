@@ -24,10 +24,10 @@ from trimtab.run.blocks import replace_links
 T = TypeVar("T")
 PATIENCE, RESEND_PERIOD = 10.0, 0.3
 """Longest time to wait for an answer (s), and time after which a request is repeated (s)."""
-FAULT_NUMBERS = ("start", "duration", "severity", "bias", "word")
+FAULT_NUMBERS = ("start", "duration", "severity", "bias", "kind")
 """Names of the numbers that describe a fault, in the order in which they are sent.
 
-`word`, the kind of the fault, is sent last, because it activates the fault.
+`kind` is sent last, because it activates the fault.
 """
 
 

@@ -30,7 +30,7 @@ class DivingOutput:
         "m", "Depth reference, which moves to the commanded depth at a limited rate.", frame="W"
     )
     depth_error: Scalar = quantity("m", "Depth error: depth minus reference, positive when too deep.")
-    pitch_asked: Scalar = quantity("rad", "Pitch angle commanded by the depth loop.", kind="angle")
+    pitch_command: Scalar = quantity("rad", "Pitch angle commanded by the depth loop.", kind="angle")
     heading_reference: Scalar = quantity(
         "rad", "Heading of the heading autopilot's reference model.", kind="angle", frame="W"
     )
@@ -121,7 +121,7 @@ class Diving:
             demand=TorpedoControls(rudder, stern, self.shaft_speed),
             depth_reference=reference,
             depth_error=e,
-            pitch_asked=pitch,
+            pitch_command=pitch,
             heading_reference=steering.heading,
         )
         return tree_where(estimate.valid, new, state), output

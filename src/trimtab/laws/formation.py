@@ -42,10 +42,10 @@ class FormationOutput:
     """Demand and signals of the law `Formation`. Source: own derivation."""
 
     demand: SwarmInput = part("Demanded force at the rudder pivot, and the message to the other craft.")
-    off_place: Scalar = quantity(
+    place_error: Scalar = quantity(
         "m", "Distance of the reference point from its place in the formation; 0 without a message from the leader."
     )
-    off_point: Scalar = quantity("m", "Distance of the centre of percussion from the reference point.")
+    point_error: Scalar = quantity("m", "Distance of the centre of percussion from the reference point.")
     clearance: Scalar = quantity(
         "m", "Worst-case distance to the nearest neighbour's reference point, minus the minimum distance."
     )
@@ -60,9 +60,10 @@ class FormationOutput:
 class Formation:
     """Law that keeps the craft at a position beside the leader (craft 0), and at a distance from all other craft.
 
-        leader    u = c' + k (c - q)          c: the route, a circle of `radius` about a centre, at `pace`
+        leader    u = c' + k (c - q)          c: the route, a circle of `radius` about a centre, at `leader_speed`
         follower  u = u_0 + k (q_0 + age u_0 + place - q)     q_0, u_0, age: the leader's newest message
-        barrier   u limited by the separation, and reduced as the craft lags behind its point, to zero at `leash`
+        barrier   u limited by the separation, and reduced as the craft lags behind its point:
+                  to zero at `waiting_distance`
         point     q' = u
         craft     F = m k_v (u + k_p (q - p) - v)      p, v: of the centre of percussion P, a = J/(m d) ahead
                   FX = n.F + m a r^2,   FY = (J/d) k_r (r - r_d),   r_d = k_h wrap(direction of ±F - heading)
@@ -73,8 +74,8 @@ class Formation:
     Proven:  the points never come nearer to each other than `separation.distance`. While the barrier does not
              limit u and the leader moves at a constant velocity, e = q_0 + place - q obeys e' = -k e for any delay of
              the messages, because the extrapolation is then exact. Only simulated, not proven: that the craft stays
-             near its point; the formation while the barrier limits u; a leader on a circle (e is at most pace^2/radius
-             times age (1/k + age/2)).
+             near its point; the formation while the barrier limits u; a leader on a circle (e is at most
+             leader_speed^2/radius times age (1/k + age/2)).
     Decentralised: a command depends only on the craft's own estimate, its own point, and the messages that it received.
     Valid: for a fan that pushes along the nose, and for initial points further apart than the minimum distance.
     Source:  own derivation; leader and followers: J. Desai, J. Ostrowski, V. Kumar, IEEE Trans. Robotics and Automation
@@ -91,7 +92,7 @@ class Formation:
     radius: Scalar = quantity(
         "m", "Radius of the leader's circular route. If 0, the leader stays at the centre.", default=0.0, low=0
     )
-    pace: Scalar = quantity("m/s", "Speed of the leader along its route.", default=0.1, low=0)
+    leader_speed: Scalar = quantity("m/s", "Speed of the leader along its route.", default=0.1, low=0)
     k: Scalar = quantity(
         "1/s",
         "Gain k: speed of the reference point per distance from its place in the formation.",
@@ -101,7 +102,7 @@ class Formation:
     horizon: Scalar = quantity(
         "s", "Maximum time over which the leader's last message is extrapolated.", default=3.0, above=0
     )
-    leash: Scalar = quantity(
+    waiting_distance: Scalar = quantity(
         "m", "Distance between craft and reference point at which the point stops and waits.", default=0.6, above=0
     )
     kp: Scalar = quantity(
@@ -129,12 +130,12 @@ class Formation:
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Raise InputError unless the leader's pace is below the maximum speed of the reference points."""
-        if np.any(np.asarray(self.pace) >= np.asarray(self.separation.speed)):
+        """Raise InputError unless the leader's speed is below the maximum speed of the reference points."""
+        if np.any(np.asarray(self.leader_speed) >= np.asarray(self.separation.speed)):
             problem = (
-                f"the leader's pace must be below separation.speed, {self.separation.speed} m/s, got {self.pace} m/s"
+                f"leader_speed must be below separation.speed, {self.separation.speed} m/s, got {self.leader_speed} m/s"
             )
-            raise InputError("Formation.pace", problem, fix="set pace below separation.speed")
+            raise InputError("Formation.leader_speed", problem, fix="set leader_speed below separation.speed")
 
     def init(self, key: Any) -> FormationState:
         """Return the initial state. The reference point is set to the craft's position at the first step."""
@@ -149,22 +150,22 @@ class Formation:
         begun = state.t != NEVER
         q = jnp.where(begun, jnp.stack([state.north, state.east]), p)
         lag = q - p
-        off_point = norm(lag)
+        point_error = norm(lag)
         way, onward = self._find_place(t, q, peers)
         u, clearance, oldest = self.separation.limit(t, self.number, q, onward + self.k * way, peers)
-        u = u * jnp.clip(2 - 2 * off_point / self.leash, 0.0, 1.0)
+        u = u * jnp.clip(2 - 2 * point_error / self.waiting_distance, 0.0, 1.0)
         pause = t - state.t
         dt = jnp.where(begun & (pause >= 0) & (pause <= LONGEST_STEP), to_seconds(pause), 0.0)
         q = q + dt * u
-        catch = self.kp * jnp.minimum(1.0, self.catch_up / (self.kp * jnp.maximum(off_point, 1e-9)))
+        catch = self.kp * jnp.minimum(1.0, self.catch_up / (self.kp * jnp.maximum(point_error, 1e-9)))
         F = self.model.mass * self.kv * (u + catch * lag - v)
         force, backing, reverse = self._steer(state, F, body[:, 0], s)
-        say = PeerMessage(t=t, north=q[0], east=q[1], north_velocity=u[0], east_velocity=u[1])
+        message = PeerMessage(t=t, north=q[0], east=q[1], north_velocity=u[0], east_velocity=u[1])
         new = FormationState(t=t, north=q[0], east=q[1], backing=backing, reverse=reverse)
         return new, FormationOutput(
-            demand=SwarmInput(act=force, say=say),
-            off_place=norm(way),
-            off_point=off_point,
+            demand=SwarmInput(act=force, message=message),
+            place_error=norm(way),
+            point_error=point_error,
             clearance=clearance,
             oldest=oldest,
             speed=norm(u),
@@ -179,10 +180,10 @@ class Formation:
         behind = jnp.stack([said.north[0], said.east[0]]) + jnp.minimum(age, self.horizon) * u + place - q
         known = said.t[0] != NEVER
         turns = self.radius > 0
-        angle = jnp.where(turns, self.pace / jnp.where(turns, self.radius, 1.0), 0.0) * to_seconds(t)
+        angle = jnp.where(turns, self.leader_speed / jnp.where(turns, self.radius, 1.0), 0.0) * to_seconds(t)
         out = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
         centre = jnp.stack([self.centre_north, self.centre_east]) + self.radius * out
-        along = jnp.where(turns, self.pace, 0.0) * jnp.stack([-out[1], out[0]])
+        along = jnp.where(turns, self.leader_speed, 0.0) * jnp.stack([-out[1], out[0]])
         leads = self.number == 0
         way = jnp.where(leads, centre - q, jnp.where(known, behind, 0.0))
         return way, jnp.where(leads, along, jnp.where(known, u, 0.0))

@@ -91,8 +91,8 @@ class GroundAvoidanceOutput:
 
     demand: F16Controls = part("Demanded surface angles and throttle.")
     mode: Scalar = quantity("1", "Active mode of the law: standby, roll or pull.", kind="mode", modes=MODES)
-    load_wanted: Scalar = quantity("1", "Commanded load factor minus 1.")
-    roll_wanted: Scalar = quantity("rad/s", "Commanded roll rate about the flight path.")
+    load_command: Scalar = quantity("1", "Commanded load factor minus 1.")
+    roll_rate_command: Scalar = quantity("rad/s", "Commanded roll rate about the flight path.")
     load_error: Scalar = quantity("1", "Load factor minus the commanded load factor.")
 
 

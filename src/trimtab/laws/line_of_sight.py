@@ -41,7 +41,9 @@ class LineOfSightOutput:
     cross_track: Scalar = quantity("m", "Cross-track error: distance of the vessel to starboard of the path.")
     along_track: Scalar = quantity("m", "Along-track error: distance of the vessel ahead of the path's point.")
     tangent: Scalar = quantity("rad", "Direction chi of the path at the path's point.", kind="angle", frame="W")
-    heading_asked: Scalar = quantity("rad", "Heading commanded by the line-of-sight guidance.", kind="angle", frame="W")
+    heading_command: Scalar = quantity(
+        "rad", "Heading commanded by the line-of-sight guidance.", kind="angle", frame="W"
+    )
     heading_reference: Scalar = quantity("rad", "Heading of the autopilot's reference model.", kind="angle", frame="W")
     yaw_rate_reference: Scalar = quantity("rad/s", "Yaw rate of the autopilot's reference model.")
     integral: Scalar = quantity("m", "Integral I of the cross-track error, as in [1].")
@@ -128,7 +130,7 @@ class LineOfSight:
             cross_track=across,
             along_track=along,
             tangent=tangent,
-            heading_asked=asked,
+            heading_command=asked,
             heading_reference=steering.heading,
             yaw_rate_reference=steering.yaw_rate,
             integral=state.integral,

@@ -125,7 +125,7 @@ class Piloted:
                its last mode. In manual this means no thrust: the vehicle slides on. Before the first sample the mode is
                damped.
     Windup:    references stay constant while the law is not called. After a pause or a change of mode they restart at
-               the vehicle's motion. In assisted they change more slowly as the velocity error approaches `leash`.
+               the vehicle's motion. In assisted they change more slowly as the velocity error approaches `hold_error`.
     Frames:    velocities in B, course and heading clockwise from north in W.
     Source:    own derivation; damping [1] eqs. 2.16, 2.24, 2.30. Gains and ranges are our own choice.
     """
@@ -180,7 +180,7 @@ class Piloted:
     nose_dead_zone: Scalar = quantity(
         "N", 'Demanded force below which the nose does not turn, in mode "assisted".', default=0.03, low=0
     )
-    leash: Scalar = quantity(
+    hold_error: Scalar = quantity(
         "m/s", 'Velocity error at which the references stop changing, in mode "assisted".', default=0.4, above=0
     )
     stick_timeout: Scalar = quantity("s", "Maximum age of a stick sample.", default=0.3, above=0)
@@ -282,7 +282,7 @@ class Piloted:
         side = s.sway_velocity + self.model.percussion_arm * s.yaw_rate
         velocity = jnp.stack([c * s.surge_velocity - n * side, n * s.surge_velocity + c * side])
         lag = _direction(before.course) * before.speed - velocity
-        slack = jnp.clip(2 - 2 * jnp.sqrt(lag @ lag) / self.leash, 0.0, 1.0)
+        slack = jnp.clip(2 - 2 * jnp.sqrt(lag @ lag) / self.hold_error, 0.0, 1.0)
         wanted = hand.forward * self.speed_range
         speed = _ramp(before.speed, wanted, self.acceleration * dt * slack)
         most = self.turn_acceleration / jnp.maximum(jnp.abs(speed), REVERSE_SPEED)

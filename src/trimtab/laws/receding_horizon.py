@@ -110,7 +110,9 @@ class RecedingHorizon:
     heading: Scalar = quantity(
         "1/rad", "Weight of the heading error. It applies only where the reference has a heading.", default=0.5, low=0
     )
-    aim: Scalar = quantity("s^2/m", "Weight of the angle between the nose and the needed force.", default=1.0, low=0)
+    alignment_weight: Scalar = quantity(
+        "s^2/m", "Weight of the angle between the nose and the needed force.", default=1.0, low=0
+    )
     k1: Scalar = quantity(
         "1/s^2",
         "Gain k1 from position error to the needed acceleration. The nose turns to the direction of this acceleration.",
@@ -287,7 +289,7 @@ class RecedingHorizon:
             [
                 self.position * place,
                 self.velocity * velocity,
-                self.aim * (size * planar(heading)[:, 0] - push),
+                self.alignment_weight * (size * planar(heading)[:, 0] - push),
                 jnp.stack([self.yaw * (r - turning), self.heading * turned]),
             ]
         )

@@ -61,7 +61,7 @@ class RotorLossTracking:
     controlled. The axis is that of the relaxed hover [1]: the rotor opposite the lost one gives a fraction of the
     thrust of the others, so its thrust can rise and fall. c is 1 except for a body on its side or upside down. Without
     c the mirror image of the axis would be stable too: a tipped craft would spin about it, and fall. Rates and
-    direction are predicted over the time `lead`, because the body turns during the delay of links and rotors.
+    direction are predicted over `prediction_time`, because the body turns during the delay of links and rotors.
 
     A rotor that turns slower than `idle` for `patience` counts as lost for the rest of the run. The allocation never
     commands a working rotor below `idle`. The law handles the loss of one rotor, not of a second. After the loss the
@@ -81,7 +81,7 @@ class RotorLossTracking:
     kd: Scalar = quantity("1/s", "Gain kd of the rate of the spin axis error.", default=18.0, above=0)
     kx: Scalar = quantity("1/s^2", "Gain kx of the position error after a loss.", default=3.0, above=0)
     kv: Scalar = quantity("1/s", "Gain kv of the velocity error after a loss.", default=2.8, above=0)
-    lead: Scalar = quantity(
+    prediction_time: Scalar = quantity(
         "s", "Prediction time of rates and direction, for the delay of links and rotors.", default=0.02, low=0
     )
     idle: Scalar = quantity("rad/s", "Idle speed: minimum speed of a working rotor.", default=43.0, above=0)
@@ -143,8 +143,11 @@ class RotorLossTracking:
         return RotorDemand(size / axis[2], moment, ~gone), 1 - d @ axis
 
     def _look_ahead(self, x: Any) -> tuple[Any, Any]:
-        """Return the state predicted by `lead` at the present rotor speeds, and the yaw acceleration (rad/s^2)."""
+        """Return the state predicted by `prediction_time` at the present rotor speeds.
+
+        The second result is the yaw acceleration (rad/s^2).
+        """
         turn = self.nominal.craft.accelerations(x, RotorSpeeds(x.rotor_speed))[1]
-        rate = x.rate + self.lead * turn
-        attitude = quaternion.retract(x.attitude, self.lead / 2 * (x.rate + rate))
+        rate = x.rate + self.prediction_time * turn
+        attitude = quaternion.retract(x.attitude, self.prediction_time / 2 * (x.rate + rate))
         return replace(x, rate=rate, attitude=attitude), turn[2]

@@ -58,16 +58,16 @@ class StableInversionOutput:
     """Demand and signals of the law `StableInversion`. Frames: those of the vehicle. Source: [1] eqs. 13, 16-18."""
 
     demand: HypersonicInput = part("Demanded fuel ratio and elevator angle, within the limits.")
-    h_wanted: Scalar = quantity("ft", "Altitude reference.", frame="W")
-    V_wanted: Scalar = quantity("ft/s", "Speed reference.")
+    h_reference: Scalar = quantity("ft", "Altitude reference.", frame="W")
+    V_reference: Scalar = quantity("ft/s", "Speed reference.")
     h_error: Scalar = quantity("ft", "Altitude error: altitude minus reference.")
     V_error: Scalar = quantity("ft/s", "Speed error: speed minus reference.")
-    alpha_wanted: Scalar = quantity("rad", "Angle of attack required by the command.", kind="angle")
-    q_wanted: Scalar = quantity("rad/s", "Pitch rate required by the command.")
-    eta1_wanted: Scalar = quantity("(slug ft)^1/2", "Modal displacement of bending mode 1 required by the command.")
-    eta1_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Rate of bending mode 1 required by the command.")
-    eta2_wanted: Scalar = quantity("(slug ft)^1/2", "Modal displacement of bending mode 2 required by the command.")
-    eta2_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Rate of bending mode 2 required by the command.")
+    alpha_reference: Scalar = quantity("rad", "Angle of attack required by the command.", kind="angle")
+    q_reference: Scalar = quantity("rad/s", "Pitch rate required by the command.")
+    eta1_reference: Scalar = quantity("(slug ft)^1/2", "Modal displacement of bending mode 1 required by the command.")
+    eta1_rate_reference: Scalar = quantity("(slug ft)^1/2/s", "Rate of bending mode 1 required by the command.")
+    eta2_reference: Scalar = quantity("(slug ft)^1/2", "Modal displacement of bending mode 2 required by the command.")
+    eta2_rate_reference: Scalar = quantity("(slug ft)^1/2/s", "Rate of bending mode 2 required by the command.")
     v: Any = quantity("ft/s^2", "Demanded accelerations of altitude and speed, the input of the inversion.", shape=(2,))
     s: Any = quantity("1", "Product B'P e of the adaptive robust terms.", shape=(2,))
     u_h: Any = quantity("ft/s^2", "Damping term u_h of the adaptive robust terms.", shape=(2,))
@@ -103,7 +103,7 @@ class StableInversion:
     """Law that inverts the dynamics of altitude and speed, with state feedback around the ideal internal dynamics.
 
         v = yd^(r) + K e + Ki integral(e_h, e_V) + u_h + u_s            u = inversion(v)
-        e = (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') - wanted
+        e = (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') - reference
 
     Altitude and speed are a non-minimum-phase output: under inversion alone the internal motion diverges with a time
     constant of 0.3 s. `internal` computes the bounded motion that the command requires. This motion begins before the

@@ -75,7 +75,7 @@ class StateFeedback:
     places: tuple[str, ...] = option(
         "Vector fields, e.g. a position, whose deviation from x0 is turned into the body axes of x0.", default=()
     )
-    believed: Any = part(
+    design_model: Any = part(
         "Vehicle model for which K was designed, stored in the log for comparison. None: not stored.", default=None
     )
 

@@ -245,7 +245,7 @@ def _find_range_updates(log: Log, path: str, rows: Any, more: Any, new: Any) -> 
     nis, ran = log[f"{path}.nis"], flag_signal(log, f"{path}.tracking", True)
     rows = rows & np.append(ran[:1], ran[:-1])
     came = rows[:, None] & np.isfinite(nis) & (log[f"{path}.innovation"] != 0)
-    refusals = np.diff(log[f"{path}.refused_in_a_row"].astype(np.int64), axis=0, prepend=0) > 0
+    refusals = np.diff(log[f"{path}.beacon_rejected_in_a_row"].astype(np.int64), axis=0, prepend=0) > 0
     shown = np.sum(came | log[f"{path}.accepted"].astype(bool) | refusals, axis=1)
     unseen = int(np.maximum(more - shown, 0)[rows].sum())
     t = np.broadcast_to(log.t[:, None], nis.shape)

@@ -50,6 +50,14 @@ ANGLES, RATES = ("roll", "pitch", "yaw"), ("roll_rate", "pitch_rate", "yaw_rate"
 
 
 POSE = {"north", "east", "altitude", *ANGLES}
+UNPAIRED = {"north", "east", "heading", "yaw_rate", "depth"}
+"""Signals whose references are drawn in the plan view or in panels of their own, not with the signal."""
+
+
+def referenced_signal(path: str) -> str:
+    """Return X for the path `law.X_reference` of a reference that is drawn with the signal X, or "" for other paths."""
+    name = path.removeprefix("law.").removesuffix("_reference")
+    return name if path == f"law.{name}_reference" and name not in UNPAIRED else ""
 
 
 class SpatialSignals(NamedTuple):

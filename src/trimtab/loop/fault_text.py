@@ -104,9 +104,9 @@ def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
     places = (*fault_locations(scenario), *(f"actuators:{name}" for name in _input_fields(scenario)))
     where = _check_choice(about, "part", head[0], places)
     where, _, field = where.partition(":") if where.startswith("actuators:") else (where, "", "")
-    word = _check_choice(about, "word", head[1], WORDS[1:])
+    kind = _check_choice(about, "kind of fault", head[1], WORDS[1:])
     defaults = SEVERITY | (OF_ACTUATORS if where == "actuators" else {})
-    fields: dict[str, Any] = {"word": WORDS.index(word), "severity": defaults.get(word, 1.0), "field": field}
+    fields: dict[str, Any] = {"kind": WORDS.index(kind), "severity": defaults.get(kind, 1.0), "field": field}
     names = [others[i] or others[i + 1] for i in range(0, len(others), 3)]
     for name, said in zip(names, others[2::3], strict=True):
         if names.count(name) > 1:
@@ -177,7 +177,7 @@ def _wrap_part(scenario: Scenario, where: str, fault: Fault, longest: float) -> 
     """
     world, (kind, _, name) = scenario.world, where.partition(":")
     inner = world.sensors[name] if name else getattr(world, kind)
-    capacity = max(2, delay_slots(longest, inner.period)) if int(fault.word) in (NONE, DELAYED) else 2
+    capacity = max(2, delay_slots(longest, inner.period)) if int(fault.kind) in (NONE, DELAYED) else 2
     if name:
         felt = None if optional_member(inner, "FEELS") == "motion" else _visible_signals(scenario, where)
         sensor = FaultySensor(inner=inner, fault=fault, example=felt, capacity=capacity)

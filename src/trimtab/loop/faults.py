@@ -38,10 +38,10 @@ class Fault:
     without a fault, bit for bit.
 
     Frames:  those of the part.
-    Source:  docs page, Faults; the words are those of PX4's failure injection.
+    Source:  docs page, Faults; the kinds are those of PX4's failure injection.
     """
 
-    word: Scalar = quantity("1", "Kind of fault.", kind="mode", modes=WORDS, default=NONE, low=0, high=len(WORDS) - 1)
+    kind: Scalar = quantity("1", "Kind of fault.", kind="mode", modes=WORDS, default=NONE, low=0, high=len(WORDS) - 1)
     start: Scalar = quantity("100 ns", "Start of the fault.", kind="time", default=0)
     duration: Scalar = quantity("100 ns", "Duration of the fault.", kind="time", default=FOREVER, low=0)
     severity: Scalar = quantity("1", "Severity of the fault; its meaning depends on the kind of fault.", default=1.0)
@@ -58,16 +58,16 @@ class Fault:
 
     def check(self) -> None:
         """Raise InputError for a severity that is invalid for the kind of fault."""
-        word, severity = int(self.word), float(self.severity)
+        kind, severity = int(self.kind), float(self.severity)
         rules = {
             GARBAGE: (severity > 0, "a multiple of the plausible size, above 0"),
             SLOW: (severity >= 1, "N, at least 1: only every Nth sample arrives"),
             DELAYED: (severity >= 0, "a delay in seconds, not negative"),
             INTERMITTENT: (0 <= severity <= 1, "the share of time in which the part is off, 0 to 1"),
         }
-        good, meaning = rules.get(word, (True, ""))
+        good, meaning = rules.get(kind, (True, ""))
         if not good:
-            problem = f"{severity:g} is not valid: for {WORDS[word]!r}, the severity is {meaning}"
+            problem = f"{severity:g} is not valid: for {WORDS[kind]!r}, the severity is {meaning}"
             raise InputError("severity", problem, fix="choose another severity, e.g. by 0.5, by 2")
 
     def begin_time(self, t: Any, begin: Any, signals: Any) -> Any:
@@ -79,10 +79,10 @@ class Fault:
         waiting = begin == NEVER
         return jnp.where(t < self.start, NEVER, jnp.where(waiting & met, t, begin))
 
-    def active_word(self, t: Any, begin: Any) -> Any:
+    def active_kind(self, t: Any, begin: Any) -> Any:
         """Return the kind of fault, as its number in WORDS, that acts at integer time t."""
         acts = (begin != NEVER) & (t >= begin) & (t - begin < self.duration)
-        return jnp.where(acts, self.word, NONE)
+        return jnp.where(acts, self.kind, NONE)
 
     def is_off(self, key: Key, t: Any) -> Any:
         """Return True if an intermittent fault switches the part off in the time slot of t."""
@@ -101,7 +101,7 @@ class Fault:
     def check_ring(self, step: int, capacity: int) -> None:
         """Raise InputError for a delay that exceeds the ring buffer's capacity, with one slot per step (100 ns)."""
         longest = to_seconds(step) * (capacity - 1)
-        if int(self.word) == DELAYED and float(self.severity) > longest + 1e-9:
+        if int(self.kind) == DELAYED and float(self.severity) > longest + 1e-9:
             needed = delay_slots(float(self.severity), step)
             problem = f"the delay must be at most {longest:g} s with {capacity} slots, got {float(self.severity):g} s"
             raise InputError("fault.severity", problem, fix=f"set capacity to {needed} or more")
@@ -213,36 +213,36 @@ def apply_to_sample(
     """
     sample = replace(sample, fresh=jnp.asarray(sample.fresh), valid=jnp.asarray(sample.valid))
     begin = fault.begin_time(t, s.begin, signals)
-    word = fault.active_word(t, begin)
+    kind = fault.active_kind(t, begin)
     came = sample.fresh & sample.valid
     number = (s.number + came).astype(np.int32)
     k = t // step
     capacity = s.ring.t.shape[0]
     ring = write_slot(s.ring, k % capacity, sample)
-    repeats = (word == STUCK) & has_checksum
+    repeats = (kind == STUCK) & has_checksum
     taken = (
-        (word == OFF)
+        (kind == OFF)
         | repeats
-        | ((word == GARBAGE) & has_checksum)
-        | ((word == INTERMITTENT) & fault.is_off(s.key, t))
-        | ((word == SLOW) & fault.is_skipped(number))
+        | ((kind == GARBAGE) & has_checksum)
+        | ((kind == INTERMITTENT) & fault.is_off(s.key, t))
+        | ((kind == SLOW) & fault.is_skipped(number))
     )
-    lost = jnp.where((taken | (word == DELAYED)) & sample.valid, sample.t, s.lost)
+    lost = jnp.where((taken | (kind == DELAYED)) & sample.valid, sample.t, s.lost)
     absent = taken | (sample.valid & (sample.t == lost))
     late = read_slot(ring, (k - fault.delay_steps(step, capacity)) % capacity)
-    comes = (word == DELAYED) & late.valid & (late.t > jnp.where(s.output.valid, s.output.t, NEVER))
+    comes = (kind == DELAYED) & late.valid & (late.t > jnp.where(s.output.valid, s.output.t, NEVER))
     silent = hold_sample(t, s.output, fresh=repeats & came & s.output.valid)
-    out = _select(absent, silent, replace(sample, value=_faulty_value(word, fault, s, sample, k, has_checksum)))
+    out = _select(absent, silent, replace(sample, value=_faulty_value(kind, fault, s, sample, k, has_checksum)))
     out = _select(comes, hold_sample(t, late, fresh=True), out)
     return FaultMemory(key=s.key, begin=begin, output=out, lost=lost, number=number, ring=ring), out
 
 
-def _faulty_value(word: Any, fault: Fault, s: FaultMemory, sample: Sample, k: Any, has_checksum: bool) -> Any:
-    value = _select(word == WRONG, fault.distort_value(sample.value), sample.value)
+def _faulty_value(kind: Any, fault: Fault, s: FaultMemory, sample: Sample, k: Any, has_checksum: bool) -> Any:
+    value = _select(kind == WRONG, fault.distort_value(sample.value), sample.value)
     if has_checksum:
         return value
-    value = _select((word == STUCK) & s.output.valid, s.output.value, value)
-    return _select(word == GARBAGE, fault.garbage_value(s.key, k, sample.value), value)
+    value = _select((kind == STUCK) & s.output.valid, s.output.value, value)
+    return _select(kind == GARBAGE, fault.garbage_value(s.key, k, sample.value), value)
 
 
 def _select(condition: Any, a: Any, b: Any) -> Any:
@@ -257,14 +257,14 @@ def apply_to_output(
     k, capacity = t // step, jax.tree.leaves(s.ring)[0].shape[0]
     output = cast_like(output, s.output)
     begin = fault.begin_time(t, s.begin, signals)
-    word = fault.active_word(t, begin)
+    kind = fault.active_kind(t, begin)
     ring = write_slot(s.ring, k % capacity, output)
     late = read_slot(ring, (k - fault.delay_steps(step, capacity)) % capacity)
-    dead = (word == OFF) | ((word == INTERMITTENT) & fault.is_off(s.key, t))
-    holds = (word == STUCK) | ((word == SLOW) & fault.is_skipped(s.number))
-    u = tree_where(word == WRONG, fault.distort_value(output.u), output.u)
-    out = replace(output, u=tree_where(word == GARBAGE, fault.random_input(s.key, k, output.u), u))
-    out = tree_where(word == DELAYED, late, out)
+    dead = (kind == OFF) | ((kind == INTERMITTENT) & fault.is_off(s.key, t))
+    holds = (kind == STUCK) | ((kind == SLOW) & fault.is_skipped(s.number))
+    u = tree_where(kind == WRONG, fault.distort_value(output.u), output.u)
+    out = replace(output, u=tree_where(kind == GARBAGE, fault.random_input(s.key, k, output.u), u))
+    out = tree_where(kind == DELAYED, late, out)
     out = tree_where(holds, s.output, out)
     out = tree_where(dead, cast_like(neutral, output), out)
     if fault.field:

@@ -146,7 +146,7 @@ def design_filter(
         x0=x,
         u0=np.asarray(record_vector(u)),
         channels=tuple(noise),
-        acting=tuple(f"{actuators}.{name}" for name in entry_names(u)),
+        input_channels=tuple(f"{actuators}.{name}" for name in entry_names(u)),
         Ad=np.asarray(model.Ad),
         Bd=np.asarray(model.Bd) @ linear.B,
         Qd=np.asarray(model.Qd),

@@ -30,21 +30,21 @@ INTEGRAL_FACTOR = 5.0
 """Bound of each integral in the law, as a multiple of the integral's limit in the design."""
 
 
-def read_feedback(file: Path | str, x: Any, u: Any, believed: Any = None) -> StateFeedback:
+def read_feedback(file: Path | str, x: Any, u: Any, assumed: Any = None) -> StateFeedback:
     """Return the control law with the gain in a file from `trimtab design VEHICLE --lqr --out FILE`.
 
     Args:
         file: the file, which contains a certificate (gain, trim and proof of stability).
         x: example of the vehicle's state record. It defines the fields, and each value that is not in the file.
         u: example of the vehicle's input record. It defines the fields, and each value that is not in the file.
-        believed: vehicle model for which the gain was designed. The log reports how it differs from the true vehicle.
+        assumed: vehicle model for which the gain was designed. The log reports how it differs from the true vehicle.
 
     Raises: InputError if the file is not a certificate, or is the certificate of another vehicle.
     """
-    return feedback_law(read_certificate(Path(file))[0], x, u, believed)
+    return feedback_law(read_certificate(Path(file))[0], x, u, assumed)
 
 
-def feedback_law(certificate: Certificate, x: Any, u: Any, believed: Any = None) -> StateFeedback:
+def feedback_law(certificate: Certificate, x: Any, u: Any, assumed: Any = None) -> StateFeedback:
     """Return the law from the gain in a certificate. The other arguments are those of `read_feedback`."""
     integrals = [n for n in certificate.states if n.startswith(INTEGRAL)]
     states = [n for n in certificate.states if n not in integrals]
@@ -73,7 +73,7 @@ def feedback_law(certificate: Certificate, x: Any, u: Any, believed: Any = None)
         attitude=next(iter(attitude_fields(x).values()), "") if turned or places else "",
         turned=turned,
         places=places,
-        believed=believed,
+        design_model=assumed,
     )
 
 

@@ -23,7 +23,7 @@ class PeerRadioState:
     """
 
     key: Any = part("Random key of the message losses.")
-    on_the_way: Any = part("Messages in transit, by slot; fields of shape (delay,).")
+    in_transit: Any = part("Messages in transit, by slot; fields of shape (delay,).")
     received: Any = part("Newest message of each sender at each receiver; fields of shape (receiver, sender).")
 
 
@@ -54,17 +54,17 @@ class PeerRadio:
         """Return the initial state, with no message received yet."""
         silence = strengthen_types(PeerMessage())
         received = jax.tree.map(lambda v: jnp.full((self.count, self.count), v, v.dtype), silence)
-        return PeerRadioState(key=key, on_the_way=empty_slots(silence, self.delay), received=received)
+        return PeerRadioState(key=key, in_transit=empty_slots(silence, self.delay), received=received)
 
-    def step(self, t: Any, state: PeerRadioState, say: PeerMessage) -> tuple[PeerRadioState, Peers]:
+    def step(self, t: Any, state: PeerRadioState, messages: PeerMessage) -> tuple[PeerRadioState, Peers]:
         """Return the state, and all messages received by integer time t, which is the start of a slot.
 
         The fields have shape (receiver, sender).
         """
         number = t // self.slot
         sender = (number - self.delay) % self.count
-        message = jax.tree.map(lambda v: v[number % self.count], say)
-        ring = state.on_the_way
+        message = jax.tree.map(lambda v: v[number % self.count], messages)
+        ring = state.in_transit
         if self.delay:
             place = number % self.delay
             arrived, ring = read_slot(ring, place), write_slot(ring, place, message)
@@ -79,7 +79,7 @@ class PeerRadio:
             return table.at[:, sender].set(jnp.where(hears, value, table[:, sender]))
 
         received = jax.tree.map(write, state.received, arrived)
-        return PeerRadioState(key=state.key, on_the_way=ring, received=received), _peers(received)
+        return PeerRadioState(key=state.key, in_transit=ring, received=received), _peers(received)
 
 
 def _peers(received: PeerMessage) -> Peers:
@@ -108,7 +108,7 @@ class SwarmNavigation:
     def step(self, t: Any, state: tuple[Any, Any], motion: SwarmMotion) -> tuple[tuple[Any, Any], Sample]:
         """Return the state and the sample at integer time t."""
         own, sample = self.each.step(t, state[0], motion.each)
-        radio, peers = self.radio.step(t, state[1], motion.say)
+        radio, peers = self.radio.step(t, state[1], motion.message)
         return (own, radio), Sample(PeerView(sample.value, peers), sample.t, sample.age, sample.fresh, sample.valid)
 
 
@@ -126,8 +126,8 @@ class PerfectSwarmNavigation:
     def step(self, t: Any, state: Any, motion: SwarmMotion) -> tuple[Any, Sample]:
         """Return the state and the sample at integer time t. Every message has reached every craft."""
         state, sample = self.each.step(t, state, motion.each)
-        count = motion.say.north.shape[0]
-        table = jax.tree.map(lambda v: jnp.broadcast_to(v, (count, count)), motion.say)
+        count = motion.message.north.shape[0]
+        table = jax.tree.map(lambda v: jnp.broadcast_to(v, (count, count)), motion.message)
         return state, new_sample(t, PeerView(sample.value, _peers(table)))
 
 
@@ -136,7 +136,7 @@ class ArenaReading:
     """Distances measured by a swarm's observer. Frames: W. Source: docs page, Swarms."""
 
     spacing: Scalar = quantity("m", "Smallest distance between the centres of mass of two craft.")
-    astray: Scalar = quantity("m", "Largest distance of a craft from its desired position in the formation.")
+    formation_error: Scalar = quantity("m", "Largest distance of a craft from its desired position in the formation.")
 
 
 @record
@@ -162,7 +162,9 @@ class Arena:
         apart = (north[:, None] - north) ** 2 + (east[:, None] - east) ** 2
         same = np.eye(len(north), dtype=bool)
         off = (north - north[0] - self.north) ** 2 + (east - east[0] - self.east) ** 2
-        return ArenaReading(spacing=jnp.sqrt(jnp.min(jnp.where(same, np.inf, apart))), astray=jnp.sqrt(jnp.max(off)))
+        return ArenaReading(
+            spacing=jnp.sqrt(jnp.min(jnp.where(same, np.inf, apart))), formation_error=jnp.sqrt(jnp.max(off))
+        )
 
     def step(self, t: Any, state: tuple[()], motion: SwarmMotion) -> tuple[tuple[()], Sample]:
         """Return the state and the sample at integer time t."""

@@ -36,7 +36,7 @@ from trimtab.links.fifo import empty_slots, read_slot, write_slot
 from trimtab.links.latency import MeasuredLatency, mean_latency
 from trimtab.links.latency_trace import LatencyTrace, mean_received_latency
 from trimtab.links.wire import DelayChain, Wire
-from trimtab.loop.beliefs import vehicle_copies
+from trimtab.loop.model_mismatch import vehicle_copies
 from trimtab.loop.structure import cast_like, strengthen_types, zeros_of
 
 TICK = ms(10)
@@ -329,14 +329,14 @@ def predictor_for(world: Any, autopilot: Any, start: Any) -> Predictor:
 
     Raises: InputError for an uplink without a known latency.
     """
-    believed = vehicle_copies(autopilot, world.vehicle)
+    assumed = vehicle_copies(autopilot, world.vehicle)
     frame = optional_member(world.actuators, "frame")
     sent = max(optional_member(world.uplink, "send_period") or world.uplink.period, autopilot.period)
     if frame is not None:
         sent = math.lcm(sent, frame)
     tick = TICK if sent % TICK == 0 and (frame or sent) % TICK == 0 else sent
     return Predictor(
-        craft=next(iter(believed.values()), world.vehicle),
+        craft=next(iter(assumed.values()), world.vehicle),
         actuators=replace(world.actuators, period=tick),
         start=jax.tree.map(np.zeros_like, start),
         uplink_delay=expected_latency(world.uplink),

@@ -21,8 +21,8 @@ from trimtab.core.time import format_time, seconds, to_seconds
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.links.wire import Wire
 from trimtab.loop.autopilot import Autopilot
-from trimtab.loop.beliefs import check_beliefs
 from trimtab.loop.checks import check_part, check_values
+from trimtab.loop.model_mismatch import check_beliefs
 from trimtab.loop.structure import check_members, check_record
 from trimtab.loop.summary import NOTE, summarise_scenario
 from trimtab.loop.vehicle_limits import VehicleLimits

@@ -121,7 +121,7 @@ class Swarm:
 
     def motion(self, t: Any, x: Any, u: SwarmInput) -> SwarmMotion:
         """Return the motion of each craft, for its sensors, at integer time t."""
-        return SwarmMotion(each=jax.vmap(lambda x, u: self.craft.motion(t, x, u))(x, u.act), say=u.say)
+        return SwarmMotion(each=jax.vmap(lambda x, u: self.craft.motion(t, x, u))(x, u.act), message=u.message)
 
 
 @record
@@ -145,7 +145,7 @@ class SwarmAllocation:
     def step(self, t: Any, state: Any, demand: SwarmInput) -> tuple[Any, SwarmInput]:
         """Return the states and the commands for a demand."""
         state, act = self.each.step(t, state, demand.act)
-        return state, SwarmInput(act=act, say=demand.say)
+        return state, SwarmInput(act=act, message=demand.message)
 
 
 @record
@@ -173,7 +173,7 @@ class SwarmActuators:
 
     def neutral(self) -> SwarmOutput:
         """Return the output with the neutral input and no message for every craft."""
-        return SwarmOutput(u=SwarmInput(act=self.each.neutral().u, say=self.silence), each=())
+        return SwarmOutput(u=SwarmInput(act=self.each.neutral().u, message=self.silence), each=())
 
     def init(self, key: Key) -> Any:
         """Return the initial state of each craft."""
@@ -182,5 +182,5 @@ class SwarmActuators:
     def step(self, t: Any, state: Any, command: Sample) -> tuple[Any, SwarmOutput]:
         """Return the new states, and the output and message of each craft from integer time t on."""
         state, out = self.each.step(t, state, replace(command, value=command.value.act))
-        say = tree_where(command.valid, command.value.say, self.silence)
-        return state, SwarmOutput(u=SwarmInput(act=out.u, say=say), each=())
+        message = tree_where(command.valid, command.value.message, self.silence)
+        return state, SwarmOutput(u=SwarmInput(act=out.u, message=message), each=())

@@ -18,7 +18,7 @@ from trimtab.core.explain_call import explain_call
 from trimtab.core.quantity import split_component
 from trimtab.logs.log import Log, check_log
 from trimtab.logs.metrics import Target, metrics, nearest_target_value, target_path
-from trimtab.logs.spatial import ANGLES, FLIGHT, RATES, display_unit, flight_sources, with_flight
+from trimtab.logs.spatial import ANGLES, FLIGHT, RATES, display_unit, flight_sources, referenced_signal, with_flight
 from trimtab.plots.plan import draw_plan, draw_profile, has_plan, has_profile
 from trimtab.plots.style import (
     BLUE,
@@ -145,12 +145,10 @@ def select_panels(log: Log, aimed: Collection[str] = ()) -> list[Panel]:
     said = flight_sources(log) - set(aimed) if f"{FLIGHT}roll" in log else set[str]()
     drawn = [p for p in log.paths if _panel_kind(log, p) not in ("time", "flag") and p not in said]
     in_space = [Panel(title, tuple(p for n in names if (p := FLIGHT + n) in log)) for title, names in IN_SPACE.items()]
-    goals = {p: f"law.{p.removeprefix('truth.')}_wanted" for p in drawn if p.startswith("truth.")}
+    references = {f"truth.{name}": p for p in drawn if (name := referenced_signal(p))}
+    goals = {p: references.get(p, "") for p in drawn if p.startswith("truth.")}
     panels = [dataclasses.replace(panel, compares_ideal=True) for panel in in_space if panel.paths]
-    panels += [
-        Panel(_title_of_path(p), (p,), demand_path=goal if goal in drawn else "", compares_ideal=True)
-        for p, goal in goals.items()
-    ]
+    panels += [Panel(_title_of_path(p), (p,), demand_path=goal, compares_ideal=True) for p, goal in goals.items()]
     shown = set(goals.values())
     for path in [p for p in drawn if p.startswith("actuators.")]:
         name = path.rsplit(".", 1)[-1]

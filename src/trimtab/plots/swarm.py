@@ -41,15 +41,15 @@ def plot_swarm(real: Log, ideal: Log | None = None, path: PicturePath = None, ti
         problem = "the truth in the log is not that of several craft"
         raise InputError("plot_swarm", problem, fix="draw it with plot_run instead")
     figure = new_figure(WIDTH, HEIGHT)
-    panels: Any = figure.subplot_mosaic([["floor", "spacing"], ["floor", "astray"]], width_ratios=(1.1, 1.0))
+    panels: Any = figure.subplot_mosaic([["floor", "spacing"], ["floor", "formation_error"]], width_ratios=(1.1, 1.0))
     _draw_floor(panels["floor"], real)
     notes = (
         ("spacing", "smallest distance between two craft"),
-        ("astray", "largest distance from the wanted position"),
+        ("formation_error", "largest distance from the desired position"),
     )
     for name, note in notes:
         _draw_distance(panels[name], real, ideal, name, note)
-    panels["astray"].set_xlabel("time (s)", fontsize=9)
+    panels["formation_error"].set_xlabel("time (s)", fontsize=9)
     return save_figure(figure, path, title, "blue: real; red: ideal; dot: start; stroke: nose at the end")
 
 

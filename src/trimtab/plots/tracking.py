@@ -1,6 +1,6 @@
-"""Plot of the tracking in a run: wanted and flown signals, inputs, then unmeasured states with their estimates.
+"""Plot of the tracking in a run: reference and flown signals, inputs, then unmeasured states with their estimates.
 
-The rows follow from the log's paths: a signal `law.X_wanted` next to `truth.X` makes a row.
+The rows follow from the log's paths: a signal `law.X_reference` next to `truth.X` makes a row.
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -9,7 +9,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
-from trimtab.logs.spatial import display_unit
+from trimtab.logs.spatial import display_unit, referenced_signal
 from trimtab.plots.style import (
     BLUE,
     CHATTER,
@@ -45,22 +45,22 @@ class SignalRow(NamedTuple):
 
 def tracking_rows(log: Log) -> list[SignalRow]:
     """Return tracked signals first, in the order of the log, then estimated signals."""
-    wanted = [p.removeprefix("law.").removesuffix("_wanted") for p in log.paths if _is_wanted(log, p)]
-    rows = [SignalRow(name, _has_own_estimate(log, name)) for name in wanted]
+    tracked = [referenced_signal(p) for p in log.paths if _is_reference(log, p)]
+    rows = [SignalRow(name, _has_own_estimate(log, name)) for name in tracked]
     return sorted(rows, key=lambda row: row.is_estimated)
 
 
 def plot_tracking(log: Log, path: PicturePath = None, title: str = "Tracking") -> "Figure":
-    """Draw each wanted signal with its error. Inputs are between tracked and estimated signals.
+    """Draw each tracked signal with its error. Inputs are between tracked and estimated signals.
 
     Args:
-        log: log of a run whose law logs `X_wanted` for signals X of the truth.
+        log: log of a run whose law logs `X_reference` for signals X of the truth.
         path: where to save, see `PicturePath`.
         title: title of the plot.
     """
     rows = tracking_rows(log)
     if not rows:
-        problem = "the law in the log has no signal X_wanted next to truth.X"
+        problem = "the law in the log has no signal X_reference next to truth.X"
         raise InputError("plot_tracking", problem, fix="draw it with plot_run instead")
     inputs = [p for p in log.paths if p.startswith("actuators.u.")]
     tracked = [r for r in rows if not r.is_estimated]
@@ -80,7 +80,7 @@ def plot_tracking(log: Log, path: PicturePath = None, title: str = "Tracking") -
         axes.set_xlabel("time (s)", fontsize=9)
     if len(log) > 1:
         every[0, 0].set_xlim(log.t[0], log.t[-1])
-    note = "blue: flown; green: wanted; red: estimated"
+    note = "blue: flown; green: reference; red: estimated"
     if any(row.is_estimated and _sigma(log, row.name) is not None for row in rows):
         note += "; dashed: two sigmas"
     if any(has_chatter(axes) for axes in figure.axes):
@@ -88,9 +88,9 @@ def plot_tracking(log: Log, path: PicturePath = None, title: str = "Tracking") -
     return save_figure(figure, path, title, note, title_size=14)
 
 
-def _is_wanted(log: Log, path: str) -> bool:
-    name = path.removeprefix("law.").removesuffix("_wanted")
-    return path == f"law.{name}_wanted" and f"truth.{name}" in log and log[path].ndim == 1
+def _is_reference(log: Log, path: str) -> bool:
+    name = referenced_signal(path)
+    return bool(name) and f"truth.{name}" in log and log[path].ndim == 1
 
 
 def _has_own_estimate(log: Log, name: str) -> bool:
@@ -106,16 +106,16 @@ def _draw_row(pair: Any, log: Log, row: SignalRow) -> None:
     value, error = pair
     path, title = f"truth.{row.name}", row.name.replace("_", " ")
     unit, factor = display_unit(path, log.unit(path))
-    true, wanted = factor * log[path], factor * log[f"law.{row.name}_wanted"]
+    true, reference = factor * log[path], factor * log[f"law.{row.name}_reference"]
     if row.is_estimated:
         draw_line(value, log.t, factor * log[f"estimate.state.{row.name}"], color=VERMILION, lw=0.9)
     draw_line(value, log.t, true, color=BLUE, lw=1.0)
-    draw_line(value, log.t, wanted, color=GREEN, lw=1.0, ls="--")
+    draw_line(value, log.t, reference, color=GREEN, lw=1.0, ls="--")
     _style_panel(value, title, "", unit)
     if not row.is_estimated:
-        off = factor * _signed_difference(log, path, log[path], log[f"law.{row.name}_wanted"])
+        off = factor * _signed_difference(log, path, log[path], log[f"law.{row.name}_reference"])
         _draw_error(error, log, [(off, BLUE)])
-        _style_panel(error, f"{title} minus wanted", _rms(log, off), unit)
+        _style_panel(error, f"{title} minus reference", _rms(log, off), unit)
         return
     off = factor * _signed_difference(log, path, log[f"estimate.state.{row.name}"], log[path])
     note, shown, sigma = _rms(log, off), [(off, VERMILION)], _sigma(log, row.name)

@@ -366,5 +366,5 @@ def _replace_with_wire(channel: Any) -> Any:
     if not isinstance(channel, FaultyChannel):
         return Wire()
     inner = _replace_with_wire(channel.inner)
-    slots = delay_slots(float(channel.fault.severity), inner.period) if int(channel.fault.word) == DELAYED else 0
+    slots = delay_slots(float(channel.fault.severity), inner.period) if int(channel.fault.kind) == DELAYED else 0
     return replace(channel, inner=inner, capacity=max(channel.capacity, slots))

@@ -45,12 +45,10 @@ class Plant(NamedTuple):
     about: Mapping[str, str] = MappingProxyType({})
 
 
-def load_plant(
-    name: str, settings: Mapping[str, str] | None = None, believed: Mapping[str, str] | None = None
-) -> Plant:
+def load_plant(name: str, settings: Mapping[str, str] | None = None, assumed: Mapping[str, str] | None = None) -> Plant:
     """Return the vehicle of a scenario, of a model in the package, or from a function in a file, by its name.
 
-    settings: settings of the scenario.  believed: settings of the assumed vehicle model, applied after `settings`.
+    settings: settings of the scenario.  assumed: settings of the vehicle model of the design, applied after `settings`.
     """
     settings = settings or {}
     own: Any = None
@@ -68,21 +66,21 @@ def load_plant(
         scenario = build(name, settings)
         refuse_stepped_vehicle(scenario)
         u = scenario.world.actuators.neutral().u
-        vehicle = with_settings(scenario.world.vehicle, believed or {})
+        vehicle = with_settings(scenario.world.vehicle, assumed or {})
         return plant_of_vehicle(name, vehicle, scenario.initial, u)._replace(scenario=scenario)
-    if settings or (believed and not isinstance(own, tuple)):
+    if settings or (assumed and not isinstance(own, tuple)):
         fix = f"leave {argument_name('settings')} out, or name a scenario, whose parts have settings"
         raise InputError(argument_name("settings"), f"{name} is a model and has no settings", fix=fix)
-    return _plant_of_own(name, own, believed or {})
+    return _plant_of_own(name, own, assumed or {})
 
 
-def _plant_of_own(name: str, own: Any, believed: Mapping[str, str]) -> Plant:
+def _plant_of_own(name: str, own: Any, assumed: Mapping[str, str]) -> Plant:
     if isinstance(own, StateSpaceModel):
         return plant_of_model(name, own)
     if isinstance(own, tuple):
         parts: tuple[Any, ...] = own  # pyright: ignore[reportUnknownVariableType]
         if len(parts) == 3 and hasattr(parts[0], "dynamics"):
-            return plant_of_vehicle(name, with_settings(parts[0], believed), parts[1], parts[2])
+            return plant_of_vehicle(name, with_settings(parts[0], assumed), parts[1], parts[2])
     problem = f"the function must return a scenario, a vehicle or a model, but returns a {type(own).__name__}"
     fix = "return a Scenario, (vehicle, x, u), or model_of_functions(f, states, inputs, h=h) (docs, Any vehicle)"
     raise InputError(f"vehicle {name!r}", problem, fix=fix)

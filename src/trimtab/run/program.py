@@ -16,7 +16,7 @@ from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.quantity import Quantity, leaves, part_classes, plain_setting
 from trimtab.core.time import Timetable, format_time, ms, timetable, to_seconds
 from trimtab.logs.log import LazyMapping, Log, provenance, to_plain
-from trimtab.loop.beliefs import belief_mismatches
+from trimtab.loop.model_mismatch import belief_mismatches
 
 SHORT = 5_000_000
 """Largest number of instants, over all runs, that are flown without a check for Ctrl-C. They take about a second."""

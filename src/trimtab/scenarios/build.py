@@ -73,9 +73,9 @@ def build(
         settings: text or number by path, in the notation of ``--set``. These names are not paths: "uplink" or
             "downlink" gives the file of a recording that the link repeats; "uplink.delay", "uplink.jitter",
             "uplink.loss" and the same for the downlink set the latency (`loop.link_latency`); "mismatch" names vehicle
-            models in the autopilot that may differ from each other (`loop.beliefs`); "calibration" gives a file of
-            `trimtab calibrate`; "predictor" is "on" or "off" (`loop.predictor`); "reference" is the path that the law
-            follows (`loop.reference_text`); "gain" gives a file of a gain that replaces the law
+            models in the autopilot that may differ from each other (`loop.model_mismatch`); "calibration" gives a file
+            of `trimtab calibrate`; "predictor" is "on" or "off" (`loop.predictor`); "reference" is the path that the
+            law follows (`loop.reference_text`); "gain" gives a file of a gain that replaces the law
             (`scenarios.gain_file`). A value such as ``steps(0 s: 1, 5 s: 2)`` changes in flight
             (`loop.setpoint_schedule`). Settings override a calibration.
         without: imperfections to switch off.  faults: faults to inject, in the notation of ``--fault``.

@@ -75,7 +75,7 @@ def with_gain(name: str, scenario: Scenario, certificate: Certificate) -> Scenar
     world, autopilot, x = scenario.world, scenario.autopilot, scenario.initial
     u = world.actuators.neutral().u
     _refuse_other_vehicle(certificate, describe_vehicle(world.vehicle, x, u))
-    law = feedback_law(certificate, x, u, _believed_vehicle(name, certificate))
+    law = feedback_law(certificate, x, u, _assumed_vehicle(name, certificate))
     key, free = Key(np.uint32(0), np.uint32(0)), replace(autopilot, supervisor=None, monitor=None)
     _, state = jax.eval_shape(lambda: start(world, free, to_arrays(x), key))
     _refuse_unread(law, state.estimate.state, certificate.system)
@@ -135,15 +135,15 @@ def _refuse_unread(law: StateFeedback, estimate: Any, system: str) -> None:
         raise InputError(argument_name("settings", GAIN), problem, choices=given, fix=fix)
 
 
-def _believed_vehicle(name: str, certificate: Certificate) -> Any:
+def _assumed_vehicle(name: str, certificate: Certificate) -> Any:
     """Return the vehicle for which a gain was designed, as the gain's file describes it."""
-    about = {n: str(certificate.about.get(n, "")) for n in ("set", "believed")}
-    given, believed = (
+    about = {n: str(certificate.about.get(n, "")) for n in ("set", "assume")}
+    given, assumed = (
         [(path, text) for path, _, text in (word.partition("=") for word in words.split("; ") if word)]
         for words in about.values()
     )
     if "calibration" in dict(given):
-        fix = "design it without a calibration and set the model: trimtab design SCENARIO --lqr … --believed NAME=VALUE"
+        fix = "design it without a calibration and set the model: trimtab design SCENARIO --lqr … --assume NAME=VALUE"
         raise InputError(
             argument_name("settings", GAIN),
             "the gain was designed with a calibration, which its file does not contain",
@@ -154,7 +154,7 @@ def _believed_vehicle(name: str, certificate: Certificate) -> Any:
     paths = {path: text for path, text in given if f"{path}.".startswith(VEHICLE)}
     scenario, left = with_parts(scenario, rest | paths)
     vehicle = with_settings(scenario.world.vehicle, vehicle_settings(left.items()))
-    return with_settings(vehicle, vehicle_settings(believed))
+    return with_settings(vehicle, vehicle_settings(assumed))
 
 
 def catalogue_choices(name: str, pairs: Iterable[tuple[str, str]]) -> dict[str, str]:

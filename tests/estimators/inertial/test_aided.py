@@ -245,8 +245,8 @@ def test_positions_that_stay_elsewhere_are_believed_in_the_end_and_flagged():
     sent.fix[moved] += np.array([0.5, 0.0])
     state, _ = flown(sent)
     assert state.position_fix.rejected_in_a_row.max() == 5
-    assert state.position_fix.given_in[-1] == 1
-    first = np.flatnonzero(state.position_fix.given_in)[0]
+    assert state.position_fix.forced[-1] == 1
+    first = np.flatnonzero(state.position_fix.forced)[0]
     assert state.sigma_north[first] > state.sigma_north[399]
     truth = TRUTH._replace(position=np.asarray(TRUTH.position) + np.array([0.5, 0.0]))
     assert sigmas_off(state, first + 30, truth) < 4.5
@@ -268,7 +268,7 @@ def test_one_outlier_in_ten_does_not_throw_it_off():
     state, _ = flown(sent)
     assert len(bad) > 3
     assert state.position_fix.rejected[-1] >= len(bad) - 1
-    assert state.position_fix.given_in[-1] == 0
+    assert state.position_fix.forced[-1] == 0
     assert sigmas_off(state) < 4.5
 
 

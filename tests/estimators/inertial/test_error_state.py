@@ -99,7 +99,7 @@ def test_the_covariance_is_carried_as_by_dense_matrices(n):
 
 def test_noise_of_the_force_becomes_velocity_and_place():
     """The integral of white noise, twice: T, T²/2, T³/3; and doubt adds to it."""
-    noise = SpatialNoise(force=0.1, gyro=0.2, doubtful_rate=3.0)
+    noise = SpatialNoise(force=0.1, gyro=0.2, untrusted_rate=3.0)
     Q = np.asarray(process_noise(noise, 2.0, 0.0, 15))
     np.testing.assert_allclose([Q[4, 4], Q[4, 7], Q[7, 4], Q[7, 7]], 0.01 * np.array([2.0, 2.0, 2.0, 8 / 3]))
     assert Q[0, 0] == pytest.approx(0.04 * 2)

@@ -141,7 +141,7 @@ def recorded_flight(form, steps, latency):
 def test_late_fixes_give_what_a_filter_gives_that_had_them_in_time():
     """0.8 s, four fixes that come 120 ms late: at the horizon the state and P of the dense filter, up to how often P
     is carried on; and now, 150 ms later, the state of one that went on from there."""
-    form = GnssInertial(lever_arm=np.array([0.5, -0.2, -0.3]), carried=5)
+    form = GnssInertial(lever_arm=np.array([0.5, -0.2, -0.3]), samples_per_update=5)
     form, state, estimate, samples, fixes = recorded_flight(form, 801, 0.12)
     assert int(state.gnss_fix.used) == 4
     horizon = 800 - 150
@@ -269,7 +269,7 @@ def test_heading_is_seen_in_a_turn_and_not_along_a_straight_line():
 
 # --- in flight ------------------------------------------------------------------------------------------------------
 
-STILL = GnssInertial(start=SpatialStart(sigma_heading=0.05), delay=ms(20), slots=32, carried=10)
+STILL = GnssInertial(start=SpatialStart(sigma_heading=0.05), delay=ms(20), slots=32, samples_per_update=10)
 AT_REST = InertialReading(np.array([0.0, 0.0, -9.80665]), np.zeros(3), np.bool_(False), np.bool_(False))
 
 
@@ -339,7 +339,7 @@ def test_an_outlier_is_refused_and_the_filter_gives_in_to_many():
     assert float(told.gnss_fix.nis) > STILL.gate
     for _ in range(3):
         told = bench.step(30, fix=(60, 0, 0))
-    assert int(told.gnss_fix.given_in) == 1
+    assert int(told.gnss_fix.forced) == 1
     assert int(told.gnss_fix.rejected) == 3
     assert int(told.gnss_fix.rejected_in_a_row) == 0
     assert abs(float(told.position[0]) - 60) < 3
@@ -348,7 +348,7 @@ def test_an_outlier_is_refused_and_the_filter_gives_in_to_many():
 
 @pytest.mark.thorough
 def test_a_saturated_unit_is_doubted():
-    """A gyro at its limit says nothing: sigma of the attitude grows as `doubtful_rate` says."""
+    """A gyro at its limit says nothing: sigma of the attitude grows as `untrusted_rate` says."""
     sure, unsure = Bench(), Bench()
     full = replace(AT_REST, gyro_saturated=np.bool_(True))
     for bench, imu in ((sure, AT_REST), (unsure, full)):
@@ -399,7 +399,8 @@ def test_no_number_that_is_none_gets_in():
 
 
 @pytest.mark.parametrize(
-    ("changes", "part"), [({"slots": 1}, "slots"), ({"carried": 0}, "carried"), ({"gnss": "imu"}, "gnss")]
+    ("changes", "part"),
+    [({"slots": 1}, "slots"), ({"samples_per_update": 0}, "samples_per_update"), ({"gnss": "imu"}, "gnss")],
 )
 def test_what_can_not_work_is_refused(changes, part):
     with pytest.raises(InputError) as e:

@@ -80,10 +80,10 @@ def test_after_so_many_refused_in_a_row_the_filter_gives_in():
     assert done.accepted
     np.testing.assert_allclose(done.x, y, rtol=1e-3)
     assert done.nis < 2.1
-    assert (fix.given_in, fix.rejected_in_a_row, fix.used) == (1, 0, 1)
+    assert (fix.forced, fix.rejected_in_a_row, fix.used) == (1, 0, 1)
     done, same = fuse_measurement(refused, x, P, np.array([np.nan, 0.0]), np.eye(2), R, **believed)
     np.testing.assert_array_equal(done.P, P)  # to what is no number it does not give in
-    assert same.given_in == 0
+    assert same.forced == 0
     stubborn = no_position_fix()
     for _ in range(6):
         done, stubborn = fuse_measurement(stubborn, x, P, y, np.eye(2), R, gate=18.0, patience=np.int32(0))

@@ -168,11 +168,11 @@ def test_ranges_that_agree_restart_the_filter(away, turn):
     for seed in (4, 5):
         world = drive(seed)
         state, estimates = run(frames_of(world), replace(FILTER, start=start))
-        assert int(state.fix.given_in) == 1
+        assert int(state.fix.restarts) == 1
         assert position_error(world, estimates)[-1] < 1.0
         assert np.median(nees(world, estimates)[DRIVE // 2 :]) < 4.0
     never = replace(FILTER, start=start, errors=replace(FILTER.errors, patience=0))
-    assert int(run(frames_of(world), never)[0].fix.given_in) == 0
+    assert int(run(frames_of(world), never)[0].fix.restarts) == 0
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -183,7 +183,7 @@ def test_ranges_through_walls_do_not_restart_the_filter(seed):
     spoilt = with_ranges(world, np.where(wall, rng.uniform(2, 8, wall.shape), 0.0))
     state, estimates = run(frames_of(spoilt))
     assert int(state.fix.rejected) > 100
-    assert int(state.fix.given_in) == 0
+    assert int(state.fix.restarts) == 0
     assert np.sqrt(np.mean(position_error(world, estimates) ** 2)) < 0.6
 
 
@@ -193,7 +193,7 @@ def test_outliers_of_all_beacons_in_a_row_do_not_restart_the_filter():
     change = np.zeros(world.range.shape)
     change[rows] = 7.0 * rng.uniform(0.3, 1, (len(rows), 4))
     state, estimates = run(frames_of(with_ranges(world, change)))
-    assert int(state.fix.given_in) == 0
+    assert int(state.fix.restarts) == 0
     assert int(state.fix.rejected) >= 24
     assert position_error(world, estimates).max() < 1.5
     # While the newest twelve ranges were all rejected, the estimate is not valid. It is valid again afterwards.
@@ -218,8 +218,8 @@ def test_without_restarts_sixteen_rejected_ranges_make_the_estimate_invalid():
 def test_one_moved_beacon_does_not_restart_the_filter():
     world = drive(3)
     state, estimates = run(frames_of(with_ranges(world, 6.0 * LATE * (np.arange(4) == 1))))
-    assert int(state.fix.given_in) == 0
-    assert int(state.fix.refused_in_a_row[1]) > 30
+    assert int(state.fix.restarts) == 0
+    assert int(state.fix.beacon_rejected_in_a_row[1]) > 30
     assert position_error(world, estimates).max() < 1.5
 
 
@@ -245,8 +245,8 @@ def test_two_beacons_do_not_restart_the_filter():
     wrong = np.where(np.arange(4) < 2, 1.05 * (distance(place + beside) - distance(place)), -7.0)
     moved = with_ranges(world, wrong * LATE)
     state, _ = run(frames_of(moved._replace(arrived=world.arrived & ~silent)))
-    assert (np.asarray(state.fix.refused_in_a_row)[2:] > 0).all()
-    assert int(state.fix.given_in) == 0
+    assert (np.asarray(state.fix.beacon_rejected_in_a_row)[2:] > 0).all()
+    assert int(state.fix.restarts) == 0
 
 
 @pytest.mark.parametrize("patience", [1, 5, 17])

@@ -46,7 +46,7 @@ def test_covariance_is_that_of_repeated_noise():
     for _ in range(300):
         scale = 0.05 + 0.02 * rng.standard_normal()
         exact = ranges_of(place, 0.0, scale)
-        noisy = RecentRanges(exact.beacon, exact.range + SIGMA * rng.standard_normal(KEPT), exact.since, exact.refused)
+        noisy = RecentRanges(exact.beacon, exact.range + SIGMA * rng.standard_normal(KEPT), exact.since, exact.rejected)
         found = FIT(noisy, 12)
         errors.append(np.asarray(found.q) - [0.0, *place, scale])
         chi_squares.append(float(found.chi_square))
@@ -61,7 +61,7 @@ def test_outliers_do_not_agree():
     one, all_of_them = exact.range.copy(), exact.range + 5.0
     one[4] += 3.0
     for spoilt in (one, all_of_them):
-        found = FIT(RecentRanges(exact.beacon, spoilt, exact.since, exact.refused), 12)
+        found = FIT(RecentRanges(exact.beacon, spoilt, exact.since, exact.rejected), 12)
         assert float(found.chi_square) > 4 * float(found.freedom)
 
 
@@ -70,7 +70,7 @@ def test_too_few_ranges_do_not_agree():
     assert not np.isfinite(float(FIT(recent, 12).chi_square))
     exact = ranges_of(np.array([3.0, -4.0]), 0.0)
     eleven = np.where(np.arange(KEPT) < 11, exact.range, 0.0)
-    assert not np.isfinite(float(FIT(RecentRanges(exact.beacon, eleven, exact.since, exact.refused), 12).chi_square))
+    assert not np.isfinite(float(FIT(RecentRanges(exact.beacon, eleven, exact.since, exact.rejected), 12).chi_square))
 
 
 def test_ranges_move_with_the_vehicle_and_the_oldest_is_forgotten():
@@ -80,7 +80,7 @@ def test_ranges_move_with_the_vehicle_and_the_oldest_is_forgotten():
         recent = add(recent, k % 4, 10.0 + k, np.zeros(2), k % 3 == 0)
     np.testing.assert_array_equal(recent.range, 10.0 + np.arange(KEPT + 1, 1, -1))
     np.testing.assert_array_equal(recent.since, np.outer(np.arange(KEPT), [1.0, -2.0]))
-    np.testing.assert_array_equal(recent.refused, np.arange(KEPT + 1, 1, -1) % 3 == 0)
+    np.testing.assert_array_equal(recent.rejected, np.arange(KEPT + 1, 1, -1) % 3 == 0)
     np.testing.assert_array_equal(recent.beacon, np.arange(KEPT + 1, 1, -1) % 4)
 
 

@@ -45,7 +45,7 @@ def test_a_filter_that_most_contradict_is_lost():
     fix, (moved, _, lost) = pings(*[(0, 0, 0, 1)] * 4)
     assert lost
     assert not moved.any()
-    assert int(fix.mostly_refused) == 4
+    assert int(fix.rejected_pings_in_a_row) == 4
 
 
 def test_half_of_the_beacons_for_long_is_a_lost_filter_too():

@@ -47,7 +47,7 @@ def test_flights_come_in_order_over_both_sectors():
     assert [r.t for r in first] == [0.1, 0.2, 0.3]
     assert [r.mode for r in first] == ["computer"] * 3
     (last,) = second
-    assert (last.wanted_rpm, last.speed_rpm, last.late, last.armed) == (-6000, -5970, 7, True)
+    assert (last.rpm_command, last.speed_rpm, last.late, last.armed) == (-6000, -5970, 7, True)
     assert last.pulses == pytest.approx({"rudder": 1.4e-3, "thrust fan": 1.2e-3, "lift fan": 2.0e-3})
     assert last.command_age == pytest.approx(0.04)
 
@@ -71,7 +71,7 @@ def test_pulses_are_named_after_the_command_of_the_vehicle():
     pulses = [100, 1 | 1 << 8 | 1 << 16, 2400 | 3100 << 16, 2900 | 3600 << 16, 40 << 16, 7]
     ((row,),) = read_black_box(sector_bytes(1, [pulses]) + b"\xff" * SECTOR, names)
     assert row.pulses == pytest.approx({"elevator": 1.2e-3, "aileron": 1.55e-3, "rudder": 1.45e-3, "throttle": 1.8e-3})
-    assert (row.wanted_rpm, row.speed_rpm, row.command_age) == (None, None, pytest.approx(0.04))
+    assert (row.rpm_command, row.speed_rpm, row.command_age) == (None, None, pytest.approx(0.04))
 
 
 def test_more_outputs_than_a_record_has_are_refused():

@@ -73,9 +73,9 @@ def noise_calibration(
     own, of_sensor = _sensor_numbers(TRIADS[triad], axes)
     entries = {name: Entry(value, unit, error, **about) for name, (value, unit, error) in own.items()}
     dt = float(next(iter(axes.values())).sampling_period) if step is None else step
-    believed, of_filter = _filter_numbers(triad, axes, dt)
-    entries |= {name: Entry(value, unit, error, **about) for name, (value, unit, error) in believed.items()}
-    if believed:
+    assumed, of_filter = _filter_numbers(triad, axes, dt)
+    entries |= {name: Entry(value, unit, error, **about) for name, (value, unit, error) in assumed.items()}
+    if assumed:
         entries[f"{triad}.step"] = Entry(dt, "s", **about)
     return NoiseCalibration(Calibration(entries), (*_compare_axes(triad, axes), *of_sensor, *of_filter))
 

@@ -347,4 +347,4 @@ def _coast(form: InertialForm, node: Any, age: Any) -> tuple[Any, Any, Any]:
     """
     still = form.belief(node).x[5:]  # reading of the IMU at constant velocity and heading
     coasted = form.propagate(replace(node, imu_reading=still), age, still, jnp.ones(2))
-    return coasted, still[0], form.noise.gyro + form.noise.doubtful_rate**2
+    return coasted, still[0], form.noise.gyro + form.noise.untrusted_rate**2

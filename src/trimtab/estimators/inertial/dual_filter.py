@@ -55,10 +55,10 @@ class InertialNoise:
     position: Scalar = quantity(
         "m^2", "Variance of each coordinate of a position fix.", default=5.6e-4, above=0, source=TABLE
     )
-    doubtful_rate: Scalar = quantity(
+    untrusted_rate: Scalar = quantity(
         "rad/sqrt(s)", "Random walk of the heading while the gyro cannot be trusted.", default=1.0, low=0
     )
-    doubtful_force: Scalar = quantity(
+    untrusted_force: Scalar = quantity(
         "m/s/sqrt(s)", "Random walk of the velocity while the accelerometers cannot be trusted.", default=2.0, low=0
     )
     heading_constant: Scalar = quantity(
@@ -92,7 +92,7 @@ class InertialNoise:
             white, walk = white * (dt / tick), walk * (dt / tick)
         else:
             white, walk = white * (tick * dt), walk * dt
-        lost = jnp.stack([self.doubtful_rate * untrusted[0], self.doubtful_force * untrusted[1]])
+        lost = jnp.stack([self.untrusted_rate * untrusted[0], self.untrusted_force * untrusted[1]])
         white = white + dt * jnp.stack([lost[0] ** 2, lost[1] ** 2, lost[1] ** 2])
         return jnp.stack([white[0], walk[0], white[1], white[2], walk[1], walk[2]])
 

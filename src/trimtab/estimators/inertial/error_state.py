@@ -40,8 +40,8 @@ ZERO = (0.0, 0.0, 0.0)
 class SpatialNoise:
     """Noise of the IMU and, if raw ranges are used, of the receiver's clock.
 
-    The values are densities of white noise, as in the inertial unit's error model. The fields doubtful_... are used for
-    saturated samples and for gaps.
+    The values are densities of white noise, as in the inertial unit's error model. The fields untrusted_... are used
+    for saturated samples and for gaps.
     Source: docs page, Gnss and inertial; the defaults suit `Imu` with the errors of a good MEMS unit.
     """
 
@@ -49,8 +49,10 @@ class SpatialNoise:
     force: Scalar = quantity("m/s^2/Hz^0.5", "White noise of the accelerometers.", default=2e-3, above=0)
     gyro_walk: Scalar = quantity("rad/s/s^0.5", "Random walk of the gyros' biases.", default=1e-5, low=0)
     force_walk: Scalar = quantity("m/s^2/s^0.5", "Random walk of the accelerometers' biases.", default=2e-4, low=0)
-    doubtful_rate: Scalar = quantity("rad/s", "Standard deviation of an untrusted angular rate.", default=0.5, low=0)
-    doubtful_force: Scalar = quantity("m/s^2", "Standard deviation of an untrusted specific force.", default=5.0, low=0)
+    untrusted_rate: Scalar = quantity("rad/s", "Standard deviation of an untrusted angular rate.", default=0.5, low=0)
+    untrusted_force: Scalar = quantity(
+        "m/s^2", "Standard deviation of an untrusted specific force.", default=5.0, low=0
+    )
     clock: Scalar = quantity("m/s^0.5", "White noise of the receiver's clock rate.", default=0.1, low=0)
     clock_walk: Scalar = quantity("m/s^1.5", "Random walk of the receiver's clock drift.", default=0.05, low=0)
 
@@ -185,8 +187,8 @@ def transition(R_WB: Any, one: Increment) -> Any:
 
 def process_noise(noise: SpatialNoise, T: Any, untrusted: Any, n: int) -> Any:
     """Return the process noise (n, n) added in T (s). The IMU was not trusted for `untrusted` seconds of T."""
-    gyro = noise.gyro**2 * T + (noise.doubtful_rate * untrusted) ** 2
-    force = noise.force**2 * T + (noise.doubtful_force * untrusted) ** 2
+    gyro = noise.gyro**2 * T + (noise.untrusted_rate * untrusted) ** 2
+    force = noise.force**2 * T + (noise.untrusted_force * untrusted) ** 2
     three = jnp.ones(3)
     own = [gyro, force, force * T * T / 3, noise.gyro_walk**2 * T, noise.force_walk**2 * T]
     diagonal = [v * three for v in own]

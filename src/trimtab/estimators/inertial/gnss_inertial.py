@@ -81,7 +81,7 @@ class GnssFix:
         "1", "Number of rejected measurements. Raw ranges count as rejected if every range was rejected.", kind="count"
     )
     rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last used one.", kind="count")
-    given_in: Scalar = quantity(
+    forced: Scalar = quantity(
         "1",
         "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
         kind="count",
@@ -189,7 +189,7 @@ class GnssInertial:
     )
     satellites: int = option("Number of satellites in one measurement of raw ranges.", default=8)
     slots: int = option("Number of IMU samples stored. They must cover the delay, with a reserve.", default=176)
-    carried: int = option("Number of IMU samples per propagation of the covariance.", default=20)
+    samples_per_update: int = option("Number of IMU samples per propagation of the covariance.", default=20)
 
     @property
     def listens(self) -> tuple[str, ...]:
@@ -205,10 +205,10 @@ class GnssInertial:
         """Raise InputError if a number of samples is too small or a sensor name is used twice."""
         if self.slots < 2:
             raise InputError("slots", f"must be at least 2, got {self.slots}", fix="set slots above delay / IMU period")
-        if self.carried < 1:
+        if self.samples_per_update < 1:
             raise InputError(
-                "carried",
-                f"the number of IMU samples must be at least 1, got {self.carried}",
+                "samples_per_update",
+                f"the number of IMU samples must be at least 1, got {self.samples_per_update}",
                 fix="give 1 or more, e.g. 20",
             )
         if self.imu == self.gnss:
@@ -236,7 +236,9 @@ class GnssInertial:
         """Return the new state and the estimate, a SpatialNavigationState, at integer time t."""
         state, fresh = _receive(self, t, state, frame)
         state = lax.while_loop(lambda s: is_due(s.window, self.delay), lambda s: _follow(self, s), state)
-        state = lax.cond(fresh & (state.since == self.carried // 2), lambda: _tell_sigmas(self, state), lambda: state)
+        state = lax.cond(
+            fresh & (state.since == self.samples_per_update // 2), lambda: _tell_sigmas(self, state), lambda: state
+        )
         begun = state.window.last > NEVER
         silent = begun & (t - state.window.last > self.gap)
         age = jnp.where(begun, to_seconds(t - state.window.last), 0.0)
@@ -307,7 +309,7 @@ def _follow(form: GnssInertial, state: GnssInertialState) -> GnssInertialState:
     x = propagate(state.nominal, one.imu_reading[:3], one.imu_reading[3:], one.dt, one.untrusted, gravity)
     since = (state.since + 1).astype(np.int32)
     comes = (state.fixes.count > 0) & (state.fixes.t[state.fixes.head] <= one.t)
-    carries = comes | (since >= form.carried)
+    carries = comes | (since >= form.samples_per_update)
     x = lax.cond(carries, lambda: catch_up(x, form.noise), lambda: x)
     since = jnp.where(carries, 0, since).astype(np.int32)
     state = replace(state, nominal=x, t=one.t, since=since, window=window)
@@ -345,7 +347,7 @@ def _correct(form: GnssInertial, state: GnssInertialState, longest: Any) -> Gnss
         used=increment(fix.used, taken),
         rejected=increment(fix.rejected, refused),
         rejected_in_a_row=row,
-        given_in=increment(fix.given_in, taken & gives),
+        forced=increment(fix.forced, taken & gives),
         late=increment(fix.late, ~usable),
     )
     after = tree_where(taken, put_error_in(x, fusion.error, fusion.P), x)

@@ -29,7 +29,7 @@ class HeadingFix:
     rejected_in_a_row: Scalar = quantity(
         "1", "Number of measurements rejected since the last accepted one.", kind="count"
     )
-    given_in: Scalar = quantity(
+    forced: Scalar = quantity(
         "1",
         "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
         kind="count",
@@ -50,7 +50,7 @@ class PositionFix:
     rejected_in_a_row: Scalar = quantity(
         "1", "Number of measurements rejected since the last accepted one.", kind="count"
     )
-    given_in: Scalar = quantity(
+    forced: Scalar = quantity(
         "1",
         "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
         kind="count",
@@ -172,7 +172,7 @@ def fuse_measurement(
     correction = update(x, wider, y, H, R, gate=jnp.where(gives, NO_GATE, gate), consider=consider)
     correction = correction._replace(P=jnp.where(correction.accepted, correction.P, P))
     fix = count_measurement(fix, correction, sign)
-    return correction, replace(fix, given_in=increment(fix.given_in, gives & correction.accepted))
+    return correction, replace(fix, forced=increment(fix.forced, gives & correction.accepted))
 
 
 def count_measurement(fix: Any, correction: Update, sign: float = 1.0) -> Any:

@@ -112,11 +112,13 @@ class RadioFix:
     normalised: Any = quantity("1", "Range innovations divided by their standard deviations.")
     nis: Any = quantity("1", "NIS of each beacon's range.")
     accepted: Any = quantity("1", "True for each beacon whose range was used.", kind="flag")
-    refused_in_a_row: Any = quantity("1", "Rejected ranges of each beacon since the last accepted one.", kind="count")
+    beacon_rejected_in_a_row: Any = quantity(
+        "1", "Rejected ranges of each beacon since the last accepted one.", kind="count"
+    )
     used: Scalar = quantity("1", "Number of ranges used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
     rejected_in_a_row: Scalar = quantity("1", "Number of ranges rejected since the last accepted range.", kind="count")
-    given_in: Scalar = quantity(
+    restarts: Scalar = quantity(
         "1",
         "Number of restarts of the pose from ranges that agree with each other.",
         kind="count",
@@ -328,14 +330,14 @@ def fuse_range(form: Any, s: OdometryState, i: Any, z: Any, ahead: Any) -> Odome
     y, H, R = (z - at.range)[None], at.H[None], jnp.reshape(e.noise**2, (1, 1))
     new = update(s.x, s.P, y, H, R, gate=e.gate)
     used, me = new.accepted, jnp.arange(fix.nis.shape[0]) == i
-    refused = jnp.where(used, 0, fix.refused_in_a_row + 1)
+    refused = jnp.where(used, 0, fix.beacon_rejected_in_a_row + 1)
     fix = replace(
         fix,
         innovation=jnp.where(me, new.innovation[0], fix.innovation),
         normalised=jnp.where(me, new.innovation[0] / jnp.sqrt(new.S[0, 0]), fix.normalised),
         nis=jnp.where(me, new.nis, fix.nis),
         accepted=jnp.where(me, used, fix.accepted),
-        refused_in_a_row=jnp.where(me, refused, fix.refused_in_a_row).astype(np.int32),
+        beacon_rejected_in_a_row=jnp.where(me, refused, fix.beacon_rejected_in_a_row).astype(np.int32),
         used=increment(fix.used, used),
         rejected=increment(fix.rejected, ~used),
         rejected_in_a_row=jnp.where(used, 0, fix.rejected_in_a_row + 1).astype(np.int32),
@@ -347,8 +349,8 @@ def fuse_range(form: Any, s: OdometryState, i: Any, z: Any, ahead: Any) -> Odome
     first = jnp.argmax(counts)
     second = jnp.max(jnp.where(jnp.arange(me.shape[0]) == first, 0, counts))
     others = jnp.sum(counts) - counts[first] - second
-    doubted = jnp.sum((counts > 0) & (fix.refused_in_a_row > 0)) >= DOUBTED_MIN
-    doubted = doubted & (e.patience > 0) & (2 * jnp.sum(s.recent.refused & newest) > number)
+    doubted = jnp.sum((counts > 0) & (fix.beacon_rejected_in_a_row > 0)) >= DOUBTED_MIN
+    doubted = doubted & (e.patience > 0) & (2 * jnp.sum(s.recent.rejected & newest) > number)
     return lax.cond(doubted & (others >= OTHERS_MIN), lambda: restart_pose(form, s, number), lambda: s)
 
 
@@ -369,11 +371,11 @@ def restart_pose(form: Any, s: OdometryState, number: Any) -> OdometryState:
         P=P0,
         fix=replace(
             fix,
-            given_in=increment(fix.given_in, True),
-            refused_in_a_row=jnp.zeros_like(fix.refused_in_a_row),
+            restarts=increment(fix.restarts, True),
+            beacon_rejected_in_a_row=jnp.zeros_like(fix.beacon_rejected_in_a_row),
             rejected_in_a_row=jnp.zeros_like(fix.rejected_in_a_row),
         ),
-        recent=replace(s.recent, range=jnp.zeros(KEPT), refused=jnp.zeros(KEPT, bool)),
+        recent=replace(s.recent, range=jnp.zeros(KEPT), rejected=jnp.zeros(KEPT, bool)),
     )
     return tree_where(fit.chi_square <= AGREEMENT * fit.freedom, again, s)
 

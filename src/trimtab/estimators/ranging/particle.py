@@ -54,11 +54,15 @@ class ParticleFix:
     """Statistics of the particles at the newest ping. Source: docs page, Particle filter."""
 
     effective: Scalar = quantity("1", "Effective number of particles, from 1 to N.")
-    believed: Any = quantity("1", "Total weight, 0 to 1, of the particles that accept each beacon's range (n,).")
+    accepting_weight: Any = quantity(
+        "1", "Total weight, 0 to 1, of the particles that accept each beacon's range (n,)."
+    )
     used: Scalar = quantity("1", "Number of pings used so far.", kind="count")
     unit: Scalar = quantity("1", "Index of the vehicle's ultrasonic unit that sent the ping.", kind="count")
     redrawn: Scalar = quantity("1", "Number of times the particles were resampled.", kind="count")
-    doubted: Scalar = quantity("1", "Number of consecutive pings whose ranges most particles rejected.", kind="count")
+    rejected_pings_in_a_row: Scalar = quantity(
+        "1", "Number of consecutive pings whose ranges most particles rejected.", kind="count"
+    )
     tracking: Scalar = quantity("1", "True while the filter has particles; False before a start.", kind="flag")
     starts: Scalar = quantity(
         "1", "Number of starts, i.e. of times the particles were drawn from scratch.", kind="count"
@@ -112,8 +116,10 @@ class Particle:
     beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
     units: Any = quantity("m", "Positions of the vehicle's ultrasonic units (m, 3).", default=PAIR, frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
-    wrong: Scalar = quantity("1", "Probability that a range is an outlier.", default=0.05, above=0, high=0.9)
-    width: Scalar = quantity("m", "Width of the uniform distribution of outliers.", default=6.0, above=0)
+    outlier_probability: Scalar = quantity(
+        "1", "Probability that a range is an outlier.", default=0.05, above=0, high=0.9
+    )
+    outlier_width: Scalar = quantity("m", "Width of the uniform distribution of outliers.", default=6.0, above=0)
     share: Scalar = quantity(
         "1",
         "Fraction of each particle's heading variance that resampling turns into spread between particles.",
@@ -124,10 +130,10 @@ class Particle:
     start_sigma: Scalar = quantity(
         "m", "Standard deviation of the two ranges from which a particle is drawn.", default=0.03, above=0
     )
-    sure: Scalar = quantity(
+    sigma_valid: Scalar = quantity(
         "m", "Largest standard deviation of the position for which the estimate is valid.", default=0.3, above=0
     )
-    sure_heading: Scalar = quantity(
+    sigma_heading_valid: Scalar = quantity(
         "rad", "Largest standard deviation of the heading for which the estimate is valid.", default=0.5, above=0
     )
     patience: Scalar = quantity(
@@ -199,21 +205,23 @@ def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: Preint
     )
     learns = jnp.concatenate([jnp.ones(DIMENSION + 1), jnp.zeros(n)])
     geometry = unit_geometry(form, unit)
-    updated_cloud, believed = update_cloud(cloud, ranges, geometry, form.errors, form.wrong, form.width, learns)
+    updated_cloud, accepting_weight = update_cloud(
+        cloud, ranges, geometry, form.errors, form.outlier_probability, form.outlier_width, learns
+    )
     few = effective_sample_size(updated_cloud.weight) < form.N / 2
     comb, _ = uniform2(s.key, number, COMB)
     cloud = lax.cond(few, lambda: resample(updated_cloud, comb, z, form.share), lambda: updated_cloud)
     # the tolerance 0.01 keeps rounding errors from deciding the case in which exactly half is accepted
-    mostly = jnp.sum(jnp.where(replies, believed, 0.0)) > jnp.sum(replies) / 2 - 0.01
-    doubt = jnp.where(mostly, 0, s.fix.doubted + 1)
+    mostly = jnp.sum(jnp.where(replies, accepting_weight, 0.0)) > jnp.sum(replies) / 2 - 0.01
+    doubt = jnp.where(mostly, 0, s.fix.rejected_pings_in_a_row + 1)
     lost = (form.patience > 0) & (doubt >= form.patience)
     fix = ParticleFix(
         effective=effective_sample_size(updated_cloud.weight),
-        believed=believed,
+        accepting_weight=accepting_weight,
         used=increment(s.fix.used, alive),
         unit=unit,
         redrawn=increment(s.fix.redrawn, few & alive),
-        doubted=jnp.where(lost, 0, doubt).astype(np.int32),
+        rejected_pings_in_a_row=jnp.where(lost, 0, doubt).astype(np.int32),
         tracking=alive & ~lost,
         starts=increment(s.fix.starts, starts),
         scale=cloud.weight @ cloud.x[:, DIMENSION],
@@ -274,9 +282,9 @@ def _cloud_estimate(form: Particle, t: Any, s: ParticleState, fresh: Any) -> Est
     mean, P = predict_particle(mean, P, still, motion_covariance(form.noise, mean[0], still))
     belief = Belief(mean[:DIMENSION], P[:DIMENSION, :DIMENSION])
     rate = jnp.where(silent, mean[5], s.history.imu_reading[-1, 0])
-    variance = form.noise.gyro + jnp.where(silent, form.noise.doubtful_rate**2, 0.0)
+    variance = form.noise.gyro + jnp.where(silent, form.noise.untrusted_rate**2, 0.0)
     kinematics = reference_kinematics(belief, rate, variance, form.arms)
-    sure = (jnp.sqrt(P[3, 3] + P[4, 4]) <= form.sure) & (jnp.sqrt(P[0, 0]) <= form.sure_heading)
+    sure = (jnp.sqrt(P[3, 3] + P[4, 4]) <= form.sigma_valid) & (jnp.sqrt(P[0, 0]) <= form.sigma_heading_valid)
     state = NavigationState(
         **kinematics,
         heading_fix=None,

@@ -127,14 +127,20 @@ def predict_cloud(cloud: Cloud, m: PreintegratedMotion, noise: InertialNoise) ->
 
 
 def update_cloud(
-    cloud: Cloud, ranges: Any, g: Geometry, errors: RangeErrorModel, wrong: Any, width: Any, learns: Any
+    cloud: Cloud,
+    ranges: Any,
+    g: Geometry,
+    errors: RangeErrorModel,
+    outlier_probability: Any,
+    outlier_width: Any,
+    learns: Any,
 ) -> tuple[Cloud, Any]:
     """Return the cloud with all particles updated and weighted by the ranges of a ping.
 
     The second result is the total weight of the particles that accept each range (n,). Ranges (n,) that did not arrive
     are 0. The likelihood of a range is
 
-        p(z) = (1 - wrong) N(innovation; 0, S) + wrong / width
+        p(z) = (1 - outlier_probability) N(innovation; 0, S) + outlier_probability / outlier_width
 
     A range outside a particle's gate reduces the particle's weight, but does not correct its state. The particles are
     processed one after another, so that compiled code needs scratch memory for one particle only.
@@ -152,8 +158,10 @@ def update_cloud(
             correction = update(x, P, (z - at.range - mean)[None], at.H[None], R, gate=errors.gate, consider=learns)
             use = (z > 0) & correction.accepted
             S = correction.S[0, 0]
-            right = (1 - wrong) * jnp.exp(-jnp.minimum(correction.nis, 700.0) / 2) / jnp.sqrt(2 * np.pi * S)
-            log = log + jnp.where(z > 0, jnp.log(right + wrong / width), 0.0)
+            right = (
+                (1 - outlier_probability) * jnp.exp(-jnp.minimum(correction.nis, 700.0) / 2) / jnp.sqrt(2 * np.pi * S)
+            )
+            log = log + jnp.where(z > 0, jnp.log(right + outlier_probability / outlier_width), 0.0)
             return (jnp.where(use, correction.x, x), jnp.where(use, correction.P, P), log), use
 
         (x, P, log), used = lax.scan(each, (x, P, jnp.zeros(())), (jnp.arange(ranges.shape[0]), ranges))

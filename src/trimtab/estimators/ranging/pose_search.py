@@ -39,7 +39,7 @@ class RecentRanges:
     beacon: Any = quantity("1", "Index of the beacon of each range (k,).", kind="count")
     range: Any = quantity("m", "Measured ranges (k,); 0 in an unused entry.")
     since: Any = quantity("m", "Displacement since each range was measured, north and east (k, 2).", frame="W")
-    refused: Any = quantity("1", "True for each range that the filter rejected (k,).", kind="flag")
+    rejected: Any = quantity("1", "True for each range that the filter rejected (k,).", kind="flag")
 
 
 class PoseFit(NamedTuple):
@@ -61,7 +61,7 @@ def no_recent_ranges() -> RecentRanges:
     return RecentRanges(np.zeros(KEPT, np.int32), np.zeros(KEPT), np.zeros((KEPT, 2)), np.zeros(KEPT, bool))
 
 
-def remember_range(recent: RecentRanges, i: Any, z: Any, since: Any, refused: Any) -> RecentRanges:
+def remember_range(recent: RecentRanges, i: Any, z: Any, since: Any, rejected: Any) -> RecentRanges:
     """Return the newest ranges with a range z (m) to beacon i added and the oldest removed.
 
     since: displacement since the range was measured (2,) (m).
@@ -71,7 +71,7 @@ def remember_range(recent: RecentRanges, i: Any, z: Any, since: Any, refused: An
         return jnp.concatenate([jnp.asarray(new, old.dtype)[None], old[:-1]])
 
     return RecentRanges(
-        push(i, recent.beacon), push(z, recent.range), push(since, recent.since), push(refused, recent.refused)
+        push(i, recent.beacon), push(z, recent.range), push(since, recent.since), push(rejected, recent.rejected)
     )
 
 

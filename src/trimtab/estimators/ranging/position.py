@@ -149,7 +149,7 @@ class RangingPosition:
         above=0,
         high=1.5,
     )
-    usual_jump: Scalar = quantity("m", "Typical distance between consecutive fixes.", default=0.2, above=0)
+    typical_step: Scalar = quantity("m", "Typical distance between consecutive fixes.", default=0.2, above=0)
     dilution_limit: Scalar = quantity("1", "Largest accepted dilution of precision.", default=10.0, above=0)
     frozen_after: Scalar = quantity(
         "1",
@@ -270,7 +270,7 @@ class RangingPosition:
         away = without.place[:, None, :] - plan
         wide = away[:, :, 0] ** 2 + away[:, :, 1] ** 2 > (height * jnp.tan(self.cone_limit)) ** 2
         fits = usable & (without.residual <= self.residual_limit) & ~jnp.any(rest & wide, axis=1)
-        jump = ((without.place[:, 0] - near[0]) ** 2 + (without.place[:, 1] - near[1]) ** 2) / self.usual_jump**2
+        jump = ((without.place[:, 0] - near[0]) ** 2 + (without.place[:, 1] - near[1]) ** 2) / self.typical_step**2
         cost = (4.0 * without.residual / self.residual_limit) ** 2 + jnp.where(known, jump, 0.0)
         wrong = jnp.argmin(jnp.where(fits, cost, jnp.inf))
         agrees = every.residual <= self.residual_limit

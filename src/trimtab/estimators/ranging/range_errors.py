@@ -85,7 +85,7 @@ class RangeFix:
     normalised: Any = quantity("1", "Range innovations divided by their standard deviations.")
     nis: Any = quantity("1", "NIS of each beacon's range.")
     accepted: Any = quantity("1", "True for each beacon whose range was used.", kind="flag")
-    refused_in_a_row: Any = quantity(
+    beacon_rejected_in_a_row: Any = quantity(
         "1", "Number of ranges of each beacon rejected since its last accepted range.", kind="count"
     )
     moved: Any = quantity("1", "True for each beacon found to have moved from its surveyed position.", kind="flag")
@@ -100,7 +100,7 @@ class RangeFix:
     agreed_in_a_row: Any = quantity(
         "1", "Number of consecutive ranges of a moved beacon that agreed with its surveyed position.", kind="count"
     )
-    mostly_refused: Scalar = quantity(
+    rejected_pings_in_a_row: Scalar = quantity(
         "1", "Number of consecutive pings in which most ranges were rejected.", kind="count"
     )
     tracking: Scalar = quantity(
@@ -124,7 +124,7 @@ def count_ranges(fix: RangeFix, replies: Any, correction: Any, errors: RangeErro
     """
     refused = replies & ~correction.accepted
     sigma = jnp.sqrt(jnp.maximum(correction.variance, 1e-300))
-    in_a_row = jnp.where(correction.accepted, 0, jnp.minimum(fix.refused_in_a_row + refused, 2**30))
+    in_a_row = jnp.where(correction.accepted, 0, jnp.minimum(fix.beacon_rejected_in_a_row + refused, 2**30))
     surveyed = jnp.maximum(correction.variance - errors.moved**2, errors.noise**2)
     fits = correction.innovation**2 <= errors.gate * surveyed
     agreed = jnp.where(replies & fix.moved, jnp.where(fits, fix.agreed_in_a_row + 1, 0), fix.agreed_in_a_row)
@@ -137,13 +137,13 @@ def count_ranges(fix: RangeFix, replies: Any, correction: Any, errors: RangeErro
         normalised=correction.innovation / sigma,
         nis=correction.nis,
         accepted=correction.accepted,
-        refused_in_a_row=in_a_row.astype(np.int32),
+        beacon_rejected_in_a_row=in_a_row.astype(np.int32),
         agreed_in_a_row=agreed.astype(np.int32),
         used=(fix.used + jnp.sum(correction.accepted)).astype(np.int32),
         rejected=(fix.rejected + jnp.sum(refused)).astype(np.int32),
-        mostly_refused=jnp.where(some, jnp.where(mostly, fix.mostly_refused + 1, 0), fix.mostly_refused).astype(
-            np.int32
-        ),
+        rejected_pings_in_a_row=jnp.where(
+            some, jnp.where(mostly, fix.rejected_pings_in_a_row + 1, 0), fix.rejected_pings_in_a_row
+        ).astype(np.int32),
     )
 
 
@@ -154,8 +154,8 @@ def diagnose_beacons(fix: RangeFix, errors: RangeErrorModel) -> tuple[Any, Any, 
     lost if most ranges are rejected for a long time, or if at least half of the beacons are rejected repeatedly.
     """
     asks = jnp.asarray(errors.patience) > 0
-    long = fix.refused_in_a_row >= errors.patience
-    several = 2 * jnp.sum(2 * fix.refused_in_a_row >= errors.patience) >= fix.accepted.shape[0]
-    lost = asks & ((fix.mostly_refused >= errors.patience) | (jnp.any(long) & several))
+    long = fix.beacon_rejected_in_a_row >= errors.patience
+    several = 2 * jnp.sum(2 * fix.beacon_rejected_in_a_row >= errors.patience) >= fix.accepted.shape[0]
+    lost = asks & ((fix.rejected_pings_in_a_row >= errors.patience) | (jnp.any(long) & several))
     forgiven = fix.moved & (fix.agreed_in_a_row >= FORGIVENESS_FACTOR * errors.patience)
     return asks & long & ~several & ~fix.moved, forgiven, lost

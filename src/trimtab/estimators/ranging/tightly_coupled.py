@@ -258,8 +258,8 @@ def update_running(form: TightlyCoupled, node: TightNode, ranges: Any, unit: Any
         fix,
         moved=(fix.moved | moved) & ~forgiven,
         agreed_in_a_row=jnp.where(moved | forgiven, 0, fix.agreed_in_a_row).astype(np.int32),
-        refused_in_a_row=jnp.where(moved | lost, 0, fix.refused_in_a_row).astype(np.int32),
-        mostly_refused=jnp.where(lost, 0, fix.mostly_refused).astype(np.int32),
+        beacon_rejected_in_a_row=jnp.where(moved | lost, 0, fix.beacon_rejected_in_a_row).astype(np.int32),
+        rejected_pings_in_a_row=jnp.where(lost, 0, fix.rejected_pings_in_a_row).astype(np.int32),
         tracking=~lost,
     )
     P = jnp.where(lost, _replace_pose_covariance(jnp.diag(form.start.variances()[:5]), P), P)

@@ -34,7 +34,7 @@ class FlightRecord(NamedTuple):
     """True while the firmware obeys a command."""
     pulses: Mapping[str, float]
     """Name of each output -> its pulse width (s). The outputs are those of the vehicle's command, or of a fan drive."""
-    wanted_rpm: int | None
+    rpm_command: int | None
     """Set-point of the fan's speed (rpm). This field and `speed_rpm` are None for a board without a fan drive."""
     speed_rpm: int | None
     command_age: float
@@ -110,7 +110,7 @@ def _flight_record(words: list[int], outputs: Sequence[str]) -> FlightRecord:
         armed=bool(state >> 16 & 1),
         commanded=bool(state >> 17 & 1),
         pulses={name: count / PULSE_COUNTS_PER_SECOND for name, count in zip(outputs, counts, strict=False)},
-        wanted_rpm=wanted if is_fan else None,
+        rpm_command=wanted if is_fan else None,
         speed_rpm=speed if is_fan else None,
         command_age=age * 1e-3,
         late=late,

@@ -255,7 +255,7 @@ def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[Blo
         return [block_text(failsafe, real)]
     zero = np.float64(0.0)
     doc = "Speed of the thrust fan: counts in, duty out; every 10 ms."
-    speed = SpeedRegulatorInput(wanted_rpm=zero, count=np.int32(0))
+    speed = SpeedRegulatorInput(rpm_command=zero, count=np.int32(0))
     fan = driven_fan(scenario)
     regulator = timed_block("speed_regulator", doc, fan.regulator, speed)
     return [block_text(block, real) for block in (failsafe, regulator, motor_block(fan))]

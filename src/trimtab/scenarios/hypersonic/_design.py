@@ -120,7 +120,7 @@ def certified_system(
         raise InputError(
             "mode_error", f"must be within 0 to 0.2, got {mode_error:g}", fix="give 0 for exact modal frequencies"
         )
-    craft = _believed_craft(kmode)
+    craft = _assumed_craft(kmode)
     linear, level = error_model(craft, h_ft, V_ft_per_s)
     trimmed = dict(zip(("alpha_rad", "Phi", "delta_e_rad"), map(float, (level.x[2], *level.u)), strict=True))
     A, B = error_matrices(linear, integral=integral == "true")
@@ -151,7 +151,7 @@ def certified_system(
 
 
 @lru_cache(maxsize=len(KMODES))
-def _believed_craft(kmode: str) -> Hypersonic:
+def _assumed_craft(kmode: str) -> Hypersonic:
     return NOMINAL if kmode == NOMINAL.modes.kmode else replace(NOMINAL, modes=replace(NOMINAL.modes, kmode=kmode))
 
 

@@ -67,7 +67,7 @@ def hypersonic_scenario(
     duration_s: float,
     *,
     plant: Hypersonic | None = None,
-    believed: Hypersonic = NOMINAL,
+    assumed: Hypersonic = NOMINAL,
     filter: Filter = "tuned",
     internal: Internal = "noncausal",
     noise: Noise = "off",
@@ -83,7 +83,7 @@ def hypersonic_scenario(
         climb: command of altitude and speed.
         duration_s: duration of the flight (s).
         plant: the simulated vehicle. Default: equal to the law's vehicle model.
-        believed: the vehicle model used by law, gain, filter and the table of internal states.
+        assumed: the vehicle model used by law, gain, filter and the table of internal states.
         filter: settings of the filter that estimates the modes.
         internal: source of the desired internal states.
         noise: "on" adds noise to the angular accelerometer, with a standard deviation of 0.01 rad/s^2 per sample.
@@ -92,8 +92,8 @@ def hypersonic_scenario(
         truth: world model.
         K: gain (2, 9) that replaces the designed gain. With K, integrals are not fed back.
     """
-    flown = plant or believed
-    start = level_trim(believed, climb.h0, climb.V0)
+    flown = plant or assumed
+    start = level_trim(assumed, climb.h0, climb.V0)
     size = 0.01 if noise == "on" else 0.0
     sensors = {
         "flight": FlightStateSensor(period=TICK),
@@ -111,14 +111,14 @@ def hypersonic_scenario(
     if truth == "plane":
         world = plane_truth(world, size)
     tracking = StableInversion(
-        internal=_make_internal(internal, believed, climb, duration_s),
-        craft=believed,
+        internal=_make_internal(internal, assumed, climb, duration_s),
+        craft=assumed,
         command=climb,
-        **_gain_settings(integral, K, believed),
+        **_gain_settings(integral, K, assumed),
     )
     tracking = replace(tracking, robust=_choose_robust_terms(robust, tracking.robust))
     autopilot = Autopilot(
-        estimator=_make_filter(filter, believed), law=tracking, allocation=DirectAllocation(), period=TICK
+        estimator=_make_filter(filter, assumed), law=tracking, allocation=DirectAllocation(), period=TICK
     )
     return Scenario(
         world=world,
@@ -131,7 +131,7 @@ def hypersonic_scenario(
     )
 
 
-def _make_filter(name: Filter, believed: Hypersonic) -> Any:
+def _make_filter(name: Filter, assumed: Hypersonic) -> Any:
     filters: dict[str, Any] = {
         "tuned": FlexibleModeFilter(),
         "equal": FlexibleModeFilter.with_equal_noise(),
@@ -140,30 +140,30 @@ def _make_filter(name: Filter, believed: Hypersonic) -> Any:
         "none": FlexibleModeFilter(corrects=False),
         "adaptive": AdaptiveFlexibleModeFilter(),
     }
-    return replace(filters[name], craft=believed, period=TICK)
+    return replace(filters[name], craft=assumed, period=TICK)
 
 
-def _make_internal(form: Internal, believed: Hypersonic, climb: FilteredClimb, duration_s: float) -> Any:
+def _make_internal(form: Internal, assumed: Hypersonic, climb: FilteredClimb, duration_s: float) -> Any:
     if form == "quasi-static":
-        return QuasiStaticInternal(craft=believed)
+        return QuasiStaticInternal(craft=assumed)
     if form == "preview":
-        return preview_internal(believed, level_trim(believed, climb.h0, climb.V0))
+        return preview_internal(assumed, level_trim(assumed, climb.h0, climb.V0))
     if form == "sylvester":
-        return sylvester_internal(believed, climb)
+        return sylvester_internal(assumed, climb)
     make = noncausal_table if form == "noncausal" else linear_table
-    return make(believed, climb, duration_s)[0]
+    return make(assumed, climb, duration_s)[0]
 
 
-def _gain_settings(integral: Integral, K: Any, believed: Hypersonic) -> dict[str, Any]:
+def _gain_settings(integral: Integral, K: Any, assumed: Hypersonic) -> dict[str, Any]:
     """Return the given gain, or else the regulator's gain for the vehicle model.
 
     For the nominal vehicle without integrals, return nothing, because the law has this gain by default.
     """
     if K is not None:
         return {"K": K}
-    if integral == "off" and believed is NOMINAL:
+    if integral == "off" and assumed is NOMINAL:
         return {}
-    gain = feedback_gain(error_model(believed)[0], integral=integral == "on").K
+    gain = feedback_gain(error_model(assumed)[0], integral=integral == "on").K
     return {"K": gain[:, :9], "Ki": gain[:, 9:]} if integral == "on" else {"K": gain}
 
 

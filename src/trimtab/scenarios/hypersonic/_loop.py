@@ -60,10 +60,10 @@ def _model_of_filter(kept: FlexibleModeFilter) -> Any:
     return kept.model()
 
 
-def rest_state(plant: Hypersonic, believed: Hypersonic, at: LevelTrim) -> Any:
+def rest_state(plant: Hypersonic, assumed: Hypersonic, at: LevelTrim) -> Any:
     """Return the loop's state (20,) in level flight: plant at its static bending, filter at that of its model."""
     x = plant.level_state(at.h, at.V, at.zeta[0], at.u.delta_e)
-    e1, e2 = believed.modes.static_displacements(at.zeta[0], at.u.delta_e)
+    e1, e2 = assumed.modes.static_displacements(at.zeta[0], at.u.delta_e)
     chi = [at.h, 0.0, at.V, at.zeta[0], 0.0]
     values = [*jax.tree.leaves(x), e1, 0.0, e2, 0.0, *chi, at.u.Phi, at.u.delta_e]
     return np.array([float(value) for value in values])
@@ -81,7 +81,7 @@ def step_period(plant: Any, kept: Any, K: Any, P: Any, at: Any, z: Any, w: Any) 
         z: state of the loop at the start of the period.
         w: noise of the accelerometer (rad/s^2).
     """
-    x, believed = HypersonicState(*z[X]), kept.craft
+    x, assumed = HypersonicState(*z[X]), kept.craft
     before, held = RigidFlight(*z[CHI]), HypersonicInput(*z[U])
     chi = _measured_flight(x)
     model = kept.model()
@@ -90,13 +90,13 @@ def step_period(plant: Any, kept: Any, K: Any, P: Any, at: Any, z: Any, w: Any) 
     ahead, _ = kept.predict(model, still, P, before, held)
     felt = plant.coupled_accelerations(0.0, x, held)[0] + w
     eta = kept.update(model, ahead, P, chi, held, felt).x[:4]
-    u = _demand_input(believed, K, chi, eta, at, z[U.stop :])
+    u = _demand_input(assumed, K, chi, eta, at, z[U.stop :])
     integrals = z[U.stop :] + to_seconds(kept.period) * _integral_rates(K, chi, at)
     after = rk4(lambda t, x: plant.dynamics(t, x, u), 0.0, x, to_seconds(kept.period))
     return jnp.stack([*jax.tree.leaves(after), *eta, *jax.tree.leaves(chi), u.Phi, u.delta_e, *integrals])
 
 
-def continuous_loop(plant: Hypersonic, believed: Hypersonic, K: Any, L: Any, at: LevelTrim) -> Any:
+def continuous_loop(plant: Hypersonic, assumed: Hypersonic, K: Any, L: Any, at: LevelTrim) -> Any:
     """Return A (13, 13), or (15, 15) with integrals: z' = A z of plant, estimate and integrals, in level flight.
 
     For every plant, the loop is linearised at the level flight of the model. There, each entry of A is affine in
@@ -105,36 +105,36 @@ def continuous_loop(plant: Hypersonic, believed: Hypersonic, K: Any, L: Any, at:
 
     Args:
         plant: the simulated vehicle.
-        believed: the vehicle model of filter and law.
+        assumed: the vehicle model of filter and law.
         K: gain (2, 9), or (2, 11) with the integrals of the errors of h and V.
         L: gain of the filter (4, 1).
         at: level flight of the model.
     """
-    start = np.append(rest_state(believed, believed, at)[: ETA.stop], np.zeros(np.shape(K)[1] - 9))
-    return np.asarray(_differentiate_rates(plant, believed, np.asarray(K), np.asarray(L), at, start))
+    start = np.append(rest_state(assumed, assumed, at)[: ETA.stop], np.zeros(np.shape(K)[1] - 9))
+    return np.asarray(_differentiate_rates(plant, assumed, np.asarray(K), np.asarray(L), at, start))
 
 
-def input_slope(believed: Hypersonic, K: Any, at: LevelTrim) -> Any:
+def input_slope(assumed: Hypersonic, K: Any, at: LevelTrim) -> Any:
     """Return the derivative of (Phi, delta_e) by the tracking errors and the estimation errors (2, 13 or 15).
 
     There is one tracking error per column of K, followed by the four estimation errors of the modes.
     """
-    return np.asarray(_differentiate_input(believed, np.asarray(K), at, np.zeros(np.shape(K)[1] + 4)))
+    return np.asarray(_differentiate_input(assumed, np.asarray(K), at, np.zeros(np.shape(K)[1] + 4)))
 
 
-def input_at_errors(believed: Any, K: Any, at: Any, z: Any) -> Any:
+def input_at_errors(assumed: Any, K: Any, at: Any, z: Any) -> Any:
     """Return (Phi, delta_e) that the law demands. z: tracking errors, then eta - eta estimated (4,)."""
     chi = RigidFlight(at.h + z[0], z[1], at.V + z[2], at.zeta[0] + z[3], at.zeta[1] + z[4])
-    u = _demand_input(believed, K, chi, at.zeta[2:] + z[5:9] - z[-4:], at, z[9:-4])
+    u = _demand_input(assumed, K, chi, at.zeta[2:] + z[5:9] - z[-4:], at, z[9:-4])
     return jnp.stack([u.Phi, u.delta_e])
 
 
-def _loop_rates(plant: Any, believed: Any, K: Any, L: Any, at: Any, z: Any) -> Any:
+def _loop_rates(plant: Any, assumed: Any, K: Any, L: Any, at: Any, z: Any) -> Any:
     x, eta = HypersonicState(*z[X]), z[ETA]
     chi = _measured_flight(x)
-    u = _demand_input(believed, K, chi, eta, at, z[ETA.stop :])
-    A, C = modal_dynamics(believed)
-    b, d, rigid = forcing(believed, chi, u)
+    u = _demand_input(assumed, K, chi, eta, at, z[ETA.stop :])
+    A, C = modal_dynamics(assumed)
+    b, d, rigid = forcing(assumed, chi, u)
     felt = plant.coupled_accelerations(0.0, x, u)[0]
     rates = A @ eta + b + L[:, 0] * (felt - rigid - C @ eta - d)
     return jnp.stack([*jax.tree.leaves(plant.dynamics(0.0, x, u)), *rates, *_integral_rates(K, chi, at)])
@@ -149,12 +149,12 @@ def _integral_rates(K: Any, chi: RigidFlight, at: Any) -> Any:
     return jnp.stack([chi.h - at.h, chi.V - at.V])[: K.shape[1] - 9]
 
 
-def _demand_input(believed: Any, K: Any, chi: RigidFlight, eta: Any, at: Any, integrals: Any) -> HypersonicInput:
+def _demand_input(assumed: Any, K: Any, chi: RigidFlight, eta: Any, at: Any, integrals: Any) -> HypersonicInput:
     """Return the input that the law demands to stay in level flight."""
     have = jnp.stack([chi.h, chi.h_rate, chi.V, chi.alpha, chi.q, *eta])
     want = jnp.stack([jnp.asarray(a) for a in (at.h, 0.0, at.V, *at.zeta)])
     v = K @ jnp.concatenate([have - want, integrals])
-    return invert_path(believed, chi.h, chi.h_rate, chi.V, chi.alpha, v[0], v[1]).u
+    return invert_path(assumed, chi.h, chi.h_rate, chi.V, chi.alpha, v[0], v[1]).u
 
 
 @partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)

@@ -78,8 +78,8 @@ def rig_scenario(
         estimator: function that makes the estimator from the navigation, or None.
     """
     platform = RotatingPlatform(arm=arm, time_constant=time_constant, tilt=TILT, lean=LEAN)
-    believed: dict[str, Any] = dict(noise) if noise and covariance == "consistent" else {}
-    navigation = FORMS[form](intake=intake, noise=InertialNoise(covariance=covariance, **believed))
+    assumed: dict[str, Any] = dict(noise) if noise and covariance == "consistent" else {}
+    navigation = FORMS[form](intake=intake, noise=InertialNoise(covariance=covariance, **assumed))
     if estimator is not None:
         navigation = estimator(navigation)
     world = World(

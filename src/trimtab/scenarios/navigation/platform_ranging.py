@@ -28,7 +28,7 @@ NOISE = InertialNoise(gyro=1.6e-4, gyro_walk=1e-6, forward=6.8e-3, starboard=6.8
 """Noise of the inertial unit as the filter assumes it: white noise, and random walks that cover scale factor,
 misalignment and bandwidth."""
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
-BELIEVED_NOISE = replace(NOISE, position_constant=0.008, heading_constant=0.012)
+ASSUMED_NOISE = replace(NOISE, position_constant=0.008, heading_constant=0.012)
 """Noise that the loosely coupled filter assumes. It includes constant errors of fixes due to survey and temperature.
 
 The tightly coupled filter models these errors itself.
@@ -54,7 +54,7 @@ def scenario(coupling: Coupling = "tight", beacons: BeaconCount = "4") -> Scenar
             return TightlyCoupled(noise=NOISE, start=START, beacons=CEILING_SQUARE, units=PAIR)
         return UltrasonicInertial(
             positioning=RangingPosition(beacons=CEILING_SQUARE, units=PAIR),
-            inertial=AidedInertialFeedback(noise=BELIEVED_NOISE, start=START),
+            inertial=AidedInertialFeedback(noise=ASSUMED_NOISE, start=START),
         )
 
     name, law = "navigation/platform-ranging", Turntable(rate=-115.0 * DEG)

@@ -73,7 +73,7 @@ def scenario(craft: Craft = "5", route: Route = "circle", start: Start = "rows")
         duration=seconds(60 if n <= 10 else 150),
         targets=(
             Target("sensors.arena.value.spacing", SPACING, 0.5),
-            Target("sensors.arena.value.astray", 0.0, 0.5),
+            Target("sensors.arena.value.formation_error", 0.0, 0.5),
         ),
         truth_sensor=PerfectSwarmNavigation(Each(PlanarPose(), n)),
         name="swarm/formation",
@@ -90,7 +90,7 @@ def craft_step(t: Any, state: Any, own: Any, heard: Any, number: Any, north: Any
     law = Formation(number=number, north=north, east=east, radius=RADIUS)
     estimate = Estimate(t=t, age=0.0, fresh=True, valid=True, state=PeerView(own, Peers(heard)))
     state, out = law.step(t, state, estimate)
-    return state, ThrustVectorAllocation().step(t, (), out.demand.act)[1], out.demand.say
+    return state, ThrustVectorAllocation().step(t, (), out.demand.act)[1], out.demand.message
 
 
 example = {

@@ -37,7 +37,7 @@ def test_a_range_is_read_with_its_unit_once_or_twice(braking):
         ("downlink off @ 2 s", "no range"),
         ("downlink off @ 3..2 s", "must be below the second"),
         ("downlink off @ 2..2 s", "lower and the upper end of each range are equal"),
-        ("downlink gone @ 1..2 s", "unknown word"),
+        ("downlink gone @ 1..2 s", "unknown kind of fault"),
         ("sensor:sonar off @ 1..2 s", "unknown part"),
         ("uplink intermittent by 0.2..1.5", "not valid"),
         ("uplink off @ 1..2 m", "not a time"),

@@ -21,12 +21,12 @@ SHOWN = 6
 class Mismatch(NamedTuple):
     """Parameter in which a model differs from the true vehicle.
 
-    path: path of the parameter in the vehicle, or in the autopilot if the models disagree.  believed, actual: values in
+    path: path of the parameter in the vehicle, or in the autopilot if the models disagree.  assumed, actual: values in
     the model and in the vehicle, as text; "none" for a missing part.
     """
 
     path: str
-    believed: str
+    assumed: str
     actual: str
 
 
@@ -76,16 +76,16 @@ def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
     by_copy = {path: _differences(copy, vehicle) for path, copy in copies.items()}
     told: dict[str, Mismatch] = {}
     for path, differences in by_copy.items():
-        for below, believed, actual in differences:
-            shared = all((below, believed, actual) in others for others in by_copy.values())
+        for below, assumed, actual in differences:
+            shared = all((below, assumed, actual) in others for others in by_copy.values())
             name = below if shared else f"{path}.{below}"
-            told[name] = Mismatch(name, believed, actual)
+            told[name] = Mismatch(name, assumed, actual)
     return list(told.values())
 
 
 def describe_mismatches(mismatches: Iterable[Mapping[str, str]]) -> str:
     """Return the differences in one line, e.g. "model ≠ world: mass 2.6 vs 3 (intended)", or "" without any."""
-    parts = [f"{m['path']} {m['believed']} vs {m['actual']}" for m in mismatches]
+    parts = [f"{m['path']} {m['assumed']} vs {m['actual']}" for m in mismatches]
     more = f" and {len(parts) - SHOWN} more" if len(parts) > SHOWN else ""
     return f"model ≠ world: {', '.join(parts[:SHOWN])}{more} (intended)" if parts else ""
 

@@ -9,7 +9,7 @@ from trimtab.analysis.campaign.campaign import Campaign
 from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
-from trimtab.loop.beliefs import belief_mismatches, check_beliefs, describe_mismatches, vehicle_copies
+from trimtab.loop.model_mismatch import belief_mismatches, check_beliefs, describe_mismatches, vehicle_copies
 from trimtab.run.program import describe_scenario
 from trimtab.scenarios.build import build
 
@@ -75,7 +75,7 @@ def test_laws_of_one_state_machine_believe_in_one_vehicle():
 def test_a_vehicle_that_differs_is_allowed_and_told():
     heavy = build(SPIN, {"world.vehicle.mass": "3", "world.vehicle.friction.torque_viscous": "0.02"})
     assert [tuple(m) for m in mismatches(heavy)] == [("friction", "none", "there"), ("mass", "2.6", "3")]
-    assert describe_scenario(heavy)["mismatch"][1] == {"path": "mass", "believed": "2.6", "actual": "3"}
+    assert describe_scenario(heavy)["mismatch"][1] == {"path": "mass", "assumed": "2.6", "actual": "3"}
     assert "mismatch" not in describe_scenario(build(SPIN))
     assert mismatches(build("hypersonic/mismatch"))
     Campaign(SPIN, runs=4, spread={"world.vehicle.mass": "normal(100%, 5%)"})
@@ -117,6 +117,6 @@ def test_the_command_line_tells_it():
     words = ["run", SPIN, "--set", "world.vehicle.mass=3", "--set", "duration=1", "--no-ideal"]
     assert "model ≠ world: mass 2.6 vs 3 (intended)" in CliRunner().invoke(main, words).output
     printed = json.loads(CliRunner().invoke(main, [*words, "--json"]).output)
-    assert printed["mismatch"] == [{"path": "mass", "believed": "2.6", "actual": "3"}]
+    assert printed["mismatch"] == [{"path": "mass", "assumed": "2.6", "actual": "3"}]
     listed = CliRunner().invoke(main, ["list", "hypersonic/mismatch", "--json"]).output
     assert {m["path"] for m in json.loads(listed)["mismatch"]} >= {"m", "forces.propulsion.b7"}
