@@ -138,7 +138,7 @@ def test_refusals_say_what_to_type(own):
         (("trim", CART, "--at", "leen=1"), "--at lean=1"),
         (("trim", CART, "--at", "lean"), "--at force=free"),
         (("trim", CART, "--at", "lean=much"), "NUMBER"),
-        (("trim", CART, "--at", "lean=1 kg"), "does not measure"),
+        (("trim", CART, "--at", "lean=1 kg"), "does not fit a quantity in rad"),
         (("trim", f"{own}:number"), "model_of_functions"),
         (("trim", own, "--set", "a.b=1"), "leave --set out"),
         (("linearise", CART, "--direct"), "add --closed-loop"),
