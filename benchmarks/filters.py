@@ -85,7 +85,7 @@ def inertial(n):
             node = jax.lax.cond(k % EVERY == 0, lambda: form.correct_position(node, r), lambda: node)
             return node, form.belief(node).x
 
-        first = jax.tree.map(jnp.asarray, replace(form.first(), felt=felt[0]))
+        first = jax.tree.map(jnp.asarray, replace(form.first(), imu_reading=felt[0]))
         last, told = jax.lax.scan(tick, first, (jnp.arange(n), felt, headings, positions))
         return jnp.concatenate([told.ravel(), last.P1.ravel(), last.P2.ravel()])
 
