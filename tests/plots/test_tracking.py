@@ -104,18 +104,18 @@ def test_a_start_that_lies_outside_the_axes_is_shown_in_an_inset():
     assert not axes["h minus reference"].child_axes
 
 
-def test_an_angle_is_in_degrees_its_error_and_its_sigma_too():
+def test_a_heading_is_in_degrees_its_error_and_its_sigma_too():
     more = {
-        "truth.pitch": WAVE,
-        "law.pitch_reference": WAVE - 0.2,
-        "estimate.state.pitch": WAVE + 0.1,
-        "estimate.state.sigma_pitch": np.full(len(T), 0.2),
+        "truth.heading_true": WAVE,
+        "law.heading_true_reference": WAVE - 0.2,
+        "estimate.state.heading_true": WAVE + 0.1,
+        "estimate.state.sigma_heading_true": np.full(len(T), 0.2),
     }
     made = log(**more)
     declared = {path: Quantity("rad", "For the picture.", kind="angle") for path in more}
     axes = {a.get_title("left"): a for a in plot_tracking(Log(made.t, made.ticks, made.signals, declared)).axes}
-    error = axes["pitch: estimate minus truth"]
-    assert (axes["pitch"].get_ylabel(), error.get_ylabel()) == ("deg", "deg")
+    error = axes["heading true: estimate minus truth"]
+    assert (axes["heading true"].get_ylabel(), error.get_ylabel()) == ("deg", "deg")
     lines = {line.get_color(): line.get_ydata() for line in error.lines}
     np.testing.assert_allclose(lines[VERMILION], np.degrees(0.1))
     np.testing.assert_allclose(lines["black"], np.degrees(0.4))
