@@ -30,8 +30,8 @@ FLAGS = ("-std=gnu99", "-O2", "-ffp-contract=off", "-fwrapv", "-fno-math-errno",
 BUILDS = {
     "default": ("-march=native",),
     "-DTT_FMA=0": ("-march=native", "-DTT_FMA=0"),
-    "no FMA in the CPU": ("-mno-avx512f", "-mno-fma", "-mno-avx2"),
-    "no FMA in the CPU, -DTT_FMA=0": ("-mno-avx512f", "-mno-fma", "-mno-avx2", "-DTT_FMA=0"),
+    "default, CPU without FMA": ("-mno-avx512f", "-mno-fma", "-mno-avx2"),
+    "-DTT_FMA=0, CPU without FMA": ("-mno-avx512f", "-mno-fma", "-mno-avx2", "-DTT_FMA=0"),
     "-DTT_SINGLE=0": ("-march=native", "-DTT_SINGLE=0"),
 }
 CLOCK = """
@@ -127,7 +127,7 @@ def main() -> int:
     print(machine("jax"), load(), sep="\n")
     builds = {k: v for k, v in BUILDS.items() if "CPU" not in k or platform.machine() == "x86_64"}
     table = {name: time_functions(flags, CALLS) for name, flags in builds.items()}
-    table["the C library's"] = time_functions(BUILDS["default"], LIBRARY)
+    table["functions of the C library"] = time_functions(BUILDS["default"], LIBRARY)
     form = "| {} | " + " | ".join(["{}"] * len(CALLS)) + " |" if a.markdown else "{:32}" + "{:>8}" * len(CALLS)
     print(form.format("ns a call", *CALLS))
     if a.markdown:
