@@ -53,7 +53,7 @@ DEVIATIONS = {
     ),
     "5.9": (
         "an internal name used again",
-        "Several files use the same short static names. No C file includes another C file, so the names cannot conflict.",
+        "Several files use the same short static names. No C file includes another, so the names cannot conflict.",
     ),
     "8.4": (
         "a definition without a declaration before it",
