@@ -53,7 +53,7 @@ DEVIATIONS = {
     ),
     "5.9": (
         "an internal name used again",
-        "Short static names repeat between files. No C file includes another one, so they cannot conflict.",
+        "Several files use the same short static names. No C file includes another, so the names cannot conflict.",
     ),
     "8.4": (
         "a definition without a declaration before it",
@@ -97,7 +97,7 @@ DEVIATIONS = {
     ),
     "12.1": (
         "operator precedence without brackets",
-        "The order of arithmetic, comparison and logic is well known. gcc's -Wparentheses finds the risky cases.",
+        "The precedence of arithmetic, comparison and logic is well known. gcc's -Wparentheses finds the risky cases.",
     ),
     "12.2": (
         "a shift by more bits than the type has",
@@ -158,16 +158,17 @@ DEVIATIONS = {
 HEAD = """# MISRA C:2012
 
 This page lists the violations of MISRA C:2012 that cppcheck's MISRA addon reports in the firmware of an
-[STM32F405](stm32f405.md). For each violated rule it gives the reason for accepting the deviation. It is for users who
-assess the firmware. Read [STM32F405](stm32f405.md) first. `python tests/firmware/misra.py` writes this page. A test
-fails if the firmware violates a rule for which this page gives no reason.
+[STM32F405](stm32f405.md). For each violated rule, the page gives the reason for accepting the deviation. The page is
+for users who assess the firmware. Read [STM32F405](stm32f405.md) first. `python tests/firmware/misra.py` writes this
+page. A test fails if the firmware violates a rule for which this page gives no reason.
 
 The addon checks only those rules that can be decided from the text of the program. MAVLink's generated headers are not
 checked. This page is not a certificate: MISRA compliance requires more than the report of a tool.
 
-The columns "hand-written" and "generated" give the number of violations.
+The columns "hand-written" and "generated" give the number of violations in hand-written and in generated C code. An
+empty cell means that there are no violations.
 
-| rule | title | hand-written | generated | reason for accepting it |
+| rule | violation | hand-written | generated | reason for accepting the violation |
 |---|---|---|---|---|"""
 
 

@@ -150,7 +150,7 @@ def test_an_order_is_never_taken_after_a_later_one_but_after_later_data(clock):
 
 
 @given(st.lists(st.tuples(st.integers(1, 3 * LONGEST_LATENESS), st.booleans()), max_size=200))
-def test_whatever_comes_no_stamp_is_taken_twice_and_orders_rise(found):
+def test_no_stamp_is_accepted_twice_and_command_stamps_increase(found):
     """Against a receiver that remembers everything."""
     stamps, taken, orders = Stamps(clock=Clock()), set(), [0]
     start = stamps.last
