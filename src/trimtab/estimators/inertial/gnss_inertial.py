@@ -82,9 +82,7 @@ class GnssFix:
     )
     rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last used one.", kind="count")
     forced: Scalar = quantity(
-        "1",
-        "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
-        kind="count",
+        "1", "Number of measurements accepted outside the gate after too many rejections in a row.", kind="count"
     )
     late: Scalar = quantity("1", "Unused measurements: they were too late, or the queue was full.", kind="count")
 
@@ -236,9 +234,8 @@ class GnssInertial:
         """Return the new state and the estimate, a SpatialNavigationState, at integer time t."""
         state, fresh = _receive(self, t, state, frame)
         state = lax.while_loop(lambda s: is_due(s.window, self.delay), lambda s: _follow(self, s), state)
-        state = lax.cond(
-            fresh & (state.since == self.samples_per_update // 2), lambda: _tell_sigmas(self, state), lambda: state
-        )
+        tells = fresh & (state.since == self.samples_per_update // 2)
+        state = lax.cond(tells, lambda: _tell_sigmas(self, state), lambda: state)
         begun = state.window.last > NEVER
         silent = begun & (t - state.window.last > self.gap)
         age = jnp.where(begun, to_seconds(t - state.window.last), 0.0)

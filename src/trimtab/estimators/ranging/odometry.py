@@ -119,9 +119,7 @@ class RadioFix:
     rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
     rejected_in_a_row: Scalar = quantity("1", "Number of ranges rejected since the last accepted range.", kind="count")
     restarts: Scalar = quantity(
-        "1",
-        "Number of restarts of the pose from ranges that agree with each other.",
-        kind="count",
+        "1", "Number of restarts of the pose from ranges that agree with each other.", kind="count"
     )
     late: Scalar = quantity("1", "Unused messages: their ranges were too far in time from odometry.", kind="count")
 
