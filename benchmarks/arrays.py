@@ -144,11 +144,15 @@ def fly_quadrotor(folder):
             "jax.jit": jitted(lambda x: quadrotor(x, *weights), x),
         }
     )
-    named = "quadrotor, network of 64-64, 500 steps"
+    named = "quadrotor with a 64-64 neural network, 500 steps"
     return took, [
-        (f"{named}: trimtab C / hand C", compare(took["trimtab"], took["hand C"]), "≤ 1.2"),
-        (f"{named}: jax.jit / trimtab C", compare(took["jax.jit"], took["trimtab"]), "≥ 1"),
-        (f"{named}, weights as arguments: trimtab C / hand C", compare(took["weights given"], took["hand C"]), ""),
+        (f"{named}: time of trimtab C / time of hand C", compare(took["trimtab"], took["hand C"]), "≤ 1.2"),
+        (f"{named}: time of jax.jit / time of trimtab C", compare(took["jax.jit"], took["trimtab"]), "≥ 1"),
+        (
+            f"{named}, weights as arguments: time of trimtab C / time of hand C",
+            compare(took["weights given"], took["hand C"]),
+            "",
+        ),
     ]
 
 
@@ -170,8 +174,8 @@ def filter_states(n):
     )
     gain = compare(took[f"{RUNS} one by one"], took[f"{RUNS} in lanes"])
     return took, [
-        (f"filter of {n} states: jax.jit / trimtab C", compare(took["jax.jit"], took["trimtab"]), "≥ 1"),
-        (f"filter of {n} states: one by one / lanes", gain, "≥ 1"),
+        (f"{n}-state filter: time of jax.jit / time of trimtab C", compare(took["jax.jit"], took["trimtab"]), "≥ 1"),
+        (f"{n}-state filter, {RUNS} runs: time one by one / time in lanes", gain, "≥ 1"),
     ]
 
 
@@ -184,7 +188,8 @@ def turn_rings():
         calls[f"ring of {n}, jax.jit"] = jitted(ring, np.zeros(n), numbers)
     took = times(calls)
     few, many = (took[f"ring of {n}"] for n in SLOTS)
-    return took, [(f"ring of {SLOTS[1]} slots / of {SLOTS[0]}", compare(many, few), "≤ 1.2")]
+    what = f"ring buffer: time with {SLOTS[1]} slots / time with {SLOTS[0]} slots"
+    return took, [(what, compare(many, few), "≤ 1.2")]
 
 
 if __name__ == "__main__":
@@ -201,7 +206,7 @@ if __name__ == "__main__":
             figures += more
     print()
     for what, x, target in figures:
-        print(f"{what:66} {x!s:22} {target}")
+        print(f"{what:94} {x!s:22} {target}")
     print(load())
     if a.markdown:
         for what, x, target in figures:

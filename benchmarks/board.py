@@ -43,9 +43,9 @@ def kinds(vectors, inputs):
         t = vectors.inputs[:, next(i for i, n in enumerate(inputs) if n.endswith(f"samples.{sensor}.t"))]
         new[sensor] = np.diff(t, prepend=-1) != 0
     return {
-        "nothing new": ~new["imu"] & ~new["position"],
-        "inertial unit and heading": new["imu"] & ~new["position"],
-        "position": new["position"],
+        "no new sample": ~new["imu"] & ~new["position"],
+        "new inertial sample and heading": new["imu"] & ~new["position"],
+        "new position": new["position"],
     }
 
 
@@ -70,11 +70,12 @@ def main():
     print(f"flash {flown.flash_bytes} B, RAM {flown.ram_bytes} B, stack {flown.stack_bytes} B")
     command = COMMAND if a.target == "cortex-m7" else f"{COMMAND} --target {a.target}"
     lines = []
+    counted = f"instructions of an autopilot step with aided INS on {a.target}"
     for what, which in kinds(vectors, about["inputs"]).items():
         n = flown.instructions[which]
         figure = f"{np.median(n):.0f} ({n.min()}..{n.max()})" if len(n) else "none"
-        print(f"{what:28} {len(n):5} steps  {figure} instructions")
-        lines.append(row(f"instructions of a step with aided INS, {a.target}: {what}", figure, "", command))
+        print(f"{what:34} {len(n):5} steps  {figure} instructions")
+        lines.append(row(f"{counted}: {what}", figure, "", command))
     if a.markdown:
         print("\n" + "\n".join(lines))
     return int(first is not None)

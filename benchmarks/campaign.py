@@ -147,10 +147,10 @@ def main() -> None:
     best = f"{max(rates.values()):.0f} runs/s" if rates else "not measured: no GPU"
     print(f"GPU: {best}")
     if a.markdown:
-        what = f"campaign of {runs} worlds with its store: simulate_batch / campaign"
+        what = f"campaign of {runs} runs with a store: time of simulate_batch / time of the campaign"
         print(row(what, found, "≥ 0.7", COMMAND))
-        print(row("campaign: memory by number of runs", held, "flat", COMMAND))
-        print(row("campaign on a GPU, 10³ to 10⁶ worlds", best, "", COMMAND))
+        print(row("campaign: largest memory use for each number of runs", held, "constant", COMMAND))
+        print(row("campaign on a GPU, 10³ to 10⁶ runs: highest rate", best, "", COMMAND))
 
 
 if __name__ == "__main__":

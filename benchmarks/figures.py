@@ -6,9 +6,9 @@ import numpy as np
 from paired import Ratio, Timed, row
 from references import HAND_C, HAND_SLP
 
-TRIMTAB, WALK, SCAN, NUMPY = "trimtab C", "trimtab walk (JAX)", "JAX scan", "numpy loop"
-CAMPAIGN, VMAP = "trimtab, lanes x threads", "JAX vmap"
-TITLES = {"single": "one run", "python": "one run", "log": "one run, log of 11", "campaign": "campaign"}
+TRIMTAB, WALK, SCAN, NUMPY = "trimtab C", "trimtab on JAX", "JAX scan", "numpy loop"
+CAMPAIGN, VMAP = "trimtab with lanes and threads", "JAX vmap"
+TITLES = {"single": "one run", "python": "one run", "log": "one run with a log of 11 signals", "campaign": "campaign"}
 COMMAND = "python benchmarks/compare.py"
 
 
@@ -24,7 +24,7 @@ class Figure(NamedTuple):
 
     @property
     def name(self) -> str:
-        return f"{TITLES[self.table]}: {self.over} / {self.under}{', CPU time' if self.cpu else ''}"
+        return f"{TITLES[self.table]}: time of {self.over} / time of {self.under}{', CPU time' if self.cpu else ''}"
 
     @property
     def target(self) -> str:
@@ -61,9 +61,9 @@ def figures(simd: str) -> list[Figure]:
 
 def report(found: dict[Figure, Ratio | None]) -> bool:
     """Print ratios and targets. Return True if all targets are met."""
-    print(f"\n{'ratios within a round':58}{'median (min..max)':>24}{'target':>9}")
+    print(f"\n{'ratios within a round':88}{'median (min..max)':>24}{'target':>9}")
     for figure, x in found.items():
-        print(f"{figure.name:58}{x or '-'!s:>24}{figure.target:>9}  {figure.verdict(x)}")
+        print(f"{figure.name:88}{x or '-'!s:>24}{figure.target:>9}  {figure.verdict(x)}")
     return all(figure.verdict(x) == "met" for figure, x in found.items() if figure.target)
 
 
@@ -72,8 +72,8 @@ def markdown(found: dict[Figure, Ratio | None], tables: dict[str, Timed]) -> Non
     ms = 1e3 * np.array(tables["single"].times[TRIMTAB])
     per_s = 1 / np.array(tables["campaign"].times[CAMPAIGN])
     alone = f"{np.median(ms):.2f} ms ({ms.min():.2f}..{ms.max():.2f})"
-    print("\n" + row(f"one run of 15 s: {TRIMTAB}", alone, "", COMMAND))
+    print("\n" + row(f"one run of 15 s: time of {TRIMTAB}", alone, "", COMMAND))
     many = f"{np.median(per_s):.0f} runs/s ({per_s.min():.0f}..{per_s.max():.0f})"
-    print(row(f"campaign: {CAMPAIGN}", many, "", COMMAND))
+    print(row(f"campaign: rate of {CAMPAIGN}", many, "", COMMAND))
     for figure, x in found.items():
         print(row(figure.name, x or "not measured", figure.target, COMMAND))

@@ -161,7 +161,7 @@ def main():
             [flight(n, i) for i in range(a.rounds + 1)],
             n + -(-n // EVERY),
         ),
-        "8 states": (
+        "8-state Kalman filter": (
             tracked(n),
             lambda make: partial(filters_np.track, make, *plain()),
             [(g.standard_normal((n, 2)),) for _ in range(a.rounds + 1)],
@@ -182,12 +182,12 @@ def main():
             per_s = updates / np.array(timed.times[who])
             speed = f"{np.median(per_s):.3g} updates/s ({per_s.min():.3g}..{per_s.max():.3g})"
             print(f"{who:20} {speed}")
-            lines += [row(f"{name}: {who}", speed, "", COMMAND)] if who == TRIMTAB else []
+            lines += [row(f"{name}: update rate of {who}", speed, "", COMMAND)] if who == TRIMTAB else []
         for who in python:
             x = ratio(timed, who, TRIMTAB)
             met = met and x.median >= TARGET
             print(f"{who} / {TRIMTAB}: {x}   target ≥ {TARGET}  {'met' if x.median >= TARGET else 'MISSED'}")
-            lines.append(row(f"{name}: {who} / {TRIMTAB}", x, f"≥ {TARGET}", COMMAND))
+            lines.append(row(f"{name}: time of {who} / time of {TRIMTAB}", x, f"≥ {TARGET}", COMMAND))
     if a.quick:
         print("these ratios mean nothing: --quick takes too few rounds")
     print(load())

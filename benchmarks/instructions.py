@@ -94,7 +94,7 @@ def main() -> int:
     if shutil.which("valgrind") is None:
         sys.exit("valgrind not found (Debian: apt-get install valgrind)")
     print(machine("jax"))
-    simd, lanes = f"hand SIMD x{LANES} (AVX2), per run", f"trimtab, {LANES} lanes (AVX2), per run"
+    simd, lanes = f"hand SIMD, {LANES} lanes (AVX2), per run", f"trimtab, {LANES} lanes (AVX2), per run"
     jobs = {
         HAND_C: lambda: hand("hover_c.c", "-fno-tree-vectorize"),
         HAND_SLP: lambda: hand("hover_c.c"),

@@ -151,4 +151,4 @@ def load() -> str:
 
 def row(what: str, figure: object, target: str, command: str) -> str:
     """Return a row of the table on the docs page of benchmarks."""
-    return f"| {what} | {figure} | {target} | `{command}` |"
+    return f"| {what} | {figure} | {target or 'none'} | `{command}` |"

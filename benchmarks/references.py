@@ -16,7 +16,7 @@ import spec
 
 CC, CXX = os.environ.get("CC", "gcc"), os.environ.get("CXX", "g++")
 FLAGS = ["-O3", "-shared", "-fPIC"]
-HAND_C, HAND_SLP = "hand C", "hand C, SLP on"
+HAND_C, HAND_SLP = "hand C", "hand C with SLP"
 KNOWN = np.array(
     [
         *(0.0359807356968819, 0.0300824255925851, 0.00182891280533006, -0.0991717791979678, -3.92524697596123),
@@ -79,7 +79,7 @@ def simd(folder: str, march: str, lanes: int) -> dict[str, ctypes.CDLL]:
 
 def hand_simd(lanes: int) -> str:
     """Return the name of hand SIMD in the tables."""
-    return f"hand SIMD x{lanes}"
+    return f"hand SIMD, {lanes} lanes"
 
 
 def at(a: Any) -> ctypes.c_void_p:

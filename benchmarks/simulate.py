@@ -38,8 +38,9 @@ CALLS = 10
 def scenarios() -> dict[str, Scenario]:
     """Return the scenarios: one of the catalogue, and the loop of README.md."""
     world, autopilot, x = workload.loop(np.array(spec.GAINS))
-    loop = Scenario(world=world, autopilot=autopilot, initial=x, duration=ms(spec.N), name="benchmark's loop")
-    return {"zero-velocity": catalogue.load_scenario("hovercraft/zero-velocity")[0], "benchmark's loop": loop}
+    loop = Scenario(world=world, autopilot=autopilot, initial=x, duration=ms(spec.N), name="benchmark loop")
+    name = "hovercraft/zero-velocity"
+    return {f"scenario {name}": catalogue.load_scenario(name)[0], "benchmark loop": loop}
 
 
 def flight(scenario: Scenario) -> tuple[Callable[[int], None], Any]:
@@ -93,16 +94,21 @@ def compare(name: str, scenario: Scenario, count: int) -> list[tuple[str, Ratio]
         for path in truth:
             log[path]
 
-    programs = {"its flight": fly, "simulate": lambda seed: simulate(scenario, seed=seed), "simulate, truth read": read}
+    programs = {
+        "C function": fly,
+        "simulate": lambda seed: simulate(scenario, seed=seed),
+        "simulate with the true state read": read,
+    }
     times: dict[str, list[float]] = {program: [] for program in programs}
     for i in range(count):
         for program, call in programs.items():
             times[program].append(seconds_of(call, 100 + i * CALLS))
     for program, t in times.items():
-        print(f"{name + ': ' + program:42} {1e3 * np.median(t):7.3f} ms ({1e3 * min(t):.3f}..{1e3 * max(t):.3f})")
-    ratios = {p: np.divide(times[p], times["its flight"]) for p in programs if p != "its flight"}
+        print(f"{name + ': ' + program:70} {1e3 * np.median(t):7.3f} ms ({1e3 * min(t):.3f}..{1e3 * max(t):.3f})")
+    ratios = {p: np.divide(times[p], times["C function"]) for p in programs if p != "C function"}
     return [
-        (f"{name}: {p} / its flight", Ratio(*map(float, (np.median(x), x.min(), x.max())))) for p, x in ratios.items()
+        (f"{name}: time of {p} / time of its C function", Ratio(*map(float, (np.median(x), x.min(), x.max()))))
+        for p, x in ratios.items()
     ]
 
 

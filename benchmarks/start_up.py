@@ -37,5 +37,8 @@ if __name__ == "__main__":
     print(f"ratio                    {x}   (target: under 2.5)\n{load()}")
     if a.markdown:
         print(
-            row("start: trimtab run, warm cache / import jax, matplotlib", x, "< 2.5", "python benchmarks/start_up.py")
+            row(
+                "start-up: time of trimtab run with a warm cache / time to import jax and matplotlib",
+                *(x, "< 2.5", "python benchmarks/start_up.py"),
+            )
         )

@@ -63,4 +63,5 @@ if __name__ == "__main__":
     x = Ratio(float(np.median(ratios)), float(ratios.min()), float(ratios.max()))
     print(f"ratio        {x}\n{load()}")
     if a.markdown:
-        print(row("autopilot's step from Python: jax.jit / compiled C", x, "", "python benchmarks/step.py"))
+        what = "autopilot step called from Python: time of jax.jit / time of compiled C"
+        print(row(what, x, "", "python benchmarks/step.py"))

@@ -26,7 +26,7 @@ COMMANDS = [
     )
 ]
 PEERS = [f"benchmarks/peers/run.py {peer}" for peer in ("jaxonomy", "control", "drake", "pathsim", "elodin")]
-HEAD = "| figure | median (least..largest) | target | command |\n|---|---|---|---|"
+HEAD = "| quantity | median (smallest..largest) | target | command |\n|---|---|---|---|"
 
 
 def rows(command: str) -> list[str]:
@@ -52,7 +52,7 @@ def merge(old: str, new: list[str], commands: list[str], began: str, ended: str)
     kept = [line for line in lines if not any(name in line for name in names)]
     first = next((i for i, line in enumerate(lines) if any(name in line for name in names)), len(lines))
     at = sum(line in kept for line in lines[:first])
-    about = about.removesuffix(".") + f"; those of {', '.join(names)} another time, {began}, {ended} at the end."
+    about += f" The rows of {', '.join(names)} were measured separately {began} at the start, {ended} at the end."
     return "\n".join([about, "", *kept[:at], *new, *kept[at:]])
 
 

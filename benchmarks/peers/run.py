@@ -184,12 +184,14 @@ def main() -> int:
         timed = beside(worker, peer, a.rounds)
         many = campaigns(worker, peer, max(1, a.rounds // 2)) if peer.campaign else None
     show(f"One run: 15 s, 15000 steps, {a.rounds} rounds", timed, TRIMTAB, spec.N)
-    found = [(f"one run: {peer.title} / {u}", ratio(timed, peer.title, u)) for u in (TRIMTAB, NUMPY, references.HAND_C)]
+    found = [(u, ratio(timed, peer.title, u)) for u in (TRIMTAB, NUMPY, references.HAND_C)]
+    found = [(f"one run: time of {peer.title} / time of {u}", x) for u, x in found]
     if many is not None:
         show(f"Campaigns: {peer.campaign} runs of the peer, times per run", many, CAMPAIGN, spec.N)
         rates = sorted(1 / t for t in many.times[peer.title])
-        found.append((f"campaign: {peer.title} / {CAMPAIGN}", ratio(many, peer.title, CAMPAIGN)))
-        found.append((f"campaign: {peer.title}", f"{np.median(rates):.1f} runs/s ({rates[0]:.1f}..{rates[-1]:.1f})"))
+        found.append((f"campaign: time of {peer.title} / time of {CAMPAIGN}", ratio(many, peer.title, CAMPAIGN)))
+        rate = f"{np.median(rates):.1f} runs/s ({rates[0]:.1f}..{rates[-1]:.1f})"
+        found.append((f"campaign: rate of {peer.title}", rate))
     for what, x in found:
         print(row(what, x, "", command) if a.markdown else f"{what}: {x}")
     print(load())

@@ -12,22 +12,24 @@ from trimtab import __version__
 HEADINGS = ("case", "what was done", "what the vehicle did", "evidence in the logs", "verdict")
 WORDS = """# Faults over the live pair
 
-This page shows what happens to a vehicle in flight when its link, its processes or its computer fail. It is for users
-who want to fly a craft of their own. Read [Fly](../live/fly.md) and [Vehicle](../live/vehicle.md) first. They explain
-the two programs.
+This page shows how a vehicle in flight reacts when its link, its processes or its computer fail. It is for users who
+want to fly a craft of their own. Read [Fly](../live/fly.md) and [Vehicle](../live/vehicle.md) first. These two pages
+explain the programs that are tested here.
 
-The two programs, the live pair, are a vehicle (`trimtab vehicle hovercraft/forward`) and an autopilot (`trimtab fly`).
-They exchange signed datagrams, or are connected by a pair of serial devices. The study flies this pair many times and
-adds a fault. Each case of the study is a separate flight. In most cases the fault occurs one second after arming. These
+The two programs are a vehicle (`trimtab vehicle hovercraft/forward`) and an autopilot (`trimtab fly`). Together they
+are called the live pair. They exchange signed datagrams, or are connected by a pair of serial devices. Each case of the
+study is a separate flight of the live pair with a fault. In most cases the fault occurs one second after arming. These
 two commands write this page:
 
     trimtab live-faults --page docs/studies/live-faults.md
     trimtab live-faults --real-time --only CASE --page docs/studies/live-faults.md
 
-The second command is for the cases with serial devices, which can be flown in real time only.
+The second command is for the cases with serial devices, which can only be flown in real time.
 
 Result of all cases: {cases} cases, {held} hold, {skipped} skipped, {failed} fail.
-With `--only CASE` the command flies only that case and updates its row of the table. `--out DIR` stores the logs.
+
+With `--only CASE`, the command flies only the case `CASE` and updates the row of this case in the table. `--out DIR`
+stores the logs.
 
 Flown: {runs}.
 
@@ -40,50 +42,52 @@ Flown: {runs}.
 By default, the flights are in virtual time. A flight in virtual time runs in one process on one virtual clock
 ([Testing](../testing.md)). Vehicle and autopilot are the same programs as in real time, but they use the clock, disk,
 network and processes of `trimtab.flight.virtual_machine`. The seed determines every packet, and no other program can
-disturb the flight. The hash of all packets, log rows and events is printed by `--json` as `digest`. As a check, the
-command flies one flight in twenty twice, in two processes. Both hashes must be equal.
+disturb the flight. With `--json`, the command prints a hash of all packets, log rows and events as `digest`. As a
+check, one flight in twenty is flown twice, in two processes, and the two hashes must be equal.
 
 Flights with serial devices, and cases that are not flights, need `--real-time`.
 
 ## Criteria
 
-A case holds if the vehicle meets these criteria. They are checked in every row of the vehicle's log (one row every
-millisecond), by code that shares nothing with the firmware:
+A case holds if the vehicle meets the following criteria. They are checked in every row of the vehicle's log (one row
+every millisecond), by code that shares nothing with the firmware:
 
-- no force without a command: {servo:g} ms (a servo frame) after the vehicle has gone to failsafe or is disarmed, the
-  thrust of the fan is zero;
-- the vehicle never flies more than {silence:g} ms without an accepted command: it then goes to failsafe;
-- {lift:g} s after the start of failsafe the lift fan is off; it stops at once when the vehicle is disarmed;
+- without a command there is no force: the thrust of the fan is zero {servo:g} ms (a servo frame) after the vehicle has
+  gone to failsafe or was disarmed;
+- the vehicle never flies for more than {silence:g} ms without an accepted command, because it then goes to failsafe;
+- the lift fan is off {lift:g} s after the start of failsafe, and immediately after the vehicle is disarmed;
 - failsafe ends only after a request to arm;
-- at the end the vehicle is in failsafe or disarmed, without force and lift;
+- at the end of the flight the vehicle is in failsafe or disarmed, without force and lift;
 - at all times the vehicle stays within {bounds}.
 
 In addition, no process may end early or with a traceback. All logs must be readable and must contain evidence of the
-fault (fourth column of the table). For each fault it is also known if the vehicle must fly on or go to failsafe. The
-case fails if the vehicle does the opposite.
+fault (fourth column of the table). For each fault, the study also defines whether the vehicle must fly on or must go to
+failsafe. The case fails if the vehicle does the opposite.
 
-## How the faults are made
+## Injected faults
 
 - **Faults of sensors, links and actuators** (such as `uplink off`) are injected in flight in the same way as by
   [`trimtab inject`](../loop/faults.md), for one second or permanently. Faults of the uplink act between the link and
   the failsafe, as on a real link. The first criterion above does not apply while the actuators have a fault, because
-  they then do not obey commands.
-- **Faults of the transmission.** The study controls the link between vehicle and autopilot. It cuts the link, delays,
-  truncates and repeats packets, and inverts bits. A flood repeats recorded frames at ten times the usual data rate.
-- **Wall clock.** A step of the wall clock changes the time of day that one process reads in flight. Vehicle and
-  autopilot use the monotonic clock for control.
+  faulty actuators do not obey commands.
+- **Faults of the transmission.** The study controls the link between vehicle and autopilot. It cuts the link, it
+  delays, truncates and repeats packets, and it inverts bits. A flood repeats recorded frames at ten times the usual
+  data rate.
+- **Wall clock.** A step of the wall clock changes the time of day that one process reads in flight. Such a step should
+  have no effect on the control, because vehicle and autopilot use the monotonic clock for control.
 - **Restart of the vehicle** (`vehicle-restarted`). The clock of the vehicle restarts too, and the autopilot measures
-  its new offset. The vehicle stays disarmed, because an autopilot asks to arm only once, when it starts.
-- **Restart of the autopilot** (`autopilot-restarted`). A new `trimtab fly` asks to arm when it starts. After a failsafe
-  the vehicle refuses this request until it is at rest and a person has given `--rearm`.
-- **Full disk.** The disk is filled to the last byte in flight. In real time it is a separate disk of 160 megabytes,
-  mounted for the folder of the log. Only root can create this disk; for other users the case is skipped.
+  the new offset of this clock. The vehicle stays disarmed, because an autopilot asks to arm only once, when it starts.
+- **Restart of the autopilot** (`autopilot-restarted`). A new `trimtab fly` asks to arm when it starts. After a
+  failsafe, the vehicle refuses this request until the vehicle is at rest and a person has given `--rearm`.
+- **Full disk.** The disk that contains the log is filled to the last byte in flight. In real time, this is a separate
+  disk of 160 megabytes, which is mounted for the folder of the log. Only root can create this disk, so the case is
+  skipped for other users.
 - **Replay of the log.** After each flight, the autopilot's log is replayed with the frames that it received. All
   outputs must be equal to the bit.
 
-In real time the flights need an idle machine. A failed flight is repeated if the log shows that a process, the link or
-the study itself waited longer than 100 ms for the processor. If it fails again for this reason, the case counts as
-"kept waiting", neither as passed nor as failed.
+In real time, the machine must be idle during the flights. A failed flight is repeated if the log shows that a process,
+the link or the study itself waited longer than 100 ms for the processor. If the repeated flight fails for the same
+reason, the verdict of the case is "kept waiting". Such a case counts neither as passed nor as failed.
 
 ## Flights drawn at random
 
@@ -101,24 +105,26 @@ the seed. The possible faults are:
 - a failed sensor, uplink, downlink or actuator;
 - a bad or cut link.
 
-Half of the flights have a second, temporary disturbance. In a quarter of the flights two processes or devices stall, up
-to a second apart.
+Half of the flights have a second, temporary disturbance. In a quarter of the flights, two processes or devices stall,
+with at most one second between the two stalls.
 
-Before the flight, it is decided how the flight must end, and which lines both logs must and may contain. Any other line
-is counted as unexplained. If the vehicle refuses an autopilot (for its clock, scenario or key), the autopilot is
-started again with the command that the refusal suggests. `--only drawn-1-17` repeats one flight.
+Before each flight, the study decides how the flight must end, which lines the two logs must contain, and which lines
+they may contain. Any other line is counted as unexplained. If the vehicle refuses an autopilot (for its clock, scenario
+or key), the autopilot is started again with the command that the refusal suggests. `--only drawn-1-17` repeats one
+flight.
 
-In virtual time, a simulated driver of the actuators reads the vehicle's outputs once a millisecond in every flight. It
-must apply the safe values at the latest 100 ms after the vehicle or the process of its outputs stopped, and 250 ms
-after the last packet of an autopilot arrived. The check allows 1 ms for the period of the driver, 2 ms for a packet in
-transit, and the delay of an injected fault of the uplink. The longest of these times are printed at the end.
+In virtual time, a simulated driver of the actuators reads the vehicle's outputs once a millisecond in every flight. The
+driver must apply the safe values at the latest 100 ms after the vehicle or the process that applies its outputs has
+stopped, and at the latest 250 ms after the last packet of an autopilot has arrived. The check allows 1 ms for the
+period of the driver, 2 ms for a packet in transit, and the delay of an injected fault of the uplink. At the end, the
+command prints the longest of these times.
 
 ## Outcomes
 
-The third column gives the changes of the vehicle's mode, with the cause in brackets and the time since arming. It ends
-with the largest surge velocity in the flight. The fourth column quotes the logs: `vehicle-1` and `autopilot-1` are the
-vehicle and the autopilot of the case, `vehicle-2` and `autopilot-2` are those that were started later, and `refused-1`
-is an autopilot that the vehicle refused.
+The third column of the table lists the changes of the vehicle's mode, with the cause in brackets and the time since
+arming. The last entry of this column is the largest surge velocity in the flight. The fourth column quotes the logs. In
+this column, `vehicle-1` and `autopilot-1` are the vehicle and the autopilot of the case. `vehicle-2` and `autopilot-2`
+are a vehicle and an autopilot that were started later. `refused-1` is an autopilot that the vehicle refused.
 
 {table}
 """

@@ -69,7 +69,7 @@ CASES = [
         _transition(blackjax.elliptical_slice(_log_density, mean=jnp.zeros(4), cov=jnp.eye(4))),
         _seed_and_place,
     ),
-    Case("Barker's proposal", _transition(blackjax.barker_proposal(_log_density, 0.1)), _seed_and_place),
+    Case("Barker proposal", _transition(blackjax.barker_proposal(_log_density, 0.1)), _seed_and_place),
     Case("systematic resampling", _resample(blackjax.smc.resampling.systematic), _weights),
     Case("residual resampling", _resample(blackjax.smc.resampling.residual), _weights),
 ]

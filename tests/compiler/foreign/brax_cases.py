@@ -73,24 +73,28 @@ def _mjx_step(q: Any, qd: Any, u: Any) -> Any:
 
 JOINTS = normal((3,), (3,))
 CASES = [
-    Case("brax: vector turned by a quaternion", lambda v, q: math.rotate(v, _unit(q)), normal((3,), (4,))),
-    Case("brax: product of quaternions", math.quat_mul, normal((4,), (4,))),
+    Case("vector rotated by a quaternion", lambda v, q: math.rotate(v, _unit(q)), normal((3,), (4,))),
+    Case("product of quaternions", math.quat_mul, normal((4,), (4,))),
     Case(
-        "brax: Euler angles to quaternion and back",
+        "Euler angles to quaternion and back",
         lambda v: math.quat_to_euler(math.euler_to_quat(20 * v)),
         normal((3,)),
     ),
-    Case("brax: quaternion between vectors", lambda a, b: math.from_to(_unit(a), _unit(b)), normal((3,), (3,))),
-    Case("brax: frames one in another", lambda a, b: _transform(a).do(_transform(b)), normal((7,), (7,))),
     Case(
-        "brax: motion seen from a frame",
+        "quaternion that rotates one vector to another",
+        lambda a, b: math.from_to(_unit(a), _unit(b)),
+        normal((3,), (3,)),
+    ),
+    Case("composition of two frames", lambda a, b: _transform(a).do(_transform(b)), normal((7,), (7,))),
+    Case(
+        "motion vector in another frame",
         lambda x, w, v: _transform(x).inv_do(Motion(ang=w, vel=v)),
         normal((7,), (3,), (3,)),
     ),
-    Case("brax: forward kinematics", lambda q, qd: kinematics.forward(SYSTEM, q, qd), JOINTS),
-    Case("brax: generalized step", _step(generalized), normal((3,), (3,), (1,))),
-    Case("brax: spring step", _step(spring), normal((3,), (3,), (1,))),
-    Case("brax: positional step", _step(positional), normal((3,), (3,), (1,))),
+    Case("forward kinematics", lambda q, qd: kinematics.forward(SYSTEM, q, qd), JOINTS),
+    Case("generalized step", _step(generalized), normal((3,), (3,), (1,))),
+    Case("spring step", _step(spring), normal((3,), (3,), (1,))),
+    Case("positional step", _step(positional), normal((3,), (3,), (1,))),
     Case("mjx: kinematics", _of_model(mjx.kinematics, "xpos", "xquat"), JOINTS),
     Case("mjx: forward dynamics", _of_model(mjx.forward, "qacc"), JOINTS),
     Case("mjx: step", _mjx_step, normal((3,), (3,), (1,))),

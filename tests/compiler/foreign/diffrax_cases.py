@@ -67,7 +67,7 @@ def _interpolate(ys: Any, t: Any) -> Any:
 
 CASES = [
     Case("Euler, 20 steps", _solve(_pendulum, dfx.Euler(), FIXED), _state),
-    Case("Tsit5, one step and its error", _one_step, _state, sensitive=True),
+    Case("Tsit5, one step with error estimate", _one_step, _state, sensitive=True),
     Case("Tsit5, 20 steps", _solve(_pendulum, dfx.Tsit5(), FIXED), _state),
     Case("Tsit5, adaptive", _solve(_pendulum, dfx.Tsit5(), ADAPTIVE), _state),
     Case(

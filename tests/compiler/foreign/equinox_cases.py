@@ -61,13 +61,13 @@ def _recurrent(xs: Any) -> Any:
 
 CASES = [
     Case("MLP 12-64-64-4", POLICY, normal((12,))),
-    Case("MLP's Jacobian", jax.jacrev(SMALL), normal((3,))),
-    Case("MLP, 32 at once", jax.vmap(SMALL), normal((32, 3))),
+    Case("Jacobian of an MLP", jax.jacrev(SMALL), normal((3,))),
+    Case("MLP, batch of 32", jax.vmap(SMALL), normal((32, 3))),
     Case("loss and gradient", jax.value_and_grad(_loss), _batch),
-    Case("step of training", _train, _batch),
+    Case("training step", _train, _batch),
     Case("GRU cell over 20 samples", _recurrent, normal((20, 4))),
     Case("LSTM cell", lambda x, h, c: LSTM(x, (h, c)), normal((4,), (8,), (8,))),
     Case("attention over 6 tokens", lambda x: ATTENTION(jax.vmap(NORM)(x), x, x), normal((6, 16))),
-    Case("convolution network 16 by 16", CONVOLUTIONS, normal((1, 16, 16))),
+    Case("convolutional network, 16 by 16", CONVOLUTIONS, normal((1, 16, 16))),
     Case("strided convolution of a signal", SIGNAL, normal((2, 40))),
 ]

@@ -40,16 +40,16 @@ def _stable(rng: np.random.Generator) -> tuple[Any, ...]:
 
 
 CASES = [
-    Case("expm of 6 by 6", jsp.linalg.expm, normal((6, 6))),
-    Case("discretisation by expm", _discretise, normal((4, 4), (4, 2))),
-    Case("solve 6 by 6", jnp.linalg.solve, normal((6, 6), (6,))),
+    Case("matrix exponential (expm), 6 by 6", jsp.linalg.expm, normal((6, 6))),
+    Case("discretisation by the matrix exponential", _discretise, normal((4, 4), (4, 2))),
+    Case("linear equations, 6 by 6", jnp.linalg.solve, normal((6, 6), (6,))),
     Case("solve, symmetric", lambda a, b: jsp.linalg.solve(a, b, assume_a="pos"), _positive_definite(6, (6, 2))),
     Case(
         "Cholesky solve of 12",
         lambda a, b: jsp.linalg.cho_solve(jsp.linalg.cho_factor(a), b),
         _positive_definite(12, (12,)),
     ),
-    Case("inverse of 5 by 5", jnp.linalg.inv, normal((5, 5))),
+    Case("inverse of a 5 by 5 matrix", jnp.linalg.inv, normal((5, 5))),
     Case("gradient of log det", jax.grad(lambda a: jnp.linalg.slogdet(a)[1]), _positive_definite(5)),
     Case(
         "least squares by QR",
@@ -57,11 +57,11 @@ CASES = [
         normal((20, 4), (20,)),
     ),
     Case("least squares by lstsq", lambda a, b: jnp.linalg.lstsq(a, b)[0], normal((20, 4), (20,))),
-    Case("pseudoinverse 3 by 7", jnp.linalg.pinv, normal((3, 7))),
+    Case("pseudoinverse of a 3 by 7 matrix", jnp.linalg.pinv, normal((3, 7))),
     Case("singular values", lambda a: jnp.linalg.svd(a, compute_uv=False), normal((6, 4))),
-    Case("eigenvalues, symmetric", jnp.linalg.eigvalsh, _positive_definite(6)),
-    Case("eigenvalues", lambda a: jnp.abs(jnp.linalg.eigvals(a)), normal((4, 4)), refused="eig"),
-    Case("Sylvester's equation", lambda a, b, q: jsp.linalg.solve_sylvester(a, b, q), _stable, refused="complex128"),
+    Case("eigenvalues of a symmetric matrix", jnp.linalg.eigvalsh, _positive_definite(6)),
+    Case("eigenvalues of a general matrix", lambda a: jnp.abs(jnp.linalg.eigvals(a)), normal((4, 4)), refused="eig"),
+    Case("Sylvester equation", lambda a, b, q: jsp.linalg.solve_sylvester(a, b, q), _stable, refused="complex128"),
     Case("matrix square root", lambda a: jnp.real(jsp.linalg.sqrtm(a)), _positive_definite(4), refused="complex128"),
     Case("polar decomposition", lambda a: jsp.linalg.polar(a)[0], normal((3, 3))),
     Case(
@@ -79,7 +79,7 @@ CASES = [
     Case("regularized gamma: chi-squared gate", lambda x: gammainc(1.5, 0.5 * x), uniform(0, 20, (30,))),
     Case("regularized beta: Student's t", lambda x: betainc(2.5, 0.5, x), uniform(0, 1, (30,))),
     Case("normal quantile", ndtri, uniform(0.001, 0.999, (30,))),
-    Case("inverse of erf", erfinv, uniform(-0.99, 0.99, (30,))),
+    Case("inverse error function", erfinv, uniform(-0.99, 0.99, (30,))),
     Case("Bessel I0, I1", lambda x: (i0e(x), i1(x)), uniform(-12, 12, (30,))),
     Case("exponential integral", expi, uniform(0.1, 10, (20,))),
     Case("Hurwitz zeta", lambda x: zeta(x, 1.5), uniform(1.5, 9, (20,))),

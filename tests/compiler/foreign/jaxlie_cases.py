@@ -46,9 +46,9 @@ CASES = [
     Case("SO3 applied to 20 points", lambda w, p: jax.vmap(SO3.exp(w).apply)(p), normal((3,), (20, 3))),
     Case("SE3 exp", lambda x: SE3.exp(x).wxyz_xyz, normal((6,))),
     Case("SE3 adjoint", lambda x: SE3.exp(x).adjoint(), normal((6,))),
-    Case("SE3 error of two poses", _pose_error, normal((6,), (6,))),
-    Case("SE3 error's Jacobians", jax.jacfwd(_pose_error, argnums=(0, 1)), normal((6,), (6,))),
+    Case("SE3 error between two poses", _pose_error, normal((6,), (6,))),
+    Case("Jacobians of the SE3 error", jax.jacfwd(_pose_error, argnums=(0, 1)), normal((6,), (6,))),
     Case("SE3 interpolation", _interpolate, normal((6,), (6,), ())),
     Case("SE3 fitted to 10 points", _register_points, normal((6,), (10, 3), (10, 3))),
-    Case("gradient on SO3", _attitude_gradient, normal((3,), (3,))),
+    Case("gradient of a function on SO3", _attitude_gradient, normal((3,), (3,))),
 ]

@@ -98,7 +98,7 @@ CASES = [
         normal(()),
     ),
     Case(
-        "fixed point with Anderson",
+        "fixed point with Anderson acceleration",
         lambda a: (
             jaxopt.AndersonAcceleration(lambda x, a: jnp.cos(x) + 0.1 * a, maxiter=20).run(jnp.zeros(3), a).params
         ),

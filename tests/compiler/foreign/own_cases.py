@@ -152,8 +152,8 @@ def _particles(rng: np.random.Generator) -> tuple[Any, ...]:
 CASES = [
     Case("extended Kalman filter", _kalman, _covariance),
     Case("unscented transform", _unscented, _covariance),
-    Case("quadrotor, Runge-Kutta's step", _runge_kutta, _flight),
-    Case("quadrotor, its linearisation", jax.jacfwd(_runge_kutta, argnums=(0, 1)), _flight),
+    Case("quadrotor, Runge-Kutta step", _runge_kutta, _flight),
+    Case("quadrotor, linearisation", jax.jacfwd(_runge_kutta, argnums=(0, 1)), _flight),
     Case("linear-quadratic regulator", _regulator, _double_integrator),
     Case("predictive control by gradients", _predictive, normal((2,))),
     Case("PID loop of 200 steps", _pid_loop, lambda rng: (rng.normal(size=2), np.array([4.0, 1.0, 2.0]))),
