@@ -6,11 +6,15 @@ test here. Seeds are 0 … 59, drawn once per scenario.
 [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
+import json
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from trimtab.cli import main
 from trimtab.core.record import replace
 from trimtab.core.time import ms
 from trimtab.run.simulate import simulate_many
@@ -149,3 +153,35 @@ def test_run_extremes_overlap_the_axes_of_the_figures():
     assert hits >= 20, misses
     fewer, _ = overlapping("A")
     assert fewer <= 10
+
+
+FOR_ERRORS = [f"--set=autopilot.law.{gain}" for gain in ("tolerance=0.2", "damping.k2=0.5", "turning.k1=0.1")]
+FOR_ERRORS += ["--set=autopilot.law.turning.k2=0.4"]
+AT_END = "always[34.9 s, 35 s](abs(truth.heading - 1 rad) < 0.5 rad)"
+SHARES = {
+    "bang-bang": ("hovercraft/heading-bang-bang", AT_END, []),
+    "proportional": ("hovercraft/heading-proportional", AT_END, []),
+    "bang-bang, for errors": (
+        "hovercraft/heading-bang-bang",
+        AT_END,
+        [*FOR_ERRORS, "--set=autopilot.law.turn_rate=2"],
+    ),
+    "proportional, for errors": (
+        "hovercraft/heading-proportional",
+        AT_END,
+        [*FOR_ERRORS, "--set=autopilot.law.floor=2"],
+    ),
+    "pose": ("hovercraft/pose", "always[50 s, 60 s](abs(truth.heading) < 0.5 rad)", []),
+}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", SHARES)
+def test_shares_of_runs_that_hold_the_heading_are_those_of_the_page(name):
+    """docs/laws/heading.md prints the share and its 95 % interval, each to a tenth of a per cent."""
+    scenario, success, settings = SHARES[name]
+    words = ["campaign", scenario, "--runs", "2000", "--success", success, *settings, "--json"]
+    found = json.loads(CliRunner().invoke(main, words, catch_exceptions=False).stdout)["success"]
+    share, low, high = (f"{100 * found[k]:.1f}" for k in ("share", "low", "high"))
+    page = (Path(__file__).parents[2] / "docs" / "laws" / "heading.md").read_text(encoding="utf-8")
+    assert f"{share} % ({low} to {high})" in page

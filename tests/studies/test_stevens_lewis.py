@@ -79,7 +79,7 @@ def test_the_printed_gains_are_least_with_the_misprint_and_with_one_sign():
     loop.A[1, 3] = np.tan(0.03691)
     assert (
         loop.cost(lateral_regulator.PRINTED)[0]
-        > (1 + lateral_regulator.FLAT) * loop.cost(lateral_regulator.find_gains(loop)[0])[0]
+        > (1 + lateral_regulator.COST_EXCESS_MAX) * loop.cost(lateral_regulator.find_gains(loop)[0])[0]
     )
     lateral_regulator.lateral_loop.cache_clear()
 

@@ -69,6 +69,14 @@ def test_thrust_at_the_tables_corner(throttle, mach, altitude, pounds):
     assert float(engine_thrust(throttle, mach, altitude * FOOT)) == pytest.approx(pounds * POUND_FORCE, rel=1e-12)
 
 
+@pytest.mark.parametrize(("throttle", "mach"), [(0.1, 0.45), (0.9, 0.7)])
+def test_thrust_has_one_slope_by_altitude_at_sea_level(throttle, mach):
+    """The book's program extrapolates its table below sea level, so a linear model exists there."""
+    above, here, below = (float(engine_thrust(throttle, mach, h)) for h in (300.0, 0.0, -300.0))
+    assert above != here
+    assert here - below == pytest.approx(above - here, rel=1e-9)
+
+
 @pytest.mark.thorough
 def test_it_flies_level_where_nasas_simulations_do():
     """Pitch, elevator, throttle of the trim: README of NASA's F-16 package, table 11, with a constant gravitation."""

@@ -219,10 +219,9 @@ def _choose_internal(model: StateSpaceModel, slope: Any, choice: Any) -> tuple[t
             return a[rows]
 
     if len(labels) != size:
-        problem = (
-            f"must be {size} coordinates ({len(model.states)} states minus relative degree {total}), got {len(labels)}"
-        )
-        raise InputError("normal_form.internal", problem, choices=model.states, fix=f"give {size} names")
+        problem = f"number of names must be {size} ({len(model.states)} states minus relative degree {total})"
+        problem += f", got {len(labels)}"
+        raise InputError("normal_form.internal", problem, choices=model.states, fix=f"number of names to give: {size}")
     return labels, zeta
 
 
@@ -307,8 +306,11 @@ def _output_orders(
         )
     rows = find_indices("linear_normal_form.internal", labels, model.states)
     if sum(orders) + len(rows) != len(model.states):
-        problem = f"{len(model.states)} states minus degrees {sum(orders)} coordinates are needed, got {len(labels)}"
-        raise InputError("linear_normal_form.internal", problem, fix=f"give {len(model.states) - sum(orders)} names")
+        size, total = len(model.states) - sum(orders), sum(orders)
+        problem = f"number of names must be {size} ({len(model.states)} states minus relative degree {total})"
+        problem += f", got {len(labels)}"
+        fix = f"number of names to give: {size}"
+        raise InputError("linear_normal_form.internal", problem, fix=fix)
     return orders, rows
 
 

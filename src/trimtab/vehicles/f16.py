@@ -45,7 +45,8 @@ class F16:
         F = q S (CX, CY, CZ) + (T, 0, 0)        M = q S (b Cl, c Cm, b Cn) + (r_ref - r_cm) × F
 
     Coefficients are interpolated over angle of attack and sideslip or elevator angle, thrust over Mach number and
-    altitude. Interpolation is bilinear, and constant beyond the ends of the tables.
+    altitude. Interpolation is bilinear, and constant beyond the ends of the tables. Only the thrust below sea level is
+    extrapolated, as in the book's program.
 
     Frames:  as in `RigidBody`; x forward from the centre of mass.
     Valid:   angle of attack -10 to 45 degrees, sideslip within 30 degrees, up to Mach 0.6. Not modelled: lag of engine
@@ -129,7 +130,7 @@ def coefficients(flow: Airflow, u: F16Controls) -> Any:
 
 def engine_thrust(throttle: Any, mach: Any, height: Any) -> Any:
     """Return thrust (N) at a throttle, a Mach number and a height (m)."""
-    idle, military, maximum = interpolate_plane(mach, height / FOOT, tables.MACH, tables.ALTITUDE, _THRUST)
+    idle, military, maximum = interpolate_plane(mach, height / FOOT, tables.MACH, tables.ALTITUDE, _THRUST, below=1.0)
     dry = idle + (military - idle) * throttle / MILITARY
     wet = military + (maximum - military) * (throttle - MILITARY) / (1 - MILITARY)
     return jnp.where(throttle < MILITARY, dry, wet)
@@ -142,20 +143,23 @@ def interpolate_line(x: Any, grid: Any, values: Any) -> Any:
     return ends[0] * (1 - part) + ends[1] * part
 
 
-def interpolate_plane(y: Any, x: Any, rows: Any, columns: Any, values: Any) -> Any:
+def interpolate_plane(y: Any, x: Any, rows: Any, columns: Any, values: Any, below: float = 0.0) -> Any:
     """Interpolate values (rows, columns, k) on a uniform grid at y, x: bilinear inside, constant outside.
 
-    Return an array (k,).
+    Return an array (k,). below: number of cells by which x is extrapolated below the first column.
     """
     i, up = _cell(y, rows)
-    j, along = _cell(x, columns)
+    j, along = _cell(x, columns, below)
     corners = lax.dynamic_slice(jnp.asarray(values), (i, j, np.uint32(0)), (2, 2, values.shape[2]))
     ends = corners[:, 0] * (1 - along) + corners[:, 1] * along
     return ends[0] * (1 - up) + ends[1] * up
 
 
-def _cell(x: Any, grid: Any) -> tuple[Any, Any]:
-    """Return the index of the cell of a uniform grid that contains a point, and the position in the cell, 0 to 1."""
-    place = jnp.clip((x - grid[0]) / (grid[1] - grid[0]), 0.0, len(grid) - 1.0)
+def _cell(x: Any, grid: Any, below: float = 0.0) -> tuple[Any, Any]:
+    """Return the index of the cell of a uniform grid that contains a point, and the position in the cell, 0 to 1.
+
+    A point up to `below` cells below the grid belongs to the first cell, at a negative position.
+    """
+    place = jnp.clip((x - grid[0]) / (grid[1] - grid[0]), -below, len(grid) - 1.0)
     i = jnp.clip(jnp.floor(place), 0, len(grid) - 2).astype(np.uint32)
     return i, place - i

@@ -127,7 +127,7 @@ def test_what_can_not_be_estimated_is_refused():
     for change, message in (
         ({"runs": 100}, "too few"),
         ({"spread": {"world.vehicle.mass": "normal(100%, 20%)"}}, "at an end of its range"),
-        ({"spread": {"autopilot.period": "choice(1 ms, 2 ms)"}}, "shapes the program"),
+        ({"spread": {"autopilot.period": "choice(1 ms, 2 ms)"}}, "changes the program"),
     ):
         with pytest.raises(InputError, match=message):
             estimate_rare("hovercraft/spin", **{"spread": still.SPREAD, "runs": RUNS, **change})
