@@ -113,7 +113,7 @@ DEVIATIONS = {
     ),
     "13.4": (
         "use of the value of an assignment",
-        "These are chains such as `a = b = c` of one type, and `while ((n = f()) > 0)`.",
+        "Chains such as `a = b = c`, in which all operands have the same type, and `while ((n = f()) > 0)`.",
     ),
     "14.2": (
         "an unusual for loop",

@@ -104,7 +104,7 @@ def test_frequencies_off():
             log = flown("modal-mismatch", filter=kind, frequency=q)
             print(kind, q, errors(log), log["law.saturated"][log.t > 100].mean())
             assert np.abs(log["law.h_error"]).max() > 5000
-    says("| `accurate`, `printed`, `none` | lost | lost |")
+    says("| `accurate`, `printed`, `none` | vehicle lost | vehicle lost |")
 
 
 def test_frequencies_off_over_seeds():
