@@ -45,7 +45,7 @@ def draw_pair(key: Any) -> tuple[Any, Any]:
     zero = jnp.zeros(3)
     wanted = SpatialPoint(zero, zero, draw(ACCELERATION), draw(SCALE[-1]), zero, zero[0], zero[0], zero[0])
     x = MultirotorState(draw(SCALE[0]), draw(SCALE[3]), jnp.array(quaternion.IDENTITY), draw(SCALE[6]))
-    command = command_attitude(TEACHER.wanted_force(wanted, x, jnp.eye(3)), heading_vector(wanted))
+    command = command_attitude(TEACHER.command_force(wanted, x, jnp.eye(3)), heading_vector(wanted))
     x = MultirotorState(
         x.position, x.velocity, quaternion.retract(quaternion.from_matrix(command.R), draw(TILT)), x.rate
     )

@@ -59,7 +59,7 @@ def test_v_is_feedforward_plus_feedback_of_all_nine():
     want = LAW.command.at(25.0)
     order = ("h", "h_rate", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
     wanted = [want.h, want.h_rate, want.V]
-    wanted += [getattr(out, f"{n}_wanted") for n in order[3:]]
+    wanted += [getattr(out, f"{n}_reference") for n in order[3:]]
     e = np.array([float(getattr(x, n)) for n in order]) - np.array([float(w) for w in wanted])
     expected = np.array([want.h_acceleration, want.V_rate]) + np.array(LAW.K) @ e
     np.testing.assert_allclose(out.v, expected, rtol=1e-10)

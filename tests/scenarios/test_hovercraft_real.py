@@ -174,6 +174,14 @@ SHARES = {
     "pose": ("hovercraft/pose", "always[50 s, 60 s](abs(truth.heading) < 0.5 rad)", []),
 }
 
+ROWS = {
+    "bang-bang": "`hovercraft/heading-bang-bang` | of the thesis",
+    "proportional": "`hovercraft/heading-proportional` | of the thesis",
+    "bang-bang, for errors": "either of the two | for these errors, see below",
+    "proportional, for errors": "either of the two | for these errors, see below",
+    "pose": "`hovercraft/pose`, the law [`Pose`](pose.md) | its own",
+}
+
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", SHARES)
@@ -184,4 +192,4 @@ def test_shares_of_runs_that_hold_the_heading_are_those_of_the_page(name):
     found = json.loads(CliRunner().invoke(main, words, catch_exceptions=False).stdout)["success"]
     share, low, high = (f"{100 * found[k]:.1f}" for k in ("share", "low", "high"))
     page = (Path(__file__).parents[2] / "docs" / "laws" / "heading.md").read_text(encoding="utf-8")
-    assert f"{share} % ({low} to {high})" in page
+    assert f"| {ROWS[name]} | {share} % ({low} to {high}) |" in page

@@ -163,5 +163,5 @@ def test_wrong_input_is_refused(climb, settings, text):
 def test_a_climb_to_where_no_trim_is_is_refused():
     """By the end of a long table the speed is too low to fly level; the reason names the bounds."""
     slowing = FilteredClimb(dV=-4500.0, wV=2.0)
-    with pytest.raises(InputError, match=r"3202.08 ft/s: no trim was found: off are .*; at a bound are .*delta_e"):
+    with pytest.raises(InputError, match=r"3202.08 ft/s: no trim was found: not satisfied: .*; at a bound: .*delta_e"):
         noncausal_table(CRAFT, slowing, 20.0)

@@ -45,8 +45,8 @@ class F16:
         F = q S (CX, CY, CZ) + (T, 0, 0)        M = q S (b Cl, c Cm, b Cn) + (r_ref - r_cm) × F
 
     Coefficients are interpolated over angle of attack and sideslip or elevator angle, thrust over Mach number and
-    altitude. Interpolation is bilinear, and constant beyond the ends of the tables. Only the thrust below sea level is
-    extrapolated, as in the book's program.
+    altitude. Interpolation is bilinear, and constant beyond the ends of the tables. Only the thrust is
+    extrapolated, down to 10 000 ft below sea level; the book's program extrapolates there too.
 
     Frames:  as in `RigidBody`; x forward from the centre of mass.
     Valid:   angle of attack -10 to 45 degrees, sideslip within 30 degrees, up to Mach 0.6. Not modelled: lag of engine

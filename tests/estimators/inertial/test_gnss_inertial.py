@@ -141,7 +141,7 @@ def recorded_flight(form, steps, latency):
 def test_late_fixes_give_what_a_filter_gives_that_had_them_in_time():
     """0.8 s, four fixes that come 120 ms late: at the horizon the state and P of the dense filter, up to how often P
     is carried on; and now, 150 ms later, the state of one that went on from there."""
-    form = GnssInertial(lever_arm=np.array([0.5, -0.2, -0.3]), samples_per_update=5)
+    form = GnssInertial(lever_arm=np.array([0.5, -0.2, -0.3]), samples_per_propagation=5)
     form, state, estimate, samples, fixes = recorded_flight(form, 801, 0.12)
     assert int(state.gnss_fix.used) == 4
     horizon = 800 - 150
@@ -269,7 +269,7 @@ def test_heading_is_seen_in_a_turn_and_not_along_a_straight_line():
 
 # --- in flight ------------------------------------------------------------------------------------------------------
 
-STILL = GnssInertial(start=SpatialStart(sigma_heading=0.05), delay=ms(20), slots=32, samples_per_update=10)
+STILL = GnssInertial(start=SpatialStart(sigma_heading=0.05), delay=ms(20), slots=32, samples_per_propagation=10)
 AT_REST = InertialReading(np.array([0.0, 0.0, -9.80665]), np.zeros(3), np.bool_(False), np.bool_(False))
 
 
@@ -400,7 +400,7 @@ def test_no_number_that_is_none_gets_in():
 
 @pytest.mark.parametrize(
     ("changes", "part"),
-    [({"slots": 1}, "slots"), ({"samples_per_update": 0}, "samples_per_update"), ({"gnss": "imu"}, "gnss")],
+    [({"slots": 1}, "slots"), ({"samples_per_propagation": 0}, "samples_per_propagation"), ({"gnss": "imu"}, "gnss")],
 )
 def test_what_can_not_work_is_refused(changes, part):
     with pytest.raises(InputError) as e:

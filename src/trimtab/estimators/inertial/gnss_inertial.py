@@ -187,7 +187,7 @@ class GnssInertial:
     )
     satellites: int = option("Number of satellites in one measurement of raw ranges.", default=8)
     slots: int = option("Number of IMU samples stored. They must cover the delay, with a reserve.", default=176)
-    samples_per_update: int = option("Number of IMU samples per propagation of the covariance.", default=20)
+    samples_per_propagation: int = option("Number of IMU samples per propagation of the covariance.", default=20)
 
     @property
     def listens(self) -> tuple[str, ...]:
@@ -203,10 +203,10 @@ class GnssInertial:
         """Raise InputError if a number of samples is too small or a sensor name is used twice."""
         if self.slots < 2:
             raise InputError("slots", f"must be at least 2, got {self.slots}", fix="set slots above delay / IMU period")
-        if self.samples_per_update < 1:
+        if self.samples_per_propagation < 1:
             raise InputError(
-                "samples_per_update",
-                f"the number of IMU samples must be at least 1, got {self.samples_per_update}",
+                "samples_per_propagation",
+                f"the number of IMU samples must be at least 1, got {self.samples_per_propagation}",
                 fix="give 1 or more, e.g. 20",
             )
         if self.imu == self.gnss:
@@ -234,7 +234,7 @@ class GnssInertial:
         """Return the new state and the estimate, a SpatialNavigationState, at integer time t."""
         state, fresh = _receive(self, t, state, frame)
         state = lax.while_loop(lambda s: is_due(s.window, self.delay), lambda s: _follow(self, s), state)
-        tells = fresh & (state.since == self.samples_per_update // 2)
+        tells = fresh & (state.since == self.samples_per_propagation // 2)
         state = lax.cond(tells, lambda: _tell_sigmas(self, state), lambda: state)
         begun = state.window.last > NEVER
         silent = begun & (t - state.window.last > self.gap)
@@ -306,7 +306,7 @@ def _follow(form: GnssInertial, state: GnssInertialState) -> GnssInertialState:
     x = propagate(state.nominal, one.imu_reading[:3], one.imu_reading[3:], one.dt, one.untrusted, gravity)
     since = (state.since + 1).astype(np.int32)
     comes = (state.fixes.count > 0) & (state.fixes.t[state.fixes.head] <= one.t)
-    carries = comes | (since >= form.samples_per_update)
+    carries = comes | (since >= form.samples_per_propagation)
     x = lax.cond(carries, lambda: catch_up(x, form.noise), lambda: x)
     since = jnp.where(carries, 0, since).astype(np.int32)
     state = replace(state, nominal=x, t=one.t, since=since, window=window)

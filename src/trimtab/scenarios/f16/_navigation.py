@@ -72,7 +72,7 @@ def equipment(navigation: str, first: F16State) -> tuple[dict[str, Any], Any]:
         lever_arm=np.subtract(ANTENNA, STATION),
         gravity=down,
         slots=24,
-        samples_per_update=2,
+        samples_per_propagation=2,
     )
     return sensors, AirInertial(inertial=inertial, lever_arm=STATION)
 

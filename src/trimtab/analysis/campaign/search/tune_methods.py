@@ -57,13 +57,13 @@ class TuningStep(NamedTuple):
 def merit(costs: Any, reference: float) -> Any:
     """Return a score (n,) of candidates from their costs (n, runs). A lower score is better.
 
-    A candidate with fewer infinite costs is always better. Among candidates with as many, the lower mean of the finite
-    costs is better. The score is the number of infinite costs plus (1 + z/(1 + |z|))/2, which is between 0 and 1. Here
-    z is the mean finite cost divided by the reference.
+    A candidate with fewer infinite costs is always better. Among candidates with equally many infinite costs, the lower
+    mean of the finite costs is better. The score is twice the number of infinite costs plus z/(1 + |z|), which is
+    between -1 and 1. Here z is the mean finite cost divided by the reference.
     """
     finite = np.isfinite(costs)
     z = np.where(finite, costs, 0.0).sum(axis=1) / np.maximum(finite.sum(axis=1), 1) / max(abs(reference), 1e-12)
-    return np.sum(~finite, axis=1) + np.where(finite.any(axis=1), (1 + z / (1 + np.abs(z))) / 2, 1.0)
+    return 2 * np.sum(~finite, axis=1) + np.where(finite.any(axis=1), z / (1 + np.abs(z)), 1.0)
 
 
 def search_gains(
