@@ -45,7 +45,7 @@ class LaggedOdometry:
     covariances with the present state let each range correct them, too. `Estimate.age` gives the age.
 
     Frames:  beacons in W; level vehicle on a flat floor.
-    Valid:   once the oldest pose has that age, even while ranges are rejected. Before, the estimate is the initial pose.
+    Valid:   once the oldest pose has that age, even if ranges are rejected. Before, the estimate is the initial pose.
     Source:  Moore 1973; docs page.
     """
 
