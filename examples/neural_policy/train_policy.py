@@ -28,14 +28,14 @@ ACCELERATION = 5.0
 WEIGHT = float(CRAFT.mass * CRAFT.gravity)
 CENTRE, SPAN = np.array([WEIGHT, 0, 0, 0]), np.array([1.2 * WEIGHT, 14.0, 14.0, 8.0])
 FINEST = -1.7
-"""Errors are drawn at sizes from 10 to this power to 1 of the scale: near the reference it must be finer."""
+"""Exponent of ten of the smallest drawn error, as a fraction of the scale. The largest drawn error is the scale."""
 SOFT = 0.02
-"""Output, in spans, below which its error counts as it is; above it counts in parts of the output."""
+"""Output, in spans, below which the absolute error counts. Above it, the error relative to the output counts."""
 TEACHER = GeometricTracking(craft=CRAFT)
 
 
 def draw_pair(key: Any) -> tuple[Any, Any]:
-    """What is seen at a random state (18,), and what the teacher does there, in spans (4,)."""
+    """Return the observation at a random state (18,), and the demand of the teacher there, in spans (4,)."""
     keys = iter(jax.random.split(key, 12))
 
     def draw(size: float) -> Any:
@@ -55,7 +55,7 @@ def draw_pair(key: Any) -> tuple[Any, Any]:
 
 
 def first_layers(key: Any, widths: list[int]) -> list[tuple[Any, Any]]:
-    """Weights as Glorot has them, no bias."""
+    """Return the initial layers: random weights by Glorot's rule, and zero bias."""
     sizes = list(zip([INPUTS, *widths], [*widths, OUTPUTS], strict=True))
     return [
         (jax.random.normal(k, (n, m)) * np.sqrt(2 / (n + m)), jnp.zeros(n))
@@ -64,7 +64,7 @@ def first_layers(key: Any, widths: list[int]) -> list[tuple[Any, Any]]:
 
 
 def cost(layers: Any, seen: Any, wanted: Any) -> Any:
-    """Mean squared error of a batch, in parts of what is wanted."""
+    """Return the mean squared error of a batch, relative to the wanted outputs."""
     network = Network(SCALE, layers, np.zeros(OUTPUTS), np.ones(OUTPUTS))
     error = jax.vmap(functools.partial(evaluate, network))(seen) - wanted
     return jnp.mean(error**2 / (SOFT**2 + wanted**2))
@@ -72,7 +72,7 @@ def cost(layers: Any, seen: Any, wanted: Any) -> Any:
 
 @functools.partial(jax.jit, static_argnames=("steps", "batch"))
 def train(layers: Any, key: Any, *, steps: int, batch: int, rate: float) -> tuple[Any, Any]:
-    """Adam with a rate that falls along a cosine; the layers, and the cost of each step."""
+    """Train by Adam with a learning rate that decreases along a cosine. Return the layers and the cost of each step."""
 
     def step(carried: Any, k: Any) -> tuple[Any, Any]:
         layers, mean, square = carried
@@ -90,13 +90,13 @@ def train(layers: Any, key: Any, *, steps: int, batch: int, rate: float) -> tupl
 
 
 def main() -> None:
-    """Train, say how well it imitates states that it has not seen, write."""
+    """Train the network, print its errors at states that were not used for training, and write the file."""
     words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    words.add_argument("--out", required=True, help="file of its numbers, JSON")
-    words.add_argument("--steps", type=int, default=40_000)
-    words.add_argument("--batch", type=int, default=1024)
-    words.add_argument("--width", type=int, nargs="+", default=[32, 32], help="of each hidden layer")
-    words.add_argument("--seed", type=int, default=0)
+    words.add_argument("--out", required=True, help="JSON file for the scales, weights and biases of the network")
+    words.add_argument("--steps", type=int, default=40_000, help="number of training steps")
+    words.add_argument("--batch", type=int, default=1024, help="number of states in each training step")
+    words.add_argument("--width", type=int, nargs="+", default=[32, 32], help="number of neurons in each hidden layer")
+    words.add_argument("--seed", type=int, default=0, help="seed of the random numbers")
     told = words.parse_args()
     first, during, after = jax.random.split(jax.random.key(told.seed), 3)
     layers, costs = train(first_layers(first, told.width), during, steps=told.steps, batch=told.batch, rate=4e-3)

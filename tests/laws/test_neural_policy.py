@@ -1,6 +1,8 @@
 """A network in the place of a law: what it sees, how it is evaluated, what it refuses, and how far it carries."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -158,3 +160,15 @@ def test_a_file_of_ones_own_flies(tmp_path):
     standard = build("quadrotor/track", {"law": "neural", "duration": "1 s"})
     a, b = (simulate(s, seed=1)["truth.position"] for s in (own, standard))
     assert np.array_equal(a, b)
+
+
+@pytest.mark.thorough
+def test_the_training_script_writes_a_network_that_the_law_reads(tmp_path):
+    """Two steps: the script runs from its first line to its last. The packaged network took 40 000 steps."""
+    script, out = Path(__file__).parents[2] / "examples" / "neural_policy" / "train_policy.py", tmp_path / "mine.json"
+    command = [sys.executable, str(script), "--out", str(out), "--steps", "2", "--batch", "4", "--width", "5"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "rms errors at 20 000 new states: thrust (N) " in done.stdout
+    layers = read_network(str(out)).layers
+    assert [np.shape(weights) for weights, _ in layers] == [(5, INPUTS), (4, 5)]

@@ -39,6 +39,12 @@ def test_tracked_signals_come_first_then_inputs_then_estimated_ones(tmp_path):
     assert imread(tmp_path / "t.png").std() > 0.05
 
 
+@pytest.mark.parametrize("name", ["north", "east", "heading", "yaw_rate", "depth"])
+def test_a_reference_that_another_picture_draws_has_no_row_here(name):
+    more = {f"truth.{name}": WAVE, f"law.{name}_reference": WAVE}
+    assert [row.name for row in tracking_rows(log(**more))] == ["h", "bend"]
+
+
 def test_lines_are_the_signals_and_the_observer_without_measurement_is_beside():
     axes = {a.get_title("left"): a for a in plot_tracking(log()).axes}
     np.testing.assert_allclose(axes["h minus reference"].lines[0].get_ydata(), 3.0)

@@ -1,6 +1,6 @@
 """Reference internal states zeta_d for a command, in the order (alpha, Q, eta1, eta1', eta2, eta2').
 
-There are four methods, which differ in what they need to know of the command.
+There are four classes. They differ in what they must know of the command.
 
     InternalTable        the whole command beforehand; computed offline and stored as a table over time
     PreviewInternal      the command over the next seconds; computed in flight; zeta_d moves before the command does
