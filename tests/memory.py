@@ -15,10 +15,16 @@ class Memory:
     def __init__(self) -> None:
         self._files = 0
 
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection(self) -> None:
+        """Switch garbage collection off while tests are collected: they live to the end."""
+        gc.disable()
+
     def pytest_collection_finish(self) -> None:
-        """Exempt tests and modules from garbage collection: they live to the end."""
+        """Exempt tests and modules from garbage collection, and switch it on."""
         gc.collect()
         gc.freeze()
+        gc.enable()
         gc.set_threshold(20_000, 20, 100)
 
     @pytest.hookimpl(trylast=True)

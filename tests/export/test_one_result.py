@@ -109,6 +109,7 @@ COMPILERS = {
     "gcc-hovercraft/zero-velocity",
     "gcc without FMA-hovercraft/zero-velocity",
     "clang-navigation/still",
+    "clang without AVX-512-navigation/still",
 )
 @pytest.mark.parametrize("name", EVERY)
 @pytest.mark.parametrize("which", COMPILERS)

@@ -20,7 +20,7 @@ from trimtab.loop.monitor import Monitor, MonitorInput
 from trimtab.loop.own_code import place_of
 from trimtab.loop.predictor import Predictor
 from trimtab.loop.setpoint_schedule import schedule_law
-from trimtab.loop.structure import check_state, first_state, is_finite, zeros_of_step
+from trimtab.loop.structure import check_state, first_state, is_finite, step_part, zeros_of_step
 from trimtab.loop.supervisor import Supervisor, SupervisorInput
 
 
@@ -131,7 +131,7 @@ class Autopilot:
         seen = {name: measurement_time(frame.samples[name]) for name in state.seen}
         renewed = {n: replace(frame.samples[n], fresh=is_new(frame.samples[n], state.seen[n])) for n in seen}
         frame = replace(frame, samples={**frame.samples, **renewed})
-        estimator, estimate = self.estimator.step(t, state.estimator, frame)
+        estimator, estimate = step_part(self.estimator, t, state.estimator, frame)
         estimate = replace(estimate, valid=estimate.valid & self._is_readable(estimate))
         predictor, ahead = state.predictor, estimate
         if self.predictor is not None:

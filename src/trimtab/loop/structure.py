@@ -3,6 +3,7 @@
 Errors name the two parts that do not fit each other.
 """
 
+import functools
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import FrozenInstanceError
@@ -29,7 +30,7 @@ def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) 
     if own in ARGUMENTS:
         check_arguments(part, function, ARGUMENTS[own], *inputs)
     try:
-        shape = jax.eval_shape(function, *inputs)
+        shape = jax.eval_shape(_share_trace(function), *inputs)
     except InputError:
         raise
     except Exception as error:
@@ -43,6 +44,30 @@ def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) 
         fix = fault.fix or (f"read one of these, or add the missing field to {name}" if place_of(function) else other)
         raise InputError(part, problem, choices=fault.choices, fix=fix) from error
     return jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shape)
+
+
+def step_part(part: Any, t: Any, state: Any, given: Any) -> Any:
+    """Return part.step(t, state, given).
+
+    JAX traces the step only once for inputs of the same structure: `zeros_of` and the loop share the trace. The
+    equations are the same as those of a plain call. If an input is a constant or no trace is active, this is a plain
+    call.
+    """
+    is_traced = all(isinstance(v, jax.core.Tracer) for v in jax.tree.leaves((part, t, state, given)))
+    return (_trace_step if is_traced else type(part).step)(part, t, state, given)
+
+
+@functools.partial(jax.jit, inline=True)
+def _trace_step(part: Any, t: Any, state: Any, given: Any) -> Any:
+    return part.step(t, state, given)
+
+
+def _share_trace(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the function itself. For the step() of a record, return the call whose trace the loop uses again."""
+    owner = getattr(function, "__self__", None)
+    if getattr(function, "__name__", "") != "step" or not is_record(owner):
+        return function
+    return lambda t, state, given: step_part(owner, *strengthen_types((t, state, given)))
 
 
 def zeros_of_step(part: str, reads: str, step: Callable[..., Any], *inputs: Any) -> tuple[Any, Any]:
