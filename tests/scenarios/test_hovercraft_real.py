@@ -175,11 +175,11 @@ SHARES = {
 }
 
 ROWS = {
-    "bang-bang": "`hovercraft/heading-bang-bang` | of the thesis",
-    "proportional": "`hovercraft/heading-proportional` | of the thesis",
-    "bang-bang, for errors": "either of the two | for these errors, see below",
-    "proportional, for errors": "either of the two | for these errors, see below",
-    "pose": "`hovercraft/pose`, the law [`Pose`](pose.md) | its own",
+    "bang-bang": "`hovercraft/heading-bang-bang` | gains of the thesis",
+    "proportional": "`hovercraft/heading-proportional` | gains of the thesis",
+    "bang-bang, for errors": "either of these two scenarios | gains chosen for these errors (see below)",
+    "proportional, for errors": "either of these two scenarios | gains chosen for these errors (see below)",
+    "pose": "`hovercraft/pose`, with the law [`Pose`](pose.md) | default gains of `Pose`",
 }
 
 
