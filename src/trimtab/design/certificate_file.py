@@ -40,7 +40,8 @@ def certificate_json(certificate: Certificate) -> str:
 
 
 def certificate_digest(certificate: Certificate) -> str:
-    """Return the SHA-256 of the certificate. It reveals accidental changes; the proof does not depend on it."""
+    """Return the SHA-256 of the certificate, which reveals accidental changes. The proof does not depend on the
+    digest."""
     text = json.dumps(_as_plain(certificate), sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -169,7 +170,7 @@ def _parse_observer(o: dict[str, Any], states: tuple[str, ...], name: str) -> Ob
 
 
 def _check_keys(value: Any, wanted: Iterable[str], where: str, name: str) -> None:
-    """Raise InputError if a wanted key is missing or a key is unknown. An unknown key would be an unchecked claim."""
+    """Raise InputError if a required key is missing or a key is unknown. An unknown key would be an unchecked claim."""
     wanted = tuple(wanted)
     lacking = [key for key in wanted if key not in value]
     if lacking:

@@ -17,7 +17,8 @@ NAMES = ("states", "inputs", "outputs")
 
 
 def linear_json(linear: LinearModel, about: dict[str, Any]) -> str:
-    """Return the text of a file with a linear model. about: further content, e.g. the vehicle's name and the point."""
+    """Return the text of a file with a linear model. about: further content, e.g. the vehicle's name and operating
+    point."""
     numbers = {n: np.asarray(getattr(linear, n), float).tolist() for n in (*MATRICES, *VECTORS)}
     names = {n: list(getattr(linear, n)) for n in NAMES}
     return json.dumps({"format": FORMAT, "about": about, **names, **numbers}, indent=1) + "\n"

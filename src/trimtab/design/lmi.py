@@ -33,7 +33,7 @@ from trimtab.design.lqr import check_matrices, state_sizes
 from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 STRICT = 1e-7
-"""Smallest eigenvalue with which the scaled inequality in X, Y must be satisfied."""
+"""Smallest eigenvalue that X, and minus the left side of the scaled inequality in X and Y, must have."""
 STATES_SOLVED = 8
 """Length of the longest chain of integrators for which the solver finds a gain, as shown by a test."""
 MatrixBlock = Callable[[Any], Any]
@@ -86,7 +86,7 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
         scale: sizes of the states (n,); default: 1/sqrt of Qe's diagonal.
         decay: required decay rate (1/s); errors decay faster than exp(-decay t).
 
-    Source: [1] eq. 14, as scaled semidefinite program.
+    Source: [1] eq. 14, as a scaled semidefinite program.
     """
     A, B, Qe, Re = check_matrices("lmi_gain", A, B, Qe, Re)
     d = state_sizes("lmi_gain.scale", scale, Qe)
@@ -126,8 +126,8 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
 
 
 def _inequality_blocks(A: Any, B: Any, Q: Any, decay: float) -> tuple[MatrixBlock, MatrixBlock, MatrixBlock]:
-    """Return the scaled matrices that must be positive: minus the inequality's left side, X, and the bound of
-    R Y X^-1 Y'."""
+    """Return the scaled matrices that must be positive: minus the inequality's left side, X, and the bound of R Y X^-1
+    Y'."""
     n, m = B.shape
     inner = np.linalg.inv(Q)
 
@@ -169,7 +169,7 @@ def _explain_infeasibility(
         reasons.append("no input moves the poles " + ", ".join(format_pole(p) for p in stuck if p.imag >= 0))
     missing = least_violation(blocks, len(solution.x))
     if missing > 0:
-        reasons.append(f"with a margin of {STRICT:g}, (14) and X > 0 are violated by at least {missing:.3g}, scaled")
+        reasons.append(f"with a margin of {STRICT:g}, the scaled (14) and X > 0 are violated by at least {missing:.3g}")
     return "no gain satisfies the inequality: " + "; ".join(reasons)
 
 

@@ -25,7 +25,7 @@ SHOWN = 90
 
 
 class WeightedSquares(NamedTuple):
-    """Sum of weight form^2, multiplied by a hypothesis.
+    """Sum of terms weight * form^2, multiplied by a hypothesis.
 
     times: name of the hypothesis, or "" for none.  weights, forms: polynomials, one weight for each form.
     """

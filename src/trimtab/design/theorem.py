@@ -108,7 +108,7 @@ def closed_loop(
         vehicle: vehicle with `dynamics(t, x, u)`; its parameters may be polynomials.
         law: law without internal state, with an output `demand`; its parameters may be polynomials.
         state: a state record; fields that are not in `names` keep their values.
-        names: field of the state -> symbol.
+        names: field of the state record -> name in the polynomials.
 
     Raises: InputError if the code does more than add, multiply, and divide by single terms.
     """
@@ -126,7 +126,8 @@ def closed_loop(
 
 
 def motion_claims(theorem: LawTheorem, lyapunov: Polynomial, level: Fraction | None) -> tuple[Claim, ...]:
-    """Return the claims V > 0 and -dV/dt >= 0. If a level is given, the second is claimed only where V is below it."""
+    """Return the claims V > 0 and -dV/dt >= 0. If a level is given, the second claim is made only where V is below
+    it."""
     inside = {} if level is None else {INSIDE: constant(level) - lyapunov}
     rate = -lie_derivative_of(lyapunov, theorem.field)
     falls = Claim(FALLS, rate, inside, NONNEGATIVE if level is None else DEFINITE)
@@ -178,7 +179,7 @@ def prove_theorem(
     lines += [(e.name, lambda e=e: _refute(e)) for e in theorem.counterexamples]
     lines += theorem.lines
     if digests is not None:
-        why = "the file was changed after it was written; the other conditions show the effect"
+        why = "the file was changed after it was written"
         lines.append(version_line(certificate.version))
         lines.append(
             ("file unchanged since it was written", lambda: _verdict(digests[0] == digests[1], why, how="SHA-256"))
