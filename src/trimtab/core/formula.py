@@ -77,7 +77,8 @@ class Connective(NamedTuple):
 
 
 class Temporal(NamedTuple):
-    """Temporal operator. word: one of TEMPORAL. low, high: interval (100 ns); high None: no end. formulas: operands."""
+    """Temporal operator. word: one of TEMPORAL. low, high: interval (100 ns); high is None if the interval has no end.
+    formulas: operands."""
 
     word: str
     low: int
