@@ -46,12 +46,12 @@ def compile(
             of the example do not matter. Python numbers are float64 and int64. The function is traced with
             ``jax.enable_x64``; the user's own setting ``jax_enable_x64`` stays as it is.
         lanes: number of runs that `CompiledFunction.lanes` computes side by side: 1, 4 or 8. If given, the code for
-            lanes is built at once. If None, it is the number that the CPU supports; or 1 if lanes do not support a
-            type of the function, or if a single run is vectorised already, e.g. a product of large matrices.
+            lanes is built at once. If None, `lanes` is the number that the CPU supports; or 1 if lanes do not
+            support a type of the function, or if a single run is vectorised already, e.g. a product of large matrices.
         threads: number of threads that share the runs of `CompiledFunction.lanes`.
 
     Returns:
-        A function of the same arguments that returns the same trees, with numpy arrays.
+        A function with the same arguments, which returns the same trees with numpy arrays.
 
     Raises:
         InputError: a JAX primitive cannot be written as C (the error names the Python line), the example does not
@@ -119,7 +119,7 @@ class CompiledFunction:
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Call the function with these arguments.
 
-        Raises InputError for arguments of another structure, shape or type than the example's.
+        Raises InputError if the structure, shapes or types of the arguments differ from those of the example.
         """
         if named:
             arguments = self._place_named(arguments, named)
@@ -242,10 +242,10 @@ class CompiledFunction:
         if found.shape != wanted.shape and not (batch and found.shape[1:] == wanted.shape and found.ndim):
             raise self._refusal(
                 f"{self._path(path)} has shape {found.shape}, the example has {shapes}",
-                fix="compile it for these shapes as well",
+                fix="compile the function for these shapes as well",
             )
         if found.dtype != wanted.dtype and not _can_stand_for(value, found.dtype, wanted.dtype):
-            fix = f"convert it: .astype(np.{wanted.dtype.name}), or compile it for {found.dtype} as well"
+            fix = f"convert with .astype(np.{wanted.dtype.name}), or compile the function for {found.dtype}"
             raise self._refusal(f"{self._path(path)} has type {found.dtype}, the example has {wanted.dtype}", fix=fix)
         try:
             with np.errstate(over="ignore"):
@@ -262,7 +262,7 @@ class CompiledFunction:
         return f"{self._names[path[0].idx]}{jax.tree_util.keystr(path[1:])}"
 
     def _refusal(self, problem: str, **more: Any) -> InputError:
-        more.setdefault("fix", "pass arguments of the example's shapes and types, or compile it for these too")
+        more.setdefault("fix", "pass the shapes and types of the example, or compile the function for these too")
         return InputError(f"compiled {self.name!r}", problem, **more)
 
 

@@ -90,8 +90,8 @@ class Emit:
 class Loop:
     """Loop statement that repeats `count` times or, if count is None, while the test computed in its head block holds.
 
-    count: a number, its name in C, or a value that is equal in all lanes.
-    carries: (variable, value before the first iteration, value after each iteration).
+    count: an integer, the name of a C variable, or a value that is equal in all lanes. carries: (variable, value before
+    the first iteration, value after each iteration).
     """
 
     def __init__(self, count: "int | str | Value | None", index: Value, body: Block) -> None:
@@ -102,7 +102,8 @@ class Loop:
 
 
 class Builder:
-    """Builder of a program. With `hoist`, computations that use only invariant inputs move to its beginning."""
+    """Builder of a program. With `hoist`, computations that use only invariant inputs move to the beginning of the
+    program."""
 
     def __init__(self, hoist: bool = False) -> None:
         self.prologue, self.top = Block(), Block()

@@ -149,7 +149,8 @@ def plan_pieces(
 
 
 def is_large(blocks: list[Block], exported: bool = False) -> bool:
-    """Return True if a program has more statements than one function may have. exported: limit for exported blocks."""
+    """Return True if a program has more statements than one function may have. exported: True for the limit of exported
+    blocks."""
     return sum(_count_statements(block.items) for block in blocks) > (
         EXPORTED_STATEMENTS_MAX if exported else FUNCTION_STATEMENTS_MAX
     )

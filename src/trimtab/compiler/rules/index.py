@@ -109,7 +109,7 @@ def _dynamic_update_slice(site: Site) -> list[Array]:
 
 
 def _update_elements(site: Site, updates: list[ElementUpdate]) -> Array:
-    """Return operand 0 with a few elements written. If the old ones are read later, the writes stay pending."""
+    """Return operand 0 with a few elements written. If the old elements are read later, the writes stay pending."""
     array = site.operands[0]
     if is_small(array.shape) or array.offset is not None or site.dying[0]:
         target = writable_operand(site, 0)
