@@ -27,7 +27,8 @@ from trimtab.design.model import StateSpaceModel
 HIGHEST_DEGREE = 5
 """Default maximum degree of a Lie bracket, i.e. the number of vector fields in the bracket."""
 AT_REST = 1e-8
-"""Largest state derivative that counts as zero, relative to max(1, |x|). It allows for rounding errors of a trim."""
+"""Largest state derivative that counts as zero, relative to max(1, |x|). The tolerance allows for rounding errors of a
+trim."""
 ROUNDING = 1e-9
 """Largest polynomial coefficient that counts as zero, as a fraction of the largest coefficient."""
 INDEPENDENT = 1e-7
@@ -35,7 +36,7 @@ INDEPENDENT = 1e-7
 bracket counts as a new direction."""
 DRIFT = "f"
 TaylorField = dict[tuple[int, ...], Any]
-"""Taylor polynomial of a vector field: powers of the states' deviations -> coefficients (n,)."""
+"""Taylor polynomial of a vector field, as a mapping from powers of the states' deviations to coefficients (n,)."""
 
 
 class LieBracket(NamedTuple):
@@ -56,10 +57,10 @@ class Accessibility(NamedTuple):
 
     basis: brackets that each add a new direction, by degree.  rank: number of brackets in the basis.  n: number of
     states.  bad: bad brackets that do not vanish, up to the degree at which the basis is complete.  obstructions: bad
-    brackets that are not a combination of brackets of lower degree.  curved: inputs in which the model is not affine;
-    their first-order part is used.  is_accessible: True if the brackets span all directions.  is_stlc: True if small-
-    time local controllability is proved; if False, the question stays open.  is_linear: True if the linear model is
-    controllable, so that no other brackets were computed.
+    brackets that are not a combination of brackets of lower degree.  curved: inputs in which the model is not affine
+    and was linearised.  is_accessible: True if the brackets span all directions.  is_stlc: True if small-time local
+    controllability is proved; if False, the question stays open.  is_linear: True if the linear model is controllable,
+    so that no other brackets were computed.
     """
 
     basis: tuple[LieBracket, ...]

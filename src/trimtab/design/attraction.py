@@ -127,7 +127,8 @@ def _lyapunov_matrix(loop: _Loop, z: Any) -> Any:
 
 
 def _largest_level(loop: _Loop, P: Any, guess: float, ratio: float) -> float:
-    """Return the largest level of V, to within a ratio, that can be proved, or 0 if no level near the guess can."""
+    """Return the largest provable level of V, accurate to the factor `ratio`, or 0 if no level near `guess` is
+    provable."""
 
     def is_reached(level: float) -> bool:
         return _margin(loop, P, level, np.sqrt(level / np.diag(P))).margin > SMALLEST_MARGIN
@@ -146,7 +147,8 @@ def _largest_level(loop: _Loop, P: Any, guess: float, ratio: float) -> float:
 
 
 class _Solution(NamedTuple):
-    """Solver's result. margin: smallest eigenvalue of S and G.  S: (n, n).  kernel: part of G that cancels in z'G z."""
+    """Solver's result. margin: smallest eigenvalue of S and G.  S: (n, n).  kernel: free entries of G, which cancel in
+    z'G z."""
 
     margin: float
     S: Any
@@ -190,7 +192,7 @@ def _gram_matrix(coefficients: Mapping[Monomial, Any], kernel: Any, products: _P
 
 @lru_cache(maxsize=8)
 def _kernel_matrices(names: tuple[str, ...]) -> list[Any]:
-    """Return matrices G with z'G z = 0, one for each entry of the kernel."""
+    """Return matrices G with z'G z = 0, one for each degree of freedom of G."""
     products = _form_products(names)
     units = np.eye(sum(len(p) - 1 for p in products.pairs.values()))
     return [_gram_matrix({}, unit, products, 0.0) for unit in units]

@@ -1,6 +1,6 @@
 """Certificate of a gain: the matrices, weights, claims and system name that suffice to prove the gain again.
 
-`design_certificate` makes a certificate. `certificate_file` stores the certificate as text without losing a digit.
+`design_certificate` creates a certificate. `certificate_file` stores the certificate as text without losing a digit.
 `certificate_check.prove_certificate` proves the certificate without the solver that found the gain. A certificate
 applies to the linear model of a named system: near the operating point, and only while no input saturates.
 
@@ -46,7 +46,7 @@ class ObserverPart(NamedTuple):
 
 
 class Certificate(NamedTuple):
-    """Gain K of the state feedback v = +K e, with all data needed to prove the gain.
+    """Gain K of the feedback v = +K e (input v, state error e), with all data needed to prove the gain.
 
     system: name of the system, as in `trimtab design SYSTEM`.  about: settings and operating point by name.
     method: "lqr" or "lmi".  states, inputs: names.  A: (n, n).  B: (n, m).  K: (m, n).  P: (n, n).  Qe: (n, n) and Re:

@@ -36,8 +36,8 @@ from trimtab.design.proof import (
 SAME = 1e-6
 """Largest accepted relative deviation of a recomputed number from the number recorded in a certificate."""
 SLOW = 1e-7
-"""Fraction of the fastest pole that is added to each pole's size before relative deviations are computed. It allows
-for rounding errors of slow poles."""
+"""Fraction of the fastest pole that is added to each pole's size before relative deviations are computed. This share
+allows for rounding errors of slow poles."""
 ROBUST = {"K": 0.0, "K + R_e^-1 B'P/2": 0.5, "K - R_e^-1 B'P/2": -0.5}
 FLOATS = "floats"
 

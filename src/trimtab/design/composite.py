@@ -60,7 +60,7 @@ def lyapunov_matrix(f: Feedback) -> Any:
 
 
 def coupling_matrix(f: Feedback) -> Any:
-    """Return W = P B R_e^-1 B'P (n, n)."""
+    """Return the matrix W = P B R_e^-1 B'P (n, n) in inequalities (14) and (15)."""
     reach = f.P @ f.B
     return reach @ f.Re_inverse @ reach.T
 
@@ -71,13 +71,13 @@ def inequality_matrix(f: Feedback) -> Any:
 
 
 def dissipation_matrix(o: Observer) -> Any:
-    """Return P_eta Pi P_eta = Q_eta + P_eta C'R^-1 C P_eta (k, k)."""
+    """Return the matrix P_eta Pi P_eta = Q_eta + P_eta C'R^-1 C P_eta (k, k)."""
     across = o.P @ o.C.T
     return o.Q + across @ o.R_inverse @ across.T
 
 
 def observer_lyapunov_matrix(o: Observer) -> Any:
-    """Return -((A_eta - L C) P_eta + P_eta (A_eta - L C)') (k, k).
+    """Return the matrix -((A_eta - L C) P_eta + P_eta (A_eta - L C)') (k, k) of the filter's Lyapunov inequality.
 
     For the steady P_eta and L, the result equals `dissipation_matrix`.
     """
@@ -131,7 +131,8 @@ def printed_inequality(f: Feedback, o: Observer) -> Any:
 
 
 def _least_block_weight(M: Any, n: int) -> float:
-    """Return the least w with [a, S; S', w b] >= 0: the largest generalised eigenvalue of (S'a^-1 S, b)."""
+    """Return the least w for which [a, S; S', w b] is positive semidefinite: the largest generalised eigenvalue of
+    (S'a^-1 S, b)."""
     size = np.sqrt(np.abs(np.diag(M)))
     scaled = M / np.where(size > 0, np.outer(size, size), 1.0)
     a, S, b = scaled[:n, :n], scaled[:n, n:], scaled[n:, n:]

@@ -261,7 +261,7 @@ def _from_trim(like: Any, fields: tuple[_StateField, ...], z: Any) -> Any:
         values[leaf.path] = z[start : start + size]
         start += size
     x = like
-    for leaf in sorted(fields, key=lambda leaf: leaf.form != "attitude"):  # attitudes first: the vectors need them
+    for leaf in sorted(fields, key=lambda leaf: leaf.form != "attitude"):  # attitudes first, to rotate the vectors
         own = values[leaf.path]
         if leaf.form == "attitude":
             x = _put(x, leaf.path, quaternion.from_euler(*own))

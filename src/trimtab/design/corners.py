@@ -16,8 +16,8 @@ from trimtab.design.model import StateSpaceModel
 FAR, NEAR = 1e-5, 1e-7
 """Distances from the point, relative to max(1, |value|), at which slopes and values are compared."""
 SMOOTH_RATIO = 0.3
-"""A slope is smooth if its change at distance NEAR is at most this fraction of its change at distance FAR. For a smooth
-function the fraction is about 0.01."""
+"""Largest ratio of a slope's changes at the distances NEAR and FAR at which the slope counts as smooth. For a smooth
+function, the ratio is about 0.01."""
 SLOPE_CHANGE_MIN = 1e-6
 """Smallest change of a slope that counts as a corner, relative to the largest slope of the same output."""
 ROUNDING = 1e-10
@@ -41,8 +41,7 @@ class Corner(NamedTuple):
 
 
 class _Side(NamedTuple):
-    """Changes of slopes (rows, columns) and values (rows,) at the distances FAR and NEAR from the point, on one
-    side."""
+    """Changes of slopes (rows, columns) and values (rows,) on one side of the point, at the distances FAR and NEAR."""
 
     far: Any
     near: Any

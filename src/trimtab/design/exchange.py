@@ -79,7 +79,7 @@ def discrete_matrices(system: Any, period: float) -> tuple[Any, Any, Any, Any]:
     if dt and not np.isclose(dt, period, rtol=1e-9):
         raise InputError(
             "compensator",
-            f"the compensator's period must equal the loop's, {period} s, got {dt} s",
+            f"the compensator's period must be that of the loop, {period} s, got {dt} s",
             fix=f"give period={dt}, or a continuous compensator",
         )
     if dt or not len(A):

@@ -27,7 +27,7 @@ def linear_json(linear: LinearModel, about: dict[str, Any]) -> str:
 def read_linear(file: Path) -> tuple[LinearModel, dict[str, Any]]:
     """Return the linear model in a file, and the file's further content.
 
-    Raises: InputError for a file that is not a linear model, or whose matrices don't fit its names.
+    Raises: InputError if the file does not contain a linear model, or its matrices and names don't match.
     """
     fix = "trimtab linearise VEHICLE --out model.json  writes a linear model"
     try:

@@ -10,8 +10,8 @@ The substitution X = P^-1, Y = K X makes the inequality linear:
 
 Of all solutions, the one with the least tr(Q_e X) + tr(R_e Y X^-1 Y') is chosen; otherwise the gain would be arbitrary.
 Clarabel, from the extra `design`, solves the problem in scaled states and in inputs for which R_e = I. The inequalities
-are given as functions. They are affine, so their values at zero and at the unit vectors define them. This code runs
-offline and uses LAPACK and Clarabel.
+are given as functions. These functions are affine, so that their values at zero and at the unit vectors define them.
+This code runs offline and uses LAPACK and Clarabel.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206; [2] S. Boyd, L. El Ghaoui, E. Feron, V. Balakrishnan, "Linear matrix inequalities
@@ -169,7 +169,9 @@ def _explain_infeasibility(
         reasons.append("no input moves the poles " + ", ".join(format_pole(p) for p in stuck if p.imag >= 0))
     missing = least_violation(blocks, len(solution.x))
     if missing > 0:
-        reasons.append(f"with a margin of {STRICT:g}, the scaled (14) and X > 0 are violated by at least {missing:.3g}")
+        reasons.append(
+            f"with the margin {STRICT:g}, the scaled inequalities (14) and X > 0 are violated by at least {missing:.3g}"
+        )
     return "no gain satisfies the inequality: " + "; ".join(reasons)
 
 

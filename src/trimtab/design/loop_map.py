@@ -4,11 +4,11 @@
 
 v = c closes the loop. Poles are those of the map over one period. Margins are the gain between c and v, or the delay in
 whole instants, that the loop tolerates. The margins are computed exactly from the poles. The response is that of the
-fundamental: the component exp(jwt) of c(t) for v(t) = exp(jwt). Components that sampling folds to other frequencies are
-left out. `run.loop_linearisation` makes the map of a scenario.
+fundamental: the component exp(jwt) of c(t) for v(t) = exp(jwt). Components that sampling aliases to other frequencies
+are left out. `run.loop_linearisation` computes the map of a scenario.
 
-Source: [1] S. Bittanti, P. Colaneri, "Periodic systems", Springer 2009, chapters 2 and 3; for folding [2] K. J. Åström,
-B. Wittenmark, "Computer-controlled systems", Prentice Hall 1997, chapter 7.
+Source: [1] S. Bittanti, P. Colaneri, "Periodic systems", Springer 2009, chapters 2 and 3; for aliasing [2] K. J.
+Åström, B. Wittenmark, "Computer-controlled systems", Prentice Hall 1997, chapter 7.
 """
 
 import math

@@ -53,8 +53,8 @@ class DelayMargin(NamedTuple):
     """Delay margin of a loop.
 
     delay: the loop is stable for every constant delay below this (s); infinite if no delay destabilises the loop.
-    crossovers: all crossovers, by rising delay. The first one gives the margin; at this delay, the closed loop has a
-    pair of poles on the imaginary axis, at the crossover frequency.
+    crossovers: all crossovers, by rising delay. The first crossover determines the margin. At this delay, the closed
+    loop has a pair of poles on the imaginary axis, at the crossover frequency.
     """
 
     delay: float

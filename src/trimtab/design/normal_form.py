@@ -5,8 +5,8 @@
 Here r_i is the relative degree of the output y_i. Coordinates and inputs are found by Newton's iteration and
 differentiated by the implicit function theorem. This works also for systems that are not affine in their inputs.
 
-`linear_normal_form` is the linearisation of the normal form at a trim, from first derivatives only. With
-z = (xi, zeta) = phi(x) and v = w(x, u) the highest derivatives of the outputs, at a point where x' = f = 0
+`linear_normal_form` linearises the normal form at a trim, where x' = f = 0, from first derivatives only. With z = (xi,
+zeta) = phi(x), and with the highest derivatives of the outputs v = w(x, u), the linear model is
 
     dz' = Phi (f_x - f_u W_u^-1 W_x) Phi^-1 dz + Phi f_u W_u^-1 dv        Phi = dphi/dx
 
@@ -112,7 +112,7 @@ def normal_form(
         x: state, as a vector, a record, or changes to the model's own point.
         u: input, in the same forms.
         internal: names of the states that form zeta, or name -> function of x (n,). Default: the states that, together
-            with xi, make the best conditioned coordinates.
+            with xi, are the best conditioned coordinates.
         radius: as in `relative_degree`.
 
     Source: [1] propositions 4.1.3 and 5.1.2.

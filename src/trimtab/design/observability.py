@@ -1,4 +1,4 @@
-"""Observability: the Gramian along a trajectory, scaled by the prior, and the rank of a constant pair (A, C).
+"""Observability: the Gramian along a trajectory, scaled by the prior sigmas, and the rank of a constant pair (A, C).
 
 This code runs offline and uses LAPACK.
 
@@ -91,9 +91,9 @@ def observability_gramian(transitions: Any, rows: Any, noises: Any) -> Any:
     to k.
 
     Args:
-        transitions: (instants - 1, n, n), from each instant to the next.
-        rows: H at each instant (instants, m, n); zero at instants without a measurement.
-        noises: R at each instant (instants, m, m).
+        transitions: transition matrices from each instant to the next (instants - 1, n, n).
+        rows: measurement matrix H at each instant (instants, m, n); zero at instants without a measurement.
+        noises: measurement covariance R at each instant (instants, m, m).
 
     Source: [7] section 5.7, the information about the first state.
     """

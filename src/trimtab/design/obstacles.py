@@ -86,7 +86,7 @@ class PlanTask(NamedTuple):
 def read_task(path: str | Path) -> PlanTask:
     """Return the planning task described by a file.
 
-    Raises: InputError for missing, unknown or impossible content, with an example of valid text.
+    Raises: InputError if the content is missing, unknown or not valid. The error contains an example of a valid file.
     """
     part = str(path)
     try:

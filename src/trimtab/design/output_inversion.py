@@ -123,8 +123,8 @@ def invert_output(
             their initial values.
         tolerance: as in `bounded_solution`.
 
-    Raises: InputError if the model has no well-defined relative degree, or if the iteration does not converge. Source:
-    as for this module.
+    Raises: InputError if the model has no well-defined relative degree, or if the iteration does not converge.
+    Source: as for this module.
     """
     form = normal_form(model)
     internal_modes(form)

@@ -18,7 +18,7 @@ COLUMN = 1e-12
 
 
 def sorted_poles(A: Any) -> Any:
-    """Return the eigenvalues of A (n, n), by falling real part, as complex numbers."""
+    """Return the eigenvalues of A (n, n) as complex numbers, sorted by falling real part."""
     poles = np.linalg.eigvals(A).astype(complex)
     return poles[np.lexsort((-poles.imag, -poles.real))]
 

@@ -26,7 +26,8 @@ HIGHEST_POWER, MOST_TERMS = 12, 20
 
 
 class Polynomial:
-    """Sum of terms, each a Fraction times powers of names. Immutable; compares by value.
+    """Polynomial: a sum of terms, each a Fraction times powers of names. Polynomials are immutable and compared by
+    value.
 
     terms: monomial -> coefficient, without zero coefficients.
     """

@@ -61,8 +61,8 @@ class LawTheorem(NamedTuple):
     all positive values of hurwitz_positive.  claims: further claims.  identities: name -> polynomial that must be zero.
     counterexamples: wrong claims, each with a point at which it is wrong.  lines: further conditions.
 
-    Three fields only help to make a certificate, and prove nothing.  multipliers: claim -> hypothesis -> weight of the
-    hypothesis.  searches: claim -> setup of the search for Gram matrices.  proofs: claim -> known proof.
+    Three fields only help to create a certificate, and prove nothing.  multipliers: claim -> hypothesis -> weight of
+    the hypothesis.  searches: claim -> setup of the search for Gram matrices.  proofs: claim -> known proof.
     """
 
     name: str
@@ -126,8 +126,8 @@ def closed_loop(
 
 
 def motion_claims(theorem: LawTheorem, lyapunov: Polynomial, level: Fraction | None) -> tuple[Claim, ...]:
-    """Return the claims V > 0 and -dV/dt >= 0. If a level is given, the second claim is made only where V is below
-    it."""
+    """Return the claims V > 0 and -dV/dt >= 0. If a level is given, the second claim is made only where V is below this
+    level."""
     inside = {} if level is None else {INSIDE: constant(level) - lyapunov}
     rate = -lie_derivative_of(lyapunov, theorem.field)
     falls = Claim(FALLS, rate, inside, NONNEGATIVE if level is None else DEFINITE)

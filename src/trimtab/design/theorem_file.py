@@ -1,4 +1,5 @@
-"""Files of theorem certificates: JSON text that contains only data. Polynomials are text, and numbers are fractions.
+"""Files of theorem certificates: JSON text that contains only data. Polynomials are stored as text, and numbers as
+fractions.
 
 The content of a file is never executed. Missing, duplicate or unknown keys are rejected.
 

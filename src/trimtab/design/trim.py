@@ -33,7 +33,7 @@ class Trim(NamedTuple):
     each unknown changes by its scale.  active: unknown -> "low" or "high", for unknowns that lie on a bound.
     powerless_unknowns: unknowns that affect no equation.  undetermined_unknowns: combinations of unknowns that affect
     no equation, so that there are several solutions.  rank: rank of the scaled Jacobian.  singular: singular values of
-    the scaled Jacobian.  why: reasons for failure, in words.  taken: state or output -> value, for conditions added by
+    the scaled Jacobian.  why: reasons for failure, in words.  taken: values of states and outputs that were assumed by
     default for level flight.
     """
 
