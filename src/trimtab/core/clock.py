@@ -48,7 +48,7 @@ class Clock(Protocol):
 
 
 class SystemClock:
-    """The clocks of this machine."""
+    """Clock of this machine, read from the operating system."""
 
     def monotonic_ns(self) -> int:
         """Return the monotonic time (ns)."""

@@ -45,7 +45,8 @@ class InputError(ValueError):
         super().__init__(text)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return the data from which pickle rebuilds the error, so that a worker process can pass it on complete."""
+        """Return the data from which pickle rebuilds the error, so that a worker process can transfer the complete
+        error."""
         return partial(type(self), choices=self.choices, fix=self.fix), (self.part, self.problem)
 
 

@@ -80,7 +80,8 @@ def _rk4_stages(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
 
 
 def dormand_prince(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
-    """Return x after a step of order five, and its difference from the embedded order four. Source: [1] table 5.2."""
+    """Return x after a step of order five, and its difference from the embedded result of order four. Source: [1] table
+    5.2."""
 
     def combine(weights: tuple[float, ...], ks: list[Any]) -> Any:
         terms = [(w, k) for w, k in zip(weights, ks, strict=True) if w]

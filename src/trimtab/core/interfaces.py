@@ -332,7 +332,8 @@ class Audience(Enum):
 
 @runtime_checkable
 class Link(Protocol):
-    """Transport that sends and receives bytes in wall-clock time. Its methods do not raise errors once it is open."""
+    """Transport that sends and receives bytes in wall-clock time. After the transport is open, its methods raise no
+    errors."""
 
     @property
     def statistics(self) -> LinkStatistics:

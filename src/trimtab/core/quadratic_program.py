@@ -1,4 +1,5 @@
-"""Quadratic programs for flight code: a fixed number of plain operations with a warm start. Failures are signals.
+"""Quadratic programs for flight code: a fixed number of plain operations with a warm start. Failures are reported as
+signals.
 
     minimise  x.P x/2 + q.x    subject to  l <= A x <= u
 
@@ -95,8 +96,8 @@ class QuadraticSolution(NamedTuple):
 
     primal: largest entry of A x - z, with z within the bounds, and at a bound where y is not zero. dual: largest entry
     of P x + q + A.T y. solved: True if primal and dual are within the tolerance, relative to the size of their terms
-    [1, eqs. 34, 35]. infeasible: True if the last change of y proves that no x is within the bounds, to 1e-4 [1, eq.
-    37].
+    [1, eqs. 34, 35]. infeasible: True if the last change of y proves, to a tolerance of 1e-4, that no x is within the
+    bounds [1, eq. 37].
     """
 
     x: Any

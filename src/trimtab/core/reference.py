@@ -151,9 +151,9 @@ class FigureEight:
 class PiecewisePath:
     """A path of consecutive polynomials of degree 5, as created by `interpolate_path` and `pass_waypoints`.
 
-    Piece k is valid from times[k] to times[k + 1]. In it, north, east and heading are the sum over i of
-    coefficients[k, i] (t - times[k])^i.
-    Before the first time, the path rests at its first point; after the last time, at its last point.
+    Piece k is valid from times[k] to times[k + 1]. In this piece, north, east and heading are the sum over i of
+    coefficients[k, i] (t - times[k])^i. Before the first time, the path rests at its first point; after the last time,
+    at its last point.
 
     Frames:  W.    Source:  C. de Boor, "A practical guide to splines", 1978.
     """
@@ -170,7 +170,7 @@ class PiecewisePath:
     has_heading: Scalar = quantity("1", "True if the path gives a heading.", kind="flag", default=False)
 
     def check(self) -> None:
-        """Raise InputError for an invalid path."""
+        """Raise InputError if the path is not valid."""
         times, shape = np.asarray(self.times, np.float64), np.shape(self.coefficients)
         if times.ndim != 1 or shape != (len(times) - 1, DEGREE + 1, 3) or not (np.diff(times) > 0).all():
             problem = (

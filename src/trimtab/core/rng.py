@@ -27,7 +27,8 @@ PARITY = 0x1BD11BDA
 TERMS = 8
 """Number of normal numbers whose scaled sum is one drawn number, if the draws are divided into groups."""
 TERM_STRIDE = 0x9E3779B1
-"""Difference of the stream numbers of the summed normal numbers. It is odd, so they are in different groups."""
+"""Difference of the stream numbers of the summed normal numbers. The difference is odd, so that the summed numbers are
+in different groups."""
 
 
 @record

@@ -203,7 +203,7 @@ class Peers:
 
 @record
 class PeerView:
-    """Estimated state of a craft of a swarm, with the messages of the others. Source: docs page, Swarms."""
+    """Estimated state of a craft of a swarm, with the messages of the other craft. Source: docs page, Swarms."""
 
     own: Any = part("Estimated state of the craft itself.")
     peers: Peers = part("Messages received from the other craft.")

@@ -62,7 +62,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "Hz": {"Hz": 1.0},
     "rpm": {"rpm": 1.0, "krpm": 1e3, "rad/s": 60 / TURN, "Hz": 60.0},
 }
-"""Unit of storage -> units in which the quantity may be written -> their size in the unit of storage.
+"""Units in which a quantity may be written, with their sizes in the unit of storage, keyed by unit of storage.
 
 If the quantity is unknown, a symbol with two meanings, such as g, has the meaning that is listed first.
 """
@@ -92,7 +92,7 @@ SPELLINGS = {
     "deglongitude": "deg",
     "bool": FLAG,
 }
-"""Other spellings of a unit -> its symbol."""
+"""Symbols of units, keyed by other spellings of the units."""
 
 NAMES = {
     "metre": "m",
@@ -113,7 +113,7 @@ NAMES = {
     "inch": "in",
     "pound": "lb",
 }
-"""Units spelled out -> the symbol to use in a declaration."""
+"""Symbols to use in declarations, keyed by the spelled-out names of units."""
 
 IMPERIAL = ("ft", "in", "lbf", "ft/s")
 """Non-SI units that a declaration may use, for vehicles from publications such as the hypersonic vehicle."""
@@ -165,7 +165,7 @@ def check_symbols(unit: str) -> None:
     """Raise InputError if a declared unit is spelled out, because conversion needs the symbol.
 
     Raises:
-        InputError: the unit is spelled out; the error names the symbol.
+        InputError: if the unit is spelled out. The error names the symbol.
     """
     for word in re.findall("[A-Za-z]+", unit):
         symbol = NAMES.get(word.lower(), NAMES.get(word.lower().removesuffix("s")))
@@ -178,7 +178,7 @@ def check_kept(unit: str) -> None:
     """Raise InputError if a declared unit is not a unit of storage, such as deg.
 
     Raises:
-        InputError: the value is not stored in this unit; the error names the unit to declare.
+        InputError: if values are not stored in this unit. The error names the unit to declare.
     """
     kept = next((kept for kept, sizes in UNITS.items() if unit in sizes), unit)
     if unit not in (*UNITS, *IMPERIAL) and kept != unit:
