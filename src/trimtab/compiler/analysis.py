@@ -10,7 +10,8 @@ from trimtab.compiler.values import Buffer, Value
 
 
 class _NeededValues:
-    """Values and buffers on which the results of a program depend, found by following uses backwards."""
+    """Values and buffers on which the results of a program depend, found by tracing the program backwards from its
+    results."""
 
     def __init__(self) -> None:
         self.values: set[int] = set()
@@ -128,7 +129,7 @@ class VaryingValues:
             self.changed = True
 
     def value(self, value: Value) -> None:
-        """Mark a computed value if its operands, or the buffer that it is loaded from, differ."""
+        """Mark a computed value if its operands, or the buffer that it is loaded from, differ between runs."""
         if any(self(a) for a in value.args) or (value.op == "load" and self(value.attr)):
             self.add(value, self.values)
 

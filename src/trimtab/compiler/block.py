@@ -212,8 +212,8 @@ def _default_lines(parameters: list[Member], values: list[Any]) -> tuple[list[st
 
 
 class StructPlace(NamedTuple):
-    """Struct members behind one pointer. base: C text of the pointer, e.g. "s->". writable: large arrays may be changed
-    in place."""
+    """Struct members that are accessed through one pointer. base: C text of the pointer, e.g. "s->". writable: large
+    arrays may be changed in place."""
 
     base: str
     members: list[Member]

@@ -54,7 +54,7 @@ def compile(
         A function with the same arguments, which returns the same trees with numpy arrays.
 
     Raises:
-        InputError: a JAX primitive cannot be written as C (the error names the Python line), the example does not
+        InputError: if a JAX primitive cannot be written as C (the error names the Python line), the example does not
             consist of arrays, or no C compiler works. A fault of trimtab's own compiler is an InputError too, and its
             message states what to report.
     """
@@ -133,7 +133,7 @@ class CompiledFunction:
         calls bit for bit.
 
         Raises:
-            InputError: shapes or types differ from the example's, or no array has an axis of runs.
+            InputError: if shapes or types differ from those of the example, or no array has an axis of runs.
         """
         try:
             return (self._many or self._lanes_call())(*arguments)
@@ -151,7 +151,7 @@ class CompiledFunction:
             name: name of the C function; by default the name of the Python function.
 
         Raises:
-            InputError: the folder cannot be written.
+            InputError: if the folder cannot be written.
         """
         return export_callable(self._function, self._example, Path(folder), name=name).files
 
@@ -267,7 +267,7 @@ class CompiledFunction:
 
 
 def _can_stand_for(value: Any, given: np.dtype[Any], wanted: np.dtype[Any]) -> bool:
-    """Return True if a value of one type can be passed for another without loss. Python numbers follow JAX's rules."""
+    """Return True if a value can be converted to another type without loss. Python numbers follow JAX's rules."""
     if type(value) is float:
         return wanted.kind == "f"
     if type(value) is int:

@@ -312,7 +312,7 @@ def export_function(
         example: example arguments of the function.
 
     Raises:
-        InputError: a JAX primitive cannot be written as C, or the folder cannot be written.
+        InputError: if a JAX primitive cannot be written as C, or the folder cannot be written.
     """
     text = block_text(block)
     rng = np.random.default_rng(1)

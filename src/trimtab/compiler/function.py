@@ -111,7 +111,7 @@ class FunctionText(NamedTuple):
 
 
 def _array_contents(arrays: list[Array]) -> list[Any]:
-    """Return the values and buffers of these arrays, offsets included."""
+    """Return the values and buffers of these arrays, including the offsets into buffers."""
     return [
         thing
         for a in arrays

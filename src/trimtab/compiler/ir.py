@@ -90,8 +90,8 @@ class Emit:
 class Loop:
     """Loop statement that repeats `count` times or, if count is None, while the test computed in its head block holds.
 
-    count: an integer, the name of a C variable, or a value that is equal in all lanes. carries: (variable, value before
-    the first iteration, value after each iteration).
+    count: an integer, the name of a C variable, or a value that is equal in all lanes.
+    carries: (variable, value before the first iteration, value after each iteration).
     """
 
     def __init__(self, count: "int | str | Value | None", index: Value, body: Block) -> None:
@@ -143,7 +143,7 @@ class Builder:
         return self.known[1][key]
 
     def memoise(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return the value with this key from this block or an enclosing one. Create the value if it is missing."""
+        """Return the value with this key from this block or an enclosing block. Create the value if it is missing."""
         for table in reversed(self.known):
             if key in table:
                 return table[key]

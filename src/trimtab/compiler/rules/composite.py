@@ -57,7 +57,7 @@ def _permutation(pivots: Any, *, permutation_size: int, **_: Any) -> Any:
 
 
 def _each(site: Site) -> list[Array]:
-    """Return the results of the primitive, applied to one matrix of the batch after the other."""
+    """Return the results of the primitive, which is applied to the matrices of the batch one by one."""
     primitive, params = site.equation.primitive, site.params
     return inline_program(site, lambda *x: each_matrix(lambda *single: primitive.bind(*single, **params), 2, *x))
 

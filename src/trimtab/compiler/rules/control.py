@@ -126,7 +126,8 @@ class LoopCarries:
     def __init__(
         self, b: Builder, starts: list[Array], dying: list[bool], indexed: set[int], others: Sequence[Array] = ()
     ) -> None:
-        """Prepare the carried arrays. others: further arrays that the loop reads, whose buffers it must not change."""
+        """Prepare the carried arrays. others: further arrays that the loop reads, whose buffers the loop must not
+        change."""
         self.b, self.like = b, starts
         self.buffers: list[Array | None] = []
         taken: list[Any] = [a.buffer for a in others]

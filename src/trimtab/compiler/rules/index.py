@@ -65,7 +65,8 @@ def _dynamic_slice(site: Site) -> list[Array]:
 
 
 def read_window(site: Site, array: Array, starts: Index) -> Array:
-    """Return the window of the result's shape at a start in range. Small arrays are read by selects or a table."""
+    """Return the window, with the shape of the result, at a start index in range. Small arrays are read by selects or a
+    table."""
     return build_array(
         site.b, site.shape, array.dtype, lambda index: read_element(site.b, array, _add_indices(site, starts, index))
     )
