@@ -221,7 +221,8 @@ class StructPlace(NamedTuple):
 
 
 class _Body(NamedTuple):
-    """Body of a C function. pieces: text of the functions that it calls. workspace, frame: bytes, as in BlockText."""
+    """Body of a C function. pieces: text of the functions that it calls. workspace, frame: sizes (bytes), as in
+    BlockText."""
 
     pieces: str
     lines: list[str]

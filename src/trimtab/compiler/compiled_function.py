@@ -25,7 +25,8 @@ from trimtab.core.quantity import Option, declarations, is_record
 
 LANES = (1, 4, 8)
 VECTORS = 0.98
-"""Fraction of operations in vectorised loops above which computing runs side by side (in lanes) saves no time."""
+"""Largest fraction of operations in vectorised loops at which computing several runs side by side (in lanes) still
+saves time."""
 PART = "compile"
 
 

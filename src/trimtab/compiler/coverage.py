@@ -73,7 +73,7 @@ COVERED_PRIMITIVES: dict[str, tuple[str, str]] = {
     "pow": (FLOATS, "the exponent may be a float or an integer"),
     "floor": (FLOATS, ""),
     "ceil": (FLOATS, ""),
-    "round": (FLOATS, "a half is rounded to even or away from zero, as the parameter of `round` states"),
+    "round": (FLOATS, "halves are rounded to even or away from zero, as the rounding method states"),
     "clamp": (NUMBERS, "the bounds may have any shape"),
     "select_n": (ANY, "the selector is a bool, or an integer in the range of the cases"),
     "convert_element_type": (

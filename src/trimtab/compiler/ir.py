@@ -65,7 +65,7 @@ class Store:
 
 
 class If:
-    """Branch statement. joins: (result, its value from the first block, its value from the second block)."""
+    """Branch statement. joins: (result, value from the first block, value from the second block)."""
 
     def __init__(self, test: Value, first: Block, second: Block) -> None:
         self.test, self.first, self.second = test, first, second

@@ -128,7 +128,7 @@ class Writer:
     def declare_buffer(self, buffer: Buffer, name: str = "") -> str:
         """Declare an array on the stack, in the frame, or at its place in the workspace, and return its C name.
 
-        A buffer that has a name already is in other memory and is not declared.
+        A buffer that already has a name is in other memory and is not declared.
         """
         if id(buffer) in self.names:
             return self.names[id(buffer)]

@@ -41,7 +41,8 @@ class Key:
     stream: int = option("First stream number of the block, derived from its path.", default=0)
 
     def at(self, name: str) -> "Key":
-        """Return the key of a named sub-block. Its streams depend only on its path, not on other parts of the loop."""
+        """Return the key of a named sub-block. Streams depend only on the sub-block's path, not on other parts of the
+        loop."""
         return Key(self.seed, self.run, zlib.crc32(name.encode(), self.stream))
 
 

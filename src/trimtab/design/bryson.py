@@ -72,7 +72,7 @@ def weigh_by_limits(
 
 
 def fed_back_states(linear: LinearModel, idle: Iterable[str], named: Iterable[str]) -> tuple[str, ...]:
-    """Return the states that are fed back: all states except those in `idle` that are not in `named`."""
+    """Return the states that are fed back: the states that are not idle, and the idle states in `named`."""
     left_out = set(idle) - set(named)
     return tuple(n for n in linear.states if n not in left_out)
 

@@ -21,9 +21,8 @@ from trimtab.design.proof import Line, ProofCondition
 SAME = 1e-9
 """Largest accepted relative deviation of a matrix entry in a file from the same entry of the system."""
 SMALL = 1e-4
-"""Smallest divisor of a matrix element's deviation, as a fraction of the largest element in the scaled row. The
-deviation of a larger element is divided by the element itself. The lower limit allows for rounding of small
-elements."""
+"""Smallest divisor in the relative deviation of a matrix element, as a fraction of the largest element in the scaled
+row. This limit allows for rounding errors of small elements."""
 ANEW = "computed again, in floats"
 Setting = float | str
 

@@ -3,7 +3,7 @@
 A quaternion q_XB is recognised by its frame of two letters and its shape (4,). Vectors in the frame X are converted to
 body axes, so that steady flight (a turn or a climb) is an equilibrium.
 
-    trim_model     roll, pitch, yaw; velocities in body axes; positions unchanged; users state points in these
+    trim_model     roll, pitch, yaw; velocities in body axes; positions unchanged; for points stated by users
     error_model    q = q_r exp(e): attitude and position relative to a reference that continues the steady flight
 
 A vehicle without a quaternion keeps its own states in both models. This code runs offline.

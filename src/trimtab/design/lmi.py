@@ -33,7 +33,7 @@ from trimtab.design.lqr import check_matrices, state_sizes
 from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 STRICT = 1e-7
-"""Smallest eigenvalue that X, and minus the left side of the scaled inequality in X and Y, must have."""
+"""Smallest eigenvalue accepted for X, and for the negative left side of the scaled inequality in X and Y."""
 STATES_SOLVED = 8
 """Length of the longest chain of integrators for which the solver finds a gain, as shown by a test."""
 MatrixBlock = Callable[[Any], Any]

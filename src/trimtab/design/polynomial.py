@@ -104,7 +104,7 @@ class Polynomial:
         return Polynomial({tuple((name, -power) for name, power in m): 1 / c})
 
     def derivative(self, name: str) -> "Polynomial":
-        """Return the partial derivative with respect to a name."""
+        """Return the partial derivative with respect to the variable `name`."""
         terms: dict[Monomial, Fraction] = {}
         for m, c in self.terms.items():
             power = dict(m).get(name, 0)

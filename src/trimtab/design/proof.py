@@ -67,11 +67,7 @@ def version_line(written: str) -> Line:
     A certificate of another version can't be proved, because the conditions may differ between versions.
     """
     same = written == __version__
-    why = (
-        ""
-        if same
-        else f"written by version {written!r}, this is {__version__}; design the gain again to renew the file"
-    )
+    why = "" if same else f"written by version {written!r}, but this is version {__version__}; design the gain again"
     return "version is that of this package", lambda: ProofCondition(
         "", same, float(not same), "differences", "text", why
     )

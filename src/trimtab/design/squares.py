@@ -61,7 +61,8 @@ Term = WeightedSquares | GramForm
 
 
 class SquaresProof(NamedTuple):
-    """Proof by squares. scale: polynomial factor of the conclusion.  terms: must sum to scale times conclusion."""
+    """Proof by squares. scale: polynomial factor of the conclusion.  terms: terms whose sum must be scale times
+    conclusion."""
 
     scale: Polynomial
     terms: tuple[Term, ...]

@@ -171,7 +171,7 @@ def prove_theorem(
         lines.append(
             (
                 "no V, because the theorem is not about a motion",
-                lambda: _verdict(empty, "the file must have neither V nor level"),
+                lambda: _verdict(empty, "the file must contain neither V nor a level"),
             )
         )
     lines += [(claim.name, lambda c=claim: _prove_claim(certificate, theorem, c)) for claim in theorem.claims]

@@ -57,10 +57,9 @@ FLAGS = {
 }
 """Compiler flags of each language.
 
-In scalar C, only loops over arrays are vectorised. The results do not change by a bit, because no sum changes its
-order. A loop that calls a function, such as tanh, is vectorised only if the function is inlined. By default, -O2
-inlines such a function only if it has a single call. C++ for lanes is compiled with the default options of
-vectorisation."""
+In scalar C, only loops over arrays are vectorised. This does not change any result, because no sum changes its order. A
+loop that calls a function, such as tanh, is vectorised only if the function is inlined. By default, -O2 inlines such a
+function only if it has a single call. C++ for lanes is compiled with the default options of vectorisation."""
 GCC_FLAGS = {"c": (), "c++": ("-fschedule-insns", "-fsched-pressure")}
 """Additional flags of each language for gcc. With them, gcc orders the instructions before it allocates registers, as
 clang always does. A campaign takes 7 to 14 % less time, and its results are bit-identical."""

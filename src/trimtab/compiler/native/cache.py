@@ -25,7 +25,7 @@ DAY = 86400.0
 MAKE_ROOM_FIX = (
     "free some space, or set TRIMTAB_CACHE to a folder that only you can write to, and in which programs can run."
 )
-"""Fix text of an error if no cache folder can be used."""
+"""Fix that the error suggests if no cache folder can be used."""
 
 _private_folders: list[Path] = []
 _folder_problems: list[str] = []

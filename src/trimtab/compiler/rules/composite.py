@@ -153,7 +153,8 @@ def _erf_inv(x: Any, **_: Any) -> Any:
     """Compute the inverse of erf: Giles's approximation for single precision, then Halley steps on erf or erfc.
 
     Beyond the range of this approximation, the first term of the expansion of the tail is used: erfc(y) = exp(-y^2) /
-    (y sqrt(pi)). Source: Giles, GPU Computing Gems (2011).
+    (y sqrt(pi)).
+    Source: Giles, GPU Computing Gems (2011).
     """
     low = (2.81022636e-08, 3.43273939e-07, -3.5233877e-06, -4.39150654e-06, 0.00021858087)
     low += (-0.00125372503, -0.00417768164, 0.246640727, 1.50140941)

@@ -1,4 +1,5 @@
-"""Lowering rules for QR factors, eigenvalues, singular values, tridiagonal systems: JAX programs as in `composite`."""
+"""Lowering rules for QR factors, eigenvalues, singular values, tridiagonal systems, as JAX programs like those in
+`composite`."""
 
 from collections.abc import Callable
 from typing import Any
