@@ -32,10 +32,10 @@ ALTERNATIVES = {
     "select_and_scatter_add": "x.reshape(-1, width).max(axis=1) for adjacent windows, whose gradient compiles to C",
     "select_and_gather_add": "x.reshape(-1, width).max(axis=1) for adjacent windows, whose derivative compiles to C",
     "approx_top_k": "jax.lax.top_k(x, k), which is exact",
-    "pure_callback": "plain jax.numpy, because flight code cannot call back into Python",
-    "io_callback": "the value to a result or a logged signal, because flight code cannot call back into Python",
-    "debug_print": "the value to a result or a logged signal, because flight code cannot print",
-    "debug_callback": "the value to a result or a logged signal, because flight code cannot print",
+    "pure_callback": "plain jax.numpy, because flight code cannot call Python",
+    "io_callback": "a result of the function or a logged signal instead, because flight code cannot call Python",
+    "debug_print": "a result of the function or a logged signal instead, because flight code cannot print",
+    "debug_callback": "a result of the function or a logged signal instead, because flight code cannot print",
 }
 
 

@@ -106,13 +106,15 @@ def plain_feedback(A: Any, B: Any, K: Any, period: float) -> PredictiveFeedback:
 
 
 def _waiting_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
-    """Return the effect of each command in transit, newest first, on the state when the current command arrives."""
+    """Return the input matrix (n, m) of each command in transit, newest first, for the state when the current one
+    arrives."""
     count = math.ceil(delay / period - ON_A_PERIOD)
     return [_integral(A, B, max((j - 1) * period, 0.0), min(j * period, delay)) for j in range(1, count + 1)]
 
 
 def _arriving_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
-    """Return the effect of each command, newest first, on the plant's state at the end of the current period."""
+    """Return the input matrix (n, m) of each command, newest first, for the plant's state at the end of the current
+    period."""
     count = math.ceil(delay / period - ON_A_PERIOD)
     late = (
         delay - (count - 1) * period if count else 0.0

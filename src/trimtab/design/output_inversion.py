@@ -95,7 +95,7 @@ def smooth_course(
         raise InputError(
             "course",
             f"begin and end must lie within the grid, with begin before end; got {begin} and {end} s",
-            fix="choose begin and end within times",
+            fix="choose begin and end between the first and the last of `times`",
         )
     q = order + 1  # the integral of t^q (1 - t)^q has q derivatives that vanish at t = 0 and t = 1
     shape = np.polynomial.Polynomial([0.0] * q + [1.0]) * np.polynomial.Polynomial([1.0, -1.0]) ** q

@@ -1,7 +1,8 @@
 """Smooth, timed route between obstacles for a craft of given width.
 
-A route is searched on a grid and shortened by straight lines. Its corners are rounded as far as obstacles allow. Speeds
-follow from limits of speed and acceleration. If no route exists, the error reports the width of the widest passage.
+A route is searched on a grid and shortened by straight lines. The corners of the route are rounded as far as obstacles
+allow. Speeds follow from limits of speed and acceleration. If no route exists, the error reports the width of the
+widest passage.
 
 Source: P. Hart, N. Nilsson, B. Raphael, "A formal basis for the heuristic determination of minimum cost paths", IEEE
 Trans. Systems Science and Cybernetics 4 (1968) 100; the widest way: M. Pollack, "The maximum capacity through a

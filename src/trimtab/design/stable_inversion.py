@@ -222,7 +222,7 @@ def _propagate_linear(A: Any, w: Any, dt: float, z0: Any) -> Any:
 
 
 def solve_steady_response(A: Any, S: Any, G: Any) -> Any:
-    """Return the X (k, m) of the steady response zeta = X omega, with X S = A X + G.
+    """Return the matrix X (k, m) of the steady response zeta = X omega, with X S = A X + G.
 
     Args:
         A: matrix of the system (k, k).

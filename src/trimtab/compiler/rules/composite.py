@@ -273,7 +273,7 @@ RULES: dict[str, Rule] = {
 
 
 def one_or_each(one: Rule, each: Rule) -> Rule:
-    """Return a rule that uses `one` for a matrix, and `each` for a batch of matrices."""
+    """Return a rule that uses the rule `one` for a single matrix, and the rule `each` for a batch of matrices."""
     return lambda site: (one if all(len(a.shape) == 2 for a in site.operands) else each)(site)
 
 
