@@ -17,10 +17,14 @@ WRONG = {
     "an unknown name": (lambda: load("a", durration="2 s"), "unknown argument 'durration'", "write duration=…"),
     "another package's name": (lambda: load(filename="a"), "unknown argument 'filename'", "write path=…"),
     "another function's argument": (lambda: load("a", mass=3), "unknown argument 'mass'", "load(build(mass=…))"),
-    "a time without its name": (lambda: load("a", 10), "the argument 10 has no name", 'write duration="10 s"'),
+    "a time without its name": (
+        lambda: load("a", 10),
+        "the argument 10 must be passed by name",
+        'write duration="10 s"',
+    ),
     "a text without its name": (
         lambda: load("a", "b"),
-        "the argument 'b' has no name",
+        "the argument 'b' must be passed by name",
         "with one of the choices as NAME",
     ),
     "a missing argument": (lambda: load(), "missing a required argument: 'path'", "load(path=…)"),

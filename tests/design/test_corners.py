@@ -64,7 +64,7 @@ def test_corners_are_refused(name):
 
 @pytest.mark.parametrize("name", JUMPS)
 def test_jumps_are_refused(name):
-    with pytest.raises(InputError, match=r"y has no slope at this point: it is .* before, .* at and .* after"):
+    with pytest.raises(InputError, match=r"y has no slope at this point: its value is .* before, .* at and .* after"):
         linearise(with_output(JUMPS[name]))
 
 
@@ -84,7 +84,7 @@ def test_one_sided_slopes_are_reported():
     assert found.reason.startswith("its slope by x is 1 before and 2 after the point along x; the automatic derivative")
     jump = find_corner(with_output(JUMPS["sign"]), np.zeros(2), np.zeros(1))
     assert jump is not None
-    assert jump.reason == "it is -1 before, 0 at and 1 after the point along x"
+    assert jump.reason == "its value is -1 before, 0 at and 1 after the point along x"
 
 
 def test_a_derivative_with_a_corner_has_no_output_to_leave_out():

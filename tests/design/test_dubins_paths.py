@@ -164,7 +164,7 @@ def test_a_word_that_does_not_lead_there_gives_none():
 
 
 def test_it_refuses_what_is_no_word_and_no_radius():
-    with pytest.raises(InputError, match="unknown word"):
+    with pytest.raises(InputError, match="unknown sequence of pieces"):
         dubins_path("SSS", HOME, (1, 0, 0), 1.0)
     with pytest.raises(InputError, match="radius"):
         shortest_path(HOME, (1, 0, 0), -1.0)

@@ -70,5 +70,5 @@ def test_refusals():
         from_control(control.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], 0.1))
     with pytest.raises(InputError, match="is not a system"):
         from_control(3)
-    with pytest.raises(InputError, match=r"equal the loop's, 0\.02 s, got 0\.1 s"):
+    with pytest.raises(InputError, match=r"be that of the loop, 0\.02 s, got 0\.1 s"):
         discrete_matrices(control.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], 0.1), 0.02)

@@ -86,7 +86,7 @@ def test_what_does_not_fit_is_refused():
         model.point({"hedding": 1.0})
     assert "'heading'" in error.value.fix
     assert "yaw_rate" in error.value.choices
-    with pytest.raises(InputError, match="not finite: north = nan"):
+    with pytest.raises(InputError, match="all values must be finite, got north = nan"):
         model.point({"north": np.nan})
     with pytest.raises(InputError, match="shape"):
         model.point(np.zeros(5))

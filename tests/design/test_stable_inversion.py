@@ -129,8 +129,8 @@ def linear(**changes):
     ("changes", "text"),
     [
         ({"A": [[1.0, 0.0]]}, r"A: must have shape \(1, 1\), got \(1, 2\)"),
-        ({"A": [[np.nan]]}, "A: not finite"),
-        ({"left": [np.inf]}, "left: not finite"),
+        ({"A": [[np.nan]]}, "A: must be finite"),
+        ({"left": [np.inf]}, "left: must be finite"),
         ({"start": np.zeros(11)}, r"start: must have shape .*, got \(11,\)"),
         ({"dt": 0.0}, "got 11 and 0 s"),
         ({"start": np.zeros((1, 1))}, "got 1 and 0.1 s"),

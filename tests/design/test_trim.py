@@ -136,7 +136,7 @@ def test_wrong_input_is_refused():
         trim(model, free=("FX",), bounds={"FX": (1.0, -1.0)})
     with pytest.raises(InputError, match=r"scales\.FX"):
         trim(model, free=("FX",), scales={"FX": 0.0})
-    with pytest.raises(InputError, match="also have a wanted derivative"):
+    with pytest.raises(InputError, match="also have a required derivative"):
         trim(model, free=("FX",), derivatives={"north": 1.0}, loose=("north",))
     with pytest.raises(InputError, match="must be finite at the start point"):
         trim(model_of_functions(lambda x, u: jnp.log(x), ("x",), ("u",)), free=("x",))

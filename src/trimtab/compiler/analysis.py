@@ -10,7 +10,8 @@ from trimtab.compiler.values import Buffer, Value
 
 
 class _NeededValues:
-    """Values and buffers on which the results of a program depend, found by following uses backwards."""
+    """Values and buffers on which the results of a program depend, found by tracing the program backwards from its
+    results."""
 
     def __init__(self) -> None:
         self.values: set[int] = set()
@@ -69,7 +70,8 @@ def _enclosing_tests(around: list[Any]) -> list[Value]:
 
 
 def prune(blocks: list[Block], results: list[Value], buffers: list[Buffer]) -> set[int]:
-    """Remove statements that these results and buffers do not need. Return the ids of values and buffers kept."""
+    """Remove all statements that are not needed for the given results and buffers. Return the ids of the values and
+    buffers that are kept."""
     needed = _NeededValues()
     for block in blocks:
         needed.collect_uses(block, [])
@@ -127,7 +129,7 @@ class VaryingValues:
             self.changed = True
 
     def value(self, value: Value) -> None:
-        """Mark a computed value if its operands, or the buffer that it is loaded from, differ."""
+        """Mark a computed value if its operands, or the buffer that it is loaded from, differ between runs."""
         if any(self(a) for a in value.args) or (value.op == "load" and self(value.attr)):
             self.add(value, self.values)
 
@@ -152,7 +154,8 @@ def find_varying(blocks: list[Block], inputs: list[Any], feedback: list[tuple[An
 
 
 def _mark_block(block: Block, varying: VaryingValues, masked: bool) -> None:
-    """Mark the values and buffers of a block that differ between runs. masked: True if only some of them execute it."""
+    """Mark the values and buffers of a block that differ between runs. masked: True if only some of the runs execute
+    the block."""
     for item in block.items:
         if isinstance(item, Define):
             varying.value(item.value)
@@ -180,7 +183,8 @@ def _mark_block(block: Block, varying: VaryingValues, masked: bool) -> None:
 CHEAP = ("sqrt", "floor", "ceil", "round_even", "round_away")
 """Elementary functions that compile to one or two instructions."""
 CALL, TURNS = 40, 16
-"""Assumed cost of an elementary function (operations), and assumed iterations of a loop whose end depends on data."""
+"""Assumed cost of an elementary function (operations), and assumed number of iterations of a loop whose end depends on
+data."""
 
 
 def vector_share(blocks: list[Block]) -> float:

@@ -30,8 +30,8 @@ class ElementUpdate(NamedTuple):
 class Array:
     """Array of one type. Its elements are in `items`, an object array of scalars, or in `buffer`, from `offset` on.
 
-    updates: elements that are not yet written to the buffer. They are written once it is known whether the old
-    elements are read later. If they are, the updates are written to a copy of the buffer.
+    updates: elements that are not yet written to the buffer. They are written once it is known whether the old elements
+    are read later. If the old elements are read later, the updates are written to a copy of the buffer.
     """
 
     __slots__ = ("buffer", "dtype", "items", "offset", "shape", "updates")
@@ -195,7 +195,8 @@ def copy_array(b: Builder, array: Array) -> Array:
 
 
 def apply_updates(b: Builder, array: Array, in_place: bool) -> Array:
-    """Return the array with its pending updates written: into its own buffer if `in_place`, else into a copy."""
+    """Return the array with its pending updates written: into the array's own buffer if `in_place`, else into a
+    copy."""
     plain = Array(array.shape, array.dtype, buffer=array.buffer)
     target = plain if in_place else copy_array(b, plain)
     write_updates(b, target, array.updates)

@@ -26,13 +26,13 @@ from trimtab.compiler.writer import Writer
 
 
 class BlockDefinition(NamedTuple):
-    """Definition of a block, before it becomes text.
+    """Definition of a block, from which the block's C text is generated.
 
     Attributes:
         name: prefix of all names in the C text.
         doc: one-line description of the block, for the C header.
-        step: (parameters, state, input) -> (state, output); pure.
-        init: parameters -> initial state.
+        step: pure function (parameters, state, input) -> (state, output).
+        init: function from the parameters to the initial state.
         parameters: tree of records of numbers: the parameters with their defaults.
         input: tree of records with the shapes of the input; the values are not used.
     """
@@ -48,10 +48,11 @@ class BlockDefinition(NamedTuple):
 class BlockText(NamedTuple):
     """C text of a block, and the members of its structs.
 
-    workspace: bytes of memory, aligned to 64, that its functions take as their last argument; 0 if they take none.
+    workspace: size (bytes) of the memory, aligned to 64 bytes, that is the last argument of the block's functions; 0 if
+        they need no such argument.
     is_function: True if the block has neither parameters nor state. It is then a single C function of the same name.
-    frame: bytes of stack for the values that the pieces of a large function share; 0 if there are
-        none, or if they are in the workspace.
+    frame: size (bytes) on the stack of the values that the pieces of a large function share; 0 if there are no such
+        values, or if they are in the workspace.
     flags: compiler flags in addition to the usual ones.
     """
 
@@ -139,7 +140,8 @@ def _step_arguments(name: str, alone: bool) -> list[tuple[str, str]]:
 
 
 def _function_heads(name: str, workspace: int, alone: bool) -> tuple[str, str, str]:
-    """Return the C declarations of the functions defaults, init and step. A pure function has only the last one."""
+    """Return the C declarations of the functions defaults, init and step. For a pure function, only step is
+    declared."""
     more = ", void *workspace" if workspace else ""
     if alone:
         return "", "", f"{name}(const {name}_in *in, {name}_out *out{more})"
@@ -210,7 +212,8 @@ def _default_lines(parameters: list[Member], values: list[Any]) -> tuple[list[st
 
 
 class StructPlace(NamedTuple):
-    """Struct members behind one pointer. base: its text, e.g. "s->". writable: large arrays may be changed in place."""
+    """Struct members that are accessed through one pointer. base: C text of the pointer, e.g. "s->". writable: large
+    arrays may be changed in place."""
 
     base: str
     members: list[Member]
@@ -218,7 +221,8 @@ class StructPlace(NamedTuple):
 
 
 class _Body(NamedTuple):
-    """Body of a C function. pieces: text of the functions that it calls. workspace, frame: bytes, as in BlockText."""
+    """Body of a C function. pieces: text of the functions that it calls. workspace, frame: sizes (bytes), as in
+    BlockText."""
 
     pieces: str
     lines: list[str]

@@ -1,6 +1,6 @@
 """Small C functions for operations in which plain C differs from JAX: division, shifts, conversion, maximum, minimum.
 
-Each is named tt_NAME for one number, and tv_NAME for lanes (vectors with one run in each lane).
+Each helper is named tt_NAME for one number, and tv_NAME for lanes (vectors with one run in each lane).
 """
 
 import contextlib

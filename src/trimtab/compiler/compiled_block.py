@@ -44,7 +44,7 @@ def compile_block(block: BlockDefinition) -> "CompiledBlock":
     """Compile a block with the machine's C compiler, and set it to its initial state.
 
     Raises:
-        InputError: a JAX primitive cannot be written as C (the error names the Python line), or no C compiler works.
+        InputError: if a JAX primitive cannot be written as C (the error names the Python line), or no C compiler works.
     """
     return CompiledBlock(block_text(block))
 

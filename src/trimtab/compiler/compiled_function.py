@@ -25,7 +25,8 @@ from trimtab.core.quantity import Option, declarations, is_record
 
 LANES = (1, 4, 8)
 VECTORS = 0.98
-"""Fraction of operations in vectorised loops above which computing runs side by side (in lanes) saves no time."""
+"""Largest fraction of operations in vectorised loops at which computing several runs side by side (in lanes) still
+saves time."""
 PART = "compile"
 
 
@@ -46,15 +47,15 @@ def compile(
             of the example do not matter. Python numbers are float64 and int64. The function is traced with
             ``jax.enable_x64``; the user's own setting ``jax_enable_x64`` stays as it is.
         lanes: number of runs that `CompiledFunction.lanes` computes side by side: 1, 4 or 8. If given, the code for
-            lanes is built at once. If None, it is the number that the CPU supports; or 1 if lanes do not support a
-            type of the function, or if a single run is vectorised already, e.g. a product of large matrices.
+            lanes is built at once. If None, `lanes` is the number that the CPU supports; or 1 if lanes do not
+            support a type of the function, or if a single run is vectorised already, e.g. a product of large matrices.
         threads: number of threads that share the runs of `CompiledFunction.lanes`.
 
     Returns:
-        A function of the same arguments that returns the same trees, with numpy arrays.
+        A function with the same arguments, which returns the same trees with numpy arrays.
 
     Raises:
-        InputError: a JAX primitive cannot be written as C (the error names the Python line), the example does not
+        InputError: if a JAX primitive cannot be written as C (the error names the Python line), the example does not
             consist of arrays, or no C compiler works. A fault of trimtab's own compiler is an InputError too, and its
             message states what to report.
     """
@@ -119,7 +120,7 @@ class CompiledFunction:
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Call the function with these arguments.
 
-        Raises InputError for arguments of another structure, shape or type than the example's.
+        Raises InputError if the structure, shapes or types of the arguments differ from those of the example.
         """
         if named:
             arguments = self._place_named(arguments, named)
@@ -133,7 +134,7 @@ class CompiledFunction:
         calls bit for bit.
 
         Raises:
-            InputError: shapes or types differ from the example's, or no array has an axis of runs.
+            InputError: if shapes or types differ from those of the example, or no array has an axis of runs.
         """
         try:
             return (self._many or self._lanes_call())(*arguments)
@@ -151,7 +152,7 @@ class CompiledFunction:
             name: name of the C function; by default the name of the Python function.
 
         Raises:
-            InputError: the folder cannot be written.
+            InputError: if the folder cannot be written.
         """
         return export_callable(self._function, self._example, Path(folder), name=name).files
 
@@ -242,10 +243,10 @@ class CompiledFunction:
         if found.shape != wanted.shape and not (batch and found.shape[1:] == wanted.shape and found.ndim):
             raise self._refusal(
                 f"{self._path(path)} has shape {found.shape}, the example has {shapes}",
-                fix="compile it for these shapes as well",
+                fix="compile the function for these shapes as well",
             )
         if found.dtype != wanted.dtype and not _can_stand_for(value, found.dtype, wanted.dtype):
-            fix = f"convert it: .astype(np.{wanted.dtype.name}), or compile it for {found.dtype} as well"
+            fix = f"convert with .astype(np.{wanted.dtype.name}), or compile the function for {found.dtype}"
             raise self._refusal(f"{self._path(path)} has type {found.dtype}, the example has {wanted.dtype}", fix=fix)
         try:
             with np.errstate(over="ignore"):
@@ -262,12 +263,12 @@ class CompiledFunction:
         return f"{self._names[path[0].idx]}{jax.tree_util.keystr(path[1:])}"
 
     def _refusal(self, problem: str, **more: Any) -> InputError:
-        more.setdefault("fix", "pass arguments of the example's shapes and types, or compile it for these too")
+        more.setdefault("fix", "pass the shapes and types of the example, or compile the function for these too")
         return InputError(f"compiled {self.name!r}", problem, **more)
 
 
 def _can_stand_for(value: Any, given: np.dtype[Any], wanted: np.dtype[Any]) -> bool:
-    """Return True if a value of one type can be passed for another without loss. Python numbers follow JAX's rules."""
+    """Return True if a value can be converted to another type without loss. Python numbers follow JAX's rules."""
     if type(value) is float:
         return wanted.kind == "f"
     if type(value) is int:

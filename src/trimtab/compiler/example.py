@@ -68,7 +68,9 @@ def trace_example(function: Callable[..., Any], example: tuple[Any, ...], name: 
     try:
         inspect.signature(function).bind(*example)
     except TypeError as reason:
-        raise InputError(PART, f"{name!r} does not take this example: {reason}", fix="pass all arguments") from None
+        raise InputError(
+            PART, f"{name!r} cannot be called with this example: {reason}", fix="pass all arguments"
+        ) from None
     except ValueError:
         pass  # some functions written in C have no signature
     try:

@@ -16,7 +16,8 @@ from trimtab.compiler.structs import Member, row_declarations, row_functions
 from trimtab.core.errors import InputError, argument, argument_name
 
 TOLERANCE = {"f64": 1e-9, "f32": 2e-4}
-"""Relative tolerance of each output. The reference is its largest magnitude in the vectors, and at least 1e-3."""
+"""Tolerance of each output, relative to the output's largest magnitude in the test vectors, or to 1e-3 if that is
+larger."""
 
 ROUNDINGS = 8
 """Tolerance of a signal, in rounding steps (ulp) of the largest signal in the same unit. For example, an altitude error
@@ -82,7 +83,7 @@ def write_folder(
     except OSError as error:
         problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
         out = argument_name("out")
-        fix = f"{out} with a folder of yours, e.g. {argument('out', 'autopilot')}"
+        fix = f"{out} with a folder that you can write to, e.g. {argument('out', 'autopilot')}"
         raise InputError(out, problem, fix=fix) from None
     return [folder / name for name in texts]
 
@@ -98,7 +99,7 @@ def exact_numbers(array: Any) -> Any:
 
 
 def tolerances(members: list[Member], outputs: Any) -> list[float]:
-    """Return the tolerance of each output compared with the simulated one. Integers and truth values must be equal.
+    """Return the tolerance of each output compared with the simulated output. Integers and truth values must be equal.
 
     The elements of an array are one signal and have the same tolerance. A signal may differ by ROUNDINGS rounding steps
     of the largest signal in the same unit, as in the comparison of logs (`run.replay`).
@@ -311,7 +312,7 @@ def export_function(
         example: example arguments of the function.
 
     Raises:
-        InputError: a JAX primitive cannot be written as C, or the folder cannot be written.
+        InputError: if a JAX primitive cannot be written as C, or the folder cannot be written.
     """
     text = block_text(block)
     rng = np.random.default_rng(1)

@@ -41,7 +41,8 @@ class Function:
         self.live = prune(self.blocks, kept, [a.buffer for a in self.outputs if a.buffer is not None])
 
     def text(self, name: str, lanes: int = 0) -> str:
-        """Return C, or C++ for lanes, of `void name(const void *const *in, void *const *out, void *, int32_t)`."""
+        """Return the C text, or C++ text for lanes, of `void name(const void *const *in, void *const *out, void *,
+        int32_t)`."""
         return self.program_text(name, lanes).text
 
     def program_text(self, name: str, lanes: int = 0, large_as_data: bool = False) -> "FunctionText":
@@ -84,7 +85,8 @@ class Function:
         return vector_share(self.blocks)
 
     def _result_names(self) -> dict[int, str]:
-        """Return the C name of the caller's array (e.g. out0) for each result's buffer that can be placed there."""
+        """Return the C name of the caller's array, e.g. out0, for each result's buffer that can be in the caller's
+        memory."""
         own = {id(i.buffer) for block in (self.b.prologue, self.b.top) for i in block.items if isinstance(i, Local)}
         names: dict[int, str] = {}
         for i, a in enumerate(self.outputs):
@@ -109,7 +111,7 @@ class FunctionText(NamedTuple):
 
 
 def _array_contents(arrays: list[Array]) -> list[Any]:
-    """Return the values and buffers of these arrays, offsets included."""
+    """Return the values and buffers of these arrays, including the offsets into buffers."""
     return [
         thing
         for a in arrays

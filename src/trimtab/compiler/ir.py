@@ -65,7 +65,7 @@ class Store:
 
 
 class If:
-    """Branch statement. joins: (result, its value from the first block, its value from the second block)."""
+    """Branch statement. joins: (result, value from the first block, value from the second block)."""
 
     def __init__(self, test: Value, first: Block, second: Block) -> None:
         self.test, self.first, self.second = test, first, second
@@ -90,7 +90,7 @@ class Emit:
 class Loop:
     """Loop statement that repeats `count` times or, if count is None, while the test computed in its head block holds.
 
-    count: a number, its name in C, or a value that is equal in all lanes.
+    count: an integer, the name of a C variable, or a value that is equal in all lanes.
     carries: (variable, value before the first iteration, value after each iteration).
     """
 
@@ -102,7 +102,8 @@ class Loop:
 
 
 class Builder:
-    """Builder of a program. With `hoist`, computations that use only invariant inputs move to its beginning."""
+    """Builder of a program. With `hoist`, computations that use only invariant inputs move to the beginning of the
+    program."""
 
     def __init__(self, hoist: bool = False) -> None:
         self.prologue, self.top = Block(), Block()
@@ -142,7 +143,7 @@ class Builder:
         return self.known[1][key]
 
     def memoise(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return the value with this key from this block or an enclosing one. Create the value if it is missing."""
+        """Return the value with this key from this block or an enclosing block. Create the value if it is missing."""
         for table in reversed(self.known):
             if key in table:
                 return table[key]

@@ -140,7 +140,7 @@ def special_function(name: str) -> Any:
 
 
 def draw_gamma(key: Any, shape: Any, *, log_space: bool) -> Any:
-    """Draw from the gamma distribution with JAX's own program: Marsaglia and Tsang's method, number by number."""
+    """Draw from the gamma distribution with JAX's own program: Marsaglia and Tsang's method, one number at a time."""
     return RANDOM._gamma_impl(key, shape, log_space=log_space)
 
 
@@ -197,7 +197,8 @@ def implementation(equation: Any) -> Any:
 
 @_reader
 def scan_parameters(equation: Any) -> Scan:
-    """Return the parameters of a scan. From 0.11 on, JAX groups its inputs in a tree; before, by counts."""
+    """Return the parameters of a scan. From 0.11 on, JAX groups the inputs in a tree. Earlier versions state the number
+    of inputs in each group."""
     p = equation.params
     if "ft_in" in p:
         constants, carries, _ = (len(list(part)) for part in p["ft_in"].unpack())
@@ -250,7 +251,8 @@ def indexed_inputs(jaxpr: Any, skip: int = 0) -> set[int]:
 
 
 def _inner_programs(equation: Any) -> list[tuple[Any, Any]]:
-    """Return the programs inside an equation, each with the operands for its inputs."""
+    """Return the programs inside an equation, each with the operands that the equation passes to the program's
+    inputs."""
     call = program_of_call(equation)
     if call is not None:
         return [(call.jaxpr, equation.invars)]

@@ -22,20 +22,20 @@ from trimtab.core.errors import InputError
 Rule = Callable[["Site"], list[Array]]
 
 ALTERNATIVES = {
-    "eig": "jnp.linalg.eigh for symmetric matrices, or compute it before the flight",
-    "schur": "jnp.linalg.eigh for symmetric matrices, or compute it before the flight",
+    "eig": "jnp.linalg.eigh for symmetric matrices, or compute the decomposition before the flight",
+    "schur": "jnp.linalg.eigh for symmetric matrices, or compute the decomposition before the flight",
     "fft": "a sum of products with cosines and sines that are computed beforehand: jnp.cos(k n) @ x",
     "rng_bit_generator": "jax.random.key(seed) without impl, which uses the generator threefry",
     "reduce_window": "jax.lax.reduce_window with jax.lax.max and -jnp.inf, or jax.lax.add and 0.0, as Python numbers",
     "reduce": "jax.lax.fori_loop over the elements, or jnp.sum, prod, max, min, any and all",
-    "reduce_precision": "x.astype(jnp.float32).astype(jnp.float64), which rounds to another type",
-    "select_and_scatter_add": "x.reshape(-1, width).max(axis=1) for windows side by side, whose gradient compiles",
-    "select_and_gather_add": "x.reshape(-1, width).max(axis=1) for windows side by side, whose derivative compiles",
+    "reduce_precision": "x.astype(jnp.float32).astype(jnp.float64), which rounds to float32",
+    "select_and_scatter_add": "x.reshape(-1, width).max(axis=1) for adjacent windows, whose gradient compiles to C",
+    "select_and_gather_add": "x.reshape(-1, width).max(axis=1) for adjacent windows, whose derivative compiles to C",
     "approx_top_k": "jax.lax.top_k(x, k), which is exact",
-    "pure_callback": "plain jax.numpy: flight code cannot call back into Python",
-    "io_callback": "a result of the function, or a logged signal: flight code cannot call back into Python",
-    "debug_print": "a result of the function, or a logged signal: flight code cannot print",
-    "debug_callback": "a result of the function, or a logged signal: flight code cannot print",
+    "pure_callback": "plain jax.numpy, because flight code cannot call Python",
+    "io_callback": "a result of the function or a logged signal instead, because flight code cannot call Python",
+    "debug_print": "a result of the function or a logged signal instead, because flight code cannot print",
+    "debug_callback": "a result of the function or a logged signal instead, because flight code cannot print",
 }
 
 
@@ -228,7 +228,7 @@ class Lowering:
 
     def refusal(self, name: str) -> InputError:
         """Return the InputError for a primitive that cannot be written as C."""
-        fix = ALTERNATIVES.get(name, "it with primitives that trimtab.compiler.coverage lists")
+        fix = ALTERNATIVES.get(name, "the function with primitives that trimtab.compiler.coverage lists")
         return InputError(
             "export", f"primitive {name!r}, from {self.source_line()}, cannot be written as C", fix=f"write {fix}"
         )

@@ -23,7 +23,8 @@ LARGEST = 8
 def narrow_integer(b: "Builder", x: Value, dtype: str) -> Value | None:
     """Return x computed in 32 bits, or None if that is not possible or not cheaper.
 
-    It counts as cheaper if at least as many operands were widened to 64 bits as must now be cut to 32 bits.
+    The computation in 32 bits counts as cheaper if at least as many operands were widened to 64 bits as must now be cut
+    to 32 bits.
     """
     if dtype not in NARROW or x.dtype not in WIDE or x.op not in OPERATIONS:
         return None

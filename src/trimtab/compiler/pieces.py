@@ -41,7 +41,7 @@ PIECE_TEXT = """\
 class Pieces(NamedTuple):
     """Division of a program into pieces. Piece 0 is the function that calls the other pieces.
 
-    runs: id of a divided block -> its statements in order, in groups, each with the number of its piece.
+    runs: id of a divided block -> groups of the block's statements, in order, each group with the number of its piece.
     crossing: ids of the values and buffers in the frame.
     uses: piece -> values and buffers that it needs from other pieces.
     inputs: values and buffers in the frame that no piece computes.
@@ -66,7 +66,7 @@ class PieceFrame:
     arguments: (type, name) of the arguments of each piece besides the frame.
     names: id of a value or buffer -> name of its member.
     functions: text of the pieces.
-    fresh: values and buffers that the piece being written has added.
+    fresh: values and buffers that the piece being written has added to the frame.
     """
 
     def __init__(self, function: str = "", lanes: int = 0, arguments: Sequence[tuple[str, str]] = ()) -> None:
@@ -149,7 +149,8 @@ def plan_pieces(
 
 
 def is_large(blocks: list[Block], exported: bool = False) -> bool:
-    """Return True if a program has more statements than one function may have. exported: limit for exported blocks."""
+    """Return True if a program has more statements than one function may have. exported: True for the limit of exported
+    blocks."""
     return sum(_count_statements(block.items) for block in blocks) > (
         EXPORTED_STATEMENTS_MAX if exported else FUNCTION_STATEMENTS_MAX
     )

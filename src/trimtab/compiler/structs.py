@@ -130,7 +130,7 @@ LOOPED = 256
 
 
 def _row_lines(held: list[Member], line: Callable[[Member, Any, Any], str]) -> list[str]:
-    """Return line(member, element, position in the row) for every number of these members."""
+    """Return the C text line(member, element, position in the row) for every number of these members."""
     lines, start = [], 0
     for m in held:
         if m.size > LOOPED:

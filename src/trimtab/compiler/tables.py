@@ -15,7 +15,8 @@ LITERALS = 1024
 
 
 def table_text(name: str, buffer: Buffer, as_data: bool) -> str:
-    """Return the C declaration of a table. as_data: leave out the numbers; they are passed to the loaded library."""
+    """Return the C declaration of a table. as_data: True to leave out the numbers, which are then passed to the loaded
+    library."""
     if as_data:
         return f"static {C_TYPES[buffer.dtype]} {name}[{buffer.size}];"
     numbers = ", ".join(number_literal(n, buffer.dtype) for n in buffer.data) or "0"

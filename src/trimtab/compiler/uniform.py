@@ -203,7 +203,8 @@ class _Rewriting:
         return found
 
     def may_move(self, value: Value, start: int, end: int) -> bool:
-        """Return True if a value is the same when computed at the later position `end`: its buffer does not change."""
+        """Return True if a value can be computed at the later position `end`, because its buffer does not change until
+        then."""
         if value.op != "load" or value.attr.is_read_only:
             return True
         writes = self.writes.get(id(value.attr), [])

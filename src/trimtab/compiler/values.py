@@ -9,7 +9,8 @@ LARGEST = 2**31 - 2**16
 
 
 class Value:
-    """Scalar value. A "const" is a number; "input", "carry", "index", "join": set by a function, loop or branch."""
+    """Scalar value. kind: "const" for a number; "input" for an argument; "carry" or "index" for a value set by a loop;
+    "join" for a value set by a branch."""
 
     __slots__ = ("args", "attr", "const", "dtype", "invariant", "op")
 
@@ -26,7 +27,7 @@ class Buffer:
     def __init__(self, dtype: str, size: int, kind: str, name: str = "", data: Any = None) -> None:
         if size > LARGEST:
             problem, fix = (
-                f"an array has {size} numbers",
+                f"an array of {size} numbers is too large",
                 f"split the array into parts of at most {LARGEST} numbers: indices have 32 bits",
             )
             raise InputError("compiler", problem, fix=fix)

@@ -213,7 +213,7 @@ def _array_leaves(array: Array) -> list[Any]:
 
 
 def _write_parameters(w: Writer, program: WalkProgram, lanes: int, own: frozenset[int]) -> None:
-    """Write the declaration of each input, read from the inputs shared by all runs or from the run's own."""
+    """Write the declaration of each input, read from the inputs shared by all runs or from the inputs of the run."""
     at = {False: 0, True: 0}
     for i, array in enumerate(program.inputs):
         differs = i in own

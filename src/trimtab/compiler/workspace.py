@@ -21,7 +21,8 @@ ALIGNMENT = 64
 
 
 class Workspace(NamedTuple):
-    """Places of large arrays. places: id of a buffer -> its first byte. size: total number of bytes."""
+    """Places of large arrays in the workspace. places: id of a buffer -> offset of its first byte. size: total
+    bytes."""
 
     places: dict[int, int]
     size: int
@@ -102,7 +103,8 @@ def _uses(item: Any) -> set[int]:
 
 
 class _Plan:
-    """Placement of large buffers. Each gets the lowest place that is free from its declaration to its last use."""
+    """Placement of large buffers. Each buffer gets the lowest place that is free from its declaration to its last
+    use."""
 
     def __init__(self, large: dict[int, int], lasting: set[int]) -> None:
         self.large, self.lasting = large, lasting

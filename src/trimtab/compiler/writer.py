@@ -101,7 +101,7 @@ class Writer:
         return self.names[id(buffer)]
 
     def write_block(self, block: Block) -> None:
-        """Write all statements of a block. Those of a large program are written in pieces."""
+        """Write all statements of a block. The statements of a large program are written in pieces."""
         runs = self.pieces.runs.get(id(block)) if not self.piece else None
         for number, items in runs or [(0, block.items)]:
             if number:
@@ -128,7 +128,7 @@ class Writer:
     def declare_buffer(self, buffer: Buffer, name: str = "") -> str:
         """Declare an array on the stack, in the frame, or at its place in the workspace, and return its C name.
 
-        A buffer that has a name already is in other memory and is not declared.
+        A buffer that already has a name is in other memory and is not declared.
         """
         if id(buffer) in self.names:
             return self.names[id(buffer)]
@@ -320,7 +320,7 @@ class Writer:
         self.share_variables([variable for variable, _, _ in item.carries])
 
     def write_assignments(self, carried: list[tuple[str, bool, Value]], mask: str | None = None) -> None:
-        """Write the assignments of the next values of all carried variables, as if they happened at once."""
+        """Write the assignments of the next values of all carried variables, as if they were simultaneous."""
         targets = {name for name, _, _ in carried}
         moves = []
         for name, wide, next_ in carried:
@@ -350,7 +350,7 @@ class Writer:
             self.frame.fresh.append(thing)
 
     def share_type(self, thing: Value | Buffer) -> str:
-        """Return the C type of the frame member for a value or an array; for an array, the type of a pointer to it."""
+        """Return the C type of the frame member for a value. For an array, the member is a pointer to the array."""
         kind = self.type(thing.dtype, self.varies(thing))
         if isinstance(thing, Value):
             return kind

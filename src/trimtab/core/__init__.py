@@ -1,1 +1,1 @@
-"""Vocabulary: records, messages, interfaces, time, random numbers and the mathematics that all parts share."""
+"""Records, messages, interfaces, time, random numbers and mathematics that all other modules of the package use."""

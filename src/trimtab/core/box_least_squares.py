@@ -18,7 +18,8 @@ ROUNDING = 1e-9
 
 
 class BoxSolution(NamedTuple):
-    """Solution x (n,). side (n,): -1 at the lower bound, 1 at the upper, else 0. solved: True if x is the minimum."""
+    """Solution x (n,). side (n,): -1 for an unknown at its lower bound, 1 at its upper bound, else 0. solved: True if x
+    is the minimum."""
 
     x: Any
     side: Any

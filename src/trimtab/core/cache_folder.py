@@ -10,9 +10,10 @@ def cache_folder(name: str) -> Path:
 
     Only this user can write to the folder.
 
-    The cache is $TRIMTAB_CACHE, else the folder `trimtab` in the user's cache folder: on Linux in $XDG_CACHE_HOME or
-    ~/.cache, on macOS in ~/Library/Caches. Raises OSError if the folder cannot be created, and PermissionError if other
-    users could change the code in it. A full or read-only file system is detected only at the first write.
+    The cache is the folder named by the environment variable TRIMTAB_CACHE, if it is set. Otherwise the cache is the
+    folder `trimtab` in the user's cache folder: on Linux in $XDG_CACHE_HOME or ~/.cache, on macOS in ~/Library/Caches.
+    Raises OSError if the folder cannot be created, and PermissionError if other users could change the code in the
+    folder. A full or read-only file system is detected only at the first write.
     """
     cache = os.environ.get("TRIMTAB_CACHE")
     if not cache:
@@ -30,7 +31,7 @@ def cache_folder(name: str) -> Path:
 
 
 def enable_cache() -> None:
-    """Enable JAX's compilation cache, in the folder `jax` of this package's cache. Do nothing if it is not writable."""
+    """Enable JAX's compilation cache, in the folder `jax` of this package's cache, if this folder is writable."""
     import jax
 
     try:

@@ -1,4 +1,5 @@
-"""Clocks. Code that waits or reads the time gets a Clock as an argument, so that it also runs in virtual time.
+"""Clocks. Code that waits or reads the time receives a Clock as an argument, so that the code also runs in virtual
+time.
 
 The system's clock is `SYSTEM_CLOCK`. The virtual clock is `trimtab.flight.virtual_time`.
 Source: docs page, Testing.
@@ -29,7 +30,7 @@ class Clock(Protocol):
         ...
 
     def unix(self) -> float:
-        """Return the wall clock's time (s since 1970). A wall clock may be stepped."""
+        """Return the wall clock's time (s since 1970). A wall clock may jump when it is set."""
         ...
 
     def thread_ns(self) -> int:
@@ -41,13 +42,13 @@ class Clock(Protocol):
 
         Args:
             ready: object to wait for. None: wait for the timeout only.
-            timeout: seconds; infinite: no limit.
+            timeout: maximum waiting time (s); infinity means no limit.
         """
         ...
 
 
 class SystemClock:
-    """The clocks of this machine."""
+    """Clock of this machine, read from the operating system."""
 
     def monotonic_ns(self) -> int:
         """Return the monotonic time (ns)."""
@@ -81,7 +82,7 @@ def wait_until_ready(fd: int, mask: int, timeout: float) -> bool:
     Args:
         fd: file descriptor.
         mask: select.POLLIN, select.POLLOUT, or both.
-        timeout: seconds, not negative; infinite: no limit.
+        timeout: maximum waiting time (s), not negative; infinity means no limit.
     """
     is_limited = timeout != float("inf")
     try:

@@ -17,7 +17,8 @@ SQUARINGS, TERMS = 6, 12
 
 
 class DiscreteModel(NamedTuple):
-    """Discrete model x_k+1 = Ad x_k + Bd b + w, constant b. Bd: integral of expm(A s). Qd: covariance (n, n) of w."""
+    """Discrete model x_k+1 = Ad x_k + Bd b + w with constant b. Bd: integral of expm(A s). Qd: covariance (n, n) of
+    w."""
 
     Ad: Any
     Bd: Any

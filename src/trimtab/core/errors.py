@@ -1,6 +1,6 @@
-"""Errors raised before a run. Each names the part, the value, the valid choices and the fix.
+"""Errors raised before a run. Each error names the part, the value, the valid choices and the fix.
 
-Inside the loop no error is raised. Staleness, rejection and saturation are signals.
+Inside the loop, no error is raised. Staleness, rejection and saturation are reported as signals.
 
 An error suggests a fix in the form that the user types: ``runs=1000`` in Python, ``--runs 1000`` at the command line.
 Code that raises an error writes `argument("runs", 1000)`. The command line sets its own form with `spell_with`.
@@ -19,7 +19,7 @@ from trimtab.core.control_characters import KEPT, show_controls
 
 
 class InputError(ValueError):
-    """Error: an input was rejected before anything ran.
+    """Error for an input that is rejected before a run starts.
 
     >>> from trimtab import InputError, build
     >>> try:
@@ -45,7 +45,8 @@ class InputError(ValueError):
         super().__init__(text)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return the data from which pickle rebuilds the error, so that a worker process can pass it on complete."""
+        """Return the data from which pickle rebuilds the error, so that a worker process can transfer the complete
+        error."""
         return partial(type(self), choices=self.choices, fix=self.fix), (self.part, self.problem)
 
 
@@ -73,7 +74,7 @@ def argument_name(name: str, of: str | None = None) -> str:
 
 
 def command(shell: str, python: str) -> str:
-    """Return the shell command or the Python call, depending on where the user types."""
+    """Return `shell` if the user works at the command line, or `python` if the user works in Python."""
     return python if argument_name("name") == "name" else shell
 
 

@@ -62,7 +62,7 @@ def _refuse_call(
     unknown = next((n for n in kwargs if n not in parameters), "")
     if unknown:
         near = [n for n in (OTHER_NAMES.get(unknown), *closest(unknown, parameters, 1)) if n in parameters]
-        call = elsewhere.get(unknown) or elsewhere.get("settings", "leave it out")
+        call = elsewhere.get(unknown) or elsewhere.get("settings", "remove this argument")
         fix = call if unknown in elsewhere or not near else f"write {near[0]}=…"
         return InputError(part, f"unknown argument {unknown!r}", choices=parameters, fix=fix)
     keywords = [n for n, p in parameters.items() if p.kind is p.KEYWORD_ONLY]
@@ -71,13 +71,13 @@ def _refuse_call(
         value = f"{args[places]!r:.40}"
         is_time = "duration" in keywords and isinstance(args[places], int | float)
         fix = f'write duration="{value} s"' if is_time else f"write NAME={value}, with one of the choices as NAME"
-        return InputError(part, f"the argument {value} has no name", choices=keywords, fix=fix)
+        return InputError(part, f"the argument {value} must be passed by name", choices=keywords, fix=fix)
     needed = [n for n, p in parameters.items() if p.default is p.empty]
     fix = f"{part[:-2]}({', '.join(f'{n}=…' for n in needed)})"
     return InputError(part, problem, choices=parameters, fix=fix)
 
 
 def _public_name(function: Callable[..., object]) -> str:
-    """Return the public name of a function; for an ``__init__``, that of its class."""
+    """Return the public name of a function; for an ``__init__``, the public name of its class."""
     own = function.__qualname__.removesuffix(".__init__")
     return next((name for name, home in trimtab.HOMES.items() if home.endswith(f":{own}")), own)

@@ -77,7 +77,8 @@ class Connective(NamedTuple):
 
 
 class Temporal(NamedTuple):
-    """Temporal operator. word: one of TEMPORAL. low, high: interval (100 ns); high None: no end. formulas: operands."""
+    """Temporal operator. word: one of TEMPORAL. low, high: interval (100 ns); high is None if the interval has no end.
+    formulas: operands."""
 
     word: str
     low: int
@@ -90,7 +91,7 @@ def parse_formula(text: str) -> Any:
     """Return the tree of a formula.
 
     Raises:
-        InputError: the syntax error, with its column, and what to type.
+        InputError: if the syntax is wrong. The error names the column and the fix.
     """
     reader = _Reader(text)
     tree = reader.read_implication()
@@ -104,12 +105,12 @@ def is_temporal(text: str) -> bool:
 
 
 def refuse_column(text: str, column: int, problem: str, *, choices: Any = (), fix: str = "") -> NoReturn:
-    """Raise InputError for the problem at a column of a formula."""
+    """Raise InputError for a problem at the given column of a formula."""
     raise InputError(f"formula {text!r}", f"at column {column}: {problem}", choices=choices, fix=fix or EXAMPLE)
 
 
 class Token(NamedTuple):
-    """Part of the text of a formula. kind: number, name, sign or end."""
+    """Token: a part of the text of a formula. kind: number, name, sign or end."""
 
     kind: str
     text: str

@@ -24,14 +24,15 @@ from trimtab.core.suggestions import closest
 from trimtab.core.units import find_sizes
 
 MIXED = "mixed units"
-"""Unit of a formula whose comparisons have different units. Its robustness combines values in different SI units."""
+"""Unit of a formula whose comparisons have different units. The formula's robustness combines values in these units."""
 _FACTOR = re.compile(r"([A-Za-z%]+)(?:\^(-?[0-9]+))?")
 Dimension = tuple[tuple[str, int], ...]
 """A unit as sorted pairs of symbol and power; () for a number without a unit."""
 
 
 class Formula(NamedTuple):
-    """A checked formula. root: tree with numbers in SI. unit: unit of the robustness. paths: paths of its signals."""
+    """A checked formula. root: tree with numbers in SI. unit: unit of the robustness. paths: paths of the formula's
+    signals."""
 
     text: str
     root: Any
@@ -67,11 +68,12 @@ def fit_formula(
     Args:
         text: the formula.
         shapes: path -> shape of each signal at one instant.
-        units: path -> its unit.
+        units: path -> unit of the signal.
         full: function that returns the full path of a short name.
 
     Raises:
-        InputError: syntax error, unknown signal, or units that do not match. It names the column and what to type.
+        InputError: for a syntax error, an unknown signal, or units that do not match. The error names the column and
+            the fix.
     """
     fitting = _Fitting(text, shapes, units, full)
     root, found = fitting.fit(parse_formula(text))
@@ -119,7 +121,7 @@ class _Fitting:
             dimensions = (wanted, unit)
         if dimensions[0] != dimensions[1]:
             units = [format_dimension(d) for d in dimensions]
-            problem = f"{units[0]} and {units[1]} are {how}"
+            problem = f"quantities in {units[0]} and {units[1]} are {how}"
             fix = f"give both sides the unit {units[0]}, or multiply one side by a number with a unit"
             refuse_column(self.text, column, problem, fix=fix)
         return left, right, dimensions[0]

@@ -1,7 +1,7 @@
 """Imperfections: effects, such as noise, that can be switched off in a part.
 
-An imperfection is declared at each field that it changes: `off=` gives the field's value while the imperfection is
-switched off. `imperfection()` and `switch()` declare a size or a flag that belongs to one imperfection.
+An imperfection is declared at each field that the imperfection changes: `off=` states the field's value while the
+imperfection is switched off. `imperfection()` and `switch()` declare a size or a flag that belongs to one imperfection.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 def imperfections(tree: Any, path: str = "") -> dict[str, list[str]]:
-    """Return name of each imperfection in a tree of records -> paths of the records that declare it."""
+    """Return the paths of the records in a tree that declare each imperfection, keyed by the imperfection's name."""
     names: dict[str, list[str]] = {}
     for name in [name for field in fields(tree) for name in field.metadata["off"]] if is_record(tree) else ():
         names[name] = [path]
@@ -29,7 +29,7 @@ def without(tree: T, name: str) -> T:
     """Return a copy of a tree of records with an imperfection switched off in all records that declare it.
 
     Raises:
-        InputError: no record declares this imperfection.
+        InputError: if no record declares this imperfection.
     """
     known = imperfections(tree)
     if name not in known:

@@ -1,6 +1,6 @@
 """Integration of the true state between two instants: explicit steps with error estimates.
 
-A step is a function (f, t, x, h) -> (x at t + h, estimate of its error), x any pytree of floats.
+A step is a function (f, t, x, h) -> (x at t + h, estimate of its error), where x may be any pytree of floats.
 
 Source: [1] Hairer, Nørsett, Wanner, "Solving ordinary differential equations I", Springer 1993.
 """
@@ -80,7 +80,8 @@ def _rk4_stages(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
 
 
 def dormand_prince(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
-    """Return x after a step of order five, and its difference from the embedded order four. Source: [1] table 5.2."""
+    """Return x after a step of order five, and its difference from the embedded result of order four. Source: [1] table
+    5.2."""
 
     def combine(weights: tuple[float, ...], ks: list[Any]) -> Any:
         terms = [(w, k) for w, k in zip(weights, ks, strict=True) if w]
@@ -95,9 +96,9 @@ def dormand_prince(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
 
 
 def error_ratio(error: Any, x: Any, x1: Any, relative: Any, absolute: Any) -> Any:
-    """Return the largest |error| / (absolute + relative max(|x|, |x1|)) over all numbers; inf if a number is NaN.
+    """Return the largest |error| / (absolute + relative max(|x|, |x1|)) of all elements; infinite if an error is NaN.
 
-    x, x1: state before and after a step; error: of the same structure.
+    x, x1: state before and after a step.  error: estimated error, with the same structure as the state.
     """
     worst = jnp.zeros(())
     for e, a, b in zip(*map(jax.tree.leaves, (error, x, x1)), strict=True):

@@ -1,7 +1,7 @@
-"""Interfaces of all parts. A part only has to have the members of its interface: no base class, no registration.
+"""Interfaces of all parts. A part must have the members of its interface. No base class or registration is needed.
 
 Every part is a record; its fields are its parameters. The time `t` of a block is an integer in units of 100 ns. A step
-is a pure function: it takes the state and returns the next state. A step never raises an error.
+is a pure function from the present state to the next state. A step never raises an error.
 """
 
 from collections.abc import Mapping
@@ -43,20 +43,21 @@ OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
 )
 """Optional members of a part, with their defaults.
 
-- any part: `check()` raises InputError if a value is invalid. `check_duration(seconds)` raises InputError if a value is
-  invalid for a run of that length.
+- any part: `check()` raises InputError if a parameter is invalid. `check_duration(seconds)` raises InputError if a
+  parameter is invalid for a run of this duration.
 - ActuatorStage: `check_period(period)` raises InputError if the period (100 ns) is not suitable.
 - Sensor: `FEELS`, a class variable: the input of step(). "motion": the vehicle's motion; "input": the vehicle's input
   since the last command; "state": the vehicle's state, which only an ideal sensor measures.
 - Sensor: `LATE`, a class variable: True if samples are output later than they were measured.
 - Sensor: `OBSERVES`, a class variable: True for an instrument outside the vehicle, which no autopilot reads. An ideal
   run keeps this sensor.
-- Estimator: `ANY_ORDER`, a class variable: True if it fuses each sample at the sample's own time. Only then does it
-  receive samples that arrive late.
+- Estimator: `ANY_ORDER`, a class variable: True if the estimator fuses each sample at the sample's own time. Only such
+  an estimator receives samples that arrive late.
 - Vehicle: `MAV_TYPE`, a class variable: type of the vehicle for a ground station, MAVLink's name without the prefix.
-- Vehicle: `QUATERNIONS`, a class variable: fields of its state that are attitudes q_WB (4,), whose derivative is
+- Vehicle: `QUATERNIONS`, a class variable: fields of the state that are attitudes q_WB (4,), whose derivative is
   q_WB (0, w_WB_B)/2. An integration on the rotation group updates these fields by rotations (docs, Integration).
-- Vehicle: `events(t, x)`: k event functions; a step ends where one changes its sign (docs, Integration).
+- Vehicle: `events(t, x)`: values (k,) of event functions. An integration step ends where one of them changes its sign
+  (docs, Integration).
 - Vehicle: `jump(t, x, crossed)`: the state after an event; crossed (k,): True if the event function changed its sign.
 - Vehicle: `after_step(t, x)`: the corrected state after each step, e.g. with a quaternion of length one.
 - Vehicle: `input_limits()`: field of the vehicle's input -> (minimum, maximum) of the servos and motors in its model.
@@ -68,12 +69,12 @@ OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
 - Actuators: `pulses()`: field of the command -> its ServoPulse on a board. The pulses of missing fields are computed
   from the limits of these fields.
 - a command: `failsafe()`: the Failsafe of a vehicle that accepts this command; None: a Failsafe without limits.
-- Law: `stick`: name of the sample with the pilot's stick, which is added to the estimate; "": no pilot.
+- Law: `stick`: name of the sample with the pilot's stick, which is added to the estimate; "" without a pilot.
 - a gyro's response: `sampling`: the sampling period for which the response was designed; None: any.
 - Law: `equilibrium()`: the state in which the closed loop with this law is at rest; None: unknown.
 - a measured heading or position: `variance` of its noise; for a position, a covariance (2, 2) is also possible; 0: not
   stated.
-- an estimated state: `frequencies` of the bending modes (w1, w2, rad/s); (): not estimated.
+- an estimated state: `frequencies` of the bending modes (w1, w2, rad/s); () if they are not estimated.
 
 Imperfections that can be switched off in a part are declared with `off=` at its fields; see `core.imperfections`.
 """
@@ -102,7 +103,8 @@ class Vehicle(Protocol[X, U]):
 
 
 class AirDisturbance(Protocol):
-    """Disturbance of the air, e.g. turbulence. Each `period`, it computes the Gust at a vehicle from its motion."""
+    """Disturbance of the air, e.g. turbulence. Each `period`, it computes the Gust at a vehicle from the vehicle's
+    motion."""
 
     @property
     def period(self) -> int:
@@ -114,7 +116,7 @@ class AirDisturbance(Protocol):
         ...
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Gust]:
-        """Return the state and the gust from integer time t on."""
+        """Return the disturbance's new state, and the gust that applies from integer time t on."""
         ...
 
 
@@ -132,17 +134,18 @@ class Sensor(Protocol):
         ...
 
     def measure(self, motion: Motion) -> Any:
-        """Return the noise-free measurement h(x), a record. step() adds errors to it; an estimator differentiates h."""
+        """Return the noise-free measurement h(x), a record. step() adds errors to h(x). An estimator differentiates
+        h."""
         ...
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:
-        """Return the state and one sample at time t."""
+        """Return the sensor's new state, and its sample at time t."""
         ...
 
 
 @runtime_checkable
 class Channel(Protocol):
-    """Link that carries samples. At the receiving end, they may be delayed, jittered, lost or held."""
+    """Link that carries samples. The link may delay, jitter, lose or hold them."""
 
     @property
     def period(self) -> int:
@@ -154,13 +157,13 @@ class Channel(Protocol):
         ...
 
     def step(self, t: Any, state: Any, sample: Sample) -> tuple[Any, Sample]:
-        """Return the state and the sample at the receiving end at time t."""
+        """Return the link's new state, and the sample at the receiving end at time t."""
         ...
 
 
 @runtime_checkable
 class Estimator(Protocol):
-    """Estimator. It computes an estimate from a frame of samples."""
+    """Estimator, which computes an estimate from a frame of samples."""
 
     @property
     def listens(self) -> tuple[str, ...]:
@@ -172,7 +175,7 @@ class Estimator(Protocol):
         ...
 
     def step(self, t: Any, state: Any, frame: Frame) -> tuple[Any, Estimate]:
-        """Return the state and the estimate at time t."""
+        """Return the estimator's new state, and the estimate at time t."""
         ...
 
 
@@ -180,13 +183,13 @@ class InertialForm(Protocol):
     """Filter of aided inertial navigation, without the code that reads and orders the samples.
 
     A node is the filter's state at one instant: a record with the fields t, imu_reading (3,), untrusted (2,),
-    heading_fix and position_fix, and further fields of the filter. z: measured value. variance: variance of z, for a
-    position also its covariance (2, 2); 0 if the sensor states none.
+    heading_fix and position_fix, and further fields of the filter. z: measured value. variance: variance of z, or
+    covariance (2, 2) of a position z; 0 if the sensor states no variance.
     """
 
     AIDED_BY: ClassVar[str]
-    """Kind of data of the sensor at intake.position: "positions", which go to correct_position(node, z, variance), or
-    "ranges", which go to correct_ranges(node, value)."""
+    """Data of the sensor at `intake.position`: "positions" for the method correct_position(node, z, variance), or
+    "ranges" for the method correct_ranges(node, value)."""
 
     @property
     def intake(self) -> Any:
@@ -219,13 +222,15 @@ class InertialForm(Protocol):
         ...
 
     def belief(self, node: Any) -> Any:
-        """Return the estimate in a filter state (node), as a Belief. Its velocity and position are those of the IMU."""
+        """Return the estimate in a filter state (node), as a Belief. The Belief's velocity and position are those of
+        the IMU."""
         ...
 
 
 @runtime_checkable
 class Law(Protocol):
-    """Control law. From an estimate, it computes a record: the field `demand` (the wanted input), and fields to log."""
+    """Control law. From an estimate, it computes a record with the field `demand` (the desired input) and fields to
+    log."""
 
     reads: ClassVar[tuple[str, ...]]
     """Fields of the estimated state that the law needs."""
@@ -241,23 +246,23 @@ class Law(Protocol):
 
 @runtime_checkable
 class Reference(Protocol):
-    """Wanted motion of a vehicle in the plane: a record that is part of a law, usually the law's field `reference`."""
+    """Desired motion of a vehicle in the plane: a record that is part of a law, usually the law's field `reference`."""
 
     def at(self, t: Any) -> ReferencePoint:
-        """Return the wanted point t (s) after the law's start: a pure function that compiles to C."""
+        """Return the desired point at t (s) after the law's start. This must be a pure function that compiles to C."""
         ...
 
 
 @runtime_checkable
 class Allocation(Protocol):
-    """Control allocation. It computes commands for the actuators from a demand."""
+    """Control allocation, which computes commands for the actuators from a demand."""
 
     def init(self, key: Key) -> Any:
         """Return the initial state of the allocation."""
         ...
 
     def step(self, t: Any, state: Any, demand: Any) -> tuple[Any, Any]:
-        """Return the state and the actuator commands closest to the demand."""
+        """Return the allocation's new state, and the actuator commands closest to the demand."""
         ...
 
 
@@ -269,14 +274,15 @@ class StageOutput(NamedTuple):
 
 
 class ActuatorStage(Protocol):
-    """Effect of an actuator, e.g. lag, backlash or delay, on one field of the input. It acts on each number alone."""
+    """Effect of an actuator, e.g. lag, backlash or delay, on one field of the input. Elements of an array are
+    independent."""
 
     def init(self, rest: Any) -> Any:
         """Return the initial state of the stage, at the neutral value `rest`."""
         ...
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
-        """Return the state and the output after a period dt (s) with a constant input `value`."""
+        """Return the stage's new state, and its output after a period dt (s) with a constant input `value`."""
         ...
 
 
@@ -298,19 +304,19 @@ class Actuators(Protocol):
         ...
 
     def step(self, t: Any, state: Any, command: Sample) -> tuple[Any, Any]:
-        """Return the state and the actuators' output from time t on."""
+        """Return the actuators' new state, and their output from time t on."""
         ...
 
 
 class LinkStatistics(NamedTuple):
-    """Counters of a transport since it was opened. A packet is the data of one call."""
+    """Counters of a transport since it was opened. A packet is the data of one call of `send` or `receive`."""
 
     bytes_in: int
     bytes_out: int
     packets_in: int
     packets_out: int
     dropped: int
-    """Packets that could not be sent."""
+    """Number of packets that could not be sent."""
     reconnects: int
     connected: bool
 
@@ -326,7 +332,8 @@ class Audience(Enum):
 
 @runtime_checkable
 class Link(Protocol):
-    """Transport that sends and receives bytes in wall-clock time. Its methods do not raise errors once it is open."""
+    """Transport that sends and receives bytes in wall-clock time. After the transport is open, its methods raise no
+    errors."""
 
     @property
     def statistics(self) -> LinkStatistics:
@@ -334,11 +341,11 @@ class Link(Protocol):
         ...
 
     def receive(self, timeout: float) -> bytes | None:
-        """Return the next packet, or piece of a stream, or None after `timeout` seconds without one."""
+        """Return the next packet, or piece of a stream, or None if no data arrives within `timeout` seconds."""
         ...
 
     def send(self, packet: bytes, audience: Audience = Audience.ALL) -> bool:
-        """Send a packet without waiting. Return False if it had to be dropped."""
+        """Send a packet without waiting. Return False if the packet was dropped."""
         ...
 
     def has_audience(self, audience: Audience) -> bool:
@@ -348,12 +355,13 @@ class Link(Protocol):
     def accept_sender(self, *, is_private: bool = False) -> None:
         """Accept the sender of the last received packet as a peer. Only links that receive from anyone need this.
 
-        is_private: True if the sender also gets packets for PRIVATE.
+        is_private: True if the sender also receives packets sent to PRIVATE.
         """
         ...
 
     def reply(self, packet: bytes) -> bool:
-        """Send only to the sender of the last received packet, accepted or not. Return False if it was dropped."""
+        """Send only to the sender of the last received packet, accepted or not. Return False if the packet was
+        dropped."""
         ...
 
     def fileno(self) -> int:

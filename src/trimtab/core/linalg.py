@@ -1,6 +1,6 @@
 """Linear algebra for small matrices, with unrolled loops. It does not call LAPACK, so that it can be exported as C.
 
-A matrix that is not positive definite gives NaN, not an exception.
+If a matrix is not positive definite, the result is NaN, and no exception is raised.
 """
 
 from typing import Any
@@ -30,7 +30,7 @@ def cholesky(A: Any) -> Any:
 def semidefinite_root(A: Any) -> Any:
     """Return lower triangular L with A = L Lᵀ for a covariance A (n, n) that may be singular, as for zero noise.
 
-    A pivot of 0, or below 0 by rounding, gives a column of zeros. Source: Golub & Van Loan, "Matrix computations",
+    A pivot of 0, or below 0 by rounding, results in a column of zeros. Source: Golub & Van Loan, "Matrix computations",
     section 4.2.8.
     """
     n = A.shape[0]
@@ -96,7 +96,8 @@ def symmetric(A: Any) -> Any:
 def invert(A: Any) -> Any:
     """Return the inverse of a square matrix (n, n), by Gauss–Jordan elimination with the largest pivot of each column.
 
-    A singular matrix gives infinities or NaN. Source: Golub & Van Loan, "Matrix computations", sections 3.4 and 3.5.
+    For a singular matrix, the result contains infinities or NaN. Source: Golub & Van Loan, "Matrix computations",
+    sections 3.4 and 3.5.
     """
     n = A.shape[0]
     rows = jnp.arange(n)[:, None]

@@ -42,7 +42,7 @@ class LineWriter:
     def settle(self, patience: float = CLOSE_S) -> int:
         """Wait until the queued lines are written, for at most `patience` seconds. Return the number of lost lines.
 
-        Lines that are not written by then count as lost. More lines may be put into the queue later.
+        Lines that are not written within this time count as lost. More lines may be put into the queue later.
         """
         written = threading.Event()
         self._lines.put(written)

@@ -1,4 +1,5 @@
-"""Quadratic programs for flight code: a fixed number of plain operations with a warm start. Failures are signals.
+"""Quadratic programs for flight code: a fixed number of plain operations with a warm start. Failures are reported as
+signals.
 
     minimise  x.P x/2 + q.x    subject to  l <= A x <= u
 
@@ -14,7 +15,8 @@ import jax.numpy as jnp
 from trimtab.core.linalg import inverse_spd
 
 SIGMA, RELAXATION = 1e-6, 1.6
-"""Regularisation sigma, which makes K definite, and over-relaxation alpha. Source: [1], algorithm 1."""
+"""Regularisation sigma, which makes the linear system positive definite, and over-relaxation alpha. Source: [1],
+algorithm 1."""
 RHO_LOW, RHO_HIGH, RHO_EQUALITY = 1e-6, 1e6, 1e3
 """Minimum and maximum weight of a constraint, and factor between the weights of an equality and an inequality."""
 RHO_CHANGE = 5.0
@@ -25,7 +27,8 @@ LOOSE = 1e20
 
 
 class ChangeRows(NamedTuple):
-    """Constraint matrix A for a plan x of successive moves, each of `width` numbers. A is not stored as an array.
+    """Constraint matrix A for a sequence x of successive moves, with `width` numbers per move. A is not stored as an
+    array.
 
     A x contains the entries of x, then their changes from one move to the next. Products with A are computed by sums.
     """
@@ -93,8 +96,8 @@ class QuadraticSolution(NamedTuple):
 
     primal: largest entry of A x - z, with z within the bounds, and at a bound where y is not zero. dual: largest entry
     of P x + q + A.T y. solved: True if primal and dual are within the tolerance, relative to the size of their terms
-    [1, eqs. 34, 35]. infeasible: True if the last change of y proves that no x is within the bounds, to 1e-4 [1, eq.
-    37].
+    [1, eqs. 34, 35]. infeasible: True if the last change of y proves, to a tolerance of 1e-4, that no x is within the
+    bounds [1, eq. 37].
     """
 
     x: Any
@@ -126,11 +129,11 @@ def solve_quadratic_program(
     Args:
         given: the program.
         start: solution of a similar program, or `first_start`.
-        rounds: number of times that rho is chosen and K is factorised.
+        rounds: number of times that rho is adapted and the linear system is factorised.
         iterations: number of iterations in each round.
         tolerance: relative tolerance of the residuals of a solved program.
     """
-    if isinstance(given.A, ChangeRows):  # its entries are 1 and -1, and need no scaling
+    if isinstance(given.A, ChangeRows):  # the entries of A are 1 and -1, and need no scaling
         scaled, D, E = given, jnp.ones_like(given.q), jnp.ones_like(given.l)
     else:
         scaled, D, E = _equilibrate(given)

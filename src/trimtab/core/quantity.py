@@ -201,7 +201,7 @@ def _is_record_class(kind: type) -> bool:
 
 
 def declarations(cls: Any) -> Mapping[str, Declaration]:
-    """Return field name -> declaration, for a record or a class of records."""
+    """Return the declaration of each field of a record or a class of records, keyed by field name."""
     return _declarations_of(cls if isinstance(cls, type) else type(cls))
 
 
@@ -251,7 +251,7 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any, Quantity | Op
 
 
 def part_classes(tree: Any, path: str = "") -> dict[str, str]:
-    """Return path of each record below a tree -> name of its class."""
+    """Return the class name of each record below a tree, keyed by path."""
     classes = {}
     for name, child, _ in children(tree):
         here = f"{path}.{name}" if path else name
@@ -267,27 +267,28 @@ def plain_setting(value: Any) -> Any:
 
 
 def split_component(path: str) -> tuple[str, int | None]:
-    """Return path and index of a number of a signal: ("truth.velocity", 2) for "truth.velocity[2]"."""
+    """Split the path of a signal's component into path and index: ("truth.velocity", 2) for "truth.velocity[2]"."""
     match = re.fullmatch(r"(.+)\[(\d+)\]", path)
     return (match[1], int(match[2])) if match else (path, None)
 
 
 def split_index(path: str) -> tuple[str, tuple[int, ...] | None]:
-    """Return path and index of a number of a parameter: ("autopilot.law.K", (0, 1)) for "autopilot.law.K[0,1]"."""
+    """Split the path of a parameter's element into path and index: ("autopilot.law.K", (0, 1)) for
+    "autopilot.law.K[0,1]"."""
     match = re.fullmatch(r"([^\[\]]+)\[(\d+(?:\s*,\s*\d+)*)\]", path.strip())
     return (match[1], tuple(int(i) for i in match[2].split(","))) if match else (path, None)
 
 
 def has_index(shape: tuple[int, ...], at: tuple[int, ...] | None) -> bool:
-    """Return True if an array of this shape has a number at this index. The index of a scalar is None."""
+    """Return True if an array of this shape has an element at this index. The index of a scalar is None."""
     return len(at or ()) == len(shape) and all(i < n for i, n in zip(at or (), shape, strict=True))
 
 
 def first_number(path: str, shape: tuple[int, ...]) -> str:
-    """Return the path of the first number of a parameter: "autopilot.law.K[0,0]", or the plain path of a scalar."""
+    """Return the path of the first element of a parameter: "autopilot.law.K[0,0]", or the plain path of a scalar."""
     return f"{path}[{','.join('0' * len(shape))}]" if shape else path
 
 
 def component_paths(path: str, shape: tuple[int, ...]) -> list[str]:
-    """Return the path of each number of a signal: its own path for a scalar, else "truth.velocity[0]" and so on."""
+    """Return the path of each component of a signal: `path` itself for a scalar, else "truth.velocity[0]" and so on."""
     return [f"{path}[{i}]" for i in range(math.prod(shape))] if shape else [path]

@@ -17,7 +17,7 @@ from trimtab.core.record import Scalar
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 """Quaternion of the zero rotation."""
 SMALL2 = 1e-8
-"""Squared half angle (rad²) below which a power series is used in place of the formula."""
+"""Squared half angle (rad²) below which a power series replaces the closed formula, which would divide by zero."""
 
 
 def multiply(p: Any, q: Any) -> Any:

@@ -207,7 +207,7 @@ def replace(r: T, /, **changes: Any) -> T:
 
 
 def with_leaf(value: Any, path: str, change: Callable[[Any, Quantity | Option], Any]) -> Any:
-    """Return a copy of a tree of records in which the leaf at a dotted path is change(old value, declaration).
+    """Return a copy of a tree of records. The leaf at a dotted path is replaced by change(old value, declaration).
 
     Raises KeyError with the path if the leaf does not exist.
     """

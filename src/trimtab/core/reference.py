@@ -1,9 +1,10 @@
 """References for a vehicle in the plane: circle, figure eight, and polynomials through positions.
 
-A reference fits `core.interfaces.Reference`: `at(t)` gives the reference position and four derivatives. An
-underactuated vehicle needs four, because it turns its thrust by its heading: the second derivative determines the
-heading, the fourth the torque. References are pure functions and compile to C, so a law can contain one in flight.
-Their time t (s) is 0 when the law starts. A reference does not depend on the vehicle that follows it.
+A reference fits `core.interfaces.Reference`: `at(t)` returns the reference position and four derivatives. An
+underactuated vehicle needs four derivatives, because its heading determines the direction of its thrust: the second
+derivative determines the heading, the fourth the torque. References are pure functions and compile to C, so a law can
+contain one in flight. Their time t (s) is 0 when the law starts. A reference does not depend on the vehicle that
+follows it.
 """
 
 import math
@@ -40,7 +41,7 @@ class ReferencePoint:
 
 
 def retime(point: ReferencePoint, rates: tuple[Any, Any, Any, Any]) -> ReferencePoint:
-    """Return the point of a reference as a function of time, by the chain rule, from the point as a function of theta.
+    """Return the point of a reference as a function of time, by the chain rule, from a point as a function of theta.
 
     Args:
         point: point of the reference at theta.
@@ -60,8 +61,8 @@ def retime(point: ReferencePoint, rates: tuple[Any, Any, Any, Any]) -> Reference
 
 
 def _ease_in(t: Any, ease: Any) -> tuple[Any, tuple[Any, Any, Any, Any]]:
-    """Return the parameter theta of a reference that starts from rest, and its derivatives. Its rate rises to 1 in
-    `ease` (s).
+    """Return the parameter theta of a reference that starts from rest, and theta's derivatives. The rate of theta rises
+    to 1 in `ease` (s).
 
     The rate is the polynomial of degree 7 whose first three derivatives vanish at both ends.
     """
@@ -148,11 +149,11 @@ class FigureEight:
 
 @record
 class PiecewisePath:
-    """A path of consecutive polynomials of degree 5, as made by `interpolate_path` and `pass_waypoints`.
+    """A path of consecutive polynomials of degree 5, as created by `interpolate_path` and `pass_waypoints`.
 
-    Piece k is valid from times[k] to times[k + 1]. In it, north, east and heading are the sum over i of
-    coefficients[k, i] (t - times[k])^i.
-    Before the first time, the path rests at its first point; after the last time, at its last point.
+    Piece k is valid from times[k] to times[k + 1]. In this piece, north, east and heading are the sum over i of
+    coefficients[k, i] (t - times[k])^i. Before the first time, the path rests at its first point; after the last time,
+    at its last point.
 
     Frames:  W.    Source:  C. de Boor, "A practical guide to splines", 1978.
     """
@@ -169,14 +170,14 @@ class PiecewisePath:
     has_heading: Scalar = quantity("1", "True if the path gives a heading.", kind="flag", default=False)
 
     def check(self) -> None:
-        """Raise InputError for an invalid path."""
+        """Raise InputError if the path is not valid."""
         times, shape = np.asarray(self.times, np.float64), np.shape(self.coefficients)
         if times.ndim != 1 or shape != (len(times) - 1, DEGREE + 1, 3) or not (np.diff(times) > 0).all():
             problem = (
                 "times must increase, with one time more than there are pieces in coefficients,"
                 f" got {np.size(times)} times and coefficients of shape {shape}"
             )
-            fix = "make it with core.reference.interpolate_path or pass_waypoints"
+            fix = "create the path with core.reference.interpolate_path or pass_waypoints"
             raise InputError("PiecewisePath.times", problem, fix=fix)
 
     def at(self, t: Any) -> ReferencePoint:
@@ -206,7 +207,7 @@ def interpolate_path(times: Any, places: Any, headings: Any = None, *, rests: bo
         rests: True if velocity and acceleration vanish at both ends.
 
     Raises:
-        InputError: too few positions, or times that do not rise.
+        InputError: if there are too few positions, or the times do not increase.
     """
     from scipy.interpolate import make_interp_spline  # imported here: only used before a run
 
@@ -234,7 +235,8 @@ def pass_waypoints(places: Any, speeds: Any) -> PiecewisePath:
             longer, because they begin or end at rest.
 
     Raises:
-        InputError: fewer than two positions, two equal positions in a row, or a speed that is not above 0.
+        InputError: if there are fewer than two positions, two consecutive positions are equal, or a speed is not above
+            0.
     """
     x = np.asarray(places, np.float64)
     if x.ndim != 2 or x.shape[1] != 2 or len(x) < 2:

@@ -1,7 +1,8 @@
 """Counter-based random numbers: threefry 2x32 in plain integer arithmetic.
 
-A random number depends only on (seed, run), on the sample's index and on the block's stream. So all backends draw the
-same bits, any run can be repeated alone, and the noise of a part does not change when another part is switched off.
+A random number depends only on (seed, run), on the sample's index and on the block's stream. Therefore all backends
+draw the same bits, any run can be repeated alone, and the noise of a part does not change when another part is switched
+off.
 
 The draws may be divided into groups. Each group then has its own 32-bit word, used in place of the run number. A new
 word for a group changes the noise of this group only. A Markov chain towards a rare failure changes these words (docs
@@ -26,7 +27,8 @@ PARITY = 0x1BD11BDA
 TERMS = 8
 """Number of normal numbers whose scaled sum is one drawn number, if the draws are divided into groups."""
 TERM_STRIDE = 0x9E3779B1
-"""Difference of the stream numbers of the summed normal numbers. It is odd, so they are in different groups."""
+"""Difference of the stream numbers of the summed normal numbers. The difference is odd, so that the summed numbers are
+in different groups."""
 
 
 @record
@@ -39,7 +41,8 @@ class Key:
     stream: int = option("First stream number of the block, derived from its path.", default=0)
 
     def at(self, name: str) -> "Key":
-        """Return the key of a named sub-block. Its streams depend only on its path, not on other parts of the loop."""
+        """Return the key of a named sub-block. Streams depend only on the sub-block's path, not on other parts of the
+        loop."""
         return Key(self.seed, self.run, zlib.crc32(name.encode(), self.stream))
 
 
@@ -85,12 +88,12 @@ def _uniform(word: Any) -> Any:
 
 
 def uniform2(key: Key, index: Any, stream: int = 0) -> tuple[Any, Any]:
-    """Return two independent uniforms in (0, 1).
+    """Return two independent uniform random numbers in (0, 1).
 
     Args:
         key: key of the block.
         index: number of the sample, e.g. the instant divided by the block's period; any integer.
-        stream: number of the draw within a sample. Each stream gives an independent pair.
+        stream: number of the draw within a sample. Each stream yields an independent pair.
     """
     c0, c1 = jnp.asarray(index).astype(np.uint32), np.uint32((key.stream + stream) % 2**32)
     a, b = threefry2x32(key.seed, _group_word(key.run, c0, c1), c0, c1)
@@ -98,13 +101,13 @@ def uniform2(key: Key, index: Any, stream: int = 0) -> tuple[Any, Any]:
 
 
 def normal2(key: Key, index: Any, stream: int = 0) -> tuple[Any, Any]:
-    """Return two independent standard normals (Box and Muller 1958). The arguments are those of `uniform2`."""
+    """Return two independent standard normal numbers (Box and Muller 1958). The arguments are those of `uniform2`."""
     c0, c1 = jnp.asarray(index).astype(np.uint32), np.uint32((key.stream + stream) % 2**32)
     return _normal_pair(key, c0, c1)
 
 
 def normals(key: Key, index: Any, n: int) -> Any:
-    """Return n independent standard normals, of shape (n,) + shape of index, from the streams 0, 1, … of the key."""
+    """Return n independent standard normal numbers, of shape (n,) + shape of index, from the key's streams 0, 1, …."""
     pairs = (n + 1) // 2
     counter = jnp.asarray(index).astype(np.uint32)
     streams = np.array([(key.stream + i) % 2**32 for i in range(pairs)], np.uint32).reshape(-1, *[1] * counter.ndim)
@@ -113,9 +116,10 @@ def normals(key: Key, index: Any, n: int) -> Any:
 
 
 def _normal_pair(key: Key, counter: Any, streams: Any) -> tuple[Any, Any]:
-    """Return two standard normals for each draw.
+    """Return two standard normal numbers for each draw.
 
-    With groups, each is a scaled sum of TERMS normals of different groups, so one group's new word changes it little.
+    If the draws are divided into groups, each number is a scaled sum of TERMS normal numbers of different groups. A new
+    word of one group then changes the number only a little.
     """
     if not jnp.ndim(key.run):
         return _box_muller(*threefry2x32(key.seed, key.run, counter, streams))

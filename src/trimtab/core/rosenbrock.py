@@ -1,8 +1,8 @@
-"""A linearly implicit step for stiff systems: contact, stiff springs, fast valves. It inverts one matrix per step.
+"""A linearly implicit step for stiff systems: contact, stiff springs, fast valves. Each step inverts one matrix.
 
 Source: [1] Hairer, Wanner, "Solving ordinary differential equations II", Springer 1996, section IV.7: RODAS, order four
-with an embedded formula of order three, both stiffly accurate, so that an infinitely fast motion is at rest after one
-step.
+with an embedded formula of order three. Both are stiffly accurate, so that an infinitely fast motion has decayed after
+one step.
 """
 
 from typing import Any
@@ -39,7 +39,7 @@ TIMES = (0.25, -0.1043, 0.1035, -0.0362, 0.0, 0.0)
 def rodas(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
     """Return x after one step of x' = f(t, x) from t to t + h, and the difference from the embedded formula.
 
-    x: any pytree of floats, n numbers in all; the Jacobian (n, n) is computed by differentiating f.
+    x: any pytree of floats, with n numbers in total. The Jacobian (n, n) is computed by differentiating f.
     """
     leaves, tree = jax.tree.flatten(x)
     shapes = [np.shape(v) for v in leaves]

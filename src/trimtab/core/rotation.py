@@ -85,8 +85,8 @@ def from_rotation_vector(v: Any) -> Any:
 def rotate_by_vector(R_WB: Any, turn: Any) -> Any:
     """Return R_WB (3, 3) after a step with the rotation vector `turn` (3,), the integral of w_WB_B over the step (rad).
 
-    With v = -turn, E = I + sin|v|/|v| [v×] + (1 - cos|v|)/|v|² [v×]² carries the transpose, R_BW(k) = E R_BW(k-1), so
-    R_WB(k) = R_WB(k-1) Eᵀ. Exact if the axis of rotation is constant over the step.
+    With v = -turn, E = I + sin|v|/|v| [v×] + (1 - cos|v|)/|v|² [v×]² advances the transpose, R_BW(k) = E R_BW(k-1), so
+    that R_WB(k) = R_WB(k-1) Eᵀ. The result is exact if the axis of rotation is constant over the step.
 
     Source: [1] eq. 3.4, corrected (docs page, Errata); [1] Z. Kulis, "Feedback control of a hovercraft over a wireless
     link", University of Maryland, 2006.

@@ -1,4 +1,4 @@
-"""Integration steps on the rotation group: a quaternion is updated by rotations, so its length stays one.
+"""Integration steps on the rotation group: a quaternion is updated by rotations, so that its length stays one.
 
 Source: [1] Hairer, Lubich, Wanner, "Geometric numerical integration", 2nd ed., Springer 2006, section IV.8: methods of
 Munthe-Kaas. [2] Bortz, "A new mathematical formulation for strapdown inertial navigation", IEEE T-AES 7 (1971).
@@ -14,7 +14,8 @@ from trimtab.core.integrate import Derivative, Step
 from trimtab.core.record import replace
 
 SERIES = (1 / 12, 1 / 720, 1 / 30240, 1 / 1209600)
-"""Series of (1 - a/2 cot(a/2))/a^2 in a^2. Its error is 1e-10 at 0.5 rad per step. Source: [1] eq. III.4.10."""
+"""Coefficients of the power series of (1 - a/2 cot(a/2))/a^2 in a^2. The error is 1e-10 at a rotation a of 0.5 rad per
+step. Source: [1] eq. III.4.10."""
 
 
 def rotation_step(step: Step, names: Sequence[str]) -> Step:
@@ -23,8 +24,8 @@ def rotation_step(step: Step, names: Sequence[str]) -> Step:
 
     Within a step q = q0 exp(v), and v (3,) obeys Bortz's equation v' = w + v × w/2 + …, with the angular velocity w
     computed from the derivative of q. Other parts of that derivative, such as a term that corrects the length, are
-    ignored. The order of the step is kept: RK4 becomes Munthe-Kaas's method of order four. The returned error estimate
-    is the error of q.
+    ignored. The order of the integration method does not change: RK4 becomes Munthe-Kaas's method of order four. The
+    returned error estimate is the error of q.
     """
 
     def turn(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:

@@ -53,8 +53,9 @@ def low_pass(frequency: Any, damping: Any, sampling_period: Any) -> Section:
     """Return the section for w²/(s² + 2 z w s + w²) by the bilinear transform, exact at the natural frequency.
 
     Args:
-        frequency: natural frequency (Hz), below half the sampling rate; for z = 1/√2 that is the -3 dB bandwidth.
-        damping: damping ratio z. sampling_period: time between samples (s).
+        frequency: natural frequency (Hz), below half the sampling rate. For z = 1/√2 it is the -3 dB bandwidth.
+        damping: damping ratio z.
+        sampling_period: time between samples (s).
 
     Source: Oppenheim, Schafer, "Discrete-time signal processing", section 7.1, with the frequency prewarped.
     """

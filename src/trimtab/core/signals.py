@@ -63,7 +63,8 @@ class Motion:
 
 
 def surrounding_air(motion: Motion) -> SurroundingAir:
-    """Return the air around a vehicle. If the motion has none, the air is still, and the sea is at the origin of W."""
+    """Return the air around a vehicle. If the motion contains no air, the air is still, and the sea is at the origin of
+    W."""
     if isinstance(motion.air, SurroundingAir):
         return motion.air
     still = jnp.zeros_like(motion.v_WB_B)
@@ -127,8 +128,8 @@ class Estimate:
 
 
 STICK_MODES = ("manual", "damped", "assisted")
-"""Modes of a pilot's stick. It commands the thrust vector (manual), velocities in body axes (damped), or the velocity
-over the floor (assisted)."""
+"""Modes of a pilot's stick. The stick commands the thrust vector (manual), velocities in body axes (damped), or the
+velocity over the floor (assisted)."""
 
 
 @record
@@ -202,7 +203,7 @@ class Peers:
 
 @record
 class PeerView:
-    """Estimated state of a craft of a swarm, with the messages of the others. Source: docs page, Swarms."""
+    """Estimated state of a craft of a swarm, with the messages of the other craft. Source: docs page, Swarms."""
 
     own: Any = part("Estimated state of the craft itself.")
     peers: Peers = part("Messages received from the other craft.")
@@ -210,7 +211,8 @@ class PeerView:
 
 @record
 class SwarmInput:
-    """Input and message of each craft of a swarm: the swarm's demand, command and input. Source: docs page, Swarms."""
+    """Input and message of each craft of a swarm. The swarm's demand, command and input all have this form. Source:
+    docs page, Swarms."""
 
     act: Any = part("Input of each craft, or demand for its actuators; fields (n,).")
     message: PeerMessage = part("Message of each craft; fields (n,).")

@@ -73,7 +73,7 @@ def nearest_time(text: str, usual: str) -> str:
 
 def as_time(part: str, value: Any) -> int:
     """Return a time as integer units, from integer units or a text such as ``20 ms``. Raise InputError for any other
-    value, also a float.
+    value, including a float.
 
     part: name of the argument, for the error, e.g. ``duration``.
     """

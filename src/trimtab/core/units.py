@@ -62,7 +62,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "Hz": {"Hz": 1.0},
     "rpm": {"rpm": 1.0, "krpm": 1e3, "rad/s": 60 / TURN, "Hz": 60.0},
 }
-"""Unit of storage -> units in which the quantity may be written -> their size in the unit of storage.
+"""Units in which a quantity may be written, with their sizes in the unit of storage, keyed by unit of storage.
 
 If the quantity is unknown, a symbol with two meanings, such as g, has the meaning that is listed first.
 """
@@ -92,7 +92,7 @@ SPELLINGS = {
     "deglongitude": "deg",
     "bool": FLAG,
 }
-"""Other spellings of a unit -> its symbol."""
+"""Symbols of units, keyed by other spellings of the units."""
 
 NAMES = {
     "metre": "m",
@@ -113,7 +113,7 @@ NAMES = {
     "inch": "in",
     "pound": "lb",
 }
-"""Units spelled out -> the symbol to use in a declaration."""
+"""Symbols to use in declarations, keyed by the spelled-out names of units."""
 
 IMPERIAL = ("ft", "in", "lbf", "ft/s")
 """Non-SI units that a declaration may use, for vehicles from publications such as the hypersonic vehicle."""
@@ -122,7 +122,7 @@ NUMBER = re.compile(r"\s*([-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf))
 
 
 class Unit(NamedTuple):
-    """Unit read from a text. scale: its size in the SI unit `name`. kind: "real", "flag" or "count"."""
+    """Unit read from a text. scale: size of this unit in the SI unit `name`. kind: "real", "flag" or "count"."""
 
     scale: float
     name: str
@@ -133,7 +133,7 @@ def find_unit(where: str, text: str) -> Unit:
     """Return the unit written in a text, which may begin with a factor, e.g. ``1e-7 deg``.
 
     Raises:
-        InputError: unknown unit.
+        InputError: if the unit is unknown.
     """
     plain = _spell_plainly(text)
     match = re.fullmatch(r"([-+0-9.eE]+)\s+(\S.*)", plain)
@@ -154,7 +154,8 @@ def find_size(text: str, kept: str) -> float | None:
 
 
 def find_sizes(text: str) -> dict[str, float]:
-    """Return unit of storage -> size of the written unit in it, for all quantities with this unit; else empty."""
+    """Return the size of a written unit in each unit of storage to which it can be converted, keyed by unit of
+    storage."""
     plain = _spell_plainly(text)
     name = SPELLINGS.get(plain, plain)
     return {kept: sizes[name] for kept, sizes in UNITS.items() if name in sizes}
@@ -164,12 +165,12 @@ def check_symbols(unit: str) -> None:
     """Raise InputError if a declared unit is spelled out, because conversion needs the symbol.
 
     Raises:
-        InputError: the unit is spelled out; the error names the symbol.
+        InputError: if the unit is spelled out. The error names the symbol.
     """
     for word in re.findall("[A-Za-z]+", unit):
         symbol = NAMES.get(word.lower(), NAMES.get(word.lower().removesuffix("s")))
         if symbol is not None:
-            problem = f"the unit {unit!r} is spelled out, must be a symbol"
+            problem = f"the unit must be a symbol, got {unit!r}"
             raise InputError("quantity", problem, fix=f'quantity("{unit.replace(word, symbol)}", …)')
 
 
@@ -177,7 +178,7 @@ def check_kept(unit: str) -> None:
     """Raise InputError if a declared unit is not a unit of storage, such as deg.
 
     Raises:
-        InputError: the value is not stored in this unit; the error names the unit to declare.
+        InputError: if values are not stored in this unit. The error names the unit to declare.
     """
     kept = next((kept for kept, sizes in UNITS.items() if unit in sizes), unit)
     if unit not in (*UNITS, *IMPERIAL) and kept != unit:
@@ -189,7 +190,7 @@ def parse_unit(part: str, text: str, kept: str) -> float:
     """Return the size of the unit written after a number, in the unit of storage; 1 if no unit is written.
 
     Raises:
-        InputError: the written unit is a unit of another quantity.
+        InputError: if the written unit belongs to another quantity.
     """
     if not text or text == kept:
         return 1.0
@@ -211,7 +212,7 @@ def parse_amount(part: str, text: str, kept: str) -> float:
     are numbers.
 
     Raises:
-        InputError: not a number, or a unit of another quantity.
+        InputError: if the text is not a number, or the unit belongs to another quantity.
     """
     match = NUMBER.fullmatch(text)
     if match is None:

@@ -11,7 +11,7 @@ LARGEST_TEXT = 1 << 28
 
 
 def open_user_file(path: str | os.PathLike[str]) -> BinaryIO:
-    """Open a plain file for reading. Raises OSError: the file cannot be read, or is a pipe, a device or a folder."""
+    """Open a plain file for reading. Raise OSError if the file cannot be read, or is a pipe, a device or a folder."""
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
     mode = os.fstat(descriptor).st_mode
     if stat.S_ISREG(mode):
@@ -30,7 +30,7 @@ def read_user_bytes(path: str | os.PathLike[str], largest: int | None = None) ->
         largest: maximum size (bytes), or None for no limit.
 
     Raises:
-        OSError: the file cannot be read, is a pipe, a device or a folder, or is too large.
+        OSError: if the file cannot be read, is a pipe, a device or a folder, or is too large.
     """
     with open_user_file(path) as file:
         if largest is not None and os.fstat(file.fileno()).st_size > largest:
@@ -42,8 +42,8 @@ def read_user_text(path: str | os.PathLike[str], encoding: str = "utf-8", larges
     """Return the text of a plain file, with every line end converted to a line feed.
 
     Raises:
-        OSError: the file cannot be read, is a pipe, a device or a folder, or is larger than `largest`.
-        UnicodeDecodeError: the file is not text in this encoding.
+        OSError: if the file cannot be read, is a pipe, a device or a folder, or is larger than `largest`.
+        UnicodeDecodeError: if the file is not text in this encoding.
     """
     text = read_user_bytes(Path(path), largest).decode(encoding)
     return text.replace("\r\n", "\n").replace("\r", "\n")

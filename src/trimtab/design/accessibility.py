@@ -27,21 +27,23 @@ from trimtab.design.model import StateSpaceModel
 HIGHEST_DEGREE = 5
 """Default maximum degree of a Lie bracket, i.e. the number of vector fields in the bracket."""
 AT_REST = 1e-8
-"""Largest state derivative that counts as zero, relative to max(1, |x|). It allows for rounding errors of a trim."""
+"""Largest state derivative that counts as zero, relative to max(1, |x|). The tolerance allows for rounding errors of a
+trim."""
 ROUNDING = 1e-9
 """Largest polynomial coefficient that counts as zero, as a fraction of the largest coefficient."""
 INDEPENDENT = 1e-7
-"""Smallest part of a Lie bracket, as a fraction, that must be independent of earlier brackets to be a new direction."""
+"""Smallest fraction of a Lie bracket's length that must be linearly independent of the earlier brackets, so that the
+bracket counts as a new direction."""
 DRIFT = "f"
 TaylorField = dict[tuple[int, ...], Any]
-"""Taylor polynomial of a vector field: powers of the states' deviations -> coefficients (n,)."""
+"""Taylor polynomial of a vector field, as a mapping from powers of the states' deviations to coefficients (n,)."""
 
 
 class LieBracket(NamedTuple):
     """Lie bracket and its value at the equilibrium.
 
-    name: e.g. "[FY, [f, FY]]".  degree: number of vector fields in the bracket.  value: (n,).  is_bad: True if it
-    contains f an odd number of times and each input an even number of times.
+    name: e.g. "[FY, [f, FY]]".  degree: number of vector fields in the bracket.  value: (n,).  is_bad: True if the
+    bracket contains f an odd number of times and each input an even number of times.
     """
 
     name: str
@@ -53,12 +55,12 @@ class LieBracket(NamedTuple):
 class Accessibility(NamedTuple):
     """Result of the accessibility test.
 
-    basis: brackets that each give a new direction, by degree.  rank: number of brackets in the basis.  n: number of
+    basis: brackets that each add a new direction, by degree.  rank: number of brackets in the basis.  n: number of
     states.  bad: bad brackets that do not vanish, up to the degree at which the basis is complete.  obstructions: bad
-    brackets that are not a combination of brackets of lower degree.  curved: inputs in which the model is not affine;
-    their first-order part is used.  is_accessible: True if the brackets span all directions.  is_stlc: True if small-
-    time local controllability is proved; if False, the question stays open.  is_linear: True if the linear model is
-    controllable, so that no other brackets were computed.
+    brackets that are not a combination of brackets of lower degree.  curved: inputs in which the model is not affine
+    and was linearised.  is_accessible: True if the brackets span all directions.  is_stlc: True if small-time local
+    controllability is proved; if False, the question stays open.  is_linear: True if the linear model is controllable,
+    so that no other brackets were computed.
     """
 
     basis: tuple[LieBracket, ...]
@@ -75,7 +77,7 @@ class Accessibility(NamedTuple):
 def find_accessibility(
     model: StateSpaceModel, x: Any = None, u: Any = None, *, highest: int = HIGHEST_DEGREE
 ) -> Accessibility:
-    """Compute brackets at an equilibrium, by degree, until they span all directions or the highest degree is reached.
+    """Compute brackets at an equilibrium, by rising degree, until they span all directions or `highest` is reached.
 
     Args:
         model: model with n states.
@@ -107,7 +109,7 @@ def find_accessibility(
 
 
 def _linear_brackets(model: StateSpaceModel, x0: Any, u0: Any) -> tuple[LieBracket, ...]:
-    """Return the brackets of the linear model, [f, … [f, g]] = ±A^k b, without those that give no new direction.
+    """Return the brackets [f, … [f, g]] = ±A^k b of the linear model that each add a new direction.
 
     States are scaled by their size at the point. The result has n brackets if the linear model is controllable.
     """
@@ -182,7 +184,8 @@ def bracket_fields(X: TaylorField, Y: TaylorField, order: int) -> TaylorField:
 def _brackets_by_degree(
     fields: Sequence[TaylorField], names: Sequence[str], n: int, highest: int
 ) -> Iterator[list[LieBracket]]:
-    """Yield, for each degree, the right-nested brackets that do not vanish at the point. These span all brackets."""
+    """Yield, for each degree, the right-nested brackets that do not vanish at the point. All other brackets are linear
+    combinations of these."""
     level = [((i,), names[i], field) for i, field in enumerate(fields)]
     origin = (0,) * n
     for degree in range(1, highest + 1):

@@ -1,11 +1,13 @@
-"""Region of attraction: a quadratic Lyapunov function, and the largest level that can be proved.
+"""Region of attraction: a quadratic Lyapunov function V, and the largest level c for which it can be proved.
+
+The proof consists of matrices S and G with
 
     -dV/dt - s(x) (c - V(x)) = z'G z,   s = x'S x,   S and G positive definite,   z = (x, products of x)
 
-so that V falls wherever V <= c, except at rest (S-procedure of sums of squares). V solves the Lyapunov equation of the
-linear loop. The weight in that equation is varied to maximise the volume of the region V <= c. A solver finds S and G
-in floats. They are then rounded to fractions that satisfy the identity exactly, so that the proof does not depend on
-the search.
+so that V falls wherever V <= c, except at the equilibrium (S-procedure of sums of squares). V solves the Lyapunov
+equation of the linear loop. The weight in this equation is varied to maximise the volume of the region V <= c. A solver
+finds S and G in floats. S and G are then rounded to fractions that satisfy the identity exactly, so that the proof does
+not depend on the search.
 
 Source: [1] P. A. Parrilo, "Semidefinite programming relaxations for semialgebraic problems", Math. Programming 96
 (2003); [2] H. Peyrl, P. A. Parrilo, "Computing sum of squares decompositions with rational coefficients", Theoretical
@@ -29,7 +31,8 @@ from trimtab.design.squares import GramForm, SquaresProof
 from trimtab.design.theorem import FALLS, GROWS, INSIDE, LawTheorem
 
 SMALLEST_MARGIN = 1e-4
-"""A level of V counts as proved if all eigenvalues of the scaled matrices S and G exceed this margin for rounding."""
+"""Smallest eigenvalue that the scaled matrices S and G must have, so that a level of V counts as proved. The margin
+allows for rounding S and G to fractions."""
 DIGITS = 7
 """Number of decimals to which the scaled matrices S and G are rounded."""
 TRIES = 200
@@ -60,7 +63,7 @@ def find_region(theorem: LawTheorem, *, tries: int = TRIES) -> AttractionRegion:
 
     Args:
         theorem: theorem that contains the state derivatives and the equilibrium.
-        tries: number of shapes of V to try.
+        tries: number of Lyapunov functions V to try.
 
     Raises: InputError if the linear loop is not stable, or the derivatives contain symbolic parameters or powers
         above 3.
@@ -82,7 +85,7 @@ def find_region(theorem: LawTheorem, *, tries: int = TRIES) -> AttractionRegion:
     if level <= 0:
         raise InputError(
             "region",
-            "no quadratic Lyapunov function V could be proved to fall near rest",
+            "no quadratic Lyapunov function V could be proved to fall near the equilibrium",
             fix=f"change a gain: {argument('settings', 'VALUE', 'NAME')}",
         )
     return _round_region(theorem, loop, P, level)
@@ -99,7 +102,7 @@ def _shift_loop(theorem: LawTheorem) -> _Loop:
             if outside
             else "the loop has powers of states above 3"
         )
-        raise InputError("region", problem, fix="give every parameter a number; use a law of degree at most 3")
+        raise InputError("region", problem, fix="give every parameter a number, and use a law of degree at most 3")
     A = np.array([[float(f.terms.get(((k, 1),), 0)) for k in names] for f in field.values()])
     fast = np.linalg.eigvals(A).real.max()
     if fast >= 0:
@@ -112,9 +115,9 @@ def _shift_loop(theorem: LawTheorem) -> _Loop:
 
 
 def _lyapunov_matrix(loop: _Loop, z: Any) -> Any:
-    """Solve Lyapunov's equation for the weight L L', and scale P to determinant 1.
+    """Solve Lyapunov's equation for P with the weight L L', and scale P to determinant 1.
 
-    z: lower triangle of L, with logarithms on the diagonal.
+    z: elements of the lower triangle of L. Diagonal elements of L are given by their logarithms.
     """
     L = np.zeros_like(loop.A)
     L[np.tril_indices(len(L))] = z
@@ -124,7 +127,8 @@ def _lyapunov_matrix(loop: _Loop, z: Any) -> Any:
 
 
 def _largest_level(loop: _Loop, P: Any, guess: float, ratio: float) -> float:
-    """Return the largest level that can be proved, to within a ratio, or 0 if none is found near the guess."""
+    """Return the largest provable level of V, accurate to the factor `ratio`, or 0 if no level near `guess` is
+    provable."""
 
     def is_reached(level: float) -> bool:
         return _margin(loop, P, level, np.sqrt(level / np.diag(P))).margin > SMALLEST_MARGIN
@@ -143,7 +147,8 @@ def _largest_level(loop: _Loop, P: Any, guess: float, ratio: float) -> float:
 
 
 class _Solution(NamedTuple):
-    """Solver's result. margin: smallest eigenvalue of S and G.  S: (n, n).  kernel: part of G that cancels in z'G z."""
+    """Solver's result. margin: smallest eigenvalue of S and G.  S: (n, n).  kernel: free entries of G, which cancel in
+    z'G z."""
 
     margin: float
     S: Any
@@ -151,7 +156,7 @@ class _Solution(NamedTuple):
 
 
 class _Products(NamedTuple):
-    """Products of states. z: monomials (x, products of x).  pairs: product -> pairs of entries of z that give it."""
+    """Products of states. z: monomials (x, products of x).  pairs: monomial -> index pairs of z with this product."""
 
     z: tuple[Monomial, ...]
     pairs: dict[Monomial, list[tuple[int, int]]]
@@ -168,9 +173,10 @@ def _form_products(names: tuple[str, ...]) -> _Products:
 
 
 def _gram_matrix(coefficients: Mapping[Monomial, Any], kernel: Any, products: _Products, zero: Any) -> Any:
-    """Return G for given coefficients of z'G z. Each coefficient is spread over the pairs of z that give its product.
+    """Return the matrix G for which z'G z has given coefficients.
 
-    The kernel's entries then move parts of a coefficient from one pair to another.
+    Each coefficient is first divided equally among the pairs of entries of z whose product is the coefficient's
+    monomial. The entries of `kernel` then move parts of a coefficient from one pair to another.
     """
     G = np.full((len(products.z),) * 2, zero, dtype=object if isinstance(zero, Fraction) else float)
     used = 0
@@ -186,7 +192,7 @@ def _gram_matrix(coefficients: Mapping[Monomial, Any], kernel: Any, products: _P
 
 @lru_cache(maxsize=8)
 def _kernel_matrices(names: tuple[str, ...]) -> list[Any]:
-    """Return matrices G with z'G z = 0, one for each entry of the kernel."""
+    """Return matrices G with z'G z = 0, one for each degree of freedom of G."""
     products = _form_products(names)
     units = np.eye(sum(len(p) - 1 for p in products.pairs.values()))
     return [_gram_matrix({}, unit, products, 0.0) for unit in units]
@@ -210,7 +216,7 @@ def _margin(loop: _Loop, P: Any, level: float, size: Any) -> _Solution:
 
 
 def _scale_parts(loop: _Loop, P: Any, level: Any, size: Any) -> tuple[dict[Monomial, Any], list[dict[Monomial, Any]]]:
-    """Return coefficients of -dV/dt/level, and of y_i y_j (1 - V/level) for the upper entries of S, in y = x/size.
+    """Return the coefficients of -dV/dt/level, and of y_i y_j (1 - V/level) for each upper entry of S, in y = x/size.
 
     The results are floats for float arguments, and Fractions for Fractions.
     """

@@ -35,9 +35,9 @@ def weigh_by_limits(
     Args:
         name: name of the vehicle.
         linear: linear model at a trim, with the states that are fed back.
-        limits: each state or input -> its largest acceptable value; a large value gives it little weight.
-        integrals: state -> limit of the integral of its error; the integrals are appended to the states.
-        about: settings and point, stored in the certificate, from which the system can be built again.
+        limits: largest acceptable value of each state and input. A larger value means a lower weight.
+        integrals: state -> limit of the integral of the state's error. These integrals are appended to the states.
+        about: settings and operating point, stored in the certificate, so that the system can be built again.
 
     Source: Bryson and Ho, as above.
     """
@@ -72,7 +72,7 @@ def weigh_by_limits(
 
 
 def fed_back_states(linear: LinearModel, idle: Iterable[str], named: Iterable[str]) -> tuple[str, ...]:
-    """Return the states that are fed back: all states except the idle states that are not named."""
+    """Return the states that are fed back: the states that are not idle, and the idle states in `named`."""
     left_out = set(idle) - set(named)
     return tuple(n for n in linear.states if n not in left_out)
 

@@ -1,6 +1,6 @@
 """Certificate of a gain: the matrices, weights, claims and system name that suffice to prove the gain again.
 
-`design_certificate` makes a certificate. `certificate_file` stores the certificate as text without losing a digit.
+`design_certificate` creates a certificate. `certificate_file` stores the certificate as text without losing a digit.
 `certificate_check.prove_certificate` proves the certificate without the solver that found the gain. A certificate
 applies to the linear model of a named system: near the operating point, and only while no input saturates.
 
@@ -46,12 +46,12 @@ class ObserverPart(NamedTuple):
 
 
 class Certificate(NamedTuple):
-    """Gain K of v = +K e, with the data for its proof.
+    """Gain K of the feedback v = +K e (input v, state error e), with all data needed to prove the gain.
 
-    system: name of the system, as in `trimtab design SYSTEM`.  about: settings and point, name -> number or text.
+    system: name of the system, as in `trimtab design SYSTEM`.  about: settings and operating point by name.
     method: "lqr" or "lmi".  states, inputs: names.  A: (n, n).  B: (n, m).  K: (m, n).  P: (n, n).  Qe: (n, n) and Re:
     (m, m), the weights in (14).  Q: weight of the regulator (n, n), None for "lmi".  scale: sizes of the states (n,).
-    poles: poles of A + B K (n,).  observer: None if the whole state is measured.  recorded: further computed numbers of
+    poles: poles of A + B K (n,).  observer: None if the whole state is measured.  recorded: further computed figures of
     the system, name -> value.  version: version of this package.
     """
 
@@ -74,7 +74,7 @@ class Certificate(NamedTuple):
     version: str = __version__
 
     def feedback_matrices(self) -> composite.Feedback:
-        """Return the feedback's matrices, in floats."""
+        """Return the feedback's matrices as floats."""
         return composite.Feedback(self.A, self.B, self.K, self.P, self.Qe, np.linalg.inv(self.Re))
 
     def estimated_indices(self) -> Any:
@@ -82,12 +82,12 @@ class Certificate(NamedTuple):
         return np.array([self.states.index(n) for n in self.observer.estimated] if self.observer else [], int)
 
     def observer_matrices(self, o: ObserverPart) -> composite.Observer:
-        """Return the observer's matrices, in floats."""
+        """Return the observer's matrices as floats."""
         return composite.Observer(o.A, o.C, o.Q, o.P, o.L, np.linalg.inv(o.R), self.estimated_indices())
 
 
 def design_certificate(system: CertifiedSystem) -> Certificate:
-    """Design the gain of a system and the steady filter of its estimated states; return them with the proof's data."""
+    """Design a system's gain and, if states are estimated, its steady Kalman filter; return a certificate of both."""
     s = system
     if s.method not in METHODS:
         raise InputError("method", f"unknown method {s.method!r}", choices=METHODS, fix=argument("method", "lqr"))

@@ -1,9 +1,9 @@
 """Proof, without a solver, that a certificate belongs to the named system and that its claims are true.
 
 The system is built again from its code, and all data of the certificate is compared with the system, entry by entry.
-Each entry is then taken as the exact fraction of its float. P = P' > 0 and P (A + B K) + (A + B K)'P < 0 imply that
-A + B K is Hurwitz (Lyapunov); the proof needs no eigenvalues. This code defines the conditions and their limits. All
-conditions are evaluated, even after one has failed.
+Each entry is then converted without rounding from a float to a fraction. P = P' > 0 and P (A + B K) + (A + B K)'P < 0
+imply that A + B K is Hurwitz (Lyapunov); the proof needs no eigenvalues. This code defines the conditions and their
+limits. All conditions are evaluated, even after one has failed.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 14, 15, corrected as in `composite`; proofs as in `exact`.
@@ -36,8 +36,8 @@ from trimtab.design.proof import (
 SAME = 1e-6
 """Largest accepted relative deviation of a recomputed number from the number recorded in a certificate."""
 SLOW = 1e-7
-"""Fraction of the fastest pole that is added to each pole's size before relative deviations are computed. It allows
-for rounding errors of slow poles."""
+"""Fraction of the fastest pole that is added to each pole's size before relative deviations are computed. This share
+allows for rounding errors of slow poles."""
 ROBUST = {"K": 0.0, "K + R_e^-1 B'P/2": 0.5, "K - R_e^-1 B'P/2": -0.5}
 FLOATS = "floats"
 
@@ -45,12 +45,12 @@ FLOATS = "floats"
 def prove_certificate(
     certificate: Certificate, system: CertifiedSystem, written: str | None = None
 ) -> CertificateProof:
-    """Prove a certificate again.
+    """Check all claims of a certificate, and return the result of each condition.
 
     Args:
         certificate: from `design_certificate` or from a file.
         system: the system that the certificate names, built again from code.
-        written: digest that the file contains; None without a file.
+        written: digest stored in the certificate file; None if the certificate is not from a file.
     """
     lines = [*compare_with_system(certificate, system), *feedback_lines(certificate)]
     if certificate.observer is not None:
@@ -107,7 +107,7 @@ def _hurwitz_condition(c: Certificate) -> ProofCondition:
 
 
 def _also_positive(condition: ProofCondition, P: Any) -> ProofCondition:
-    """Return the condition. If P is not positive definite, mark it as failed, because it then proves nothing."""
+    """Return the condition, marked as failed if P is not positive definite, because it then proves nothing."""
     if condition.holds and not exact.prove_definite(P).holds:
         return condition._replace(holds=False, why="the Lyapunov matrix itself is not positive definite")
     return condition
@@ -173,7 +173,7 @@ def _weight_condition(c: Certificate, o: ObserverPart) -> ProofCondition:
 
 def _digest_condition(c: Certificate, written: str) -> ProofCondition:
     same = written == certificate_digest(c)
-    why = "" if same else "the file was changed after it was written; the other conditions show the effect"
+    why = "" if same else "the file was changed after it was written"
     return ProofCondition("", same, float(not same), "differences", "SHA-256", why)
 
 
@@ -182,7 +182,7 @@ def _closed_poles(c: Certificate) -> Any:
 
 
 def rational_feedback(c: Certificate) -> composite.Feedback:
-    """Return the feedback's matrices as fractions; R_e is inverted exactly."""
+    """Return the feedback's matrices as fractions. R_e is inverted exactly."""
     A, B, K, P, Qe, Re = (exact.as_fractions(M) for M in (c.A, c.B, c.K, c.P, c.Qe, c.Re))
     return composite.Feedback(A, B, K, P, Qe, exact.exact_inverse(Re))
 

@@ -40,7 +40,8 @@ def certificate_json(certificate: Certificate) -> str:
 
 
 def certificate_digest(certificate: Certificate) -> str:
-    """Return the SHA-256 of the certificate. It reveals accidental changes; the proof does not depend on it."""
+    """Return the SHA-256 of the certificate, which reveals accidental changes. The proof does not depend on the
+    digest."""
     text = json.dumps(_as_plain(certificate), sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -128,14 +129,19 @@ def _parse_fields(c: dict[str, Any], name: str) -> Certificate:
     n, m = len(states), len(inputs)
     if c["method"] not in METHODS or (c["method"] == "lqr") != (c["Q"] is not None):
         raise InputError(
-            f"file '{name}', method", f"{c['method']!r} is unknown or does not fit Q", choices=METHODS, fix=FIX
+            f"file '{name}', method",
+            f"must be 'lqr' with a matrix Q, or 'lmi' with Q = null, got {c['method']!r}",
+            choices=METHODS,
+            fix=FIX,
         )
     shapes = {"A": (n, n), "B": (n, m), "K": (m, n), "P": (n, n), "Qe": (n, n), "Re": (m, m), "scale": (n,)}
     if c["Q"] is not None:
         shapes["Q"] = (n, n)
     arrays = {key: _parse_array(c[key], shape, key, name) for key, shape in shapes.items()}
     if not (arrays["scale"] > 0).all():
-        raise InputError(f"file '{name}', scale", f"sizes must be above 0, got {arrays['scale']}", fix=FIX)
+        raise InputError(
+            f"file '{name}', scale", f"all sizes of the states must be above 0, got {arrays['scale']}", fix=FIX
+        )
     about = {k: v if isinstance(v, str) else _parse_number(v, f"about.{k}", name) for k, v in c["about"].items()}
     version = _parse_text(c["version"], "version", name)
     if not re.fullmatch(r"\d+\.\d+[\w.+]*", version):
@@ -169,7 +175,7 @@ def _parse_observer(o: dict[str, Any], states: tuple[str, ...], name: str) -> Ob
 
 
 def _check_keys(value: Any, wanted: Iterable[str], where: str, name: str) -> None:
-    """Raise InputError if a wanted key is missing or a key is unknown. An unknown key would be an unchecked claim."""
+    """Raise InputError if a required key is missing or a key is unknown. An unknown key would be an unchecked claim."""
     wanted = tuple(wanted)
     lacking = [key for key in wanted if key not in value]
     if lacking:
@@ -203,7 +209,7 @@ def _parse_array(value: Any, shape: tuple[int, ...], key: str, name: str) -> Any
         raise InputError(f"file '{name}', {key}", f"must be numbers of shape {shape}, got shape {array.shape}", fix=FIX)
     array = array.astype(float)
     if not (np.abs(array) <= LARGEST).all():
-        raise InputError(f"file '{name}', {key}", f"a number is larger than {LARGEST:g}", fix=FIX)
+        raise InputError(f"file '{name}', {key}", f"no number may be larger than {LARGEST:g}", fix=FIX)
     return array
 
 

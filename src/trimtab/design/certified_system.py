@@ -21,17 +21,17 @@ from trimtab.design.proof import Line, ProofCondition
 SAME = 1e-9
 """Largest accepted relative deviation of a matrix entry in a file from the same entry of the system."""
 SMALL = 1e-4
-"""Size of the smallest matrix entry whose deviation is divided by the entry itself, as a fraction of the largest entry
-in the scaled row. The deviation of a smaller entry is divided by this size, to allow for rounding."""
+"""Smallest divisor in the relative deviation of a matrix element, as a fraction of the largest element in the scaled
+row. This limit allows for rounding errors of small elements."""
 ANEW = "computed again, in floats"
 Setting = float | str
 
 
 class LimitedNumber(NamedTuple):
-    """Number of a system, computed over a grid, with limits.
+    """Computed figure of a system, e.g. a maximum over a grid, with its limits.
 
-    value: must be at least low and below high.  how: grid and method of the computation.  near: largest accepted
-    deviation of the number in a certificate file from value.
+    value: the figure, which must be at least low and below high.  how: grid and method of the computation.  near:
+    largest accepted difference between value and the figure in a certificate file.
     """
 
     value: float
@@ -53,12 +53,12 @@ LoopLines = Callable[[Any], Iterable[Line]]
 class CertifiedSystem(NamedTuple):
     """Linear plant with weights, and optionally a filter of some of its states.
 
-    name: as in `trimtab design NAME`.  about: settings and point; name -> number or text.  method: "lqr" or "lmi".
-    states (n), inputs (m): names.  A: (n, n).  B: (n, m).  Qe: (n, n) and Re: (m, m), the weights in (14).  Q: weight
-    of the regulator (n, n), None for "lmi".  scale: sizes of the states (n,).  estimated: names of the k estimated
-    states.  C: (p, k), Q_eta: (k, k), R: (p, p): matrices of the filter of these states, None without a filter.
-    numbers: function from the gain K (m, n) to numbers with limits, by name.  loop_lines: function from a certificate
-    with a filter to conditions on the whole loop.
+    name: as in `trimtab design NAME`.  about: settings and operating point by name.  method: "lqr" or "lmi".  states
+    (n), inputs (m): names.  A: (n, n).  B: (n, m).  Qe: (n, n) and Re: (m, m), the weights in (14).  Q: weight of the
+    regulator (n, n), None for "lmi".  scale: sizes of the states (n,).  estimated: names of the k estimated states.  C:
+    (p, k), Q_eta: (k, k), R: (p, p): matrices of the filter of these states, None without a filter.  numbers: function
+    from the gain K (m, n) to the system's computed figures, by name.  loop_lines: function from a certificate with a
+    filter to conditions on the whole loop.
     """
 
     name: str
@@ -81,7 +81,8 @@ class CertifiedSystem(NamedTuple):
 
     @property
     def A_eta(self) -> Any:
-        """Return the block A_eta (k, k) of A for the estimated states. The filter knows all other effects on them."""
+        """Return the block A_eta (k, k) of A for the estimated states. Other effects on these states are known to the
+        filter."""
         at = self.estimated_indices()
         return self.A[np.ix_(at, at)]
 
@@ -169,7 +170,7 @@ def compare_with_system(certificate: Any, system: CertifiedSystem) -> Iterator[L
 
 
 def number_lines(certificate: Any, system: CertifiedSystem) -> Iterator[Line]:
-    """Yield the conditions that the system's numbers are within limits and equal to the numbers in a certificate."""
+    """Yield the conditions that the system's figures are within limits and equal to the figures in a certificate."""
     written, wanted = certificate.recorded, (len(system.inputs), len(system.states))
     if certificate.K.shape != wanted:
         why = f"the gain must have shape {wanted}, got {certificate.K.shape}"
@@ -213,7 +214,7 @@ def _compare_about(there: Mapping[str, Setting], now: Mapping[str, Setting]) -> 
 def _compare_matrix(there: Any, now: Any, size: Any, names: tuple[Any, Any]) -> ProofCondition:
     """Compare two matrices by the largest relative deviation of an entry.
 
-    The deviation of a small entry is divided by SMALL times the largest entry in its scaled row.
+    The deviation of an element is divided by the element, but at least by SMALL times the largest in its scaled row.
     """
     meaning = "largest relative deviation of an entry"
     if (there is None) != (now is None) or (now is not None and there.shape != now.shape):

@@ -2,13 +2,14 @@
 
     e' = (A + B K) e - B K E e_eta        e_eta' = (A_eta - L C) e_eta        V = e'P e/2 + weight e_eta'P_eta^-1 e_eta
 
-E selects the estimated states. The weight of the observer in V is a free parameter. The first of two conditions,
+E selects the estimated states. The weight of the observer in V is a free parameter. There are two conditions. The first
+is
 
     z(weight) = [Q_e, W E/2; E'W/2, weight Pi] > 0     W = P B R_e^-1 B'P     Pi = P_eta^-1 Q_eta P_eta^-1 + C'R^-1 C
 
-is (15) of [1], corrected and with a weight. The second condition is `decrease_matrix` > 0, i.e. -dV/dt > 0, for any
-gain. Both use coordinates w with e_eta = P_eta w. These coordinates keep the sign of both conditions, and need no
-inverse of P_eta. All functions accept float arrays, or arrays of fractions for exact results.
+i.e. (15) of [1], corrected and with a weight. The second condition is `decrease_matrix` > 0, i.e. -dV/dt > 0, for any
+gain. Both use coordinates w with e_eta = P_eta w, which avoid the inverse of P_eta and do not change the conditions.
+All functions accept float arrays, or arrays of fractions for exact results.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 14, 15; corrections: docs page.
@@ -53,30 +54,30 @@ class Observer(NamedTuple):
 
 
 def lyapunov_matrix(f: Feedback) -> Any:
-    """Return -(P (A + B K) + (A + B K)'P) (n, n); positive if V = e'P e falls, which proves A + B K Hurwitz."""
+    """Return -(P (A + B K) + (A + B K)'P) (n, n). If P and this matrix are positive definite, A + B K is Hurwitz."""
     rate = f.P @ (f.A + f.B @ f.K)
     return -(rate + rate.T)
 
 
 def coupling_matrix(f: Feedback) -> Any:
-    """Return W = P B R_e^-1 B'P (n, n)."""
+    """Return the matrix W = P B R_e^-1 B'P (n, n) in inequalities (14) and (15)."""
     reach = f.P @ f.B
     return reach @ f.Re_inverse @ reach.T
 
 
 def inequality_matrix(f: Feedback) -> Any:
-    """Return minus the left side of (14) (n, n); positive if (14) holds."""
+    """Return minus the left side of (14), a matrix (n, n) that is positive definite if (14) holds."""
     return lyapunov_matrix(f) - coupling_matrix(f) - f.Qe
 
 
 def dissipation_matrix(o: Observer) -> Any:
-    """Return P_eta Pi P_eta = Q_eta + P_eta C'R^-1 C P_eta (k, k)."""
+    """Return the matrix P_eta Pi P_eta = Q_eta + P_eta C'R^-1 C P_eta (k, k)."""
     across = o.P @ o.C.T
     return o.Q + across @ o.R_inverse @ across.T
 
 
 def observer_lyapunov_matrix(o: Observer) -> Any:
-    """Return -((A_eta - L C) P_eta + P_eta (A_eta - L C)') (k, k).
+    """Return the matrix -((A_eta - L C) P_eta + P_eta (A_eta - L C)') (k, k) of the filter's Lyapunov inequality.
 
     For the steady P_eta and L, the result equals `dissipation_matrix`.
     """
@@ -85,12 +86,12 @@ def observer_lyapunov_matrix(o: Observer) -> Any:
 
 
 def weighted_matrix(f: Feedback, o: Observer, weight: Any) -> Any:
-    """Return z(weight) (n + k, n + k), the corrected (15)."""
+    """Return the matrix z(weight) (n + k, n + k) of the corrected inequality (15)."""
     return _block_matrix(f.Qe, coupling_matrix(f)[:, o.at] @ o.P / 2, weight * dissipation_matrix(o))
 
 
 def decrease_matrix(f: Feedback, o: Observer, weight: Any, robust: Any = 0) -> Any:
-    """Return -dV/dt as a matrix of (e, w) (n + k, n + k), for the gain K + robust R_e^-1 B'P.
+    """Return the matrix (n + k, n + k) of the quadratic form -dV/dt in (e, w), for the gain K + robust R_e^-1 B'P.
 
     Args:
         f: the feedback.
@@ -104,13 +105,14 @@ def decrease_matrix(f: Feedback, o: Observer, weight: Any, robust: Any = 0) -> A
 
 
 def least_weight(f: Feedback, o: Observer) -> float:
-    """Return lambda*, the largest generalised eigenvalue of (E'W Q_e^-1 W E/4, Pi). z(w) > 0 for w > lambda*."""
+    """Return lambda*, the largest generalised eigenvalue of (E'W Q_e^-1 W E/4, Pi). The matrix z(weight) is positive
+    definite for every weight above lambda*."""
     return _least_block_weight(weighted_matrix(f, o, 1.0), len(f.A))
 
 
 def least_decrease_weight(f: Feedback, o: Observer, robust: float = 0.0) -> float:
-    """Return the weight above which `decrease_matrix` is positive, so that V falls. It is infinite if the feedback
-    without an observer can't be proved stable."""
+    """Return the weight above which `decrease_matrix` is positive definite, so that V falls. The weight is infinite if
+    the feedback without an observer can't be proved stable."""
     return _least_block_weight(decrease_matrix(f, o, 1.0, robust), len(f.A))
 
 
@@ -129,7 +131,8 @@ def printed_inequality(f: Feedback, o: Observer) -> Any:
 
 
 def _least_block_weight(M: Any, n: int) -> float:
-    """Return the least w with [a, S; S', w b] >= 0: the largest generalised eigenvalue of (S'a^-1 S, b)."""
+    """Return the least w for which [a, S; S', w b] is positive semidefinite: the largest generalised eigenvalue of
+    (S'a^-1 S, b)."""
     size = np.sqrt(np.abs(np.diag(M)))
     scaled = M / np.where(size > 0, np.outer(size, size), 1.0)
     a, S, b = scaled[:n, :n], scaled[:n, n:], scaled[n:, n:]

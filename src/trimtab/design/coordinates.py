@@ -1,9 +1,9 @@
-"""Coordinates of three-dimensional motion: twelve numbers, with three instead of four for the attitude.
+"""Coordinates of three-dimensional motion, in which three angles replace the quaternion of the attitude.
 
 A quaternion q_XB is recognised by its frame of two letters and its shape (4,). Vectors in the frame X are converted to
 body axes, so that steady flight (a turn or a climb) is an equilibrium.
 
-    trim_model     roll, pitch, yaw; velocities in body axes; positions unchanged; for points that users state
+    trim_model     roll, pitch, yaw; velocities in body axes; positions unchanged; for points stated by users
     error_model    q = q_r exp(e): attitude and position relative to a reference that continues the steady flight
 
 A vehicle without a quaternion keeps its own states in both models. This code runs offline.
@@ -30,7 +30,8 @@ EULER = ("roll", "pitch", "yaw")
 TURN = ("x", "y", "z")
 """Names of the components of a body's rotation relative to steady flight, about the body's axes."""
 DERIVED = ("speed", "angle_of_attack", "sideslip", "climb")
-"""Extra outputs of a vehicle that moves in three dimensions: airspeed (m/s) and angles (rad)."""
+"""Extra outputs of a vehicle that moves in three dimensions: airspeed (m/s), angle of attack, sideslip and climb
+(rad)."""
 STANDS = 1e-6
 """Limit below which flow and path angles are undefined: speed (m/s), or an angle's distance from 90 degrees (rad)."""
 SAME = 1e-9
@@ -38,7 +39,7 @@ SAME = 1e-9
 
 
 class _StateField(NamedTuple):
-    """Field of a state record, and its form in the design coordinates.
+    """Field of a state record, and the form of this field in the design coordinates.
 
     path, shape: path and shape of the field.  form: "attitude"; "velocity" or "position" in the outer frame of a
     quaternion; "body velocity"; or "plain".  attitude: path of the quaternion.
@@ -51,17 +52,18 @@ class _StateField(NamedTuple):
 
 
 def attitude_fields(state: Any) -> dict[str, str]:
-    """Return the path of each quaternion in a state record, by the quaternion's outer frame."""
+    """Return the path of each quaternion in a state record, keyed by the quaternion's outer frame."""
     return {d.frame[0]: path for path, _, d in real_leaves(state) if _is_quaternion(d)}
 
 
 def error_names(state: Any, path: str) -> tuple[str, ...]:
-    """Return the names that a field's numbers have in `error_model`; () for fields that `error_model` keeps."""
+    """Return the names of a field's components in `error_model`; () if no real or angle field of the record has this
+    path."""
     return tuple(name for leaf in _describe_leaves(state) if leaf.path == path for name in _error_names(leaf))
 
 
 def state_from_trim(state: Any, values: Mapping[str, float]) -> Any:
-    """Return the state record after setting named numbers in the coordinates of `trim_model`."""
+    """Return the state record, with the named coordinates of `trim_model` set to the given values."""
     fields = _describe_leaves(state)
     names = [name for leaf in fields for name in _trim_names(leaf)]
     z = np.array(_to_trim(state, fields))
@@ -70,15 +72,15 @@ def state_from_trim(state: Any, values: Mapping[str, float]) -> Any:
 
 
 def trim_model(vehicle: Any, x: Any, u: Any, *, t: float = 0.0) -> StateSpaceModel:
-    """Build the vehicle's model in the coordinates in which the user states a point of steady flight.
+    """Build the vehicle's model in the coordinates in which users state steady flight, e.g. roll, pitch and yaw.
 
     Outputs are the states. A vehicle with a 3-D velocity also has the outputs DERIVED: airspeed in still air,
     angle of attack, sideslip and climb angle.
 
     Args:
         vehicle: object with `dynamics(t, x, u)`.
-        x: a state record; its values are the model's point.
-        u: an input record; its values are the model's point.
+        x: state record at the model's operating point.
+        u: input record at the model's operating point.
         t: time (s).
     """
     fields = _describe_leaves(x)
@@ -135,10 +137,10 @@ def error_model(vehicle: Any, x: Any, u: Any, *, t: float = 0.0) -> StateSpaceMo
 
 
 def flight_names(vehicle: Any, model: StateSpaceModel) -> dict[str, str]:
-    """Return the names that speed, climb, sideslip, roll, yaw and height have in `trim_model`, as far as they exist.
+    """Return the names of speed, climb, sideslip, roll, yaw and height in `trim_model`, as far as these exist.
 
-    For a vehicle with a quaternion, the names are those of outputs and Euler angles. For any other vehicle, they are
-    those of states that, near the model's point, equal numbers of the vehicle's `motion`. For several vehicles
+    For a vehicle with a quaternion, these are names of outputs and Euler angles. For any other vehicle, they are names
+    of states that are equal, near the model's point, to components of the vehicle's `motion`. For several vehicles
     together, the result is empty.
     """
     fields = _describe_leaves(model.state_record)
@@ -174,7 +176,7 @@ def unsmooth_outputs(model: StateSpaceModel) -> dict[str, str]:
     if y.get("speed", 1.0) < STANDS:
         return dict.fromkeys(derived, "the vehicle stands still")
     steep = {n: abs(abs(y.get(n, 0.0)) - np.pi / 2) < STANDS for n in ("climb", "sideslip")}
-    reasons = {"climb": "the path goes straight up or down"} if steep["climb"] else {}
+    reasons = {"climb": "the path is vertical"} if steep["climb"] else {}
     if steep["sideslip"]:
         reasons |= dict.fromkeys(("angle_of_attack", "sideslip"), "the vehicle moves straight sideways")
     return {n: why for n, why in reasons.items() if n in derived}
@@ -259,7 +261,7 @@ def _from_trim(like: Any, fields: tuple[_StateField, ...], z: Any) -> Any:
         values[leaf.path] = z[start : start + size]
         start += size
     x = like
-    for leaf in sorted(fields, key=lambda leaf: leaf.form != "attitude"):  # attitudes first: the vectors need them
+    for leaf in sorted(fields, key=lambda leaf: leaf.form != "attitude"):  # attitudes first, to rotate the vectors
         own = values[leaf.path]
         if leaf.form == "attitude":
             x = _put(x, leaf.path, quaternion.from_euler(*own))

@@ -237,7 +237,7 @@ def _theorem_text(name: str, matrix: str, n: int) -> str:
 
 
 def _matrix_text(name: str, M: Any, power: int) -> str:
-    """Return a Coq definition of the matrix M as integers, which are its floats times 2^power."""
+    """Return a Coq definition of the matrix M as integers: its floats times 2^power."""
     rows = [f"  [{'; '.join(f'({int(v * Fraction(2) ** power)})' for v in row)}]" for row in as_fractions(M)]
     return f"(* {name}, times 2^{power} *)\nDefinition {name} : list (list Z) := [\n" + ";\n".join(rows) + "]%Z.\n"
 

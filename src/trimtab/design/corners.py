@@ -1,6 +1,6 @@
-"""Corners and jumps of a model at a point. There, automatic differentiation returns the derivative of one side, or the
-mean of both sides. Near a corner, derivatives do not approach the derivative at the point, however small the distance.
-Near a jump, values do not approach the value at the point. This code runs offline.
+"""Search for corners and jumps of a model at a point. At a corner, automatic differentiation returns the derivative of
+one side, or the mean of both sides. Near a corner, derivatives do not approach the derivative at the point, however
+small the distance. Near a jump, values do not approach the value at the point. This code runs offline.
 
 Source: this module; one-sided derivatives as in A. Griewank, A. Walther, "Evaluating Derivatives", SIAM 2008, chapter
 14.
@@ -16,14 +16,15 @@ from trimtab.design.model import StateSpaceModel
 FAR, NEAR = 1e-5, 1e-7
 """Distances from the point, relative to max(1, |value|), at which slopes and values are compared."""
 SMOOTH_RATIO = 0.3
-"""A slope is smooth if its change at distance NEAR is at most this fraction of its change at distance FAR. For a smooth
-function the fraction is about 0.01."""
+"""Largest ratio of a slope's changes at the distances NEAR and FAR at which the slope counts as smooth. For a smooth
+function, the ratio is about 0.01."""
 SLOPE_CHANGE_MIN = 1e-6
 """Smallest change of a slope that counts as a corner, relative to the largest slope of the same output."""
 ROUNDING = 1e-10
 """Largest change of a slope that counts as rounding, relative to the largest slope of all outputs."""
 JUMP_MIN = 1e-10
-"""Smallest change of an output that counts as a jump, relative to the larger of its value and its largest slope."""
+"""Smallest change of an output that counts as a jump, relative to the output's value or its largest slope, whichever is
+larger."""
 VALUE_ROUNDING = 1e-14
 """Largest change of an output that counts as rounding, relative to the largest of all values and slopes."""
 MIXED = 8
@@ -31,8 +32,8 @@ MIXED = 8
 
 
 class Corner(NamedTuple):
-    """Corner or jump. row: name of the state derivative or output.  reason: text with its slopes or values on both
-    sides.
+    """Corner or jump. row: name of the state derivative or output.  reason: text with the slopes or values on both
+    sides of the point.
     """
 
     row: str
@@ -40,8 +41,7 @@ class Corner(NamedTuple):
 
 
 class _Side(NamedTuple):
-    """Changes of slopes (rows, columns) and values (rows,) at the distances FAR and NEAR from the point, on one
-    side."""
+    """Changes of slopes (rows, columns) and values (rows,) on one side of the point, at the distances FAR and NEAR."""
 
     far: Any
     near: Any
@@ -52,7 +52,7 @@ class _Side(NamedTuple):
 def find_corner(model: StateSpaceModel, x: Any, u: Any) -> Corner | None:
     """Return the first corner or jump at a point, or None if the model is smooth there.
 
-    Places near the point are tried along each state and input, and along some directions that change all of them.
+    The model is evaluated near the point along each state and input, and along some directions that change all of them.
 
     Args:
         model: the system.
@@ -76,7 +76,7 @@ def find_corner(model: StateSpaceModel, x: Any, u: Any) -> Corner | None:
         bad = _jump(sides, y0, J0)
         if bad is not None:
             below, above = (float(y0[bad] + side.near_value[bad]) for side in sides[::-1])
-            reason = f"it is {below:.6g} before, {y0[bad]:.6g} at and {above:.6g} after the point along {name}"
+            reason = f"its value is {below:.6g} before, {y0[bad]:.6g} at and {above:.6g} after the point along {name}"
             return Corner(rows[bad], reason)
         entry = _corner(sides, J0)
         if entry is not None:
@@ -96,7 +96,7 @@ def _directions(names: tuple[str, ...]) -> Iterator[tuple[Any, str]]:
         for _ in range(MIXED):
             way = draws.uniform(0.5, 1.0, len(names)) * draws.choice([-1.0, 1.0], len(names))
             parts = ", ".join(f"{v:+.2f} {name}" for v, name in zip(way, names, strict=True))
-            yield way, f"the direction {parts}" if len(names) <= 4 else "a direction that moves all together"
+            yield way, f"the direction {parts}" if len(names) <= 4 else "a direction that changes all states and inputs"
 
 
 def _slopes_and_values(model: StateSpaceModel, z: Any, n: int, size: Any) -> tuple[Any, Any]:
@@ -107,7 +107,8 @@ def _slopes_and_values(model: StateSpaceModel, z: Any, n: int, size: Any) -> tup
 
 
 def _jump(sides: list[_Side], y0: Any, J0: Any) -> int | None:
-    """Return the row that has a jump, or None. Values that are not finite don't count as jumps."""
+    """Return the index of the first state derivative or output that jumps, or None. Values that are not finite don't
+    count as jumps."""
     row = np.maximum(np.abs(y0), np.abs(J0).max(axis=1, initial=0.0))
     least = np.maximum(JUMP_MIN * row, VALUE_ROUNDING * row.max(initial=0.0))
     for side in sides:
@@ -119,7 +120,8 @@ def _jump(sides: list[_Side], y0: Any, J0: Any) -> int | None:
 
 
 def _corner(sides: list[_Side], J0: Any) -> tuple[int, int] | None:
-    """Return row and column of a slope with a corner, or None. Slopes that are not finite don't count as corners."""
+    """Return the row and column of the first slope with a corner, or None. Slopes that are not finite don't count as
+    corners."""
     around = [np.abs(J0), *(np.abs(J0 + side.near) for side in sides)]
     row = np.nanmax([np.nanmax(J, axis=1, initial=0.0) for J in around], axis=0)
     least = np.maximum(SLOPE_CHANGE_MIN * row, ROUNDING * row.max(initial=0.0))[:, None]

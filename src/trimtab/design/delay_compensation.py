@@ -22,7 +22,7 @@ from trimtab.core.errors import InputError
 from trimtab.design.poles import sorted_poles
 
 ON_A_PERIOD = 1e-9
-"""A delay closer than this (in periods) to a whole number of periods counts as whole."""
+"""Distance from a whole number of periods, in periods, up to which a delay counts as a whole number of periods."""
 
 
 class PredictiveFeedback(NamedTuple):
@@ -68,16 +68,16 @@ class PredictiveFeedback(NamedTuple):
         return F
 
     def poles(self, delay: float | None = None) -> Any:
-        """Return the poles of the sampled loop, by falling magnitude.
+        """Return the poles of the sampled loop, sorted by falling magnitude.
 
-        At the design delay, they are the poles of the loop without delay, and poles at 0 for the commands in transit.
+        At the design delay, these are the poles of the loop without delay, and poles at 0 for the commands in transit.
         """
         poles = sorted_poles(self.loop_matrix(delay))
         return poles[np.argsort(-np.abs(poles), kind="stable")]
 
 
 def compensate_delay(A: Any, B: Any, K: Any, delay: float, period: float) -> PredictiveFeedback:
-    """Compute the gains of a state feedback u = K x for a plant that receives the command late.
+    """Compute the predictive feedback that replaces u = K x if the plant receives commands with a constant delay.
 
     Args:
         A: (n, n).
@@ -86,7 +86,7 @@ def compensate_delay(A: Any, B: Any, K: Any, delay: float, period: float) -> Pre
         delay: time from the sampling of the state to the arrival of the command (s), constant, 0 or more.
         period: time for which a command is held (s).
 
-    Raises: InputError for matrices that don't fit, and invalid times.
+    Raises: InputError if the shapes of the matrices don't fit together, or if a time is not valid.
     """
     A, B, K = (np.asarray(M, float) for M in (A, B, K))
     n, m = B.shape if B.ndim == 2 else (0, 0)
@@ -106,13 +106,15 @@ def plain_feedback(A: Any, B: Any, K: Any, period: float) -> PredictiveFeedback:
 
 
 def _waiting_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
-    """Return the effect of each command in transit, newest first, on the state when the current command arrives."""
+    """Return the input matrix (n, m) of each command in transit, newest first, for the state when the current one
+    arrives."""
     count = math.ceil(delay / period - ON_A_PERIOD)
     return [_integral(A, B, max((j - 1) * period, 0.0), min(j * period, delay)) for j in range(1, count + 1)]
 
 
 def _arriving_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
-    """Return the effect of each command, newest first, on the plant's state at the end of the current period."""
+    """Return the input matrix (n, m) of each command, newest first, for the plant's state at the end of the current
+    period."""
     count = math.ceil(delay / period - ON_A_PERIOD)
     late = (
         delay - (count - 1) * period if count else 0.0

@@ -28,8 +28,8 @@ TINY = 1e-9
 
 @record
 class DubinsPath:
-    """Reference along a path of three pieces, arcs or straight lines, at constant speed. After the end of the path the
-    reference goes straight on.
+    """Reference along a path of three pieces, arcs or straight lines, at constant speed. After the end of the path, the
+    reference continues straight ahead.
 
     Frames:  W; headings clockwise from north.    Source:  [1].
     """
@@ -84,10 +84,10 @@ def dubins_path(word: str, start: Any, goal: Any, radius: float, speed: float = 
         speed: speed along the path (m/s).
 
     Raises:
-        InputError: unknown word, or invalid radius.
+        InputError: if the word is unknown, or the radius is not above 0.
     """
     if word not in WORDS:
-        raise InputError("word", f"unknown word of a shortest path: {word!r}", choices=WORDS, fix=f"write {WORDS[0]}")
+        raise InputError("word", f"unknown sequence of pieces {word!r}", choices=WORDS, fix=f"write {WORDS[0]}")
     if not radius > 0:
         raise InputError("radius", f"the radius must be above 0, got {radius:g} m", fix="give a radius such as 1.0")
     start, goal = np.asarray(start, np.float64), np.asarray(goal, np.float64)
@@ -120,7 +120,7 @@ def shortest_path(start: Any, goal: Any, radius: float, speed: float = 1.0) -> D
     """Return the shortest path between two poses. Arguments are as in `dubins_path`.
 
     Raises:
-        InputError: invalid radius.
+        InputError: if the radius is not above 0.
     """
     paths = [dubins_path(word, start, goal, radius, speed) for word in WORDS]
     return min((path for path in paths if path is not None), key=lambda path: path.length)
@@ -156,10 +156,11 @@ def _arc(angle: float) -> float:
 
 
 def _straight(signs: Any, between: Any) -> list[tuple[float, float, float]]:
-    """Return the heading (rad) of the line between two circles, twice, for its start and its end, and its length.
+    """Return [(heading (rad) at the start, heading at the end, length)] of the straight line between two circles, or an
+    empty list if there is no such line.
 
-    between: vector from the first circle's centre to the last (2,). Lengths are in radii. The line is a tangent of both
-    circles, and an inner tangent if the turns differ.
+    between: vector from the first circle's centre to the last (2,). Lengths are in radii. The line is a common tangent
+    of the circles. If the turns differ, it crosses between the circles.
     """
     direction, squared = float(np.arctan2(between[1], between[0])), float(between @ between)
     if signs[0] == signs[2]:
@@ -172,7 +173,7 @@ def _straight(signs: Any, between: Any) -> list[tuple[float, float, float]]:
 
 
 def _three_arcs(sign: float, between: Any) -> list[tuple[float, float, float]]:
-    """Return, for each possible middle circle, the headings (rad) at which it touches the first and the last circle."""
+    """Return, for each possible middle circle, the headings (rad) at which the path enters and leaves this circle."""
     distance = float(np.hypot(*between))
     if not 0 < distance <= 4:
         return []  # the circles are too far apart, or equal, so that no middle arc is needed

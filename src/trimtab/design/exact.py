@@ -1,8 +1,8 @@
 """Exact proofs about float matrices: positive definiteness and rank, without rounding.
 
-Every float is a fraction with a power of two as denominator; sums and products of fractions are exact. A symmetric
+Every float is a fraction with a power of two as denominator. Sums and products of fractions are exact. A symmetric
 matrix is positive definite if all its leading principal minors are positive. Fraction-free elimination (Bareiss)
-computes them as integers of any size, so that no rounding error has to be bounded.
+computes these minors as integers of any size, so that no rounding error has to be bounded.
 
 Source: [1] E. H. Bareiss, "Sylvester's identity and multistep integer-preserving Gaussian elimination", Math. Comp. 22
 (1968).

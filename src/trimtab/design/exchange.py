@@ -22,7 +22,7 @@ def to_control(linear: LinearModel) -> Any:
 
 
 def to_scipy(linear: LinearModel) -> Any:
-    """Convert a linear model to scipy.signal's `StateSpace`; the names of the signals are lost."""
+    """Convert a linear model to scipy.signal's `StateSpace`. The names of the signals are lost."""
     from scipy.signal import StateSpace
 
     return StateSpace(linear.A, linear.B, linear.C, linear.D)
@@ -31,7 +31,8 @@ def to_scipy(linear: LinearModel) -> Any:
 def from_control(system: Any) -> LinearModel:
     """Convert a continuous system of python-control (state space, transfer function) or scipy.signal to a linear model.
 
-    The result's operating point is zero. Its names are those of python-control; otherwise x0, x1, …, u0, …, y0, ….
+    The result's operating point is zero. Signals keep their python-control names, if any. Otherwise they are named x0,
+    x1, …, u0, …, y0, ….
 
     Raises: InputError for a sampled system, or an object of another type.
     """
@@ -61,16 +62,16 @@ def system_matrices(system: Any) -> tuple[Any, Any, Any, Any, float]:
     p, m = matrices[3].shape
     A, B, C, D = (M.reshape(shape) for M, shape in zip(matrices, ((n, n), (n, m), (p, n), (p, m)), strict=True))
     if not all(np.isfinite(M).all() for M in (A, B, C, D)):
-        raise InputError("system", "all entries of its matrices must be finite", fix="give finite numbers")
+        raise InputError("system", "all entries of A, B, C and D must be finite", fix="give finite numbers")
     dt = getattr(system, "dt", None)
     return A, B, C, D, 0.0 if dt is None or dt is False else float(dt)
 
 
 def discrete_matrices(system: Any, period: float) -> tuple[Any, Any, Any, Any]:
-    """Return A, B, C, D of a compensator that steps every `period` (s); a continuous compensator is converted by
+    """Return A, B, C, D of a compensator that steps every `period` (s). A continuous compensator is converted by
     Tustin's rule.
 
-    Raises: InputError for a compensator with another sampling period.
+    Raises: InputError for a sampled compensator with another period.
     """
     from scipy.signal import cont2discrete
 
@@ -78,7 +79,7 @@ def discrete_matrices(system: Any, period: float) -> tuple[Any, Any, Any, Any]:
     if dt and not np.isclose(dt, period, rtol=1e-9):
         raise InputError(
             "compensator",
-            f"the compensator's period must equal the loop's, {period} s, got {dt} s",
+            f"the compensator's period must be that of the loop, {period} s, got {dt} s",
             fix=f"give period={dt}, or a continuous compensator",
         )
     if dt or not len(A):

@@ -2,8 +2,8 @@
 
     conclusion = z'G z + sum of y'S y * hypothesis,   G and S positive definite
 
-The entries of z and y are single terms in suitable coordinates. A solver finds G and S in floats. They are then rounded
-and adjusted to satisfy the identity exactly. `squares` checks the result independently.
+The entries of z and y are single terms in suitable coordinates. A solver finds G and S in floats. G and S are then
+rounded and adjusted to satisfy the identity exactly. `squares` checks the result independently.
 
 Source: [1] H. Peyrl, P. A. Parrilo, "Computing sum of squares decompositions with rational coefficients", Theoretical
 Computer Science 409 (2008).
@@ -93,7 +93,8 @@ def _spread_terms(p: Polynomial, pairs: Mapping[Monomial, list[tuple[int, int]]]
 
 
 def _kernel_matrix(pairs: list[tuple[int, int]], k: int, n: int) -> Any:
-    """Return the change of G that moves a term from its first pair of entries to its k-th; z'G z does not change."""
+    """Return a change of G that does not change z'G z: it moves a term from the first to the k-th of the index pairs of
+    z that have the same product."""
     G = np.full((n, n), Fraction(0), object)
     for (i, j), sign in ((pairs[0], -1), (pairs[k], 1)):
         G[i, j] = G[j, i] = Fraction(sign) if i == j else Fraction(sign, 2)

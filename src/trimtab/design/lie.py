@@ -20,12 +20,12 @@ from trimtab.core.record import FAST_COMPILE_OPTIONS
 from trimtab.design.model import Function, StateSpaceModel, find_indices, format_combination
 
 ROUNDING = 1e-10
-"""A sum counts as zero up to this fraction of the sum of its terms' magnitudes."""
+"""Largest magnitude of a sum that counts as zero, as a fraction of the sum of its terms' magnitudes."""
 WEAK = 1e-13
 """Relative influence of a state on a function, near the point, below which the influence counts as zero."""
 VANISHES = 1e-8
-"""Limit below which a matrix row counts as zero, as a fraction of its size nearby. The same limit, as a fraction of the
-largest singular value, applies to singular values."""
+"""Largest length of a row of the decoupling matrix that counts as zero, as a fraction of the row's largest length near
+the point. The same fraction of the largest singular value is the limit for singular values."""
 Field = Callable[[Any], Any]
 """Function from x (n,) to a vector, traceable by jax."""
 
@@ -52,7 +52,8 @@ class RelativeDegree(NamedTuple):
 
 
 def lie_derivative(h: Field, field: Field, order: int = 1) -> Field:
-    """Return L_field^order h, a function of x. Source: [1] section 1.2: dh/dx field(x)."""
+    """Return the Lie derivative L_field^order h as a function of x. L_field h is dh/dx field(x). Source: [1] section
+    1.2."""
     if order == 0:
         return h
     lower = lie_derivative(h, field, order - 1)
@@ -150,8 +151,8 @@ def relative_degree(
         model: the system; its outputs are differentiated.
         x: state, as a vector, a record, or changes to the model's own point.
         u: input, in the same forms.
-        radius: distance of the samples from the point: entry name -> half width, or one number relative to
-            max(1, |value|). Default: 0.1.
+        radius: half widths of the box around the point in which samples are drawn: a mapping from state or input name
+            to half width, or one number relative to max(1, |value|). Default: 0.1.
         samples: number of samples.
 
     Source: [1] section 5.1 (5.2); [2] definition 13.1 if the system is not affine.
@@ -171,7 +172,8 @@ def relative_degree(
 
 
 def _derivative_rows(model: StateSpaceModel, outputs: list[int], order: int, points: tuple[Any, Any]) -> Any:
-    """Return the slopes by u of the outputs' derivatives of one order, at all points (s, p, m), without rounding."""
+    """Return the derivatives by u, at all points (s, p, m), of the outputs' time derivatives of a given order. Values
+    within the rounding error are set to zero."""
     picked = np.array(outputs)
     if order == 0:
         slope = jax.jacfwd(lambda a, b: model.h(a, b)[picked], argnums=1)
@@ -195,7 +197,8 @@ def _require_finite(rows: Any) -> Any:
 
 
 def equilibrate(matrix: Any) -> Any:
-    """Scale the rows and columns of a matrix alternately to length 1, except zeros. Source: Ruiz, RAL-TR-2001-034."""
+    """Scale the rows and columns of a matrix alternately to length 1, except those that are zero. Source: Ruiz,
+    RAL-TR-2001-034."""
     scaled = np.array(matrix, float)
     for _ in range(20):
         for axis in (1, 0):

@@ -17,7 +17,8 @@ NAMES = ("states", "inputs", "outputs")
 
 
 def linear_json(linear: LinearModel, about: dict[str, Any]) -> str:
-    """Return the text of a file with a linear model. about: further content, e.g. the vehicle's name and the point."""
+    """Return the text of a file with a linear model. about: further content, e.g. the vehicle's name and operating
+    point."""
     numbers = {n: np.asarray(getattr(linear, n), float).tolist() for n in (*MATRICES, *VECTORS)}
     names = {n: list(getattr(linear, n)) for n in NAMES}
     return json.dumps({"format": FORMAT, "about": about, **names, **numbers}, indent=1) + "\n"
@@ -26,7 +27,7 @@ def linear_json(linear: LinearModel, about: dict[str, Any]) -> str:
 def read_linear(file: Path) -> tuple[LinearModel, dict[str, Any]]:
     """Return the linear model in a file, and the file's further content.
 
-    Raises: InputError for a file that is not a linear model, or whose matrices don't fit its names.
+    Raises: InputError if the file does not contain a linear model, or its matrices and names don't match.
     """
     fix = "trimtab linearise VEHICLE --out model.json  writes a linear model"
     try:

@@ -1,4 +1,5 @@
-"""Linearisation by automatic differentiation, in deviations from a point, with the names of all entries.
+"""Linearisation by automatic differentiation, in deviations from a point, with names for all states, inputs and
+outputs.
 
 This code runs offline and uses LAPACK.
 
@@ -18,7 +19,8 @@ from trimtab.design.poles import balance_matrix, participation, sorted_poles
 ROUNDING = 1e-10
 """Largest real or imaginary part of a pole that counts as zero, as a fraction of the largest entry of the scaled A."""
 POLE_DISTANCE_MIN = 1e-6
-"""Distance of two poles, relative to the largest entry of the scaled A, below which they have common participations."""
+"""Distance of two poles below which they are treated as one pole in the computation of participations, as a fraction of
+the largest entry of the scaled A."""
 
 
 class Eigenmode(NamedTuple):
@@ -119,7 +121,7 @@ class LinearModel(NamedTuple):
         worst = np.linalg.eigvals(own).real.max(initial=-np.inf)
         if worst >= 0:
             names = ", ".join(self.states[i] for i in fast)
-            problem = f"with all other states held, {names} must be stable, but has a pole at {worst:+.4g} 1/s"
+            problem = f"with all other states held, {names} must be stable, but a pole is at {worst:+.4g} 1/s"
             part = argument_name("fast")
             raise InputError(
                 part, problem, fix=f"remove the state from {part}, or provide the state by a sensor or estimator"

@@ -10,8 +10,8 @@ The substitution X = P^-1, Y = K X makes the inequality linear:
 
 Of all solutions, the one with the least tr(Q_e X) + tr(R_e Y X^-1 Y') is chosen; otherwise the gain would be arbitrary.
 Clarabel, from the extra `design`, solves the problem in scaled states and in inputs for which R_e = I. The inequalities
-are given as functions. They are affine, so their values at zero and at the unit vectors define them. This code runs
-offline and uses LAPACK and Clarabel.
+are given as functions. These functions are affine, so that their values at zero and at the unit vectors define them.
+This code runs offline and uses LAPACK and Clarabel.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206; [2] S. Boyd, L. El Ghaoui, E. Feron, V. Balakrishnan, "Linear matrix inequalities
@@ -33,7 +33,7 @@ from trimtab.design.lqr import check_matrices, state_sizes
 from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 STRICT = 1e-7
-"""Smallest eigenvalue with which the scaled inequality in X, Y must be satisfied."""
+"""Smallest eigenvalue accepted for X, and for the negative left side of the scaled inequality in X and Y."""
 STATES_SOLVED = 8
 """Length of the longest chain of integrators for which the solver finds a gain, as shown by a test."""
 MatrixBlock = Callable[[Any], Any]
@@ -86,7 +86,7 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
         scale: sizes of the states (n,); default: 1/sqrt of Qe's diagonal.
         decay: required decay rate (1/s); errors decay faster than exp(-decay t).
 
-    Source: [1] eq. 14, as scaled semidefinite program.
+    Source: [1] eq. 14, as a scaled semidefinite program.
     """
     A, B, Qe, Re = check_matrices("lmi_gain", A, B, Qe, Re)
     d = state_sizes("lmi_gain.scale", scale, Qe)
@@ -126,8 +126,8 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
 
 
 def _inequality_blocks(A: Any, B: Any, Q: Any, decay: float) -> tuple[MatrixBlock, MatrixBlock, MatrixBlock]:
-    """Return the scaled matrices that must be positive: minus the inequality's left side, X, and the bound of
-    R Y X^-1 Y'."""
+    """Return the scaled matrices that must be positive: minus the inequality's left side, X, and the bound of R Y X^-1
+    Y'."""
     n, m = B.shape
     inner = np.linalg.inv(Q)
 
@@ -169,7 +169,9 @@ def _explain_infeasibility(
         reasons.append("no input moves the poles " + ", ".join(format_pole(p) for p in stuck if p.imag >= 0))
     missing = least_violation(blocks, len(solution.x))
     if missing > 0:
-        reasons.append(f"with a margin of {STRICT:g}, (14) and X > 0 are violated by at least {missing:.3g}, scaled")
+        reasons.append(
+            f"with the margin {STRICT:g}, the scaled inequalities (14) and X > 0 are violated by at least {missing:.3g}"
+        )
     return "no gain satisfies the inequality: " + "; ".join(reasons)
 
 

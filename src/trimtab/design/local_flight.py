@@ -39,7 +39,7 @@ class LocalFlight(NamedTuple):
     """Vehicle whose RigidBodyState is expressed as a LocalFlightState.
 
     vehicle: the original vehicle.  earth: model of the earth.  path: path of the RigidBodyState in the vehicle's state,
-    "" if the RigidBodyState is the whole state.
+    or "" if the vehicle's state is itself a RigidBodyState.
     """
 
     vehicle: Any
@@ -51,7 +51,7 @@ class LocalFlight(NamedTuple):
         return _with_record(x, self.path, self._localise(t, _record_at(x, self.path)))
 
     def to_inertial(self, t: Any, x: Any) -> Any:
-        """Return the vehicle's state for a state in local coordinates at the time t (s)."""
+        """Return the vehicle's original state, given its state in local coordinates at the time t (s)."""
         return _with_record(x, self.path, self._globalise(t, _record_at(x, self.path)))
 
     def dynamics(self, t: Any, x: Any, u: Any) -> Any:
@@ -87,7 +87,8 @@ class LocalFlight(NamedTuple):
 
 
 def fly_locally(vehicle: Any, x: Any, *, t: float = 0.0) -> tuple[Any, Any]:
-    """Convert a vehicle over the rotating earth and its state to local coordinates; return other vehicles unchanged."""
+    """Convert a vehicle over the rotating earth, and its state, to local coordinates. Other vehicles are not
+    changed."""
     inside = [path for path, own in records(x) if isinstance(own, RigidBodyState)]
     bodies = [own for _, own in records(vehicle) if isinstance(own, RigidBody)]
     if len(inside) != 1 or not bodies:

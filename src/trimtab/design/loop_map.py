@@ -4,11 +4,11 @@
 
 v = c closes the loop. Poles are those of the map over one period. Margins are the gain between c and v, or the delay in
 whole instants, that the loop tolerates. The margins are computed exactly from the poles. The response is that of the
-fundamental: the component exp(jwt) of c(t) for v(t) = exp(jwt). Components that sampling folds to other frequencies are
-left out. `run.loop_linearisation` makes the map of a scenario.
+fundamental: the component exp(jwt) of c(t) for v(t) = exp(jwt). Components that sampling aliases to other frequencies
+are left out. `run.loop_linearisation` computes the map of a scenario.
 
-Source: [1] S. Bittanti, P. Colaneri, "Periodic systems", Springer 2009, chapters 2 and 3; for folding [2] K. J. Åström,
-B. Wittenmark, "Computer-controlled systems", Prentice Hall 1997, chapter 7.
+Source: [1] S. Bittanti, P. Colaneri, "Periodic systems", Springer 2009, chapters 2 and 3; for aliasing [2] K. J.
+Åström, B. Wittenmark, "Computer-controlled systems", Prentice Hall 1997, chapter 7.
 """
 
 import math
@@ -19,9 +19,11 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 DEADBEAT = 1e-6
-"""Magnitude below which a pole of the map over one period counts as zero: its state is cleared within the period."""
+"""Magnitude below which a pole of the map over one period counts as zero. The state of such a pole is cleared within
+the period."""
 ROUNDING = 1e-12
-"""Magnitude below which a pole is a rounding error, for maps whose period is long enough to clear all memory."""
+"""Magnitude below which a pole counts as zero if the period has more than four instants per state, which is long enough
+to clear all memory."""
 STABLE = 1e-6
 """Largest excess of a pole's magnitude over 1 at which a loop counts as stable."""
 
@@ -31,7 +33,7 @@ class LoopMap(NamedTuple):
 
     Data in transit are states, with the same indices in every matrix.  tick: time between instants (s).  states: names
     of z (n,).  commands: names of c.  idle (n,): True for states on which no command depends, e.g. a position or a
-    clock.  slowest: period of the loop's slowest part (s).
+    clock.  slowest: period of the loop's slowest component (s).
     """
 
     A: Any
@@ -52,7 +54,7 @@ class LoopMap(NamedTuple):
         """Return the matrix of the closed loop over one period, for non-idle states and commands in transit.
 
         Args:
-            gain: factor between c and v: a number, or one for each command (m,).
+            gain: factor v/c: one number for all commands, or one for each command (m,).
             delay: number of instants between c and v.
         """
         keep = ~self.idle
@@ -102,7 +104,8 @@ class LoopMap(NamedTuple):
         return np.array(values)
 
     def broken_loops(self, w: Any) -> Any:
-        """Return -c/v of each command, with only its own loop opened, at frequencies w (rad/s): complex (k, m)."""
+        """Return -c/v of each command, with only this command's loop opened, at frequencies w (rad/s): complex (k,
+        m)."""
         whole = self.response(w)
         columns = []
         for i in range(whole.shape[1]):
@@ -113,7 +116,8 @@ class LoopMap(NamedTuple):
         return np.stack(columns, axis=1)
 
     def grid(self) -> Any:
-        """Return frequencies (rad/s) from a tenth of the slowest pole to half the sampling rate of the slowest part."""
+        """Return frequencies (rad/s) from a tenth of the slowest pole to half the sampling rate of the slowest
+        component."""
         high = math.pi / self.slowest
         slow = [abs(s) for s in self.continuous_poles() if abs(s) > 1e-6 * high]
         return np.geomspace(min(slow, default=1e-3 * high) / 10, high, 400)
@@ -128,10 +132,10 @@ class LoopMap(NamedTuple):
 class LoopMargins(NamedTuple):
     """Margins of a loop, from its poles.
 
-    gain_up, gain_down: largest and smallest factor on all commands for which the loop is stable (inf or 0 without
-    limit).  delay: largest tolerated delay of the commands (s), a whole number of instants; inf if the longest delay
-    tried is tolerated.  crossings: command -> crossover frequencies (rad/s) and phase margins (rad) of the fundamental,
-    with only this command's loop opened.
+    gain_up, gain_down: largest and smallest factor on all commands for which the loop is stable (infinite or 0 if
+    stability has no limit).  delay: largest tolerated delay of the commands (s), a whole number of instants; inf if the
+    longest delay tried is tolerated.  crossings: command -> crossover frequencies (rad/s) and phase margins (rad) of
+    the fundamental, with only this command's loop opened.
     """
 
     gain_up: float
@@ -165,7 +169,8 @@ def loop_margins(loop: LoopMap, *, longest: float = 1.0) -> LoopMargins:
 
 
 def find_crossings(loop: LoopMap) -> dict[str, tuple[tuple[float, float], ...]]:
-    """Return the crossover frequencies (rad/s) and phase margins (rad) of each command, with only its loop opened."""
+    """Return the crossover frequencies (rad/s) and phase margins (rad) of each command, with only this command's loop
+    opened."""
     w = loop.grid()
     values = loop.broken_loops(w)
     crossings = {}

@@ -1,16 +1,16 @@
-"""Exact stability proofs of a whole loop: sampled, for all plants in a box, and inside the inputs' limits.
+"""Exact stability proofs of a closed loop: for sampled control, for all plants in a box, and within the inputs' limits.
 
 The Lyapunov matrices are found in floats, with LAPACK only. The proof does not depend on this search: it checks each
 matrix with every entry taken as the exact fraction of its float.
 
     sampled:  rho^2 P - F'P F > 0                       rho < 1: z decays by rho in each period
-    box:      P (A + r I) + (A + r I)'P < 0 at every vertex, with the same P. It then holds for all plants in the box,
+    box:      P (A + r I) + (A + r I)'P < 0 at every vertex, with the same P. This proves all plants in the box,
               also while the plant changes within the box. P comes from the S-procedure: each uncertain parameter is
               taken as a bounded feedback, multipliers minimise the gain of the loop around these feedbacks, and a
-              Riccati equation gives P.
+              Riccati equation yields P.
 
-    level:    |g z| < room wherever V(z) <= c, for each input with slope g. No input saturates in this set, and motions
-              that start in it never leave it, because V falls.
+    level:    |g z| < room wherever V(z) <= c, for each input g z, whose distance from the nearer limit is room. No
+              input saturates in this set, and motions that start in it never leave it, because V falls.
 
 Source: [1] S. Boyd, L. El Ghaoui, E. Feron, V. Balakrishnan, "Linear matrix inequalities in system and control theory",
 SIAM 1994, sections 5.1, 5.2, 6.1; proofs as in `exact`.
@@ -93,8 +93,8 @@ def prove_level(c: Certificate, o: ObserverPart, slope: Any, room: Any) -> Proof
     """Return the condition that no input saturates in a level set of V = e'P e/2 + weight e_eta'P_eta^-1 e_eta.
 
     Args:
-        c: certificate; its P gives the first term of V.
-        o: the certificate's observer; its P_eta and weight give the second term of V.
+        c: certificate; its P defines the first term of V.
+        o: the certificate's observer; its P_eta and weight define the second term of V.
         slope: derivatives of the inputs by (e, e_eta) (m, n + k). The inputs are linear in (e, e_eta).
         room: distance of each input at rest from its nearer limit (m,).
     """
@@ -139,7 +139,7 @@ def _first_broken(vertices: Any, P: Any, rate: float, names: Sequence[str]) -> s
 
 
 def _common_lyapunov(vertices: Any, rate: float, multipliers: Any) -> tuple[Any, Any]:
-    """Return P for a whole box, in floats, or None if none is found, and the multipliers to start the next search from.
+    """Return a Lyapunov matrix P for a whole box, or None if the search fails, and the multipliers for the next search.
 
     Source: [1] section 5.1.
     """

@@ -140,7 +140,7 @@ def loop_of_gain(A: Any, B: Any, K: Any) -> FeedbackLoop:
         raise InputError(
             "loop",
             f"the shapes of A {A.shape}, B {B.shape}, K {K.shape} don't fit together",
-            fix="give (n, n), (n, m), (m, n)",
+            fix="give A (n, n), B (n, m), K (m, n)",
         )
     return FeedbackLoop(A, B, -K, np.zeros((m, m)))
 

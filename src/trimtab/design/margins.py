@@ -53,8 +53,8 @@ class DelayMargin(NamedTuple):
     """Delay margin of a loop.
 
     delay: the loop is stable for every constant delay below this (s); infinite if no delay destabilises the loop.
-    crossovers: all crossovers, by rising delay. The first one gives the margin; at this delay, the closed loop has a
-    pair of poles on the imaginary axis, at the crossover frequency.
+    crossovers: all crossovers, by rising delay. The first crossover determines the margin. At this delay, the closed
+    loop has a pair of poles on the imaginary axis, at the crossover frequency.
     """
 
     delay: float
@@ -217,11 +217,11 @@ def _refine_peak(gain: Callable[[Any], Any], w: Any) -> float:
 
 
 def mean_square_growth(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
-    """Return the growth factor of E x^2 in one step, a^2 q^(1 + retransmissions). E x^2 is bounded if it is below 1.
+    """Return the growth factor of E x^2 in one step, a^2 q^(1 + retransmissions). Below 1, E x^2 is bounded.
 
     Args:
-        a: the plant's pole, per step; any shape.
-        q: probability that one try is lost, in [0, 1]; its shape must broadcast with that of a.
+        a: pole of the plant for one step; array of any shape.
+        q: probability that one try is lost, 0 to 1; array whose shape broadcasts with the shape of a.
         retransmissions: number of tries after the first.
     """
     a, q = np.asarray(a, float), np.asarray(q, float)

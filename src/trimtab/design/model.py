@@ -52,7 +52,7 @@ class StateSpaceModel(NamedTuple):
         return u if self.input_record is None else unpack_record(self.input_record, u)
 
     def keep(self, inputs: Iterable[str] = (), outputs: Iterable[str] = ()) -> "StateSpaceModel":
-        """Return the model with only the given inputs and outputs; by default with all. Other inputs are held at u0."""
+        """Return the model with only the given inputs and outputs; all by default. Other inputs are held at u0."""
         j = np.array(find_indices(argument_name("inputs"), tuple(inputs) or self.inputs, self.inputs))
         k = np.array(find_indices(argument_name("outputs"), tuple(outputs) or self.outputs, self.outputs))
         held, f, h = jnp.asarray(self.u0), self.f, self.h
@@ -109,14 +109,15 @@ def input_names(value: Any, states: Sequence[str]) -> tuple[str, ...]:
 
 
 def record_vector(value: Any) -> Any:
-    """Return the reals and angles of a record as one vector, in declared order."""
+    """Return the real numbers and angles of a record as one vector, in declared order."""
     if not entry_names(value):
         raise InputError("vector", f"{type(value).__name__} has no real fields", fix="give a state or an input record")
     return jnp.concatenate([jnp.ravel(jnp.asarray(v, jnp.float64)) for _, v, _ in real_leaves(value)])
 
 
 def unpack_record(like: Any, values: Any) -> Any:
-    """Return a copy of the record `like` with its reals and angles set from a vector (n,). Angles are not wrapped."""
+    """Return a copy of the record `like` whose real numbers and angles are set from a vector (n,). Angles are not
+    wrapped."""
     start, record = 0, like
     for path, old, _ in real_leaves(like):
         size = int(np.size(old))
@@ -140,10 +141,10 @@ def model_of_functions(
 
     Args:
         f: the derivative, (x (n,), u (m,)) -> x' (n,).
-        states: n names.
-        inputs: m names.
+        states: names of the n states.
+        inputs: names of the m inputs.
         h: the outputs, (x, u) -> y (p,); default: all states.
-        outputs: p names; default: "y0", "y1", …, or the states' names if h is not given.
+        outputs: names of the p outputs; default: "y0", "y1", …, or the states' names if h is not given.
         x0: state at the model's reference point (n,); default: zeros.
         u0: input at the model's reference point (m,); default: zeros.
     """
@@ -172,8 +173,8 @@ def model_of_vehicle(
 
     Args:
         vehicle: the vehicle.
-        x: a state record; its values are the model's x0.
-        u: an input record; its values are the model's u0.
+        x: state record at the model's point x0.
+        u: input record at the model's point u0.
         outputs: names of states, or name -> function of the two records; default: all states.
         t: time at which the dynamics are evaluated (s).
     """
@@ -246,7 +247,7 @@ def _check_length(what: str, labels: Sequence[str], source: str, shape: tuple[in
         raise InputError(f"model.{what}", f"{tuple(labels)} contains a name twice", fix="give each entry its own name")
     if shape != (len(labels),):
         problem = f"got {len(labels)} names for {source} of shape {shape}"
-        raise InputError(f"model.{what}", problem, fix=f"give a vector ({len(labels)},), or as many names as it has")
+        raise InputError(f"model.{what}", problem, fix=f"give a vector ({len(labels)},), or one name for each entry")
 
 
 def _as_vector(value: Any, start: Any, labels: tuple[str, ...], what: str) -> Any:
@@ -260,9 +261,9 @@ def _as_vector(value: Any, start: Any, labels: tuple[str, ...], what: str) -> An
         raise InputError(
             f"model.{what}",
             f"must have shape {np.shape(start)}, got {vector.shape}",
-            fix=f"give ({len(labels)},): {', '.join(labels)}",
+            fix=f"give a vector ({len(labels)},): {', '.join(labels)}",
         )
     bad = [f"{n} = {v}" for n, v in zip(labels, vector, strict=True) if not np.isfinite(v)]
     if bad:
-        raise InputError(f"model.{what}", f"not finite: {', '.join(bad)}", fix="give finite values")
+        raise InputError(f"model.{what}", f"all values must be finite, got {', '.join(bad)}", fix="give finite values")
     return vector

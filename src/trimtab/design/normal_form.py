@@ -1,12 +1,12 @@
-"""Normal form of a system with a relative degree: external coordinates, internal dynamics, and the input for given v.
+"""Normal form of a system with a relative degree: external coordinates, internal dynamics, and inputs for given v.
 
     xi = (y1, y1', …, y1^(r1-1), y2, …)        y_i^(r_i) = v_i        zeta' = Psi(xi, zeta, v)
 
-Coordinates and inputs are found by Newton's iteration and differentiated by the implicit function theorem. This works
-also for systems that are not affine in their inputs.
+Here r_i is the relative degree of the output y_i. Coordinates and inputs are found by Newton's iteration and
+differentiated by the implicit function theorem. This works also for systems that are not affine in their inputs.
 
-`linear_normal_form` is the linearisation of the normal form at a trim, from first derivatives only. With
-z = (xi, zeta) = phi(x) and v = w(x, u) the highest derivatives of the outputs, at a point where x' = f = 0
+`linear_normal_form` linearises the normal form at a trim, where x' = f = 0, from first derivatives only. With z = (xi,
+zeta) = phi(x), and with the highest derivatives of the outputs v = w(x, u), the linear model is
 
     dz' = Phi (f_x - f_u W_u^-1 W_x) Phi^-1 dz + Phi f_u W_u^-1 dv        Phi = dphi/dx
 
@@ -32,14 +32,17 @@ from trimtab.design.linearise import LinearModel
 from trimtab.design.model import StateSpaceModel, find_indices, model_of_functions
 
 AT_REST = 1e-8
-"""Largest state derivative that counts as zero at a trim, as a fraction of its row of A times the states' sizes."""
+"""Largest state derivative that counts as zero at a trim, as a fraction of the length of the state's row in A, with
+columns of A multiplied by the states' sizes."""
 EARLY = 1e-10
-"""Slope of an output's derivative by an input, as a fraction of its largest slope by a state, above which the input
-counts as affecting the derivative."""
+"""Sensitivity of an output's time derivative to an input, as a fraction of its largest sensitivity to a state, above
+which the input counts as affecting this time derivative."""
 SINGULAR = 1e-10
-"""Ratio of smallest to largest singular value up to which a matrix, scaled to unit rows and columns, is singular."""
+"""Ratio of smallest to largest singular value up to which a matrix, scaled to unit rows and columns, counts as
+singular."""
 ROUNDING = 1e-13
-"""Influence of a state on an output's derivative that counts as zero, as a fraction of the other states' influence."""
+"""Largest influence of a state on an output's derivative that counts as zero, as a fraction of the largest influence of
+a state."""
 STEPS = 50
 """Maximum number of Newton steps."""
 SETTLED = 1e-9
@@ -50,11 +53,11 @@ class NormalForm(NamedTuple):
     """Normal form around a point: coordinates, and the functions between them, all traceable by jax.
 
     forward: x -> (xi, zeta).  backward: (xi, zeta) -> x.  invert: (x, v) -> u.  internal: (xi, zeta, v) -> zeta'.
-    backward and invert search from the point; they return NaN if no solution is found nearby.  external: names of xi,
-    e.g. ("h", "h'", "V").  internals: names of zeta.  virtual: names of v, e.g. ("h''", "V'").  xi0, zeta0, v0, x0, u0:
-    the point.  degree: relative degree at the point.  jacobian: dPsi/dzeta at the point (k, k), with v held.
-    condition: condition number of the scaled d(xi, zeta)/dx.  inputs_enter: internal coordinates whose derivatives
-    contain the inputs (possible for states chosen as zeta).
+    backward and invert search near the point, and return NaN if no solution is found.  external: names of xi, e.g.
+    ("h", "h'", "V").  internals: names of zeta.  virtual: names of v, e.g. ("h''", "V'").  xi0, zeta0, v0, x0, u0: the
+    point.  degree: relative degree at the point.  jacobian: dPsi/dzeta at the point (k, k), with v held. condition:
+    condition number of the scaled d(xi, zeta)/dx.  inputs_enter: internal coordinates whose derivatives contain the
+    inputs (possible for states chosen as zeta).
     """
 
     forward: Callable[[Any], tuple[Any, Any]]
@@ -109,7 +112,7 @@ def normal_form(
         x: state, as a vector, a record, or changes to the model's own point.
         u: input, in the same forms.
         internal: names of the states that form zeta, or name -> function of x (n,). Default: the states that, together
-            with xi, make the best conditioned coordinates.
+            with xi, are the best conditioned coordinates.
         radius: as in `relative_degree`.
 
     Source: [1] propositions 4.1.3 and 5.1.2.
@@ -121,7 +124,7 @@ def normal_form(
         reasons = [f"the model must have as many outputs as inputs, got {len(model.outputs)} and {len(model.inputs)}"]
     if reasons:
         fix = "choose other outputs or another point, or extend the model"
-        raise InputError("normal_form", "no relative degree here: " + "; ".join(reasons), fix=fix)
+        raise InputError("normal_form", "no relative degree is defined at this point: " + "; ".join(reasons), fix=fix)
     orders = {n: r for n, r in degree.degrees.items() if r is not None}
     external = tuple(n + "'" * k for n, r in orders.items() for k in range(r))
     virtual = tuple(n + "'" * r for n, r in orders.items())
@@ -191,7 +194,7 @@ def _linearise_internal(
 
 
 def _condition_of_coordinates(part: str, Phi: Any, labels: tuple[str, ...], fix: str) -> float:
-    """Return the condition number of the scaled d(xi, zeta)/dx; raise InputError if it is singular."""
+    """Return the condition number of the scaled d(xi, zeta)/dx; raise InputError if this matrix is singular."""
     singular = np.linalg.svd(equilibrate(Phi), compute_uv=False)
     if not singular[-1] > SINGULAR * singular[0]:
         problem = f"{labels} depend on the outputs and their derivatives, so they are not independent coordinates"
@@ -298,7 +301,7 @@ def _output_orders(
     find_indices("linear_normal_form.degrees", degrees, model.outputs)
     orders = [degrees.get(n, 0) for n in model.outputs]
     if len(model.outputs) != len(model.inputs) or min(orders, default=0) < 1:
-        problem = f"outputs, inputs and degrees don't match: {len(model.outputs)}, {len(model.inputs)}, {dict(degrees)}"
+        problem = f"got {len(model.outputs)} outputs, {len(model.inputs)} inputs and the degrees {dict(degrees)}"
         raise InputError(
             "linear_normal_form.degrees",
             problem,
@@ -338,5 +341,9 @@ def _check_normal_form(model: StateSpaceModel, x0: Any, drift: Any, f_x: Any, xi
     early = np.abs(xi_u).max(axis=1, initial=0.0) > EARLY * np.abs(xi_x).max(axis=1)
     singular = np.linalg.svd(equilibrate(w_u), compute_uv=False)
     if early.any() or not singular[-1] > SINGULAR * singular[0]:
-        problem = "an input affects a lower derivative" if early.any() else f"dv/du is singular ({singular[-1]:.3g})"
-        raise InputError("linear_normal_form.degrees", problem, fix="take the degrees of `relative_degree`")
+        problem = (
+            "an input affects a derivative of an order below the degree"
+            if early.any()
+            else f"dv/du is singular ({singular[-1]:.3g})"
+        )
+        raise InputError("linear_normal_form.degrees", problem, fix="use the degrees from `relative_degree`")

@@ -1,4 +1,4 @@
-"""Observability: the Gramian along a trajectory, scaled by the prior, and the rank of a constant pair (A, C).
+"""Observability: the Gramian along a trajectory, scaled by the prior sigmas, and the rank of a constant pair (A, C).
 
 This code runs offline and uses LAPACK.
 
@@ -17,8 +17,8 @@ from trimtab.core.errors import InputError
 class Observability(NamedTuple):
     """Observability along a trajectory.
 
-    gramian: Gramian scaled by the prior sigmas (n, n).  singular: its singular values, falling; at a value of 1 the
-    measurements give as much information about a direction as the prior.  rank: number of singular values above the
+    gramian: Gramian scaled by the prior sigmas (n, n).  singular: its singular values, falling; at a value of 1, the
+    measurements contain as much information about a direction as the prior.  rank: number of singular values above the
     tolerance.  hidden_directions: (n - rank, n), unobservable directions, in units of the prior sigmas.
     remaining_sigmas: standard deviation of each state, given prior and measurements, in the state's unit (n,).
     """
@@ -33,9 +33,9 @@ class Observability(NamedTuple):
 class ConstantRank(NamedTuple):
     """Observability of a constant pair (A, C).
 
-    rank: rank of the scaled observability matrix.  singular: its singular values, falling.  ratio: last singular value
-    over first.  hidden_directions: (n - rank, n), unobservable directions, in units of the states' sizes.  time: unit
-    of time (s) in the scaled matrix.
+    rank: rank of the scaled observability matrix.  singular: its singular values, falling.  ratio: smallest singular
+    value divided by the largest.  hidden_directions: (n - rank, n), unobservable directions, in units of the states'
+    sizes.  time: unit of time (s) in the scaled matrix.
     """
 
     rank: int
@@ -46,7 +46,8 @@ class ConstantRank(NamedTuple):
 
 
 def constant_rank(A: Any, C: Any, *, scale: Any = None, tolerance: float = 1e-9) -> ConstantRank:
-    """Return the rank of [C; C A; C A^2; …] for x' = A x, y = C x, in units that make its rows comparable.
+    """Return the rank of [C; C A; C A^2; …] for x' = A x, y = C x, in units that make the rows of this matrix
+    comparable.
 
     Without scaling, the powers of fast poles hide the other rows. Therefore the unit of time is 1/|A|, the unit of each
     state is its size, and each row of C is divided by its length.
@@ -55,7 +56,7 @@ def constant_rank(A: Any, C: Any, *, scale: Any = None, tolerance: float = 1e-9)
         A: (n, n).
         C: (p, n).
         scale: sizes of the states (n,); default: the sizes that balance A.
-        tolerance: singular values below this share of the largest count as zero.
+        tolerance: largest singular value that counts as zero, as a fraction of the largest singular value.
 
     Source: Kalman's rank condition.
     """
@@ -86,12 +87,13 @@ def constant_rank(A: Any, C: Any, *, scale: Any = None, tolerance: float = 1e-9)
 
 
 def observability_gramian(transitions: Any, rows: Any, noises: Any) -> Any:
-    """Return the Gramian, the sum over k of Phi_k' H_k' R_k^-1 H_k Phi_k (n, n). Phi_k leads from instant 0 to k.
+    """Return the Gramian, the sum over k of Phi_k' H_k' R_k^-1 H_k Phi_k (n, n). Phi_k is the transition from instant 0
+    to k.
 
     Args:
-        transitions: (instants - 1, n, n), from each instant to the next.
-        rows: H at each instant (instants, m, n); zero at instants without a measurement.
-        noises: R at each instant (instants, m, m).
+        transitions: transition matrices from each instant to the next (instants - 1, n, n).
+        rows: measurement matrix H at each instant (instants, m, n); zero at instants without a measurement.
+        noises: measurement covariance R at each instant (instants, m, m).
 
     Source: [7] section 5.7, the information about the first state.
     """
@@ -120,7 +122,7 @@ def observability(transitions: Any, rows: Any, noises: Any, sigmas: Any, *, tole
     Args:
         transitions, rows, noises: as in `observability_gramian`.
         sigmas: standard deviation of each state before the first measurement (n,).
-        tolerance: singular values below this share of the largest count as zero.
+        tolerance: largest singular value that counts as zero, as a fraction of the largest singular value.
     """
     scale = np.asarray(sigmas, float)
     if (scale <= 0).any() or not np.isfinite(scale).all():

@@ -52,8 +52,8 @@ radius = 0.8"""
 
 
 class ObstacleFloor(NamedTuple):
-    """Rectangular floor (m, W) with obstacles. north, east: limits (from, to).  circles: (n, 3), north, east, radius.
-    polygons: each (k, 2), corners in either direction.
+    """Rectangular floor with obstacles (m, in W). north, east: limits (from, to).  circles: (n, 3), north, east,
+    radius. polygons: each (k, 2), corners in clockwise or anticlockwise order.
     """
 
     north: tuple[float, float]
@@ -62,8 +62,8 @@ class ObstacleFloor(NamedTuple):
     polygons: tuple[Any, ...] = ()
 
     def clearance(self, places: Any) -> Any:
-        """Return the distance (n,) of points (n, 2) from the nearest obstacle or edge of the floor; negative inside an
-        obstacle or outside the floor."""
+        """Return the distance (n,) of points (n, 2) from the nearest obstacle or edge of the floor. The distance is
+        negative inside an obstacle or outside the floor."""
         p = np.asarray(places, np.float64)
         edges = [p[:, 0] - self.north[0], self.north[1] - p[:, 0], p[:, 1] - self.east[0], self.east[1] - p[:, 1]]
         circles = [np.hypot(p[:, 0] - n, p[:, 1] - e) - r for n, e, r in np.reshape(self.circles, (-1, 3))]
@@ -86,7 +86,7 @@ class PlanTask(NamedTuple):
 def read_task(path: str | Path) -> PlanTask:
     """Return the planning task described by a file.
 
-    Raises: InputError for missing, unknown or impossible content, with an example of valid text.
+    Raises: InputError if the content is missing, unknown or not valid. The error contains an example of a valid file.
     """
     part = str(path)
     try:
@@ -96,7 +96,7 @@ def read_task(path: str | Path) -> PlanTask:
     except OSError as error:
         raise InputError(part, f"cannot be read: {error.strerror or error}", fix=FIX) from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(part, f"it is not valid TOML: {error}", fix=FIX) from None
+        raise InputError(part, f"is not valid TOML: {error}", fix=FIX) from None
     return parse_task(content, part)
 
 
@@ -164,7 +164,7 @@ def _corners(section: Mapping[str, Any], part: str) -> Any:
     corners: Any = section.get("corners")
     rows: list[Any] = corners if isinstance(corners, list) else []
     if len(rows) < 3 or not all(isinstance(c, list) and len(c) == 2 and all(map(_is_number, c)) for c in rows):
-        problem = f"corners = {corners!r} must be three or more pairs of metres"
+        problem = f"corners must be three or more pairs [NORTH, EAST] in metres, got {corners!r}"
         raise InputError(part, problem, fix="corners = [[1, 1], [2, 1], [2, 2]]")
     return np.array(rows, np.float64)
 
@@ -183,7 +183,8 @@ def _angle(value: Any, part: str) -> float:
 
 
 def _polygon_distance(corners: Any, p: Any) -> Any:
-    """Return the distance (n,) of points p (n, 2) from a polygon's boundary; negative inside the polygon."""
+    """Return the distance (n,) of points p (n, 2) from a polygon's boundary. The distance is negative inside the
+    polygon."""
     a, b = corners, np.roll(corners, -1, axis=0)
     along = b - a
     square = np.maximum((along**2).sum(axis=1), 1e-300)

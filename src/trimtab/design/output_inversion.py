@@ -1,10 +1,11 @@
-"""Output inversion: states and inputs for which outputs follow a trajectory exactly, even if non-minimum phase.
+"""Output inversion: states and inputs for which a vehicle's outputs follow a trajectory exactly, even if the vehicle is
+non-minimum phase.
 
-In the normal form the outputs and their derivatives are given. The internal dynamics zeta' = Psi(xi, zeta, v) are
+In the normal form, the outputs and their derivatives are given. The internal dynamics zeta' = Psi(xi, zeta, v) are
 solved for their bounded solution. In this solution, stable modes depend on the past. Unstable modes depend on the
-future, so that the vehicle moves before its outputs do. The same holds for slow modes, e.g. that of the speed.
-Positions (e.g. north, east), on which no other derivative depends, are integrated from their initial value. The result
-is a feedforward for use with a feedback. This code runs offline.
+future, so that the vehicle moves before its outputs do. Positions (e.g. north, east), on which no other derivative
+depends, are integrated from their initial value. All other modes, even slow ones, are part of the bounded solution. The
+result is a feedforward for use with a feedback. This code runs offline.
 
 Source: S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
 Control 41(7), 1996.
@@ -53,7 +54,8 @@ class InternalMode(NamedTuple):
 
 
 def internal_modes(form: NormalForm) -> tuple[tuple[str, ...], tuple[InternalMode, ...]]:
-    """Return the names of the positions among a normal form's internal coordinates, and the modes of the others.
+    """Return the names of the positions among a normal form's internal coordinates, and the modes of the other
+    coordinates.
 
     A position is a coordinate, e.g. north, that enters no derivative except those of other positions.
 
@@ -93,7 +95,7 @@ def smooth_course(
         raise InputError(
             "course",
             f"begin and end must lie within the grid, with begin before end; got {begin} and {end} s",
-            fix="choose begin and end within times",
+            fix="choose begin and end between the first and the last of `times`",
         )
     q = order + 1  # the integral of t^q (1 - t)^q has q derivatives that vanish at t = 0 and t = 1
     shape = np.polynomial.Polynomial([0.0] * q + [1.0]) * np.polynomial.Polynomial([1.0, -1.0]) ** q
@@ -117,10 +119,11 @@ def invert_output(
         model: model with as many inputs as outputs; its point is the equilibrium at the beginning of the trajectory.
         course: trajectory of all outputs at evenly spaced times, each with at least as many derivatives as its relative
             degree.
-        end: x (n,), u (m,) of the equilibrium at the end. Default: the internal coordinates end as they begin.
+        end: x (n,) and u (m,) at the equilibrium after the trajectory. Default: the internal coordinates return to
+            their initial values.
         tolerance: as in `bounded_solution`.
 
-    Raises: InputError if the model has no relative degree, or if the iteration does not converge.
+    Raises: InputError if the model has no well-defined relative degree, or if the iteration does not converge.
     Source: as for this module.
     """
     form = normal_form(model)

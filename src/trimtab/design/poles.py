@@ -1,4 +1,4 @@
-"""Eigenvalues of a matrix: sorting, text, participation of the states, and uncontrollable eigenvalues.
+"""Eigenvalues of a matrix: sorting, formatting as text, participation of the states, and uncontrollable eigenvalues.
 
 This code runs offline and uses LAPACK. It does not use JAX, because certificates are proved without JAX.
 
@@ -18,7 +18,7 @@ COLUMN = 1e-12
 
 
 def sorted_poles(A: Any) -> Any:
-    """Return the eigenvalues of A (n, n), by falling real part, as complex numbers."""
+    """Return the eigenvalues of A (n, n) as complex numbers, sorted by falling real part."""
     poles = np.linalg.eigvals(A).astype(complex)
     return poles[np.lexsort((-poles.imag, -poles.real))]
 
@@ -54,7 +54,7 @@ def uncontrollable_poles(A: Any, B: Any) -> tuple[complex, ...]:
     Hautus.
 
     The result does not depend on the units of the inputs, because each column of B is scaled to the size of A. A column
-    shorter than COLUMN times the longest column may be a rounding error, and stays small.
+    shorter than COLUMN times the longest column may be a rounding error, and is therefore not scaled up fully.
     """
     n = len(A)
     columns = np.linalg.norm(B, axis=0)

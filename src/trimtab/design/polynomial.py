@@ -2,8 +2,8 @@
 
 The code of a law or a vehicle that only adds, multiplies, and divides by single terms can run on polynomials instead of
 numbers. The result is the polynomial that the code computes, so that a proof about the polynomial is a proof about the
-code. Names that are never zero may have negative powers, e.g. k1/m u. A float is taken as the decimal that is written:
-2.6 is 13/5.
+code. Names that are never zero may have negative powers, e.g. k1/m u. A float is converted to the decimal number in
+which it is written: 2.6 is 13/5.
 
 Source: this module.
 """
@@ -26,7 +26,8 @@ HIGHEST_POWER, MOST_TERMS = 12, 20
 
 
 class Polynomial:
-    """Sum of terms, each a Fraction times powers of names. Immutable; compares by value.
+    """Polynomial: a sum of terms, each a Fraction times powers of names. Polynomials are immutable and compared by
+    value.
 
     terms: monomial -> coefficient, without zero coefficients.
     """
@@ -68,7 +69,7 @@ class Polynomial:
 
     def __pow__(self, power: Any) -> "Polynomial":
         if isinstance(power, bool) or power != int(power):
-            raise ArithmeticError(f"a power of {power!r} does not give a polynomial")
+            raise ArithmeticError(f"the power of a polynomial must be a whole number, got {power!r}")
         base, product = self if power >= 0 else self.reciprocal(), constant(1)
         for _ in range(abs(int(power))):
             product = product * base
@@ -103,7 +104,7 @@ class Polynomial:
         return Polynomial({tuple((name, -power) for name, power in m): 1 / c})
 
     def derivative(self, name: str) -> "Polynomial":
-        """Return the partial derivative with respect to a name."""
+        """Return the partial derivative with respect to the variable `name`."""
         terms: dict[Monomial, Fraction] = {}
         for m, c in self.terms.items():
             power = dict(m).get(name, 0)
@@ -140,7 +141,8 @@ class Polynomial:
 
 
 def constant(value: Any) -> Polynomial:
-    """Convert a number to a constant polynomial: integers and Fractions exactly, floats as the decimal as written."""
+    """Convert a number to a constant polynomial: integers and Fractions exactly, floats as the decimal number Python
+    prints."""
     if isinstance(value, Fraction):
         return Polynomial({(): value})
     number = np.asarray(value).item()

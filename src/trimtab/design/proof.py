@@ -1,5 +1,5 @@
-"""Proofs as lists of conditions. Each condition is evaluated independently and results in a number. Definiteness is
-proved without rounding.
+"""Proofs as lists of conditions. Each condition is evaluated independently, and its result contains a number, e.g. a
+margin. Definiteness is proved without rounding.
 
 Source: this module; proofs of definiteness as in `exact`.
 """
@@ -16,14 +16,15 @@ from trimtab.core.errors import InputError
 from trimtab.design import exact
 
 IDENTITY_ERROR_MAX = 1e-9
-"""Largest accepted error of an identity (e.g. a Riccati equation), relative to one of its terms, both scaled."""
+"""Largest accepted error of an identity (e.g. a Riccati equation), relative to a term of the identity, in scaled
+units."""
 
 
 class ProofCondition(NamedTuple):
     """Condition of a proof, and its result.
 
-    name: the condition.  holds: True if proved.  number: margin, deviation or value.  meaning: meaning of the number.
-    how: method.  why: reason for failure, or a remark.
+    name: name of the condition.  holds: True if proved.  number: margin, deviation or value.  meaning: quantity that
+    the number states.  how: method.  why: reason for failure, or a remark.
     """
 
     name: str
@@ -66,11 +67,7 @@ def version_line(written: str) -> Line:
     A certificate of another version can't be proved, because the conditions may differ between versions.
     """
     same = written == __version__
-    why = (
-        ""
-        if same
-        else f"written by version {written!r}, this is {__version__}; design the gain again to renew the file"
-    )
+    why = "" if same else f"written by version {written!r}, but this is version {__version__}; design the gain again"
     return "version is that of this package", lambda: ProofCondition(
         "", same, float(not same), "differences", "text", why
     )

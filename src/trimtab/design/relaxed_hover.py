@@ -34,7 +34,7 @@ class RelaxedHover(NamedTuple):
 
 
 def find_relaxed_hover(craft: Multirotor, lost: int, ratio: float = 0.5) -> RelaxedHover:
-    """Find the spin in which the mean thrust carries the weight, without the rotor `lost` [1, eqs. 16 to 23].
+    """Find the spin in which the mean thrust without the rotor `lost` balances the weight [1, eqs. 16 to 23].
 
     Args:
         craft: a quadrotor.

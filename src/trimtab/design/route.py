@@ -1,7 +1,8 @@
 """Smooth, timed route between obstacles for a craft of given width.
 
-A route is searched on a grid and shortened by straight lines. Its corners are rounded as far as obstacles allow. Speeds
-follow from limits of speed and acceleration. If no route exists, the error reports the width of the widest passage.
+A route is searched on a grid and shortened by straight lines. The corners of the route are rounded as far as obstacles
+allow. Speeds follow from limits of speed and acceleration. If no route exists, the error reports the width of the
+widest passage.
 
 Source: P. Hart, N. Nilsson, B. Raphael, "A formal basis for the heuristic determination of minimum cost paths", IEEE
 Trans. Systems Science and Cybernetics 4 (1968) 100; the widest way: M. Pollack, "The maximum capacity through a
@@ -30,13 +31,13 @@ CONTROL = 0.4
 WEIGHTS = 0.2, 1.0, 0.15
 """Weights, in the smoothing of a route, of the route's first, second and third derivative by arc length (1, m, m^2)."""
 ROOMS = (0.0, 200.0), (0.3, 5.0)
-"""Two penalties, in the smoothing of a route, for missing clearance: clearance wanted beyond the craft's radius and
+"""Two penalties, in the smoothing of a route, for missing clearance: desired clearance beyond the craft's radius and
 margin (m), and weight of the missing clearance (1/m)."""
 
 
 class Tempo(NamedTuple):
-    """Limits of the motion along a route. speed: (m/s).  along, across: acceleration along the route and in curves
-    (m/s^2).
+    """Limits of the motion along a route. speed: maximum speed (m/s).  along, across: maximum acceleration along the
+    route and in curves (m/s^2).
     """
 
     speed: float = 0.5
@@ -45,8 +46,8 @@ class Tempo(NamedTuple):
 
 
 class Route(NamedTuple):
-    """Timed route. times: (n,) (s).  places: points (n, 2) (m), in W.  margin: distance kept beyond the craft's radius
-    (m)."""
+    """Timed route. times: (n,) (s).  places: points (n, 2) (m), in W.  margin: clearance from obstacles beyond the
+    craft's radius (m)."""
 
     times: Any
     places: Any
@@ -115,7 +116,8 @@ STEPS = [(a, b, GRID * float(np.hypot(a, b))) for a, b in itertools.product((-1,
 
 
 def _search(grid: _Grid, start: tuple[int, int], goal: tuple[int, int], room: float) -> "list[tuple[int, int]] | None":
-    """Return the cells of a shortest route with a clearance of at least `room`, except at start and goal; or None."""
+    """Return the cells of a shortest route with a clearance of at least `room` except at its ends, or None if none
+    exists."""
     free = grid.clearance >= room
     free[start] = free[goal] = True
     best, came = {start: 0.0}, {start: start}
@@ -234,7 +236,7 @@ def _directions(floor: ObstacleFloor, places: Any) -> Any:
 
 
 def _times(places: Any, tempo: Tempo) -> Any:
-    """Return the time at each point (n,) of a motion from rest to rest, as fast as the tempo allows."""
+    """Return the time at each point (n,) of a motion from rest to rest, as fast as the limits in `tempo` allow."""
     step = np.hypot(*np.diff(places, axis=0).T)
     turn = np.zeros(len(places))
     direction = np.unwrap(np.arctan2(*np.diff(places, axis=0).T[::-1]))

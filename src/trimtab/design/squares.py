@@ -25,7 +25,7 @@ SHOWN = 90
 
 
 class WeightedSquares(NamedTuple):
-    """Sum of weight form^2, multiplied by a hypothesis.
+    """Sum of terms weight * form^2, multiplied by a hypothesis.
 
     times: name of the hypothesis, or "" for none.  weights, forms: polynomials, one weight for each form.
     """
@@ -61,7 +61,8 @@ Term = WeightedSquares | GramForm
 
 
 class SquaresProof(NamedTuple):
-    """Proof by squares. scale: polynomial factor of the conclusion.  terms: must sum to scale times conclusion."""
+    """Proof by squares. scale: polynomial factor of the conclusion.  terms: terms whose sum must be scale times
+    conclusion."""
 
     scale: Polynomial
     terms: tuple[Term, ...]

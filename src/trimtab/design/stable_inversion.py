@@ -37,9 +37,9 @@ from trimtab.core.errors import InputError
 ON_AXIS = 1e-9
 """Size of a pole's real part, relative to the largest pole, up to which the pole counts as on the imaginary axis."""
 FADED = 1e-40
-"""Size of the entries of a transition matrix below which its higher powers are ignored."""
+"""Size of the entries of a transition matrix below which higher powers of the matrix are ignored."""
 GROWN = 1e3
-"""Largest change in an iteration, relative to the first change. Above it, the iteration is abandoned."""
+"""Largest change in an iteration, relative to the first change, at which the iteration is continued."""
 PLACE = 1e-12
 """Largest entry of the matrix A that counts as zero, as a fraction of the largest entry of A."""
 POLE_DISTANCE_MIN = 1e-9
@@ -85,7 +85,7 @@ def bounded_solution(
     tolerance: float = 1e-10,
     most: int = 30,
 ) -> BoundedSolution:
-    """Compute the bounded solution on a uniform grid of n instants. Without internal coordinates (k = 0) it is empty.
+    """Compute the bounded solution on a uniform grid of n instants. For k = 0 internal coordinates, it is empty.
 
     Args:
         psi: function from zeta (n, k) on the whole grid to its time derivative (n, k); it includes all time dependence.
@@ -93,8 +93,8 @@ def bounded_solution(
             `find_places`. The choice of the point changes the speed of convergence, not the solution.
         start: first guess (n, k), such as the quasi-static solution.
         dt: step of the grid (s).
-        left: zeta (k,) at the first instant; its stable part is used.
-        right: zeta (k,) at the last instant; its unstable part is used.
+        left: zeta (k,) at the first instant. Only the part of zeta in stable modes is used.
+        right: zeta (k,) at the last instant. Only the part of zeta in unstable modes is used.
         scales: (k,), natural size of each coordinate.
         tolerance: the iteration ends when no coordinate changes by more than this fraction of its scale.
         most: maximum number of iterations.
@@ -164,7 +164,7 @@ def _check_arguments(A: Any, guess: Any, dt: float, scales: Any, left: Any, righ
             problem = f"must have shape {shape}, got {np.shape(value)}"
             raise InputError(part, problem, fix=f"give an array of shape {shape}, for {k} scales")
         if not np.isfinite(value).all():
-            raise InputError(part, "not finite", fix="give finite values")
+            raise InputError(part, "must be finite", fix="give finite values")
     if len(guess) < 2 or not dt > 0:
         problem = f"must have at least 2 instants and dt above 0 s, got {len(guess)} and {dt:g} s"
         raise InputError("bounded_solution.dt", problem, fix="give e.g. dt=0.01")
@@ -183,7 +183,7 @@ def _split_subspaces(A: Any) -> _Split:
     if len(on):
         problem = f"A has poles on the imaginary axis: {', '.join(f'{p:.4g}' for p in on)}"
         raise InputError(
-            "bounded_solution.A", problem, fix="the bounded solution is not unique then; change the outputs"
+            "bounded_solution.A", problem, fix="choose other outputs, for which the bounded solution is unique"
         )
     ordered: Any = schur(A, output="real", sort="lhp")
     T, Z, k = ordered
@@ -222,7 +222,7 @@ def _propagate_linear(A: Any, w: Any, dt: float, z0: Any) -> Any:
 
 
 def solve_steady_response(A: Any, S: Any, G: Any) -> Any:
-    """Return the X (k, m) of the steady response zeta = X omega, with X S = A X + G.
+    """Return the matrix X (k, m) of the steady response zeta = X omega, with X S = A X + G.
 
     Args:
         A: matrix of the system (k, k).

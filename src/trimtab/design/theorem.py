@@ -61,8 +61,8 @@ class LawTheorem(NamedTuple):
     all positive values of hurwitz_positive.  claims: further claims.  identities: name -> polynomial that must be zero.
     counterexamples: wrong claims, each with a point at which it is wrong.  lines: further conditions.
 
-    Three fields only help to make a certificate, and prove nothing.  multipliers: claim -> hypothesis -> weight of the
-    hypothesis.  searches: claim -> setup of the search for Gram matrices.  proofs: claim -> known proof.
+    Three fields only help to create a certificate, and prove nothing.  multipliers: claim -> hypothesis -> weight of
+    the hypothesis.  searches: claim -> setup of the search for Gram matrices.  proofs: claim -> known proof.
     """
 
     name: str
@@ -108,7 +108,7 @@ def closed_loop(
         vehicle: vehicle with `dynamics(t, x, u)`; its parameters may be polynomials.
         law: law without internal state, with an output `demand`; its parameters may be polynomials.
         state: a state record; fields that are not in `names` keep their values.
-        names: field of the state -> symbol.
+        names: field of the state record -> name in the polynomials.
 
     Raises: InputError if the code does more than add, multiply, and divide by single terms.
     """
@@ -126,7 +126,8 @@ def closed_loop(
 
 
 def motion_claims(theorem: LawTheorem, lyapunov: Polynomial, level: Fraction | None) -> tuple[Claim, ...]:
-    """Return the claims V > 0 and -dV/dt >= 0. If a level is given, the second is claimed only where V is below it."""
+    """Return the claims V > 0 and -dV/dt >= 0. If a level is given, the second claim is made only where V is below this
+    level."""
     inside = {} if level is None else {INSIDE: constant(level) - lyapunov}
     rate = -lie_derivative_of(lyapunov, theorem.field)
     falls = Claim(FALLS, rate, inside, NONNEGATIVE if level is None else DEFINITE)
@@ -170,7 +171,7 @@ def prove_theorem(
         lines.append(
             (
                 "no V, because the theorem is not about a motion",
-                lambda: _verdict(empty, "the file must have neither V nor level"),
+                lambda: _verdict(empty, "the file must contain neither V nor a level"),
             )
         )
     lines += [(claim.name, lambda c=claim: _prove_claim(certificate, theorem, c)) for claim in theorem.claims]
@@ -178,7 +179,7 @@ def prove_theorem(
     lines += [(e.name, lambda e=e: _refute(e)) for e in theorem.counterexamples]
     lines += theorem.lines
     if digests is not None:
-        why = "the file was changed after it was written; the other conditions show the effect"
+        why = "the file was changed after it was written"
         lines.append(version_line(certificate.version))
         lines.append(
             ("file unchanged since it was written", lambda: _verdict(digests[0] == digests[1], why, how="SHA-256"))

@@ -1,4 +1,5 @@
-"""Files of theorem certificates: JSON text that contains only data. Polynomials are text, and numbers are fractions.
+"""Files of theorem certificates: JSON text that contains only data. Polynomials are stored as text, and numbers as
+fractions.
 
 The content of a file is never executed. Missing, duplicate or unknown keys are rejected.
 
@@ -58,7 +59,7 @@ def design_theorem(
 
 
 def _complete_proof(claim: Claim, theorem: LawTheorem) -> SquaresProof:
-    """Prove a claim by Gram matrices, if the theorem has a search for it, or by completing squares.
+    """Prove a claim by Gram matrices, if the theorem has a search for this claim, or by completing squares.
 
     Raises: ArithmeticError if no proof is found.
     """
@@ -77,12 +78,14 @@ def theorem_json(certificate: TheoremCertificate) -> str:
 
 
 def theorem_digest(certificate: TheoremCertificate) -> str:
-    """Return the SHA-256 of a theorem's certificate. It reveals accidental changes; no proof depends on it."""
+    """Return the SHA-256 of a theorem's certificate, which reveals accidental changes. No proof depends on the
+    digest."""
     return hashlib.sha256(json.dumps(_as_plain(certificate), sort_keys=True).encode()).hexdigest()
 
 
 def parse_theorem(text: str, name: str) -> tuple[TheoremCertificate, str]:
-    """Return the certificate in a text, and the digest stored with it; raise InputError for any other text."""
+    """Return the certificate in a text, and the digest stored with the certificate; raise InputError for any other
+    text."""
     content = parse_json(text, name)
     form = content.get("format") if isinstance(content, dict) else type(content).__name__
     if form != FORMAT:
@@ -186,12 +189,12 @@ def _parse_text(value: Any, part: str) -> str:
 
 def _parse_about(value: Any, part: str) -> dict[str, Setting]:
     if not isinstance(value, dict) or not all(type(v) in (int, float, str) for v in value.values()):
-        raise InputError(part, f"must be settings, name -> number or text; got {value!r}", fix=FIX)
+        raise InputError(part, f"must map names of settings to numbers or texts, got {value!r}", fix=FIX)
     return value
 
 
 def _check_keys(value: Any, wanted: Iterable[str], part: str) -> None:
-    """Raise InputError if a wanted key is missing or a key is unknown. An unknown key would be an unchecked claim."""
+    """Raise InputError if a required key is missing or a key is unknown. An unknown key would be an unchecked claim."""
     wanted = tuple(wanted)
     if not isinstance(value, dict) or set(value) != set(wanted):
         there = sorted(value) if isinstance(value, dict) else type(value).__name__

@@ -21,7 +21,8 @@ from trimtab.design.model import StateSpaceModel, find_indices, format_combinati
 RANK_TOLERANCE = 1e-9
 """Largest singular value that counts as zero, as a fraction of the Jacobian's largest singular value."""
 AT_BOUND = 1e-9
-"""Distance of an unknown from its bound, as a fraction of its scale, up to which it counts as lying on the bound."""
+"""Distance of an unknown from its bound, as a fraction of the unknown's scale, up to which the unknown counts as lying
+on the bound."""
 
 
 class Trim(NamedTuple):
@@ -32,7 +33,7 @@ class Trim(NamedTuple):
     each unknown changes by its scale.  active: unknown -> "low" or "high", for unknowns that lie on a bound.
     powerless_unknowns: unknowns that affect no equation.  undetermined_unknowns: combinations of unknowns that affect
     no equation, so that there are several solutions.  rank: rank of the scaled Jacobian.  singular: singular values of
-    the scaled Jacobian.  why: reasons for failure, in words.  taken: state or output -> value, for conditions added by
+    the scaled Jacobian.  why: reasons for failure, in words.  taken: values of states and outputs that were assumed by
     default for level flight.
     """
 
@@ -91,7 +92,7 @@ def trim(
     starts: int = 8,
     tolerance: float = 1e-10,
 ) -> Trim:
-    """Find the free states and inputs for which x' and y have the wanted values; all other states and inputs stay
+    """Find the free states and inputs for which x' and y have the required values. All other states and inputs stay
     fixed.
 
     Args:
@@ -99,13 +100,14 @@ def trim(
         free: names of the states and inputs to find.
         x: initial guess of free states and values of fixed states: vector, record, or changes to the model's own point.
         u: initial guess of free inputs and values of fixed inputs, in the same forms.
-        derivatives: state -> wanted derivative; default: zero for every state.
+        derivatives: state -> required derivative; default: zero for every state.
         loose: states whose derivative may have any value.
-        outputs: output -> wanted value, as further equations.
+        outputs: output -> required value, as further equations.
         bounds: unknown -> (low, high).
         scales: unknown -> size of a typical change. Default: the width between finite bounds, or the larger of 1 and
             the magnitude of the initial guess.
-        starts: maximum number of starts of the search. The first is at x and u; random starts follow only if it fails.
+        starts: maximum number of starts of the search. The first start is at x and u. Random starts follow only if it
+            fails.
         tolerance: largest residual at which an equation is satisfied, relative to the change of the equation when each
             unknown changes by its scale.
 
@@ -158,13 +160,13 @@ def _build_problem(
     if conflict:
         raise InputError(
             "trim.loose",
-            f"{sorted(conflict)} are loose, but also have a wanted derivative",
+            f"{sorted(conflict)} are loose, but also have a required derivative",
             fix="remove each from loose or from derivatives",
         )
     wanted = np.array([*(derivatives.get(model.states[i], 0.0) for i in rows), *outputs.values()], float)
     equations = (*(model.states[i] + "'" for i in rows), *outputs)
     if not len(wanted) or not np.isfinite(wanted).all():
-        problem = f"at least one derivative or output must be given, all finite; got {wanted}"
+        problem = f"at least one derivative or output must be given, and all must be finite, got {wanted}"
         raise InputError("trim", problem, fix="outputs={NAME: VALUE}")
     fixed, n = np.concatenate([x0, u0]), len(x0)
 
@@ -308,7 +310,8 @@ def _explain_failure(p: _Problem, miss: Trim, missing: Any, r: Any, tolerance: f
 def idle_states(model: StateSpaceModel, units: Mapping[str, str] = MappingProxyType({})) -> set[str]:
     """Return the idle states, on which the rest of the model does not depend.
 
-    No derivative depends on an idle state; if it is a length or an angle, derivatives of other idle states may.
+    No derivative depends on an idle state. The exception is an idle state that is a length or an angle: derivatives of
+    other idle states may depend on it.
     """
     around = np.random.default_rng(0).uniform(-0.1, 0.1, (3, len(model.x0)))
     size = np.zeros((len(model.x0), len(model.x0)))

@@ -20,7 +20,8 @@ MOST_ROUNDS = 12
 
 
 class ZeroBranch(NamedTuple):
-    """Branch of a set of common zeros, on which some unknowns are free and the others are functions of them.
+    """Branch of a set of common zeros, on which some unknowns are free and all others are functions of the free
+    unknowns.
 
     values: unknown -> polynomial in the free unknowns and the positive names. free: the free unknowns.  steps: steps of
     the solution, in words.

@@ -152,9 +152,9 @@ HALF = '"$REAL" "$@"; size=$(wc -c <program.so); head -c $((size / 2)) program.s
         (f"{HALF}; kill -9 $$", "killed by signal 9"),
         ("echo 'gcc: fatal error: Killed signal terminated program cc1' >&2; exit 1", "was killed"),
         ("sleep 60", "did not end within 0.5 s"),
-        ("exit 0", "made no library"),
-        ("echo odd >program.so; exit 0", "made no library"),
-        (f"{HALF}; exit 0", "made no library"),
+        ("exit 0", "built no library"),
+        ("echo odd >program.so; exit 0", "built no library"),
+        (f"{HALF}; exit 0", "built no library"),
         ("echo broken; exit 4", "status 4:\n    broken"),
     ],
 )

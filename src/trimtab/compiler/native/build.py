@@ -40,8 +40,8 @@ COMMON = (
 """Compiler flags for both languages.
 
 The vectoriser of straight-line code (SLP) is off, because it fuses products and sums (vfmaddsub) even with
--ffp-contract=off. The last flag keeps gcc from vectorising the remainder of a vectorised loop. In such a remainder,
-gcc 12 assumes an alignment of 32 bytes for arrays on the stack that are aligned to 16, and the program dies of SIGSEGV
+-ffp-contract=off. The last flag keeps gcc from vectorising the remainder of a vectorised loop. In such a remainder, gcc
+12 assumes an alignment of 32 bytes for arrays on the stack that are aligned to 16, and the program crashes with SIGSEGV
 (`TightlyCoupled`, 28 beacons, AVX-512)."""
 FLAGS = {
     "c": (
@@ -57,23 +57,24 @@ FLAGS = {
 }
 """Compiler flags of each language.
 
-In scalar C, only loops over arrays are vectorised. That changes no bit, because no sum changes its order. A loop that
-calls a function, such as tanh, is vectorised only if the function is inlined. By default, -O2 inlines such a function
-only if it has a single call. C++ for lanes is compiled with the default options of vectorisation."""
+In scalar C, only loops over arrays are vectorised. This does not change any result, because no sum changes its order. A
+loop that calls a function, such as tanh, is vectorised only if the function is inlined. By default, -O2 inlines such a
+function only if it has a single call. C++ for lanes is compiled with the default options of vectorisation."""
 GCC_FLAGS = {"c": (), "c++": ("-fschedule-insns", "-fsched-pressure")}
 """Additional flags of each language for gcc. With them, gcc orders the instructions before it allocates registers, as
-clang always does. A campaign takes 7 to 14 % less time and gives the same bits."""
+clang always does. A campaign takes 7 to 14 % less time, and its results are bit-identical."""
 LIBRARIES = {"c": ("-lm",), "c++": ("-lpthread", "-lm")}
 OLDER_FLAGS = {"-std=c++17": "-std=c++1z"}
-"""Flag -> its name in older compilers."""
+"""Name of a compiler flag -> name of the flag in older compilers."""
 TIME_LIMIT = 300.0
 """Maximum duration of a compilation (s)."""
 LINES, WIDTH = 20, 160
-"""Maximum number of lines, and of characters per line, of the compiler's output in an error."""
+"""Maximum number of lines, and of characters per line, of the compiler's output in an error message."""
 
 
 class BuildError(InputError):
-    """Error: a working compiler failed to build a library. The message contains the first lines of its output."""
+    """Error: a working compiler failed to build a library. The message contains the first lines of the compiler's
+    output."""
 
 
 class _BuildJob(NamedTuple):
@@ -140,7 +141,9 @@ def load_library(path: Path) -> "ctypes.CDLL":
         return ctypes.CDLL(os.fspath(path))
     except OSError as reason:
         raise BuildError(
-            f"library {path}", f"it cannot be loaded: {reason}", fix="remove this file and run again, which rebuilds it"
+            f"library {path}",
+            f"it cannot be loaded: {reason}",
+            fix="remove this file and run again, so that it is rebuilt",
         ) from reason
 
 
@@ -182,17 +185,18 @@ def _try_flags(job: _BuildJob, flags: tuple[str, ...], work: Path, name: str = "
     command = (job.compiler.path, *job.compiler.options, *arguments, *job.extra, *LIBRARIES[job.language])
     outcome = run_compiler(command, work, TIME_LIMIT)
     if outcome.interruption:
-        fix = "run it again; if that fails too, free some memory, or name another compiler in CC or CXX."
-        raise BuildError(job.part, f"{outcome.interruption} before the library was made", fix=fix)
+        fix = "run again; if the error occurs again, free some memory, or name another compiler in CC or CXX."
+        raise BuildError(job.part, f"{outcome.interruption} before the library was built", fix=fix)
     if outcome.status == 0 and not _is_library(library):
         said = " ".join(outcome.text.split())[:300]
-        problem = f"it reported success, but made no library{f', and said {said!r}' if said else ''}"
+        problem = f"it reported success, but built no library{f', and said {said!r}' if said else ''}"
         raise BuildError(job.part, problem, fix="name another compiler in CC or CXX.")
     return outcome
 
 
 def _is_library(path: Path) -> bool:
-    """Return True if a file begins like an ELF or Mach-O library and, for 64-bit ELF, has the length that it states."""
+    """Return True if a file begins like an ELF or Mach-O library. A 64-bit ELF file must have the length stated in its
+    header."""
     try:
         content = path.read_bytes()
     except OSError:

@@ -25,7 +25,7 @@ DAY = 86400.0
 MAKE_ROOM_FIX = (
     "free some space, or set TRIMTAB_CACHE to a folder that only you can write to, and in which programs can run."
 )
-"""Fix text of an error if no cache folder can be used."""
+"""Fix that the error suggests if no cache folder can be used."""
 
 _private_folders: list[Path] = []
 _folder_problems: list[str] = []
@@ -134,7 +134,7 @@ def write_atomically(path: Path, text: str) -> None:
 
 @contextlib.contextmanager
 def work_folder(folder: Path) -> Iterator[Path]:
-    """Make a temporary folder in this folder that only this user can access, and remove it at the end."""
+    """Create a temporary folder in the given folder that only this user can access, and remove it at the end."""
     import shutil
     import tempfile
 
@@ -147,7 +147,8 @@ def work_folder(folder: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def lock_key(folder: Path, key: str) -> Iterator[None]:
-    """Wait while another process builds the library of this key. Without a lock, both build it, which does no harm."""
+    """Wait while another process builds the library of this key. Without a lock, both processes build the library,
+    which does no harm."""
     from filelock import FileLock  # imported here: the import takes longer than the use of an existing library
 
     name = folder / f"{key}.lock"

@@ -45,7 +45,7 @@ class CompilerOutcome(NamedTuple):
 
     @property
     def interruption(self) -> str:
-        """Return the reason why the compiler did not run to its end, or "" if it did."""
+        """Return the reason why the compiler did not finish, or "" if it did."""
         if self.status is None:
             return self.text
         if self.status < 0:
@@ -55,7 +55,8 @@ class CompilerOutcome(NamedTuple):
 
 
 def run_compiler(command: tuple[str, ...], work: Path, limit: float) -> CompilerOutcome:
-    """Run a command in a work folder, which also gets its temporary files. Stop the command after limit seconds.
+    """Run a command in a work folder, which is also used for its temporary files. Stop the command after `limit`
+    seconds.
 
     Raises OSError if the folder cannot be written or its disk is full, so that the caller can try another folder.
     """
@@ -272,7 +273,7 @@ def _try_compiler(executable: str, options: tuple[str, ...], language: str, fold
 
 
 def _find_defect(command: tuple[str, ...], language: str, work: Path) -> str:
-    """Return the reason why a compiler does not make a library that computes the right number, or "" if it does."""
+    """Return the reason why a compiler cannot build a library that computes the right number, or "" if it can."""
     import ctypes
 
     source, library = f"probe.{SUFFIX[language]}", work / "probe.so"
@@ -287,7 +288,7 @@ def _find_defect(command: tuple[str, ...], language: str, work: Path) -> str:
     except (OSError, AttributeError) as reason:
         return f"its library cannot be loaded ({reason})"
     probe.restype, probe.argtypes = ctypes.c_double, [ctypes.c_double]
-    return "" if probe(41.5) == 42.0 else "its library gives wrong numbers"
+    return "" if probe(41.5) == 42.0 else "its library computes wrong numbers"
 
 
 def _vector_width(command: tuple[str, ...], language: str, work: Path) -> int:

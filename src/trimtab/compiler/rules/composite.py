@@ -21,7 +21,7 @@ COUNTED = 40
 
 
 def composite(program: Callable[..., Any]) -> Rule:
-    """Return the rule of a primitive that the JAX function program(*operands, **parameters) computes."""
+    """Return a rule for a primitive that is computed by the JAX function program(*operands, **parameters)."""
 
     def rule(site: Site) -> list[Array]:
         return inline_program(site, lambda *operands: program(*operands, **site.params))
@@ -57,7 +57,7 @@ def _permutation(pivots: Any, *, permutation_size: int, **_: Any) -> Any:
 
 
 def _each(site: Site) -> list[Array]:
-    """Return the results of the primitive, applied to one matrix of the batch after the other."""
+    """Return the results of the primitive, which is applied to the matrices of the batch one by one."""
     primitive, params = site.equation.primitive, site.params
     return inline_program(site, lambda *x: each_matrix(lambda *single: primitive.bind(*single, **params), 2, *x))
 
@@ -152,7 +152,8 @@ def _merge_runs(order: Any, keys: tuple[Any, ...], before: Callable[..., Any], w
 def _erf_inv(x: Any, **_: Any) -> Any:
     """Compute the inverse of erf: Giles's approximation for single precision, then Halley steps on erf or erfc.
 
-    Beyond its range, the first term of the expansion of the tail is used: erfc(y) = exp(-y^2) / (y sqrt(pi)).
+    Beyond the range of this approximation, the first term of the expansion of the tail is used: erfc(y) = exp(-y^2) /
+    (y sqrt(pi)).
     Source: Giles, GPU Computing Gems (2011).
     """
     low = (2.81022636e-08, 3.43273939e-07, -3.5233877e-06, -4.39150654e-06, 0.00021858087)
@@ -272,7 +273,7 @@ RULES: dict[str, Rule] = {
 
 
 def one_or_each(one: Rule, each: Rule) -> Rule:
-    """Return a rule that uses `one` for a matrix, and `each` for a batch of matrices."""
+    """Return a rule that uses the rule `one` for a single matrix, and the rule `each` for a batch of matrices."""
     return lambda site: (one if all(len(a.shape) == 2 for a in site.operands) else each)(site)
 
 

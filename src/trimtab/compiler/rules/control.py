@@ -60,7 +60,8 @@ def _replaceable(operands: list[Array], dying: list[bool]) -> list[Buffer]:
 
 
 def _is_zero(b: Builder, which: Value) -> Value:
-    """Return the test that the first of two branches is taken. It costs nothing if the index came from a bool."""
+    """Return the test that the first of two branches is taken. No code is needed if the index was converted from a
+    bool."""
     if which.op == "convert" and which.args[0].dtype == "bool":
         return b.op("not", which.args[0], dtype="bool")
     return b.op("le", which, b.const(0, which.dtype), dtype="bool")
@@ -125,7 +126,8 @@ class LoopCarries:
     def __init__(
         self, b: Builder, starts: list[Array], dying: list[bool], indexed: set[int], others: Sequence[Array] = ()
     ) -> None:
-        """Prepare the carried arrays. others: further arrays that the loop reads, whose buffers it must not change."""
+        """Prepare the carried arrays. others: further arrays that the loop reads, whose buffers the loop must not
+        change."""
         self.b, self.like = b, starts
         self.buffers: list[Array | None] = []
         taken: list[Any] = [a.buffer for a in others]

@@ -1,4 +1,5 @@
-"""Lowering rules for QR factors, eigenvalues, singular values, tridiagonal systems: JAX programs as in `composite`."""
+"""Lowering rules for QR factors, eigenvalues, singular values, tridiagonal systems, as JAX programs like those in
+`composite`."""
 
 from collections.abc import Callable
 from typing import Any
@@ -75,7 +76,7 @@ def _single_qr(a: Any, full: bool) -> Any:
 
 
 SWEEPS = 40
-"""Maximum number of sweeps of rotations. They converge quadratically: up to 100 columns need fewer than ten."""
+"""Maximum number of sweeps of rotations. The sweeps converge quadratically: up to 100 columns need fewer than ten."""
 
 
 def _svd(a: Any, *, full_matrices: bool, compute_uv: bool, subset_by_index: Any, **_: Any) -> Any:
@@ -164,7 +165,8 @@ def _sweep_pairs(rotate: Callable[..., Any], a: Any) -> Any:
 
 
 def _rotation(alpha: Any, beta: Any, gamma: Any, wanted: Any) -> Any:
-    """Return cosine and sine of the rotation that diagonalises [alpha, gamma; gamma, beta]; 1 and 0 if not wanted."""
+    """Return cosine and sine of the rotation that diagonalises [alpha, gamma; gamma, beta], or 1 and 0 if `wanted` is
+    false."""
     zeta = (beta - alpha) / (2 * jnp.where(wanted, gamma, 1.0))
     t = jnp.where(zeta < 0, -1.0, 1.0) / (jnp.abs(zeta) + jnp.sqrt(1 + zeta * zeta))
     c = jnp.where(wanted, 1 / jnp.sqrt(1 + t * t), 1.0).astype(alpha.dtype)

@@ -65,7 +65,8 @@ def _dynamic_slice(site: Site) -> list[Array]:
 
 
 def read_window(site: Site, array: Array, starts: Index) -> Array:
-    """Return the window of the result's shape at a start in range. Small arrays are read by selects or a table."""
+    """Return the window, with the shape of the result, at a start index in range. Small arrays are read by selects or a
+    table."""
     return build_array(
         site.b, site.shape, array.dtype, lambda index: read_element(site.b, array, _add_indices(site, starts, index))
     )
@@ -109,7 +110,7 @@ def _dynamic_update_slice(site: Site) -> list[Array]:
 
 
 def _update_elements(site: Site, updates: list[ElementUpdate]) -> Array:
-    """Return operand 0 with a few elements written. If the old ones are read later, the writes stay pending."""
+    """Return operand 0 with a few elements written. If the old elements are read later, the writes stay pending."""
     array = site.operands[0]
     if is_small(array.shape) or array.offset is not None or site.dying[0]:
         target = writable_operand(site, 0)

@@ -37,7 +37,7 @@ class Matrix:
 
 
 class Vector:
-    """Vector in a buffer of its own."""
+    """Vector that is stored in a separate buffer."""
 
     def __init__(self, site: Site, size: int) -> None:
         self.b, self.buffer = site.b, site.b.local_buffer(site.dtype, size)

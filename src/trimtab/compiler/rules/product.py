@@ -155,7 +155,8 @@ class _Product:
         return read
 
     def copy_panel(self, read: Read, width: int) -> Read:
-        """Return a function that reads a contiguous copy: rows far apart in memory evict each other from the cache."""
+        """Return a function that reads a contiguous copy, because rows far apart in memory evict each other from the
+        cache."""
         b, size = self.b, math.prod(self.along) * width
         panel = Array((*self.along, width), self.site.dtype, buffer=b.local_buffer(self.site.dtype, size))
 

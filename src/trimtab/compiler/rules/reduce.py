@@ -61,7 +61,7 @@ def accumulate(
     *,
     unroll: int = UNROLL,
 ) -> list[Value]:
-    """Carry values over all indices of a shape in row-major order. Up to `unroll` indices are unrolled, else loops."""
+    """Carry values over all indices of a shape in row-major order. More than `unroll` indices become loops."""
     if math.prod(shape) <= unroll:
         for index in np.ndindex(*shape):
             starts = step([b.index(i) for i in index], starts)
@@ -94,7 +94,8 @@ def _reduce(op: str) -> Rule:
 
 
 def _extreme_position(better: str) -> Rule:
-    """Return the rule of argmax or argmin. The first of equal numbers is chosen; NaN beats any number."""
+    """Return the rule of argmax or argmin. The first of equal numbers is chosen. NaN takes precedence over any
+    number."""
 
     def rule(site: Site) -> list[Array]:
         b, array, axes = site.b, site.operands[0], tuple(site.params["axes"])

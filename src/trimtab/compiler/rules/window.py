@@ -39,7 +39,7 @@ def _conv(site: Site) -> list[Array]:
     spread = [(lo, hi, d - 1) for (lo, hi), d in zip(p["padding"], p["lhs_dilation"], strict=True)]
 
     def arrange(x: Any) -> Any:
-        """Return the operand with the axes batch, features, positions in space. It is padded and dilated."""
+        """Return the operand, padded and dilated, with the axes batch, features, positions in space."""
         x = jnp.transpose(x, numbers.lhs_spec)
         x = lax.pad(x, x.dtype.type(0), [(0, 0, 0)] * 2 + spread)
         if batches > 1:  # turn groups of the batch into groups of features
