@@ -140,7 +140,7 @@ DEVIATIONS = {
         "The functions are memcpy, memmove and memset, which return their first argument.",
     ),
     "17.8": (
-        "a parameter that is changed",
+        "a function parameter that is changed",
         "The parameter is used as a counter or is shifted. The variable of the caller does not change.",
     ),
     "18.4": (
