@@ -51,7 +51,7 @@ LIMITS = {
         "somebody": 0,
         "anew": 1,
         "so many": 0,
-        "is no": 5,
+        "is no": 4,
         "there is none": 0,
         "fares": 0,
     },

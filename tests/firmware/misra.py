@@ -3,7 +3,7 @@
     python tests/firmware/misra.py         write docs/export/misra.md
     python tests/firmware/misra.py check   list rules without a reason, and reasons without a violation
 
-The addon reports rules by number only. The titles and reasons are this project's own words.
+The addon reports rules by number only. The titles and the reasons are not quoted from the standard.
 """
 
 import re
@@ -41,7 +41,7 @@ DEVIATIONS = {
     ),
     "2.5": (
         "unused macros",
-        "The generated prologue is the same for all blocks. The period of a sensor is defined for human readers.",
+        "The generated prologue is the same for all blocks. The period of a sensor is defined for human readers only.",
     ),
     "5.7": (
         "a tag used twice",
@@ -64,7 +64,7 @@ DEVIATIONS = {
         "The functions of the board are one interface and are declared together, regardless of their callers.",
     ),
     "8.9": (
-        "an object outside the only function that uses it",
+        "an object defined outside the only function that uses it",
         "Tables and the state of a driver are at the top of their file.",
     ),
     "8.11": (
@@ -81,7 +81,7 @@ DEVIATIONS = {
     ),
     "10.3": (
         "a value assigned to another type",
-        "A duty is limited to 1 and -1, which are written as integers. Both numbers are exact as doubles.",
+        "The limits 1 and -1 of a duty are written as integers. Both numbers are exact as doubles.",
     ),
     "10.4": (
         "operands of two types",
@@ -92,7 +92,7 @@ DEVIATIONS = {
         "Differences, counts and masks are cast once, where they are used.",
     ),
     "11.4": (
-        "integers and pointers converted",
+        "a conversion between an integer and a pointer",
         "Registers and flash have fixed addresses, which C can only write as integers.",
     ),
     "12.1": (
@@ -101,7 +101,7 @@ DEVIATIONS = {
     ),
     "12.2": (
         "a shift by more bits than the type has",
-        "False alarm: the addon assumes that a constant has 8 bits. All shifts are by less than 32, of 32 bits.",
+        "False alarm: the addon assumes that a constant has 8 bits. All shifts move 32-bit numbers by less than 32.",
     ),
     "12.3": (
         "the comma operator",
@@ -121,11 +121,11 @@ DEVIATIONS = {
     ),
     "14.4": (
         "a condition that is not Boolean",
-        "The conditions are bits tested by `&`, and counts. Every value except zero is true.",
+        "The conditions are bits tested with `&`, or counts. Every value except zero counts as true.",
     ),
     "15.5": (
         "more than one return",
-        "Invalid input returns at once. One return would need flags and more nesting. No resource has to be released.",
+        "Functions return early on invalid input. One return would need flags and nesting. Nothing has to be released.",
     ),
     "15.6": (
         "a body without braces",
@@ -140,8 +140,8 @@ DEVIATIONS = {
         "The functions are memcpy, memmove and memset, which return their first argument.",
     ),
     "17.8": (
-        "a parameter that is changed",
-        "A parameter counts down or is shifted out. The value of the caller does not change.",
+        "a function parameter that is changed",
+        "The parameter is used as a counter or is shifted. The variable of the caller does not change.",
     ),
     "18.4": (
         "pointer arithmetic",
@@ -165,10 +165,7 @@ page. A test fails if the firmware violates a rule for which this page gives no 
 The addon checks only those rules that can be decided from the text of the program. MAVLink's generated headers are not
 checked. This page is not a certificate: MISRA compliance requires more than the report of a tool.
 
-The columns "hand-written" and "generated" give the number of violations in hand-written and in generated C code. An
-empty cell means that there are no violations.
-
-| rule | violation | hand-written | generated | reason for accepting the violation |
+| rule | violation | number in hand-written C | number in generated C | reason for accepting the violation |
 |---|---|---|---|---|"""
 
 
@@ -207,14 +204,14 @@ def page_text(violations):
     lines = [HEAD]
     for rule in rules:
         title, reason = DEVIATIONS[rule]
-        hand, made = (counts[part][rule] or "" for part in PARTS)
+        hand, made = (counts[part][rule] for part in PARTS)
         lines.append(f"| {rule} | {title} | {hand} | {made} | {reason} |")
     totals = [sum(counts[part].values()) for part in PARTS]
     lines += [
         "",
         f"Total: {totals[0]} violations in hand-written C, {totals[1]} in generated C with its headers.",
         "",
-        "Source: MISRA C:2012, by rule number. Titles and reasons are this project's own words.",
+        "Source: MISRA C:2012, by rule number. The titles and the reasons are not quoted from the standard.",
         "",
     ]
     return "\n".join(lines)

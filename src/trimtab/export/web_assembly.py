@@ -2,7 +2,7 @@
 
 The program imports nothing and has one set of parameters. One call simulates a whole run and stores all outputs at all
 instants in memory, as double. It uses the elementary functions of the exported C, so the results have the same
-bits as on every other machine (docs page, Fly in the page).
+bits as on every other machine (docs page, Run a simulation in the browser).
 """
 
 import base64
