@@ -59,7 +59,7 @@ every millisecond), by code that shares nothing with the firmware:
 - the vehicle never flies for more than {silence:g} ms without an accepted command, because it then goes to failsafe;
 - the lift fan is off {lift:g} s after the start of failsafe, and immediately after the vehicle is disarmed;
 - failsafe ends only after a request to arm;
-- at the end of the flight the vehicle is in failsafe or disarmed, without force and lift;
+- at the end of the flight the vehicle is in failsafe or disarmed, with zero thrust and the lift fan off;
 - at all times the vehicle stays within {bounds}.
 
 Two more criteria apply to the processes and the logs. No process may end early or with a traceback. All logs must be
@@ -127,11 +127,11 @@ command prints the longest of these times.
 ## Outcomes
 
 The third column of the table lists the changes of the vehicle's mode, with the cause in brackets and the time since
-arming. The last entry of this column is the largest surge velocity in the flight.
+arming. The last entry of this column is the largest surge speed in the flight.
 
-The fourth column quotes messages and signals of the logs. `vehicle-1` and `autopilot-1` are the vehicle and the
-autopilot of the case. `vehicle-2` and `autopilot-2` are a vehicle and an autopilot that were started later. `refused-1`
-is an autopilot that the vehicle refused.
+The fourth column quotes messages of the logs, and states how signals of the logs changed. `vehicle-1` and `autopilot-1`
+are the vehicle and the autopilot of the case. `vehicle-2` and `autopilot-2` are a vehicle and an autopilot that were
+started later. `refused-1` is an autopilot that the vehicle refused.
 
 {table}
 """
