@@ -9,8 +9,8 @@ from studies.live_faults.case import CaseOutcome
 from studies.live_faults.verdict import BOUNDS, LIFT_S, SERVO_S, SILENCE_S
 from trimtab import __version__
 
-HEADINGS = ("case", "what was done", "what the vehicle did", "evidence in the logs", "verdict")
-WORDS = """# Faults over the live pair
+HEADINGS = ("case", "injected fault or event", "reaction of the vehicle", "evidence in the logs", "verdict")
+WORDS = """# Faults in live flight
 
 This page shows how a vehicle in flight reacts when its link, its processes or its computer fail. It is for users who
 want to fly a craft of their own. Read [Fly](../live/fly.md) and [Vehicle](../live/vehicle.md) first. These two pages
@@ -18,18 +18,20 @@ explain the programs that are tested here.
 
 The two programs are a vehicle (`trimtab vehicle hovercraft/forward`) and an autopilot (`trimtab fly`). Together they
 are called the live pair. They exchange signed datagrams, or are connected by a pair of serial devices. Each case of the
-study is a separate flight of the live pair with a fault. In most cases the fault occurs one second after arming. These
-two commands write this page:
+study is a separate flight of the live pair with one fault. In most cases the fault occurs one second after arming.
+These two commands write this page:
 
     trimtab live-faults --page docs/studies/live-faults.md
     trimtab live-faults --real-time --only CASE --page docs/studies/live-faults.md
 
-The second command is for the cases with serial devices, which can only be flown in real time.
+The first command flies all cases in virtual time ([below](#virtual-time-and-real-time)). The second command flies a
+case with serial devices, which is possible only in real time.
 
 Result of all cases: {cases} cases, {held} hold, {skipped} skipped, {failed} fail.
 
 With `--only CASE`, the command flies only the case `CASE` and updates the row of this case in the table. `--out DIR`
-stores the logs.
+stores the logs of the flights. The next paragraph lists the cases that were flown by the same command, and the duration
+of the command.
 
 Flown: {runs}.
 
@@ -41,9 +43,9 @@ Flown: {runs}.
 
 By default, the flights are in virtual time. A flight in virtual time runs in one process on one virtual clock
 ([Testing](../testing.md)). Vehicle and autopilot are the same programs as in real time, but they use the clock, disk,
-network and processes of `trimtab.flight.virtual_machine`. The seed determines every packet, and no other program can
-disturb the flight. With `--json`, the command prints a hash of all packets, log rows and events as `digest`. As a
-check, one flight in twenty is flown twice, in two processes, and the two hashes must be equal.
+network and processes of `trimtab.flight.virtual_machine`. The seed determines every packet, and other programs on the
+machine cannot disturb the flight. With `--json`, the command prints a hash of all packets, log rows and events as
+`digest`. As a check, one flight in twenty is flown twice, in two processes, and the two hashes must be equal.
 
 Flights with serial devices, and cases that are not flights, need `--real-time`.
 
@@ -52,17 +54,19 @@ Flights with serial devices, and cases that are not flights, need `--real-time`.
 A case holds if the vehicle meets the following criteria. They are checked in every row of the vehicle's log (one row
 every millisecond), by code that shares nothing with the firmware:
 
-- without a command there is no force: the thrust of the fan is zero {servo:g} ms (a servo frame) after the vehicle has
-  gone to failsafe or was disarmed;
+- without a command the fan produces no force: its thrust is zero {servo:g} ms (one servo frame) after the vehicle went
+  to failsafe or was disarmed;
 - the vehicle never flies for more than {silence:g} ms without an accepted command, because it then goes to failsafe;
 - the lift fan is off {lift:g} s after the start of failsafe, and immediately after the vehicle is disarmed;
 - failsafe ends only after a request to arm;
-- at the end of the flight the vehicle is in failsafe or disarmed, without force and lift;
+- at the end of the flight the vehicle is in failsafe or disarmed, with zero thrust and the lift fan off;
 - at all times the vehicle stays within {bounds}.
 
-In addition, no process may end early or with a traceback. All logs must be readable and must contain evidence of the
-fault (fourth column of the table). For each fault, the study also defines whether the vehicle must fly on or must go to
-failsafe. The case fails if the vehicle does the opposite.
+Two more criteria apply to the processes and the logs. No process may end early or with a traceback. All logs must be
+readable and must contain evidence of the fault (fourth column of the table).
+
+For each fault, the study also defines whether the vehicle must continue the flight or must go to failsafe. The case
+fails if the vehicle does the opposite.
 
 ## Injected faults
 
@@ -70,20 +74,21 @@ failsafe. The case fails if the vehicle does the opposite.
   [`trimtab inject`](../loop/faults.md), for one second or permanently. Faults of the uplink act between the link and
   the failsafe, as on a real link. The first criterion above does not apply while the actuators have a fault, because
   faulty actuators do not obey commands.
-- **Faults of the transmission.** The study controls the link between vehicle and autopilot. It cuts the link, it
-  delays, truncates and repeats packets, and it inverts bits. A flood repeats recorded frames at ten times the usual
-  data rate.
+- **Faults of the transmission.** The study controls the link between vehicle and autopilot. It cuts the link, delays,
+  truncates and repeats packets, and inverts bits. A flood repeats recorded frames at ten times the usual data rate. On
+  a serial line, these faults act on pieces: blocks of bytes that the study reads at once from one device and writes to
+  the other device.
 - **Wall clock.** A step of the wall clock changes the time of day that one process reads in flight. Such a step should
-  have no effect on the control, because vehicle and autopilot use the monotonic clock for control.
+  not affect the control, because vehicle and autopilot use the monotonic clock for control.
 - **Restart of the vehicle** (`vehicle-restarted`). The clock of the vehicle restarts too, and the autopilot measures
   the new offset of this clock. The vehicle stays disarmed, because an autopilot asks to arm only once, when it starts.
 - **Restart of the autopilot** (`autopilot-restarted`). A new `trimtab fly` asks to arm when it starts. After a
   failsafe, the vehicle refuses this request until the vehicle is at rest and a person has given `--rearm`.
-- **Full disk.** The disk that contains the log is filled to the last byte in flight. In real time, this is a separate
-  disk of 160 megabytes, which is mounted for the folder of the log. Only root can create this disk, so the case is
+- **Full disk.** The disk that contains the log is filled to the last byte in flight. In real time, the folder of the
+  log is on a separate disk of 160 megabytes, which the study creates. Only root can create this disk, so the case is
   skipped for other users.
-- **Replay of the log.** After each flight, the autopilot's log is replayed with the frames that it received. All
-  outputs must be equal to the bit.
+- **Replay of the log.** After each flight, the autopilot's log is replayed with the frames that the autopilot received.
+  All outputs of the replay must be equal to those of the flight, bit for bit.
 
 In real time, the machine must be idle during the flights. A failed flight is repeated if the log shows that a process,
 the link or the study itself waited longer than 100 ms for the processor. If the repeated flight fails for the same
@@ -94,13 +99,13 @@ reason, the verdict of the case is "kept waiting". Such a case counts neither as
     trimtab live-faults --draw 1000 --seed 1
     trimtab live-faults --real-time --draw 200 --seed 1 --jobs 3
 
-These commands fly faults that are drawn at random. The fault of a flight depends only on the number of the flight and
-the seed. The possible faults are:
+These commands fly the live pair with faults that are drawn at random. The fault of a flight depends only on the number
+of the flight and the seed. The possible faults are:
 
 - an autopilot that is killed, frozen, deprived of the processor (starved), replaced, impersonated, or started with a
   wrong clock or wrong settings;
 - a vehicle that is killed, frozen, starved or restarted;
-- the process that applies the vehicle's outputs, killed, frozen or starved;
+- a process for the vehicle's outputs that is killed, frozen or starved;
 - a full disk, or a disk or terminal that hangs;
 - a failed sensor, uplink, downlink or actuator;
 - a bad or cut link.
@@ -108,10 +113,10 @@ the seed. The possible faults are:
 Half of the flights have a second, temporary disturbance. In a quarter of the flights, two processes or devices stall,
 with at most one second between the two stalls.
 
-Before each flight, the study decides how the flight must end, which lines the two logs must contain, and which lines
-they may contain. Any other line is counted as unexplained. If the vehicle refuses an autopilot (for its clock, scenario
-or key), the autopilot is started again with the command that the refusal suggests. `--only drawn-1-17` repeats one
-flight.
+Before each flight, the study determines how the flight must end, which messages the two logs must contain, and which
+messages they may contain. If a log contains any other message, the message is reported as unexplained, and the flight
+fails. If the vehicle refuses an autopilot because of its clock, scenario or key, the autopilot is started again with
+the command that the error message suggests. `--only drawn-1-17` repeats one flight.
 
 In virtual time, a simulated driver of the actuators reads the vehicle's outputs once a millisecond in every flight. The
 driver must apply the safe values at the latest 100 ms after the vehicle or the process that applies its outputs has
@@ -122,9 +127,11 @@ command prints the longest of these times.
 ## Outcomes
 
 The third column of the table lists the changes of the vehicle's mode, with the cause in brackets and the time since
-arming. The last entry of this column is the largest surge velocity in the flight. The fourth column quotes the logs. In
-this column, `vehicle-1` and `autopilot-1` are the vehicle and the autopilot of the case. `vehicle-2` and `autopilot-2`
-are a vehicle and an autopilot that were started later. `refused-1` is an autopilot that the vehicle refused.
+arming. The last entry of this column is the largest surge speed in the flight.
+
+The fourth column quotes messages of the logs, and states how signals of the logs changed. `vehicle-1` and `autopilot-1`
+are the vehicle and the autopilot of the case. `vehicle-2` and `autopilot-2` are a vehicle and an autopilot that were
+started later. `refused-1` is an autopilot that the vehicle refused.
 
 {table}
 """

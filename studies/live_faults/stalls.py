@@ -293,7 +293,7 @@ STALL_CASES: list[Case] = [
     *(
         Case(
             f"{name.partition('-')[0]}-terminal-hangs",
-            f"terminal of the {name.partition('-')[0]} takes no lines for 2 s",
+            f"terminal of the {name.partition('-')[0]} accepts no output for 2 s",
             hang_terminal_for(name, 2.0),
             FLIES,
             (DISARMED, exit_status(VEHICLE, 0), exit_status(AUTOPILOT, 0)),

@@ -138,9 +138,9 @@ def describe_course(log: Log) -> str:
         if mode == FAILSAFE:
             lift = t[a:b][log["firmware.lift"][a:b]]
             if len(lift) and b - a > len(lift):
-                said.append(f"lift off {lift[-1] - t[a]:.2f} s later")
+                said.append(f"lift fan off {lift[-1] - t[a]:.2f} s later")
     surge = np.abs(log["truth.surge_velocity"]).max()
-    return f"{'; '.join(said) or 'never armed'}; at most {surge:.2f} m/s"
+    return f"{'; '.join(said) or 'never armed'}; surge speed at most {surge:.2f} m/s"
 
 
 def _first_arming_time(log: Log) -> float:

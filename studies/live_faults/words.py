@@ -86,7 +86,7 @@ def counter_rise(who: str, path: str, least: int = 1) -> EvidenceCheck:
         if log is None or path not in log:
             return ""
         rise = int(log[path].max() - log[path].min())
-        return f"{who}: `{path}` {rise}" if rise >= least else ""
+        return f"{who}: `{path}` rose by {rise}" if rise >= least else ""
 
     return look
 
@@ -100,7 +100,7 @@ def flag_gap(who: str, path: str, least: float) -> EvidenceCheck:
             return ""
         times = log.t[log[path].astype(bool)]
         longest = float(np.diff(times).max()) if len(times) > 1 else 0.0
-        return f"{who}: `{path}` silent for {longest:.2f} s" if longest >= least else ""
+        return f"{who}: `{path}` false for {longest:.2f} s" if longest >= least else ""
 
     return look
 
@@ -134,7 +134,7 @@ def counter_below(who: str, path: str, limit: int) -> EvidenceCheck:
     def look(evidence: Evidence) -> str:
         log = evidence.logs.get(who)
         rise = limit if log is None or path not in log else int(log[path].max() - log[path].min())
-        return f"{who}: `{path}` {rise}" if rise < limit else ""
+        return f"{who}: `{path}` rose by {rise}" if rise < limit else ""
 
     return look
 
@@ -144,7 +144,7 @@ def absent_event(who: str, pattern: str) -> EvidenceCheck:
     present = logged_event(who, pattern)
 
     def look(evidence: Evidence) -> str:
-        return "" if who not in evidence.logs or present(evidence) else f"{who}: no line “{pattern}”"
+        return "" if who not in evidence.logs or present(evidence) else f"{who}: no message “{pattern}”"
 
     return look
 
@@ -155,7 +155,7 @@ def arming_count(number: int) -> EvidenceCheck:
     def look(evidence: Evidence) -> str:
         events = evidence.logs["vehicle-1"].metadata.get("events", []) if "vehicle-1" in evidence.logs else []
         count = sum(event["text"] == "computer: arm request" for event in events)
-        return f"vehicle-1: armed {count} times" if count == number else ""
+        return f"vehicle-1: number of armings: {count}" if count == number else ""
 
     return look
 

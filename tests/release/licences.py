@@ -85,14 +85,14 @@ def licence(package: Distribution) -> str:
 
 def table() -> str:
     """The rows, between their marks."""
-    rows = ["| package | licence | for |", "|---|---|---|"]
+    rows = ["| package | licence | installed always, or by these extras |", "|---|---|---|"]
     for name, doors in find_packages().items():
         rows.append(f"| {name} | {licence(distribution(name))} | {', '.join(doors)} |")
     return "\n".join([MARKS[0], *rows, MARKS[1]])
 
 
 def read_rows() -> dict[str, tuple[str, str]]:
-    """The page's rows: package -> licence, for."""
+    """The page's rows: package -> licence, extras."""
     rows = re.findall(r"^\| ([a-z0-9-]+) \| (.+?) \| (.+?) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     return {name: (text, doors) for name, text, doors in rows if name != "package"}
 

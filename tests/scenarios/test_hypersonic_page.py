@@ -77,14 +77,14 @@ def moved(elevator):
 def test_noise():
     h, V, elevator = batch("tuned")
     h, V = rms(h[:-1]), rms(V[:-1])
-    says(f"| {h.min():.3f} to {h.max():.3f}, {V.max():.4f} at most (20 seeds) |")
+    says(f"| h: {h.min():.3f} to {h.max():.3f}; V: at most {V.max():.4f} (20 seeds) |")
     says("noise moves the elevator by {:.2f} to {:.2f}° rms".format(*moved(elevator)))
     h, _, elevator = batch("adaptive")
     low, high = (f"{m:.2f}" for m in moved(elevator))
     assert low == high
     says(f"estimates the frequencies, and noise moves the elevator by {low}° only")
     h, without = rms(h[:-1]), rms(h[-1])
-    says(f"altitude remains, {h.min():.2f} to {h.max():.2f} ft rms ({without:.2f} ft without noise)")
+    says(f"An altitude error of {h.min():.2f} to {h.max():.2f} ft rms remains ({without:.2f} ft without noise)")
 
 
 def test_no_measurement_tracks_best_with_an_exact_model():
@@ -114,7 +114,7 @@ def test_frequencies_off_over_seeds():
         runs = simulate_batch(scenario, seeds=SEEDS, signals=("law.h_error",), log=True, log_period=ms(50))
         found.append(rms(runs.log["law.h_error"][:, runs.ticks > seconds(20)]))
         print(q, found[-1].min(), found[-1].max())
-    says(f"noise | {np.min(found):.3f} to {np.max(found):.3f} for either sign (20 seeds) |")
+    says(f"noise | h: {np.min(found):.3f} to {np.max(found):.3f} for either sign (20 seeds) |")
 
 
 def test_remedies_of_a_wrong_model():
@@ -123,14 +123,14 @@ def test_remedies_of_a_wrong_model():
         return h, V
 
     says("| none (`integral=off`) | {:.1f} | {:.2f} |".format(*of()))
-    says("| {:.1f}, {:.2f}; see below |".format(*of(integral="on")))
-    says("`robust=published`), which halves the gain | {:.1f} | {:.2f} |".format(*of(robust="published")))
+    says("| {:.1f}, {:.2f} (explained [below](".format(*of(integral="on")))
+    says("`robust=published`), with which u_h halves the gain | {:.1f} | {:.2f} |".format(*of(robust="published")))
     says("`robust=minus`) | {:.1f} | {:.2f} |".format(*of(robust="minus")))
     says("`robust=smooth`) | {:.1f} | {:.2f} |".format(*of(robust="smooth")))
     says("`robust=sign`) | {:.1f} | {:.2f} |".format(*of(robust="sign")))
     end = abs(flown("mismatch", integral="on")["law.h_error"][-1])
     says("| integrals (`integral=on`, the default) | {:.1f} | {:.2f} |".format(*of(integral="on")))
-    says(f"With integrals, the altitude error is {end:.2f} ft at the end.")
+    says(f"With integrals, the altitude error at the end of the flight is {end:.2f} ft.")
 
 
 def test_impulses_and_steps():
@@ -141,7 +141,7 @@ def test_impulses_and_steps():
         peaks.append(h.max())
         gone.append(log.t[h > 1][-1] + 0.05 - STRUCK)  # from the next row on
     step, better = (flown("step-gust", integral=i)["law.h_error"][-1] for i in ("off", "on"))
-    says(f"offset {abs(better):.2f} ft at the end; without integrals {abs(step):.1f} ft")
+    says(f"altitude error at the end {abs(better):.2f} ft; with `integral=off` {abs(step):.1f} ft")
     says(f"peak {peaks[0]:.1f} ft ({peaks[1]:.0f} ft), below 1 ft after {gone[0]:.0f} s ({gone[1]:.0f} s)")
 
 

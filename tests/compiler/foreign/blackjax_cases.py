@@ -60,10 +60,10 @@ CASES = [
         ),
         _seed_and_place,
     ),
-    Case("HMC", _transition(blackjax.hmc(_log_density, 0.1, MASS, 10)), _seed_and_place),
+    Case("HMC, one step", _transition(blackjax.hmc(_log_density, 0.1, MASS, 10)), _seed_and_place),
     Case("HMC, 20 steps", _chain(blackjax.hmc(_log_density, 0.1, MASS, 10), 20), _seed_and_place),
-    Case("NUTS", _transition(blackjax.nuts(_log_density, 0.2, MASS)), _seed_and_place),
-    Case("MALA", _transition(blackjax.mala(_log_density, 0.05)), _seed_and_place),
+    Case("NUTS, one step", _transition(blackjax.nuts(_log_density, 0.2, MASS)), _seed_and_place),
+    Case("MALA, one step", _transition(blackjax.mala(_log_density, 0.05)), _seed_and_place),
     Case(
         "elliptical slice sampler",
         _transition(blackjax.elliptical_slice(_log_density, mean=jnp.zeros(4), cov=jnp.eye(4))),

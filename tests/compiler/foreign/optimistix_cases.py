@@ -117,12 +117,12 @@ CASES = [
         normal((8, 3), (8,)),
     ),
     Case(
-        "lineax: tridiagonal",
+        "lineax: tridiagonal equations",
         lambda d, l, u, b: lx.linear_solve(lx.TridiagonalLinearOperator(d + 4, l, u), b, throw=False).value,
         normal((20,), (19,), (19,), (20,)),
     ),
     Case(
-        "lineax: automatic choice",
+        "lineax: automatic choice of the solver",
         lambda a, b: lx.linear_solve(lx.MatrixLinearOperator(a), b).value,
         normal((5, 5), (5,)),
     ),

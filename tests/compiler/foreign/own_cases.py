@@ -157,7 +157,7 @@ CASES = [
     Case("linear-quadratic regulator", _regulator, _double_integrator),
     Case("predictive control by gradients", _predictive, normal((2,))),
     Case("PID loop of 200 steps", _pid_loop, lambda rng: (rng.normal(size=2), np.array([4.0, 1.0, 2.0]))),
-    Case("Kabsch", _align, normal((10, 3), (10, 3))),
+    Case("rotation between two point sets (Kabsch)", _align, normal((10, 3), (10, 3))),
     Case("Gaussian process of 15 points", _gaussian_process, normal((15,), (15,), (5,))),
     Case("resampling of 100 particles", _resample, _particles),
     Case(
@@ -177,7 +177,7 @@ CASES = [
         lambda rng: (rng.uniform(0, 1, 20), rng.uniform(0, 1, 20), rng.normal(size=(8, 9))),
     ),
     Case(
-        "running median of 5",
+        "running median of 5 samples",
         lambda x: jnp.median(jnp.stack([jnp.roll(x, k) for k in range(5)]), axis=0),
         normal((60,)),
     ),
