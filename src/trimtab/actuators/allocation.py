@@ -106,7 +106,7 @@ class DirectAllocation:
 
 @record
 class DirectOutput:
-    """Output of direct actuation. Frames: those of the vehicle's input. Source: docs page, Direct."""
+    """Output of `DirectActuation`. Frames: those of the vehicle's input. Source: docs page, Direct."""
 
     u: Any = part("Input of the vehicle, e.g. its force.")
 

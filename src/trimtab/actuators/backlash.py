@@ -70,7 +70,7 @@ class DeadBand:
         return ()
 
     def step(self, state: tuple[()], value: Any, dt: Any) -> tuple[tuple[()], StageOutput]:
-        """Return the value after the dead band."""
+        """Return the command's value after the dead band."""
         inside = jnp.clip(value, -self.half_width, self.half_width)
         y = jnp.where(abs(value) > self.half_width, value, 0.0) if self.cuts else value - inside
         return state, StageOutput(value=y, limited=np.bool_(False))

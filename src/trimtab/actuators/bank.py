@@ -50,7 +50,7 @@ class ActuatorBank:
     def __post_init__(self) -> None:
         if isinstance(
             self.stages, Mapping
-        ):  # a single stage need not be in a tuple; no mapping while JAX rebuilds the record
+        ):  # a single stage need not be in a tuple; `stages` is not a mapping while JAX rebuilds the record
             rows = {name: (row if isinstance(row, tuple) else (row,)) for name, row in self.stages.items()}
             object.__setattr__(self, "stages", rows)
 
@@ -71,7 +71,7 @@ class ActuatorBank:
                 optional_member(stage, "check_period")(self.period)
 
     def pulses(self) -> dict[str, ServoPulse]:
-        """Return the pulse table of each field that has stops or a servo pulse."""
+        """Return a table of pulse widths for each field of the input that has a ServoPulse stage or two stops."""
         tables = {}
         for name, row in self.stages.items():
             own = [stage for stage in row if isinstance(stage, ServoPulse)]

@@ -72,7 +72,10 @@ class Battery:
         return jnp.where(self.sags, self.full - sag, self.full)
 
     def step(self, t: Any, state: BatteryState, current: Any) -> tuple[BatteryState, BatteryOutput]:
-        """Return the state and the output after one period, with a current (A) drawn in addition to `other`."""
+        """Return the battery's state and output after one period.
+
+        current: current (A) drawn in addition to that of the lift fan and the electronics.
+        """
         whole = current + self.other
         drawn = state.drawn + whole * to_seconds(self.period)
         voltage = self.terminal_voltage(drawn, whole)

@@ -107,8 +107,8 @@ class Failsafe:
     """
 
     safe: Any = part("Command at which the vehicle stands still.")
-    low: Any = part("Smallest accepted value of each number of a command.")
-    high: Any = part("Largest accepted value of each number of a command.")
+    low: Any = part("Smallest accepted value of each field of a command.")
+    high: Any = part("Largest accepted value of each field of a command.")
     timeout: int = period("Longest accepted time without a good command. After it the failsafe trips.", default=ms(250))
     lift_delay: int = period(
         "Delay from the trip of the failsafe to the stop of the lift fan.", default=seconds(1), low=0
@@ -124,7 +124,7 @@ class Failsafe:
         for name, limit in (("low", self.low), ("high", self.high)):
             other = [path for path, _, _ in leaves(limit)]
             if own != other:
-                problem = f"has the numbers ({', '.join(other)}), but safe has ({', '.join(own)})"
+                problem = f"has the fields ({', '.join(other)}), but safe has the fields ({', '.join(own)})"
                 raise InputError(name, problem, fix=f"give a record of class {type(self.safe).__name__}")
         for path, value, _ in leaves(self.safe):
             low, high = (np.asarray({p: v for p, v, _ in leaves(r)}[path]) for r in (self.low, self.high))
@@ -202,7 +202,7 @@ class Failsafe:
         )
 
     def _next_mode(self, t: Any, s: FailsafeState, pilot: Any, input: FailsafeInput) -> FailsafeState:
-        """Return the state after the pilot's switch, the time-outs and the limits.
+        """Return the state after the pilot's mode switch, the time-outs, and the limits of fence and envelope.
 
         If several rows of the table below apply, the last of these rows decides.
         """

@@ -15,9 +15,10 @@ from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.time import format_time, to_seconds
 
 NO_LIMIT = 1e12
-"""Value that switches a limit off."""
+"""Value of a rate limit or of a stop that switches the limit off."""
 FASTEST = 0.5
-"""Largest product of frequency and period (rad). Within such a step the rate limit can be left only once."""
+"""Largest accepted product of a lag's natural frequency and the period (rad). Up to this product, the rate can leave
+its limit only once within a period."""
 NEWTON_STEPS, TINY = 4, 1e-300
 
 
@@ -125,7 +126,8 @@ class SecondOrderLag:
         turned = float(self.frequency) * to_seconds(period)
         if turned > FASTEST:
             problem = (
-                f"{float(self.frequency):g} rad/s is too high for a period of {format_time(period)}: {turned:.2g} rad"
+                f"{float(self.frequency):g} rad/s is too high for a period of {format_time(period)}: their "
+                f"product is {turned:.2g} rad"
             )
             fix = (
                 f"choose a period of at most {1e3 * FASTEST / float(self.frequency):.2g} ms, or frequency 0 for no lag"
@@ -166,9 +168,9 @@ class SecondOrderLag:
         return SecondOrderLagState(x=value + e, rate=rate), already | meets
 
     def _time_of_rate(self, e: Any, rate: Any, wanted: Any, later: Any, dt: Any) -> Any:
-        """Return the time at which the rate reaches `wanted`, by Newton's method.
+        """Return the time (s) at which the rate reaches the value `wanted`, found by Newton's method.
 
-        rate: at time 0. later: at time dt (s).
+        rate: rate at time 0. later: rate at time dt (s).
         """
 
         def improve(_: Any, at: Any) -> Any:
@@ -184,7 +186,7 @@ class SecondOrderLag:
         return -self.frequency * (self.frequency * e + 2 * self.damping * rate)
 
     def _propagate(self, e: Any, rate: Any, t: Any) -> tuple[Any, Any]:
-        """Return error and rate after a time t (s) without limits.
+        """Return the position error and the rate of the lag after a time t (s), ignoring its limits.
 
         With a = damping frequency and d = frequency^2 - a^2, the solution consists of exp(-a t) cos(sqrt(d) t) and
         exp(-a t) sin(sqrt(d) t)/sqrt(d). If d is negative, cosh and sinh replace cos and sin. If d t^2 is small, their

@@ -32,7 +32,8 @@ class BilinearTable:
     column_step: Scalar = quantity("column", "Step of the table's second coordinate from column to column.", above=0)
     values: Any = quantity("value", "Values of the table (rows, columns), at least (2, 2).")
     origin: str = option(
-        "Origin of the values. With `formula`, runs are refused if the values differ from those of the formula.",
+        "Origin of the table's values. For origin `formula`, a run is refused if the values differ from the "
+        "thruster's formula.",
         default="measured",
         choices=("measured", "formula"),
     )
@@ -103,7 +104,7 @@ def check_thrust_table(table: BilinearTable, thruster: Thruster) -> None:
 
 
 def _cell(position: Any, size: int) -> tuple[Any, Any]:
-    """Return the index of the table's cell, and the fraction within the cell.
+    """Return the index of the table cell that contains a coordinate, and the fraction (0 to 1) within this cell.
 
     The index is unsigned, so JAX adds no code for negative indices.
     """

@@ -72,7 +72,7 @@ class RudderServo:
         if not (np.diff(angles) > 0).all():
             k = int(np.argmin(np.diff(angles)))
             problem = (
-                f"they must increase with the pulse, got angles[{k}]={angles[k]:.6g}, "
+                f"the angles must increase with the pulse width, got angles[{k}]={angles[k]:.6g}, "
                 f"angles[{k + 1}]={angles[k + 1]:.6g}"
             )
             raise InputError("angles", problem, fix="sort the points and remove repeated points")

@@ -109,7 +109,8 @@ class Thruster:
         return 1e3 * xp.where(force < 0, -self._reverse_speed(xp, q, root), root)
 
     def follow_speed(self, speed_rpm: Any, rpm_command: Any, dt: Any) -> Any:
-        """Return the speed (rpm) after a first-order lag for dt (s), or the wanted speed if the time constant is 0."""
+        """Return the speed (rpm) after a first-order lag for dt (s), or the commanded speed if the time constant is
+        0."""
         share = -jnp.expm1(-dt / jnp.maximum(self.time_constant, 1e-9))
         return speed_rpm + share * (rpm_command - speed_rpm)
 

@@ -18,7 +18,7 @@ class CourseTrackingState:
 
     time: Scalar = quantity("s", "Time since the law started.", default=0.0)
     feedback: StateFeedbackState = part(
-        "State of the feedback: integrals of its errors.", default=StateFeedbackState(np.zeros(0))
+        "State of the feedback: integrals of the state errors.", default=StateFeedbackState(np.zeros(0))
     )
 
 
@@ -40,7 +40,8 @@ class CourseTracking:
     """
 
     feedback: StateFeedback = part(
-        "State feedback on the deviation from the trajectory. Its x0 and u0 are the first point of the trajectory.",
+        "State feedback on the deviation from the trajectory. The feedback's x0 and u0 are the first point "
+        "of the trajectory.",
         default=StateFeedback(),
     )
     x: Any = quantity(

@@ -42,7 +42,8 @@ class LoadFactorControl:
     )
     lateral: Any = quantity(
         "1",
-        "Gain from beta (rad), p, r (rad/s), integrals of ps (rad) and side load plus r to aileron and rudder (rad).",
+        "Gain to aileron and rudder (rad), from sideslip (rad), roll rate and yaw rate (rad/s), and the "
+        "integrals of roll rate error (rad) and of side load plus yaw rate.",
         shape=(2, 5),
         default=np.array(
             [

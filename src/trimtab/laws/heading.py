@@ -52,10 +52,13 @@ class HeadingOutput:
         "rad", "Heading error: heading minus target heading, wrapped according to the option `wrapping`."
     )
     lyapunov: Scalar = quantity(
-        "J", 'Lyapunov function: V in mode "damp", W about the present reference in mode "turn".'
+        "J",
+        'Lyapunov function of the active mode: V in mode "damp", W for the present yaw rate reference in mode "turn".',
     )
     provision: Scalar = quantity(
-        "rad/s", "Yaw rate magnitude above which a new reference, with the sign of the present one, is safe."
+        "rad/s",
+        "Magnitude above which a new yaw rate reference is safe, if the new reference has the sign of the "
+        "present reference.",
     )
 
 
@@ -175,10 +178,10 @@ class HeadingProportional:
                Then damp once |e| <= tolerance or e r_ref > 0 (reconstructed).            [1, section 2.3, eq. 2.69]
 
     Form:    "literal" is as published: no floor, and the reference changes at every step. Nearly all its runs end in
-             the bad limit point, with a constant heading error and a sideways slide. The reason is that it allows
-             |r_ref| = v, while the derivation needs |r_ref| > v, so W grows to limit_point_value. "floored" keeps
-             |r_ref| at `floor` or above, and lets |r_ref| fall only while W < margin * limit_point_value. |r_ref| may
-             rise at any time. So near the bad limit point the reference is constant, and W, which is below
+             the bad limit point, with a constant heading error and a sideways slide. The reason is that this form
+             allows |r_ref| = v, while the derivation needs |r_ref| > v, so W grows to limit_point_value. "floored"
+             keeps |r_ref| at `floor` or above, and lets |r_ref| fall only while W < margin * limit_point_value. |r_ref|
+             may rise at any time. So near the bad limit point the reference is constant, and W, which is below
              limit_point_value, cannot grow: the turn leaves the bad limit point.
     Valid:   k of about 1/s. After a minute, 1 % of the ideal runs have an error of 2 degrees or more with k = 1.5/s,
              and 60 % with k = 3/s. These runs oscillate as with HeadingBangBang.
@@ -203,7 +206,8 @@ class HeadingProportional:
     )
     margin: Scalar = quantity(
         "1",
-        "Largest W at which the reference may be reduced, as a fraction of limit_point_value.",
+        "Largest value of the Lyapunov function W at which the yaw rate reference may be reduced, as a "
+        "fraction of limit_point_value.",
         default=0.7,
         above=0,
         high=1,

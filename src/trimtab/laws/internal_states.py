@@ -1,6 +1,7 @@
 """Reference internal states zeta_d for a command, in the order (alpha, Q, eta1, eta1', eta2, eta2').
 
-There are four classes. They differ in what they must know of the command.
+zeta_d is the motion of these states that the commanded altitude and speed require. There are four classes. They differ
+in what they must know of the command.
 
     InternalTable        the whole command beforehand; computed offline and stored as a table over time
     PreviewInternal      the command over the next seconds; computed in flight; zeta_d moves before the command does
@@ -53,7 +54,7 @@ class InternalTable:
             equations I", section II.6); the nodes are from the bounded solution, see docs page.
     """
 
-    nodes: Any = quantity("1", "Internal states zeta_d at the nodes (n, 6), n at least 2, each in its own unit.")
+    nodes: Any = quantity("1", "Internal states zeta_d at the nodes (n, 6), n at least 2. The unit differs by state.")
     rates: Any = quantity("1/s", "Rates of zeta_d at the nodes (n, 6).")
     first: Scalar = quantity("s", "Time of the first node.", default=0.0)
     spacing: Scalar = quantity("s", "Time between two nodes.", default=0.1, above=0)
@@ -111,8 +112,8 @@ class InternalTable:
 class SylvesterInternal:
     """Reference internal states for a `FilteredClimb`, from the linearised dynamics, without knowledge of the future.
 
-    Together the two filters obey omega' = S omega with omega = (h - h_f, h', h'', h''', V - V_f, V', V''). With X S =
-    A22 X + G,
+    Together the two filters obey omega' = S omega with omega = (h - h_f, h', h'', h''', V - V_f, V', V''). A21 and A22
+    are blocks of the linearised internal dynamics. With X S = A22 X + G,
 
         zeta_d = zeta_0 + X omega - A22^-1 A21 (dh, 0, dV)
 
@@ -125,14 +126,15 @@ class SylvesterInternal:
 
     X: Any = quantity(
         "1",
-        "Matrix X (6, 7) from omega to zeta_d, for the same wh and wV; each entry in its own unit.",
+        "Matrix X (6, 7) from the filter states omega to zeta_d, for the bandwidths wh and wV of the "
+        "command's filters. The unit differs by element.",
         shape=(6, STATES),
     )
     rest: Any = quantity(
-        "1", "Matrix A22^-1 A21 (6, 3), which multiplies (h, h', V); each entry in its own unit.", shape=(6, 3)
+        "1", "Matrix A22^-1 A21 (6, 3), which multiplies (h, h', V). The unit differs by element.", shape=(6, 3)
     )
     zeta_0: Any = quantity(
-        "1", "Trim of the internal states before the step (6,), each number in its own unit.", shape=(6,)
+        "1", "Trim values of the internal states before the step (6,). The unit differs by element.", shape=(6,)
     )
 
     def init(self, key: Any) -> tuple[()]:
@@ -230,8 +232,12 @@ class FadingModes:
 
     decay: Any = quantity("1/s", "Real parts of the poles l of the modes (p,), below zero.", high=0)
     turning: Any = quantity("rad/s", "Imaginary parts of the poles l of the modes (p,).")
-    left: Any = quantity("1", "Real and imaginary part of L (2, p, k), each entry in its own unit.")
-    right: Any = quantity("1", "Real and imaginary part of R (2, k, p), each entry in its own unit.")
+    left: Any = quantity(
+        "1", "Real and imaginary part of the modes' input matrix L (2, p, k). The unit differs by element."
+    )
+    right: Any = quantity(
+        "1", "Real and imaginary part of the matrix R (2, k, p) from modes to coordinates. The unit differs by element."
+    )
 
     def modal_input(self, w: Any) -> Complex:
         """Return the input L w of the modes, of shape (p, n), for w (k, n)."""
@@ -247,9 +253,9 @@ class FadingModes:
         return size * jnp.cos(angle), size * jnp.sin(angle)
 
     def weights(self, dt: Any) -> tuple[Complex, Complex]:
-        """Return the factors (p, 1) of w at the start and at the end of a step dt (s), for the update of q.
+        """Return the factors (p, 1) by which w at the start and w at the end of a step dt (s) enter the new q.
 
-        They are exact for w linear in time.
+        The factors are exact for w linear in time.
         """
         still = dt <= 0
         step = jnp.where(still, 1.0, dt)
@@ -267,7 +273,9 @@ class PreviewState:
 
     t: Scalar = quantity("s", "Time of the last step.")
     q: Any = quantity("1", "State of the decaying modes, real and imaginary part (2, p, 1).")
-    w: Any = quantity("1", "Input w of the modes at the last step (k, 1), each entry in its own unit per second.")
+    w: Any = quantity(
+        "1", "Input w of the modes at the last step (k, 1): rates of the internal states. The unit differs by element."
+    )
     alpha: Any = quantity("rad", "Quasi-static angle of attack at the nodes of the last step (n + 1,).", kind="angle")
     started: Scalar = quantity("1", "True after the first step.", kind="flag")
     found: Scalar = quantity("1", "True if the search found an angle of attack at every node.", kind="flag")
@@ -288,7 +296,9 @@ class PreviewInternal:
             Journal of Dynamic Systems, Measurement, and Control 121(4), 1999.
     """
 
-    A22: Any = quantity("1", "Jacobian dPsi/dzeta at a trim (k, k), each entry in its own unit.")
+    A22: Any = quantity(
+        "1", "Jacobian dPsi/dzeta of the internal dynamics at a trim (k, k). The unit differs by element."
+    )
     past: FadingModes = part("Modes that decay: integrated from step to step.")
     future: FadingModes = part("Modes that grow, in reversed time: summed backward from the end of the horizon.")
     craft: Any = part("Vehicle model used by the law.", default=Hypersonic())
@@ -333,7 +343,8 @@ class PreviewInternal:
         return new, wanted[:, 0]
 
     def _propagate_past(self, t: Any, state: PreviewState, w: Any, zeta: Any) -> Complex:
-        """Return the decaying modes at time t, integrated from the last step. At the first step: those of zeta."""
+        """Return the decaying modes at time t, integrated from the last step. At the first step, return the modes of
+        zeta."""
         dt = jnp.maximum(t - state.t, 0.0)
         begin, end = self.past.weights(dt)
         E = self.past.powers(dt * jnp.ones((1, 1)))

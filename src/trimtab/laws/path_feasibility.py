@@ -78,7 +78,7 @@ class _Breach(NamedTuple):
 
 
 def path_motion(reference: Any, model: Hovercraft, duration: float, slower: float = 1.0) -> PathMotion:
-    """Return the motion that a reference of P demands over a duration (s), if slowed down by the factor `slower`."""
+    """Return the motion that a reference of P demands over a duration (s), slowed down by the factor `slower`."""
     t = np.linspace(0.0, duration * slower, max(int(duration / STEP), 8) + 1)
 
     def at(x: Any) -> ReferencePoint:
@@ -154,12 +154,13 @@ def _worst_breach(motion: PathMotion, model: Hovercraft, limits: ThrustLimits) -
     k = int(uses[name].argmax())
     kept = f", of which {100 * float(limits.reserve):g} % are reserved for feedback"
     texts = {
-        "push": f"it needs {FX[k]:.2f} N forward, and the fan gives {float(limits.push):.2f} N{kept}",
-        "pull": f"it needs {-FX[k]:.2f} N backward, and the fan gives {float(limits.pull):.2f} N{kept}",
-        "side": f"it needs {abs(FY[k]):.2f} N to the side with {abs(FX[k]):.2f} N along the nose,"
-        f" and the rudder turns the force by {float(limits.angle) / DEG:.0f} degrees at most",
+        "push": f"the reference needs {FX[k]:.2f} N forward, but the maximum is {float(limits.push):.2f} N{kept}",
+        "pull": f"the reference needs {-FX[k]:.2f} N backward, but the maximum is {float(limits.pull):.2f} N{kept}",
+        "side": f"the reference needs {abs(FY[k]):.2f} N to the side with {abs(FX[k]):.2f} N along the nose,"
+        f" but the rudder turns the force by {float(limits.angle) / DEG:.0f} degrees at most",
         "turn": f"the nose has to turn at {abs(motion.yaw_rate[k]):.2f} rad/s, above the limit of {rate:.2f} rad/s",
-        "drift": f"it needs thrust in the dead zone, below {float(limits.dead_zone):g} N, and loses {lost[k]:.2f} m/s",
+        "drift": f"the reference needs thrust in the dead zone, below {float(limits.dead_zone):g} N, and would "
+        f"lose {lost[k]:.2f} m/s there",
     }
     use = float(uses[name][k])
     return _Breach(texts[name], use, float(t[k])) if use > 1 else None

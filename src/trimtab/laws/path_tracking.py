@@ -54,7 +54,8 @@ class PathTrackingOutput:
 class _Errors(NamedTuple):
     """Errors of P, (2,) in W: position e (m), velocity v (m/s).
 
-    acceleration, jerk: those of the reference, minus those that drag causes.  heading: heading of the craft (rad).
+    acceleration, jerk: acceleration and jerk of the reference, minus those that drag causes. heading: heading of the
+    craft (rad).
     """
 
     e: Any
@@ -65,7 +66,8 @@ class _Errors(NamedTuple):
 
 
 class _End(NamedTuple):
-    """Control with nose or tail along the thrust: reference yaw rate (rad/s), V, and yaw acceleration (rad/s^2)."""
+    """Control with nose or tail along the thrust: reference yaw rate (rad/s), Lyapunov function V, and yaw acceleration
+    (rad/s^2)."""
 
     rate: Any
     V: Any
@@ -203,7 +205,10 @@ class PathTracking:
     def _hold(
         self, t: Any, state: PathTrackingState, estimate: Estimate, point: ReferencePoint, heading: Any
     ) -> tuple[PoseState, PlanarForce]:
-        """Return the demand of the law for rest: P at the path's point, nose at its heading, else at `heading`."""
+        """Return the demand of the law for rest, with P at the path's point and the nose at the path's heading.
+
+        heading: target heading (rad) if the path has none.
+        """
         heading = jnp.where(point.has_heading, point.heading, heading)
         place = point.place - self.model.percussion_arm * planar(heading)[:, 0]
         law = replace(self.rest, north=place[0], east=place[1], heading=heading, model=self.model)
@@ -211,7 +216,7 @@ class PathTracking:
         return rest, output.demand
 
     def _progress(self, t: Any, state: PathTrackingState, s: Any, body: Any) -> tuple[Any, ReferencePoint, Any]:
-        """Return the path parameter, the reference there, and True if the path is at rest there."""
+        """Return the path parameter, the reference at this parameter, and True if the path is at rest there."""
         since = jnp.where(state.began, to_seconds(t - state.t), 0.0)
         rate = jnp.asarray(1.0)
         if self.progress == "path":

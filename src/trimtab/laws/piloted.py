@@ -34,8 +34,8 @@ NOSE_FREE = 1.6
 """Demanded force, as a multiple of nose_force, above which the nose points along this force alone. Below this value the
 nose points partly along the course."""
 BACKING = 0.3, 0.8
-"""Fractions of the demanded force that point against the course: the fan starts to pull backward above the second one,
-and stops below the first one."""
+"""Fractions of the demanded force that point against the course: the fan starts to pull backward above the second
+fraction, and stops below the first fraction."""
 
 
 @record
@@ -51,7 +51,9 @@ class PilotedState:
     rate: Scalar = quantity(
         "rad/s", 'Reference of yaw rate (mode "damped") or of the rate of turn of the course (mode "assisted").'
     )
-    course: Scalar = quantity("rad", "Reference course, clockwise from north, not wrapped.", kind="angle")
+    course: Scalar = quantity(
+        "rad", "Reference course (direction of the velocity), clockwise from north, not wrapped.", kind="angle"
+    )
     backing: Scalar = quantity(
         "1", "True if the fan pulls backward and the nose does not turn to the force.", kind="flag"
     )
@@ -327,5 +329,5 @@ def _direction(angle: Any) -> Any:
 
 
 def _ramp(value: Any, wanted: Any, most: Any) -> Any:
-    """Return the value moved towards the wanted value by at most `most`."""
+    """Return `value`, moved towards the target value by at most `most`."""
     return value + jnp.clip(wanted - value, -most, most)

@@ -70,7 +70,7 @@ class Pose:
         brake  w = -k n.v_P            the nose turns to the line of v_P          until |v_P| < rest_speed
         aim    w = -k n.v_P            the nose turns to the line to the goal     until it points there
         go     w = k (v_d - n.v_P)     the nose holds that line                   until P is there or passes beside it
-        hold   w = k (v_d - n.v_P) + w_y   the nose at the wanted heading + theta     until P has left
+        hold   w = k (v_d - n.v_P) + w_y   the nose at the target heading + theta     until P has left
 
         theta = swing q sin(f t), q = min(1, sqrt(|s|/s0));   w_y = (2/swing^2) max(|s|, s0) sign(s) sin(heading error)
         s = h^2 e_y - 2 h y'; e_y: remaining distance across the target heading, y': speed of P across it

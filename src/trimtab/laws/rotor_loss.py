@@ -41,7 +41,9 @@ class RotorLossOutput:
     position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
     velocity_error: Any = quantity("m/s", "Velocity error: velocity minus reference.", frame="W", shape=(3,))
     attitude_error: Scalar = quantity(
-        "1", "Attitude error: Psi while all rotors work; 1 - cos of the spin axis error after a loss."
+        "1",
+        "Attitude error: Psi of the nominal law while all rotors work; 1 - cos(angle of the spin axis error) "
+        "after a loss.",
     )
     distance: Scalar = quantity("m", "Length of the position error.")
     lost: Scalar = quantity("1", "True after the loss of a rotor.", kind="flag")

@@ -21,7 +21,9 @@ HALL = ((0.0, 0.0, -3.0), (8.0, 0.0, -0.3), (8.0, 6.0, -3.0), (0.0, 6.0, -0.3), 
 class AnchorRanges:
     """Sample of the ranging radio: a range to each anchor. Source: docs page, Sensors for three dimensions."""
 
-    range: Any = quantity("m", "Range to each anchor (n,), or its previous range if the anchor was not received.")
+    range: Any = quantity(
+        "m", "Range to each anchor (n,). For an anchor that was not received, the last received range."
+    )
     received: Any = quantity("1", "True for each anchor that was received (n,).", kind="flag")
 
 

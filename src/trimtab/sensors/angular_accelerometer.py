@@ -14,7 +14,7 @@ from trimtab.core.signals import Bending, Motion, Sample, new_sample
 from trimtab.core.time import format_time, ms, to_seconds
 
 DELAYS = 16
-"""Number of samples in the delay line. The longest possible delay is one period less."""
+"""Number of samples in the delay line. The longest possible delay is this number minus one, times the period."""
 
 
 @record

@@ -63,7 +63,8 @@ class DelayedGyro:
 
         Y/U = e^{-s D T} / (1 + √2 s/w + (s/w)²)
 
-    It runs as a difference equation, whose gain (and phase in rad) is within 0.006 of this formula up to 50 Hz.
+    D is the delay in samples of the period T, and w the bandwidth (rad/s). The model runs as a difference equation. Up
+    to 50 Hz, the gain (and the phase in rad) of this equation is within 0.006 of the formula.
 
     Reconstructed: the gain is within 0.05 of [1, table 6.5] at all frequencies of this table. The phase agrees at 5 and
     15 Hz, but lags too much above 15 Hz (by 0.3 rad at 20 Hz). Use the model below 20 Hz only.
@@ -94,7 +95,10 @@ class DelayedGyro:
 
 @functools.lru_cache(maxsize=16)
 def _fit_weights(samples: int, bandwidth: float, T: float) -> tuple[Any, Any]:
-    """Return the weights of rates and outputs. Poles are mapped by e^{sT}; weights of rates are a least-squares fit."""
+    """Return the weights of the rates and of the previous outputs in the difference equation.
+
+    The poles are mapped by z = e^{sT}. The weights of the rates are a least-squares fit.
+    """
     pole = math.tau * bandwidth * complex(-math.sqrt(0.5), math.sqrt(0.5))
     z = np.exp(pole * T)
     a = np.array([-2 * z.real, abs(z) ** 2])

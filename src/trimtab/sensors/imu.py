@@ -256,9 +256,10 @@ class Imu:
         """Return the inertial unit of the hovercraft of [1]. settings: fields to change, as name=value.
 
         Printed in [1]: ranges of ±1.7 g (ADXL103) and ±300 deg/s, and the sampling period. Manufacturer's figures, as
-        transcribed in public code: noise 0.4 m/s/√h and 3.5 deg/√h, biases 10 mg and 0.7 deg/s, 16-bit words of 8.5 g
-        and 10 rad/s full scale. Reconstructed (docs Errata): bias walks that give an Allan deviation at 15 s of 0.2 mg
-        and 0.02 deg/s; bandwidth of 30 Hz, from the gyros' measured gains; scale factors 0.2 %, misalignments 0.2 deg.
+        transcribed in public code: noise 0.4 m/s/√h and 3.5 deg/√h, biases 10 mg and 0.7 deg/s, 16-bit outputs with
+        full scales of 8.5 g and 10 rad/s. Reconstructed (docs Errata): bias walks that give an Allan deviation at 15 s
+        of 0.2 mg and 0.02 deg/s; bandwidth of 30 Hz, from the gyros' measured gains; scale factors 0.2 %, misalignments
+        0.2 deg.
         """
         g = STANDARD
         accelerometer = AccelerometerErrors(

@@ -72,7 +72,7 @@ class LateFix:
             raise InputError("period", f"{problem}: measurements would be missed", fix="set period to '1 ms'")
 
     def measurement_number(self, t: Any) -> Any:
-        """Return the number of the last measurement at time t (unit: 100 ns).
+        """Return the number of the last measurement made up to time t (unit: 100 ns).
 
         The number selects the measurement's random draws.
         """

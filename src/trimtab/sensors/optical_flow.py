@@ -50,6 +50,8 @@ class OpticalFlow:
 
         flow = ( -u/d - q,  -v/d + p )        u = -d (flow_x + q_gyro),  v = -d (flow_y - p_gyro)
 
+    d is the distance to the ground, (u, v) the velocity, and (p, q) the roll and pitch rate.
+
     Frames:  B; the ground is the plane at `ground` in W.
     Valid:   level ground, tilt below 84°. Not modelled: texture, light, vibration, exposure time, lever arm.
     Source:  Honegger et al., "An open source and open hardware embedded metric optical flow CMOS camera", ICRA 2013.

@@ -45,8 +45,8 @@ class StarTracker:
 
         q_WS = q_WB q_BS retract(misalignment) retract(w),  w ~ (cross, cross, roll);     q_WB = q_WS conj(q_BS)
 
-    Stars are not recognised while the body turns faster than `rate_limit`, or the sun is within `exclusion` of the
-    boresight.
+    retract(w) is the rotation by the small vector w. Stars are not recognised while the body turns faster than
+    `rate_limit`, or the sun is within `exclusion` of the boresight.
 
     Frames:  W, B and the camera frame S, whose z axis is the boresight. `mounting`: roll, pitch, yaw of S in B.
     Not modelled: rotation of W relative to the stars, distortion, radiation, aberration, exposure time.

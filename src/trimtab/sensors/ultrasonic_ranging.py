@@ -41,7 +41,7 @@ from trimtab.sensors.time_of_flight import (
 )
 
 SYNC, TICK, DRIFT = 130, 131, 132
-"""Numbers of the random streams of an ultrasonic unit's clock: error after setting, tick, drift."""
+"""Identifiers of the random streams of an ultrasonic unit's clock, for its error after setting, tick and drift."""
 
 
 @record
@@ -125,8 +125,8 @@ class UltrasonicRanging:
         "Number of ultrasonic units that take turns. Those beyond this vehicle's units are on other vehicles.",
         default=1,
     )
-    cone_error: bool = switch("Model the cone error: a range measured off a beacon's axis is too long.", "cone-error")
-    collisions: bool = switch("Allow replies to be lost in collisions.", "collisions")
+    cone_error: bool = switch("True: ranges measured off a beacon's axis are too long (cone error).", "cone-error")
+    collisions: bool = switch("True: replies can be lost in collisions.", "collisions")
     slot: int = period("Length of the slot of one client.", default=ms(100))
     period: int = period("Time between checks for replies.", default=ms(1))
 

@@ -13,7 +13,8 @@ from trimtab.environment.geodetic import STANDARD
 from trimtab.vehicles.rotating_platform import PlatformDrive
 
 MIDDLE = -jnp.pi / 2
-"""Yaw (rad) about which the yaw angle is unwrapped: the middle of its range, which is below a full turn."""
+"""Yaw (rad) about which the yaw angle is unwrapped. It is the middle of the path's range of yaw, which is less than a
+full turn."""
 
 
 @record

@@ -63,6 +63,6 @@ def from_si(like: R, **values: Any) -> R:
     declared = {n: d for n, d in declarations(type(like)).items() if isinstance(d, Quantity)}
     for name in values:
         if name not in declared:
-            problem = f"it has no quantity {name!r}"
+            problem = f"the record has no quantity {name!r}"
             raise InputError(type(like).__name__, problem, choices=declared, fix="use one of these names")
     return replace(like, **{n: v / factor(declared[n].unit) for n, v in values.items()})

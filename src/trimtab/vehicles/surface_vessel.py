@@ -124,7 +124,7 @@ class TwinScrew:
         U = u + k (sqrt(8 T/(pi rho d^2) + u^2) - u)      flow past the rudder; U = u where u < 0
         L = (Ld delta - Ldd |delta| delta) |U| U          other coefficients where U < 0
 
-    Not modelled: drag of the rudders; the bow thruster of [1], which stands still.
+    Not modelled: drag of the rudders; the bow thruster of [1], which is off.
     Source:  [1]; thrust coefficients of its table 2. Reconstructed: the propeller's diameter and k, from public
              programs of [1].
     """
