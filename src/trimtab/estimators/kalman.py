@@ -45,7 +45,9 @@ class CovarianceHealth:
     positive: Scalar = quantity("1", "True if the covariance is finite and positive definite.", kind="flag")
     asymmetry: Scalar = quantity("1", "Largest asymmetry of the covariance P, relative to its largest variance.")
     least_pivot: Scalar = quantity(
-        "1", "Smallest fraction of any state's variance that remains once all states before it are known."
+        "1",
+        "Smallest fraction, over all states, of a state's variance that remains if all states with lower "
+        "indices are known.",
     )
     eigenvalue_bound: Scalar = quantity(
         "1", "Lower bound of the correlation matrix's eigenvalues; 0 if the covariance is invalid."

@@ -26,7 +26,7 @@ class LinearModelFilterState:
     e: Any = quantity("1", "Estimated deviation of each state from the trim (n,), in the state's unit.")
     P: Any = quantity("1", "Covariance of the estimated deviation (n, n).")
     t: Scalar = quantity("100 ns", "Time of the filter's last step.", kind="time")
-    seen: Any = quantity("100 ns", "For each sensor, the time at which its last used sample was measured.", kind="time")
+    seen: Any = quantity("100 ns", "Time at which the last used sample of each sensor was measured.", kind="time")
     measured: Scalar = quantity("100 ns", "Time at which the newest used sample was measured.", kind="time")
     started: Scalar = quantity("1", "True once an input and a measurement have arrived.", kind="flag")
 

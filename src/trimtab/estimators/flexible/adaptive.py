@@ -97,7 +97,8 @@ def propagate_modes(craft: Hypersonic, x: Any, b: Any, dt: Any) -> Any:
 
 
 def vibration(craft: Hypersonic, x: Any, P: Any, b: Any) -> tuple[Any, Any]:
-    """Return the vibration of each mode, eta_i''^2 + w_i^2 eta_i'^2 (2,), and its uncertainty under P (6, 6), (2,)."""
+    """Return the vibration of each mode, eta_i''^2 + w_i^2 eta_i'^2 (2,), and the uncertainty of each mode in the same
+    unit (2,), from the covariance P (6, 6)."""
     _, first, second = modal_accelerations(craft, x)
     by, w0 = stretch_factors(x), jnp.stack([craft.modes.w1, craft.modes.w2])
     w = w0 * jnp.exp(x[4:])
@@ -108,14 +109,16 @@ def vibration(craft: Hypersonic, x: Any, P: Any, b: Any) -> tuple[Any, Any]:
 
 
 def disturbance_direction(craft: Hypersonic, x: Any) -> Any:
-    """Return x' (6,) due to a pitching moment that causes a pitch acceleration of 1 rad/s^2."""
+    """Return the derivative of the filter state x (6,) due to a pitching moment that alone causes 1 rad/s^2 of
+    pitch."""
     q_rate, first, second = craft.modes.solve_accelerations(craft.Iyy, craft.Iyy, 0.0, 0.0)
     by, still = stretch_factors(x), jnp.zeros_like(q_rate)
     return jnp.stack([still, by[1] * first / q_rate, still, by[3] * second / q_rate, still, still])
 
 
 def unstretch(x: Any, P: Any) -> tuple[Any, Any]:
-    """Return (eta1, eta1', eta2, eta2', lam1, lam2) and its covariance (6, 6), to first order, from stretched x, P."""
+    """Return (eta1, eta1', eta2, eta2', lam1, lam2) and its covariance (6, 6), to first order, from the state x and
+    covariance P in stretched displacements."""
     soft = 1 / stretch_factors(x)
     eta = soft * x[:4]
     top = jnp.concatenate([jnp.eye(4) * soft, -2 * eta[:, None] * OF_MODE], axis=1)
@@ -212,13 +215,15 @@ class AdaptiveFlexibleModeFilter:
         "1", "NIS above which an innovation is attributed to a jolt (an unknown moment).", default=16.0, above=0
     )
     corrects: bool = option(
-        "True to correct the modes with measurements; False to predict them by the model alone.",
+        "True: correct the estimated modes with measurements. False: predict the modes by the model alone.",
         default=True,
         choices=(True, False),
     )
-    flight: str = option("Name of the sensor that gives the rigid-body state.", default="flight")
+    flight: str = option("Name of the sensor that measures the rigid-body state.", default="flight")
     accelerometer: str = option("Name of the angular accelerometer.", default="angular-accelerometer")
-    actuators: str = option("Name of the sensor that gives the acting fuel ratio and elevator.", default="actuators")
+    actuators: str = option(
+        "Name of the sensor that measures the acting fuel ratio and elevator angle.", default="actuators"
+    )
     period: int = period("Time between predictions.", default=ms(5))
 
     listens = property(listened_sensors)
@@ -239,7 +244,8 @@ class AdaptiveFlexibleModeFilter:
         outermost = math.exp(HYPOTHESIS_SPACING * float(np.max(self.deviation)))
         if outermost >= self.bound:
             problem = (
-                f"hypotheses differ from nominal by up to {outermost:.3g} times, must be below {float(self.bound):g}"
+                "the frequencies of the hypotheses differ from nominal by a factor of up to "
+                f"{outermost:.3g}, which must be below {float(self.bound):g}"
             )
             raise InputError(f"{name}.bound", problem, fix="raise the bound, or choose a smaller `deviation`")
         fastest = float(max(self.craft.modes.w1, self.craft.modes.w2) * self.bound)

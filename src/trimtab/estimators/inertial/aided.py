@@ -147,7 +147,8 @@ class Intake:
         for name, (patience, frozen) in limits.items():
             if 0 < patience < frozen:
                 problem = (
-                    f"a sensor is frozen after {frozen} equal samples, but is accepted after {patience} rejections"
+                    f"the sensor counts as frozen only after {frozen} equal samples, but is accepted again "
+                    f"after {patience} rejections"
                 )
                 raise InputError(f"intake.frozen_{name}", problem, fix=f"set it to at most {patience}")
         if not self.imu or len(set(self.listens())) < len(self.listens()):

@@ -113,7 +113,8 @@ class InertialNoise:
         return jnp.where(own[0, 0] > 0, own, self.position * jnp.eye(2))
 
     def constant_variances(self) -> Any:
-        """Return the variances of constant errors (8,), in the order of Belief.x: of heading and position, else 0."""
+        """Return the variances of constant errors (8,), in the order of Belief.x. Only those of heading and position
+        are not 0."""
         heading, place = self.heading_constant**2, self.position_constant**2
         zero = jnp.zeros(())
         return stack_numbers(heading, zero, zero, place, place, zero, zero, zero)

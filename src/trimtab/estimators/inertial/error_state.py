@@ -49,9 +49,11 @@ class SpatialNoise:
     force: Scalar = quantity("m/s^2/Hz^0.5", "White noise of the accelerometers.", default=2e-3, above=0)
     gyro_walk: Scalar = quantity("rad/s/s^0.5", "Random walk of the gyros' biases.", default=1e-5, low=0)
     force_walk: Scalar = quantity("m/s^2/s^0.5", "Random walk of the accelerometers' biases.", default=2e-4, low=0)
-    untrusted_rate: Scalar = quantity("rad/s", "Standard deviation of an untrusted angular rate.", default=0.5, low=0)
+    untrusted_rate: Scalar = quantity(
+        "rad/s", "Standard deviation assumed for an angular rate that cannot be trusted.", default=0.5, low=0
+    )
     untrusted_force: Scalar = quantity(
-        "m/s^2", "Standard deviation of an untrusted specific force.", default=5.0, low=0
+        "m/s^2", "Standard deviation assumed for a specific force that cannot be trusted.", default=5.0, low=0
     )
     clock: Scalar = quantity("m/s^0.5", "White noise of the receiver's clock rate.", default=0.1, low=0)
     clock_walk: Scalar = quantity("m/s^1.5", "Random walk of the receiver's clock drift.", default=0.05, low=0)

@@ -57,8 +57,8 @@ class AidedInertialFeedback:
     and the error states are reset to zero.
 
     The error states of heading, velocity and position are estimate minus truth. The error states of biases are true
-    minus estimated bias. They are added to the bias estimates. Between updates the errors are zero, and only the
-    covariances are propagated.
+    minus estimated bias. After an update, they are added to the bias estimates. Between updates the errors are zero,
+    and only the covariances are propagated.
 
     Valid:         for any length of flight, because the INS's errors stay as small as those of the estimate.
     Not modelled:  effect of a heading error on the velocity; see AidedInertialCoupled.

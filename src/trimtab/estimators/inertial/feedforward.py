@@ -57,9 +57,9 @@ class AidedInertialFeedforward:
 
         heading = phi_ins - x1[0]        yaw rate = w - x1[1]        v = v_ins - x2[:2]        r = r_ins - x2[2:4]
 
-    Valid:         while the INS's errors stay small enough for a linear model. They keep growing, because the INS is
-                   never reset: after half an hour with biases of 0.1 m/s^2 the INS is 160 km off. This error is
-                   still harmless in double precision.
+    Valid:         while the INS's errors stay small enough for a linear model. The INS's errors keep growing, because
+                   the INS is never reset: after half an hour with biases of 0.1 m/s^2 the INS is 160 km off. This error
+                   is still harmless in double precision.
     Not modelled:  effect of a heading error on the velocity. Positions don't correct the heading in this filter.
     Source:        [1] chapter 3; differences from [1]: docs page and Errata.
     """

@@ -84,7 +84,11 @@ class GnssFix:
     forced: Scalar = quantity(
         "1", "Number of measurements accepted outside the gate after too many rejections in a row.", kind="count"
     )
-    late: Scalar = quantity("1", "Unused measurements: they were too late, or the queue was full.", kind="count")
+    late: Scalar = quantity(
+        "1",
+        "Number of measurements that were not used, because they were too late or the queue was full.",
+        kind="count",
+    )
 
 
 @record
@@ -134,8 +138,8 @@ class GnssInertial:
     """Strapdown navigation, aided by fixes of position and velocity, or by raw ranges and range rates.
 
     With `aiding` "fixes" the filter is loosely coupled and has 15 error states. With "ranges" it is tightly coupled and
-    has 17, two of them for the clock. It then also works with fewer than four satellites. Measurements up to `delay`
-    old are fused at the time at which they were measured.
+    has 17, two of them for the clock. The tightly coupled filter also works with fewer than four satellites.
+    Measurements up to `delay` old are fused at the time at which they were measured.
 
     The heading is only observable under lateral acceleration, e.g. in a turn. Until then, its uncertainty grows.
 
@@ -147,7 +151,9 @@ class GnssInertial:
     noise: SpatialNoise = part("Noise of the IMU and of the receiver's clock.", default=SpatialNoise())
     receiver: GnssNoise = part("Noise of the receiver's fixes or ranges.", default=GnssNoise())
     start: SpatialStart = part("Initial estimate and its uncertainty.", default=SpatialStart())
-    lever_arm: Any = quantity("m", "GNSS antenna from the IMU.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,))
+    lever_arm: Any = quantity(
+        "m", "Position of the GNSS antenna relative to the IMU.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,)
+    )
     gravity: Any = quantity("m/s^2", "Gravity vector.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
     gate: Scalar = quantity(
         "1", "NIS gate for fixes; default: 0.9999 quantile with 6 degrees of freedom.", default=27.856, above=0

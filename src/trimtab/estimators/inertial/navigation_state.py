@@ -23,7 +23,9 @@ class HeadingFix:
 
     innovation: Any = quantity("rad", "Innovation: measured minus predicted heading.", kind="angle", shape=(1,))
     normalised: Any = quantity("1", "Heading innovation divided by its standard deviation.", shape=(1,))
-    nis: Scalar = quantity("1", "NIS of the heading: y^2/S; chi-square with one degree of freedom.")
+    nis: Scalar = quantity(
+        "1", "NIS of the heading: squared innovation divided by its variance; chi-square with one degree of freedom."
+    )
     used: Scalar = quantity("1", "Number of headings used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of headings rejected by the gate so far.", kind="count")
     rejected_in_a_row: Scalar = quantity(
@@ -44,7 +46,11 @@ class PositionFix:
         "m", "Innovation: measured minus predicted position, north and east.", frame="W", shape=(2,)
     )
     normalised: Any = quantity("1", "Position innovations divided by their standard deviations.", shape=(2,))
-    nis: Scalar = quantity("1", "NIS of the position: y' S^-1 y; chi-square with two degrees of freedom.")
+    nis: Scalar = quantity(
+        "1",
+        "NIS of the position: y' S^-1 y, with the innovation y and its covariance S; chi-square with two "
+        "degrees of freedom.",
+    )
     used: Scalar = quantity("1", "Number of positions used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of positions rejected by the gate so far.", kind="count")
     rejected_in_a_row: Scalar = quantity(

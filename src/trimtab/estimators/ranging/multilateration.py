@@ -4,8 +4,8 @@ Every function takes all n beacons and a mask of the beacons to use, so that sha
 replies. Heights are those of the beacons above the ultrasonic unit. A position that cannot be found is NaN or has a
 large residual.
 
-The ultrasonic units of one vehicle can't be located at the same time: one unit is polled, and the other a time slot
-later. The vehicle's motion in between causes a heading error, unless inertial navigation measures the motion.
+The ultrasonic units of one vehicle can't be located at the same time: the second unit is polled one time slot after the
+first. The vehicle's motion in between causes a heading error, unless inertial navigation measures the motion.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """

@@ -32,7 +32,8 @@ from trimtab.estimators.ranging.position import SQUARE
 HEADING, NORTH, EAST, TURN_BIAS, COURSE, SCALE, ERRORS = range(7)
 """Indices of the states of the odometry filter. From ERRORS on, there is one range error for each beacon."""
 DOUBTED_MIN = 3
-"""Smallest number of beacons with a rejected newest range for a restart. Two beacons would allow two positions."""
+"""Smallest number of beacons whose newest range was rejected that is needed for a restart. Ranges to two beacons would
+fit two positions."""
 OTHERS_MIN = 3
 """Smallest number of ranges, to beacons other than the two with the most ranges, that is needed for a restart."""
 AGREEMENT = 2.0
@@ -100,7 +101,10 @@ class PlanarStart:
         "rad/s", "Standard deviation of the yaw rate's initial bias.", default=5e-3, low=0
     )
     sigma_course: Scalar = quantity(
-        "rad", "Initial standard deviation of the angle from x axis to direction of motion.", default=0.03, low=0
+        "rad",
+        "Initial standard deviation of the angle from the body's x axis to the direction of motion.",
+        default=0.03,
+        low=0,
     )
 
 
@@ -113,7 +117,7 @@ class RadioFix:
     nis: Any = quantity("1", "NIS of each beacon's range.")
     accepted: Any = quantity("1", "True for each beacon whose range was used.", kind="flag")
     beacon_rejected_in_a_row: Any = quantity(
-        "1", "Rejected ranges of each beacon since the last accepted one.", kind="count"
+        "1", "Number of ranges of each beacon rejected since its last accepted range.", kind="count"
     )
     used: Scalar = quantity("1", "Number of ranges used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
@@ -121,7 +125,11 @@ class RadioFix:
     restarts: Scalar = quantity(
         "1", "Number of restarts of the pose from ranges that agree with each other.", kind="count"
     )
-    late: Scalar = quantity("1", "Unused messages: their ranges were too far in time from odometry.", kind="count")
+    late: Scalar = quantity(
+        "1",
+        "Number of messages not used because their ranges were too far in time from an odometry sample.",
+        kind="count",
+    )
 
 
 @record
@@ -149,12 +157,18 @@ class OdometryState:
     """State of the filter of odometry and ranges. Source: docs page, Odometry and ranges."""
 
     t: Scalar = quantity("100 ns", "Time of the newest odometry sample.", kind="time")
-    distance: Scalar = quantity("m", "Total distance driven, from the newest odometry sample.")
-    turn: Scalar = quantity("rad", "Total angle turned, from the newest odometry sample.", kind="angle")
+    distance: Scalar = quantity("m", "Total distance driven, as reported by the newest odometry sample.")
+    turn: Scalar = quantity("rad", "Total angle turned, as reported by the newest odometry sample.", kind="angle")
     speed: Scalar = quantity("m/s", "Speed at the newest odometry sample.")
     rate: Scalar = quantity("rad/s", "Yaw rate at the newest odometry sample.")
-    moved: Scalar = quantity("1", "True once two odometry samples have given speed and yaw rate.", kind="flag")
-    x: Any = quantity("1", "Heading, north, east, yaw rate bias, course, scale, errors of the beacons (6 + n,).")
+    moved: Scalar = quantity(
+        "1", "True once speed and yaw rate have been computed from two odometry samples.", kind="flag"
+    )
+    x: Any = quantity(
+        "1",
+        "Heading, north, east, yaw rate bias, angle of the motion from the x axis, scale error, errors of "
+        "the beacons (6 + n,).",
+    )
     P: Any = quantity("1", "Covariance of the state's error (6 + n, 6 + n).")
     fix: RadioFix = part("Statistics of the range updates.")
     recent: RecentRanges = part("Newest ranges, stored for a restart.")
@@ -176,7 +190,8 @@ class OdometryRanging:
     range measured between two samples, the position is extrapolated with the last speed and yaw rate.
 
     Frames:  beacons in W; level vehicle on a flat floor.
-    Valid:   from the first odometry sample on, except while the newest `patience` ranges (16 if 0) were all rejected.
+    Valid:   from the first odometry sample on, except while the newest `patience` ranges (16 ranges if `patience` is 0)
+             were all rejected.
     Not modelled: antennas away from the vehicle's reference point; a range's curvature, small at metres.
     Source:  docs page, Odometry and ranges.
     """
@@ -266,7 +281,7 @@ class OdometryMotion(NamedTuple):
 
 
 def read_odometry(s: Any, sample: Any, t: Any, grip: Any) -> tuple[Any, Any, OdometryMotion]:
-    """Return the state with a new odometry sample, True if there is a motion since the last one, and the motion."""
+    """Return the state with a new odometry sample, True if there is a motion since the last sample, and the motion."""
     distance, turn = jnp.asarray(sample.value.distance, float), jnp.asarray(sample.value.turn, float)
     usable = sample.fresh & sample.valid & (sample.t > s.t) & (sample.t <= t)
     usable = usable & jnp.isfinite(distance) & jnp.isfinite(turn)

@@ -125,8 +125,8 @@ class RangingPosition:
     From three or more ranges, the position is found by Bancroft's closed form, followed by least squares. If the
     residual is above its limit and there are enough ranges, one range is left out. Without this range, the residual
     must be below the limit, and the fix must lie within the cones of the other received beacons. If several ranges
-    qualify, the residual and the distance from the previous fix decide. If none qualifies, there is no fix. From two
-    ranges, the intersection nearer to the previous fix is taken.
+    qualify, the residual and the distance from the previous fix decide. If no range qualifies, there is no fix. From
+    two ranges, the intersection nearer to the previous fix is taken.
 
     Frames:  beacons in W, ultrasonic units in B; level vehicle on a flat floor.
     Not modelled: motion between the pings of two units, see docs page; correlation of fixes in time.

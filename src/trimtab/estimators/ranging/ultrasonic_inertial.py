@@ -139,8 +139,14 @@ class UltrasonicInertial:
             raise InputError("UltrasonicInertial", problem, fix=fix)
         lever = np.asarray(self.positioning.units)[0, :2] if units == 1 else np.zeros(2)
         if not np.allclose(self.inertial.arms.aiding, lever):
-            problem = f"inertial.arms.aiding is {np.asarray(self.inertial.arms.aiding)}; for {units} units set {lever}"
-            fix = "set it to x, y of a single unit; with two units set it to 0: their lever arms are subtracted before"
+            problem = (
+                f"inertial.arms.aiding must be {lever} for {units} ultrasonic unit(s), got "
+                f"{np.asarray(self.inertial.arms.aiding)}"
+            )
+            fix = (
+                "set it to x, y of a single ultrasonic unit, or to 0 for two units: their lever arms are "
+                "subtracted from the fixes"
+            )
             raise InputError("UltrasonicInertial", problem, fix=fix)
         if not self.inertial.intake.position:
             raise InputError(
