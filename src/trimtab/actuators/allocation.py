@@ -76,9 +76,9 @@ class ThrustVectorAllocation:
 
 
 def to_polar(force: PlanarForce) -> tuple[Any, Any]:
-    """Return the magnitude (N) of a force with the sign of FX, and its angle psi (rad) in [-pi/2, pi/2].
+    """Return the magnitude (N) of a force, with the sign of FX, and the force's angle psi (rad) in [-pi/2, pi/2].
 
-    A zero force gives (0, 0).
+    For a zero force, both are 0.
     """
     sign = jnp.where(force.FX < 0, -1.0, 1.0)
     square = force.FX**2 + force.FY**2
@@ -113,7 +113,8 @@ class DirectOutput:
 
 @record
 class DirectActuation:
-    """Actuators that apply a valid command at once. Without a valid command they apply the neutral input.
+    """Actuators that apply a valid command without delay. Without a valid command, the actuators apply the neutral
+    input.
 
     Frames:  those of the vehicle's input.    Source:  docs page, Direct.
     """

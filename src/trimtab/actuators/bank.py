@@ -31,9 +31,9 @@ class ActuatorBank:
 
         ActuatorBank(Push(0.0), {"force": (TransportDelay(0.01), FirstOrderLag(0.05, rate_limit=200.0))})
 
-    A field without stages follows its command at once. Without a valid command the neutral input is commanded, and the
-    actuators approach it with their own dynamics. The input of a stage is the output of the previous stage. The output
-    of the last stage at the end of a period acts on the vehicle during that whole period.
+    A field without stages follows its command without delay. Without a valid command the neutral input is commanded,
+    and the actuators approach it with their own dynamics. The input of a stage is the output of the previous stage. The
+    output of the last stage at the end of a period acts on the vehicle during that whole period.
 
     Frames:  those of the vehicle's input.    Source:  docs page, Actuators of any vehicle.
     """

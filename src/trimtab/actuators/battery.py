@@ -17,7 +17,7 @@ from trimtab.core.time import ms, to_seconds
 class BatteryState:
     """State of a battery. Frames: none. Source: docs page, Battery."""
 
-    drawn: Scalar = quantity("A s", "Charge drawn from the battery so far.")
+    drawn: Scalar = quantity("A s", "Charge drawn from the battery since it was full.")
     voltage: Scalar = quantity("V", "Voltage at the terminals.")
 
 
@@ -67,7 +67,8 @@ class Battery:
         return BatteryState(drawn=jnp.asarray(drawn, np.float64), voltage=self.terminal_voltage(drawn, self.other))
 
     def terminal_voltage(self, drawn: Any, current: Any) -> Any:
-        """Return the terminal voltage (V) for a charge drawn so far (A s) and a present current (A)."""
+        """Return the terminal voltage (V) after a charge (A s) has been drawn from the full battery, at a current
+        (A)."""
         sag = (self.full - self.empty) * jnp.minimum(drawn / self.capacity, 1.0) + self.resistance * current
         return jnp.where(self.sags, self.full - sag, self.full)
 

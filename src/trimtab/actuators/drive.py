@@ -43,7 +43,7 @@ class SpeedControllerState:
         "100 ns", "Time at which the last braking phase ends.", kind="time", default=np.int64(0)
     )
     brakings: Scalar = quantity(
-        "1", "Number of times that the fan has been braked so far.", kind="count", default=np.int32(0)
+        "1", "Number of times that the fan has been braked since the start.", kind="count", default=np.int32(0)
     )
 
 
@@ -139,7 +139,7 @@ class DriveOutput:
     rudder: Scalar = quantity("rad", "Rudder angle.", kind="angle")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
     mode: Scalar = quantity("1", "Mode of the speed controller: forward, reverse or braking.", kind="mode", modes=MODES)
-    brakings: Scalar = quantity("1", "Number of times that the fan has been braked so far.", kind="count")
+    brakings: Scalar = quantity("1", "Number of times that the fan has been braked since the start.", kind="count")
     rudder_saturated: Scalar = quantity("1", "True if the rudder is at a stop.", kind="flag")
     speed_saturated: Scalar = quantity("1", "True if the fan is at its top speed.", kind="flag")
     fan: RegulatedFanOutput | None = part(
@@ -157,7 +157,7 @@ class FanDrive:
         f = table(theta, n)    psi = (offset - theta)/ratio    FX = f cos psi    FY = -f sin psi
 
     If the imperfection "lookup-table" or "saturation" is off, f is computed from the thruster's formula. The allocation
-    does the same, so it remains the inverse of the drive.
+    then uses the formula too, so the allocation remains the inverse of the drive.
 
     Frames:  force in B at the rudder pivot; positive speed pushes forward.
     Valid:   at rest: no inflow.    Not modelled: slew rate of the servo; motor lag unless a time constant is set.

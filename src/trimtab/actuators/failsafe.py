@@ -70,7 +70,9 @@ class FailsafeState:
     value: Any = part("Value of the newest good command.")
     lift_until: Scalar = quantity("100 ns", "Time at which the lift fan stops.", kind="time")
     rejected: Scalar = quantity(
-        "1", "Number of rejected commands so far: out of range, not finite, too old.", kind="count"
+        "1",
+        "Number of commands rejected since the start, because they were out of range, not finite or too old.",
+        kind="count",
     )
 
 
@@ -85,7 +87,7 @@ class FailsafeOutput:
     armed: Scalar = quantity("1", "True if a received command or the pilot can move the actuators.", kind="flag")
     mode: Scalar = quantity("1", "Authority: the present source of commands.", kind="mode", modes=MODES)
     cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
-    rejected: Scalar = quantity("1", "Number of rejected commands so far.", kind="count")
+    rejected: Scalar = quantity("1", "Number of commands rejected since the start.", kind="count")
 
 
 @record
@@ -106,15 +108,17 @@ class Failsafe:
     Source:  [1] chapter 5 (safety pilot's takeover, on the vehicle); time-outs are our own choice: docs page.
     """
 
-    safe: Any = part("Command at which the vehicle stands still.")
+    safe: Any = part("Safe command, at which the vehicle comes to rest.")
     low: Any = part("Smallest accepted value of each field of a command.")
     high: Any = part("Largest accepted value of each field of a command.")
-    timeout: int = period("Longest accepted time without a good command. After it the failsafe trips.", default=ms(250))
+    timeout: int = period(
+        "Longest accepted time without a good command. After this time the failsafe trips.", default=ms(250)
+    )
     lift_delay: int = period(
         "Delay from the trip of the failsafe to the stop of the lift fan.", default=seconds(1), low=0
     )
     patience: int = period(
-        "Longest time from arming to the first command. After it the vehicle disarms.", default=seconds(10)
+        "Longest time from arming to the first command. After this time the vehicle disarms.", default=seconds(10)
     )
     age_max: Scalar = quantity("s", "Maximum age of an accepted command, by the vehicle's clock.", default=0.5, above=0)
 

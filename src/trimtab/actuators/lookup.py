@@ -22,7 +22,7 @@ FORCE_MAX, FORCE_STEP = 2.0, 0.025
 class BilinearTable:
     """Table of a function of two variables on uniform axes, with bilinear interpolation, constant beyond the edges.
 
-    Source:  [1] chapter 4 for its use; bilinear interpolation is the textbook formula
+    Source:  [1] chapter 4 for the use of such tables; bilinear interpolation is the textbook formula
              (Press et al., "Numerical recipes", 3rd ed., section 3.6).
     """
 

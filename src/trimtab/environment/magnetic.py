@@ -84,7 +84,8 @@ def magnetic_heading(field_B: Any, field_W: Any, roll: Any = 0.0, pitch: Any = 0
 
 
 def strength_ratio(field_B: Any, field_W: Any) -> Any:
-    """Return the ratio of measured to known field strength. It is not 1 near a motor or steel, 0 for a dead sensor."""
+    """Return the ratio of measured to known field strength. The ratio differs from 1 near a motor or steel, and is 0
+    for a dead sensor."""
     return jnp.sqrt((field_B @ field_B) / (field_W @ field_W))
 
 

@@ -33,7 +33,7 @@ class LinearModelFilterState:
 
 @record
 class FilteredEstimate:
-    """Estimate of a vehicle's whole state, with the filter's uncertainty.
+    """Estimate of a vehicle's complete state, with the filter's uncertainty.
 
     Source: docs page, Linear model filter.
     """
@@ -188,7 +188,7 @@ def _number(frame: Frame, channel: str) -> Any:
 
 
 def _add(record: Any, change: Any) -> Any:
-    """Return the record with the entries of a vector added to its numbers, in declared order."""
+    """Return the record with the elements of a vector added to the record's values, in the order of the fields."""
     leaves, tree = jax.tree.flatten(record)
     ends = np.cumsum([np.size(own) for own in leaves])
     parts = [change[int(end) - np.size(own) : int(end)] for own, end in zip(leaves, ends, strict=True)]

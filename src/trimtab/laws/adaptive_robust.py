@@ -42,9 +42,9 @@ class AdaptiveRobust:
         rho1' = q1 (|e| |s| - sigma rho1)
 
     |e| is the length of the error divided by `sizes`. Without the division the altitude would dominate. With the gain K
-    = -R^-1 B'P of a linear quadratic regulator the published u_h halves K, because its sign is wrong; minus makes it
-    1.5 K. The published bounds only grow, and sgn chatters. In this law sgn is smoothed. The bounds leak, and they stop
-    at `cap`.
+    = -R^-1 B'P of a linear quadratic regulator the published u_h halves the gain, because the sign of u_h is wrong.
+    With the minus sign the total gain is 1.5 K. The published bounds only grow, and sgn chatters. In this law sgn is
+    smoothed. The bounds leak, and are limited to `cap`.
 
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
              flight vehicle", Aerospace 2022, 9(4), 206, eqs. 16-18, corrected (docs page, Adaptive robust terms). [1]
@@ -55,7 +55,7 @@ class AdaptiveRobust:
     R: Any = quantity("1", "Diagonal of the weight R of the input v.", default=(0.01, 0.04), shape=(2,), above=0)
     sizes: Any = quantity(
         "1",
-        "Typical sizes of the tracking errors. The adaptation divides the errors by them.",
+        "Typical sizes of the tracking errors. The adaptation divides the errors by these sizes.",
         default=SIZES,
         shape=(9,),
         above=0,

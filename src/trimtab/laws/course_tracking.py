@@ -33,8 +33,8 @@ class CourseTracking:
     only for the vehicle for which it was computed.
 
     Frames:  those of the state fields.
-    Valid:   near the trajectory, if the gain stabilises the vehicle along all of it. Quaternions are interpolated
-             element by element, so neighbouring nodes must differ by a small rotation.
+    Valid:   near the trajectory, if the gain stabilises the vehicle along the entire trajectory. Quaternions are
+             interpolated element by element, so neighbouring nodes must differ by a small rotation.
     Source:  S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
              Control 41(7), 1996, section IV.
     """

@@ -132,7 +132,7 @@ class HeadingBangBang:
 
     Ends:    by chattering at the edge of the tolerance, because the heading drifts in mode "damp".
     Valid:   turn_rate of about 1 rad/s. A faster turn overshoots the target. At 1.5 rad/s one ideal run in a thousand
-             oscillates by 120 degrees for ever, at 3 rad/s every third run.
+             oscillates by 120 degrees for ever. At 3 rad/s every third run does.
     Source:  [1] section 2.3.3; gains [1] tables 6.1 and 6.4, reconstructed. The default turn_rate is our own choice.
              The runs in [1] use 1.5 rad/s.
     """

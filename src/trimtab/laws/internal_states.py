@@ -323,7 +323,7 @@ class PreviewInternal:
             raise InputError("PreviewInternal.intervals", problem, fix="set intervals to 10 per second of the horizon")
 
     def init(self, key: Any) -> PreviewState:
-        """Return the initial state. The first step replaces it by the quasi-static solution."""
+        """Return the initial state. The first step replaces this state by the quasi-static solution."""
         p, k = jnp.shape(self.past.decay)[0], jnp.shape(self.A22)[0]
         off = jnp.asarray(False)
         alpha = jnp.full(self.intervals + 1, 1.0 * self.alpha)

@@ -146,9 +146,9 @@ class NeuralPolicyState:
 class NeuralPolicy:
     """Law that computes thrust and moments by a trained network, from the inputs of `observe`.
 
-    The network has no state. It is not trained for another mass or inertia, a reference that changes its heading, or
-    wind. Inputs beyond the training range are clipped (signal `stretch`), and so are outputs beyond their range.
-    Stability is not proved.
+    The network has no state. The network is not trained for another mass or inertia, a reference that changes its
+    heading, or wind. Inputs beyond the training range are clipped (signal `stretch`), and so are outputs beyond their
+    range. Stability is not proved.
 
     Frames:  W north-east-down, B body.
     Valid:   the craft for which the network was trained, inputs within `scale`, and a reference with constant heading.

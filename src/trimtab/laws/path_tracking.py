@@ -100,8 +100,8 @@ class PathTracking:
       the nose does not turn: the craft coasts, and then thrusts the other way.
     Only simulated, not proven: limits of fan, rudder and yaw rate, delays, and the dead zone. A nose or tail that has
     to turn by more than 90 degrees is chosen only if it already turns in that direction.
-    Friction:  the model's friction is subtracted from s and from the torque, and its rate of change from s'. Its second
-               derivative is not subtracted from r_d'.
+    Friction:  the model's friction is subtracted from s and from the torque, and its rate of change from s'. The second
+               derivative of the friction is not subtracted from r_d'.
     Progress:  "time": the path parameter is the time since the law started. "path": the path parameter runs slower
                while the craft is behind, and up to twice as fast while the craft is ahead. V then refers to the path
                traversed at this rate.

@@ -2,7 +2,7 @@
 The fan is at the tail, so sway has no actuator of its own. Without drag a steady turn at speed V and rate w needs the
 force m V w across the path, and the only steady force without a torque is along the nose: in a steady turn the nose
 points to the centre of the circle. In mode "damped" the pilot has to turn the nose to the centre. In mode "assisted"
-the law turns it.
+the law turns the nose.
 
 Source: own derivation, except for the damping, which is from [1] Z. Kulis, "Feedback control of a hovercraft over a
 wireless link", University of Maryland, 2006, section 2.2.

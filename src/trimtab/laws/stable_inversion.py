@@ -109,7 +109,7 @@ class StableInversion:
     constant of 0.3 s. `internal` computes the bounded motion that the command requires. This motion begins before the
     command.
 
-    Frames:  those of the vehicle, in its units.
+    Frames:  those of the vehicle, in the vehicle's units.
     Stable:  locally, proved by `design.certificate`, as long as the input does not saturate.
     Source:  [1] eqs. 13, 16-18, corrected. The K printed in [1] is unstable: docs page.
     """
@@ -202,9 +202,9 @@ class StableInversion:
     def _rescale_internal_states(self, x: Any, zeta: Any) -> Any:
         """Return the reference internal states for the estimated frequencies of the modes.
 
-        The static displacement of a mode is N/w^2, so an error in w scales the reference by its square. An estimator
-        with the same wrong w has the same error in its states, so the feedback sees no difference. An estimator that
-        estimates w corrects the reference.
+        The static displacement of a mode is N/w^2, so a wrong w changes the reference with the square of w. An
+        estimator with the same wrong w has the same error in its states, so the feedback sees no difference. An
+        estimator that estimates w corrects the reference.
         """
         frequencies = optional_member(x, "frequencies")
         if isinstance(frequencies, tuple):
@@ -240,7 +240,10 @@ def check_internal_table(craft: Any, command: Any, table: InternalTable, limits:
     t = table.first + table.spacing * np.arange(len(table.nodes))
     wrong, u = (np.asarray(a) for a in _table_residual(craft, command, t, table.nodes, table.rates))
     if not wrong.max() < SOLVED:
-        when = f"the error of its rates is {wrong.max():.2g} of their typical sizes at {t[wrong.argmax()]:g} s"
+        when = (
+            f"at {t[wrong.argmax()]:g} s the error of the table's rates is {wrong.max():.2g} of the rates' "
+            "typical sizes"
+        )
         problem = f"the table was made for another command or vehicle: {when}"
         preview = argument("settings", "preview", "internal")
         fix = f"{preview}, which needs no table, or run a scenario made for this command"

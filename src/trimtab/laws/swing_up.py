@@ -57,9 +57,11 @@ class SwingUp:
     )
     n: Scalar = quantity("1", "Maximum acceleration n of the energy control, in g.", default=0.6, above=0)
     k_x: Scalar = quantity(
-        "1/s^2", 'Gain k_x for centring the cart, on its position, in mode "swing".', default=0.6, low=0
+        "1/s^2", 'Gain k_x of the cart position, which centres the cart in mode "swing".', default=0.6, low=0
     )
-    k_v: Scalar = quantity("1/s", 'Gain k_v for centring the cart, on its speed, in mode "swing".', default=0.6, low=0)
+    k_v: Scalar = quantity(
+        "1/s", 'Gain k_v of the cart speed, which damps the cart in mode "swing".', default=0.6, low=0
+    )
     K: Any = quantity(
         "1",
         'Gain K in F = -K x of mode "balance". x: position (m), speed (m/s), angle (rad), angle rate (rad/s).',

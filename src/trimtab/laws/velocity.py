@@ -95,7 +95,7 @@ class ForwardMomentum:
              W = m ((u - PXr/m)^2 + v^2)/2 + lambda J r^2/2, lambda = 1 + kappa, decreases along every motion: W' is a
              negative definite form whose (v, r) block, k2 [[1, -d], [-d, (1 + kappa) d^2]], has determinant
              k2^2 kappa d^2 > 0. [1] takes lambda = 1 - kappa, which needs k2 > PXr/d. The gains of [1] (table 6.2:
-             kappa = 2.19) violate this; the proof above covers them (see docs Errata).
+             kappa = 2.19) violate this condition. The proof above covers these gains (see docs Errata).
     Source:  [1] eq. 2.24; lambda: own derivation; default gains [1] table 6.2.
     """
 

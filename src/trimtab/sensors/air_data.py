@@ -49,8 +49,8 @@ class AirData:
         alpha = (1 + k) atan2(v_z, v_x) + b + n,   beta = (1 + k) asin(v_y / |v|) + b + n
 
     k is a relative error, b a zero error and n white noise. Above Mach 1, q_c follows Rayleigh's formula, behind a
-    normal shock. The airspeeds are computed from q_c by the same law, solved for M. Unlike an inertial velocity, they
-    include wind and turbulence.
+    normal shock. The airspeeds are computed from q_c by the same law, solved for M. Unlike an inertial velocity, the
+    airspeeds include wind and turbulence.
 
     Frames:  velocities and position l of the boom in B; alpha from the velocity through the air to the x axis, in the
              x-z plane, positive nose up.

@@ -177,7 +177,7 @@ def digitise(output: Any, most: Any, resolution: Any) -> tuple[Any, Any]:
 
 
 def _limit_bandwidth(errors: TriadErrors, state: TriadState, true: Any, dt: float) -> tuple[Any, Any]:
-    """Return state and output of low-pass or response model, which starts in the steady state of its first sample."""
+    """Return the state and the output of the low-pass or response model. At the first sample, start in steady state."""
     if errors.response is not None:
         rest = errors.response.start(true)
         memory = tree_where(state.started, state.memory, rest)

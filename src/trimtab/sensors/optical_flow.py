@@ -46,7 +46,7 @@ class FlowState:
 
 @record
 class OpticalFlow:
-    """Camera with a gyro and a ranger. It looks along the body's z axis at level ground.
+    """Camera with a gyro and a ranger. The camera looks along the body's z axis at level ground.
 
         flow = ( -u/d - q,  -v/d + p )        u = -d (flow_x + q_gyro),  v = -d (flow_y - p_gyro)
 

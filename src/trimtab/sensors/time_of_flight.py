@@ -106,7 +106,7 @@ class Medium:
 
     actual: Air = part("Actual air through which the sound travels.", default=Air())
     assumed: Air = part(
-        "Air assumed by the receiver for its speed of sound.",
+        "Air for which the receiver computes the speed of sound.",
         default=Air(),
         off={"sound-speed": lambda medium: medium.actual},
     )

@@ -101,8 +101,8 @@ class UltrasonicRanging:
         k = t div slot;   client of slot k = k mod clients: the unit with this index, or a client on another vehicle
         range = distance / ratio(beta) * c_assumed / c + errors;   a reply waits until the channel is free
 
-    The sample of a ping has the time of the ping. It is available when the last reply has arrived, or at the end of the
-    slot if no reply arrives. Random draws depend only on the key and the slot.
+    The sample of a ping has the time of the ping. The sample is available when the last reply has arrived, or at the
+    end of the slot if no reply arrives. Random draws depend only on the key and the slot.
 
     Frames:  beacons in W, units in B.    Not modelled: Doppler shift; the vehicle's motion during the sound's flight;
              interference of a ping with the echoes of the previous ping.
@@ -175,7 +175,7 @@ class UltrasonicRanging:
         return Ranges(range=jnp.where(arrived, exact, 0.0), arrived=arrived, unit=unit)
 
     def ping(self, t: Any, key: Key, motion: Motion) -> tuple[Ranges, Any]:
-        """Return the replies to a ping in the slot of time t (unit: 100 ns), and the delay (s) of the last one."""
+        """Return the replies to a ping in the slot of time t (unit: 100 ns), and the delay (s) of the last reply."""
         _, unit = self.pinging_unit(t)
         number = t // self.slot
         lever = jnp.asarray(self.units)[unit]

@@ -157,12 +157,14 @@ def load(
 
 
 def first_state(vehicle: FmuVehicle) -> Any:
-    """Return the record of the FMU's outputs, with the start values in its description, or zero if it has none."""
+    """Return the record of the FMU's outputs, with the start values in the FMU's description, or zero where a start
+    value is missing."""
     return _signal_record("FmuState", read_interface(vehicle.file).outputs)
 
 
 def neutral_input(vehicle: FmuVehicle) -> Any:
-    """Return the record of the FMU's inputs, with the start values in its description, or zero if it has none."""
+    """Return the record of the FMU's inputs, with the start values in the FMU's description, or zero where a start
+    value is missing."""
     return _signal_record("FmuInput", read_interface(vehicle.file).inputs)
 
 

@@ -103,7 +103,7 @@ class Hypersonic:
     forces: RigidForces = part("Models of air density, aerodynamics and propulsion.", default=RigidForces())
     modes: FlexibleModes = part("Bending modes and their coupling.", default=FlexibleModes())
     disturbance: Any = part("External disturbance; None: no disturbance.", default=None)
-    gust: Any = part("Gust added to still air. A world with turbulence sets it. None: no gust.", default=None)
+    gust: Any = part("Gust added to still air. A world with turbulence sets this field. None: no gust.", default=None)
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
     """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""

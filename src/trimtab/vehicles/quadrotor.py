@@ -177,8 +177,8 @@ class Multirotor:
     """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def acting_speed(self, x: MultirotorState, u: RotorSpeeds) -> Any:
-        """Return the rotor speeds that act (n,) (rad/s): those of the state, or the commanded speeds if the lag is
-        0."""
+        """Return the rotor speeds that act (n,) (rad/s): the state's rotor speeds, or the commanded speeds if the lag
+        is 0."""
         return jnp.where(self.lag > 0, x.rotor_speed, u.speed)
 
     def accelerations(self, x: MultirotorState, u: RotorSpeeds) -> tuple[Any, Any]:

@@ -157,7 +157,7 @@ class RigidBody:
     origin: TangentPlane = part(
         "Origin of the local frame W: latitude, longitude and height on the earth.", default=TangentPlane(0.0, 0.0)
     )
-    gust: Any = part("Gust added to the wind. A world with turbulence sets it. None: no gust.", default=None)
+    gust: Any = part("Gust added to the wind. A world with turbulence sets this field. None: no gust.", default=None)
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
     """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""

@@ -198,7 +198,7 @@ class WindLoad:
         the relative wind blows
 
     Source:  Fossen, "Handbook", 2021, section 10.1, for a vessel symmetric to port and starboard. Areas and
-             coefficients are our own choice, the coefficients in the middle of the ranges given in the handbook.
+             coefficients are our own choice. The coefficients are in the middle of the handbook's ranges.
     """
 
     wind: Wind = part("Wind velocity over the ground, just above the water.", default=Wind())

@@ -20,7 +20,7 @@ TABLES = "[1] appendix B"
 RPM = np.pi / 30
 """One revolution per minute, in rad/s."""
 CRUISE = 1500 * RPM
-"""Shaft speed at which [1] gives thrust and torque (rad/s)."""
+"""Shaft speed for which [1] states thrust and torque (rad/s)."""
 DOWN = np.array([0.0, 0.0, 1.0])
 
 

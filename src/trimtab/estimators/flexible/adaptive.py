@@ -3,7 +3,7 @@
 A single filter with eta and the frequencies in one state becomes overconfident. At rest eta_i = N_i/w_i^2: the
 accelerometer measures only w_i^2 eta_i, so all pairs (eta_i, w_i) on a curve explain the measurement equally well. The
 estimate of a linearised filter moves with the noise, and the filter uses another tangent of that curve at each step.
-Its covariance therefore shrinks along the curve without information. In stretched displacements
+The filter's covariance therefore shrinks along the curve without information. In stretched displacements
 
     s_i = (w_i/w_i0)^2 eta_i        s_i' = (w_i/w_i0)^2 eta_i'        lam_i = ln(w_i/w_i0)
 
@@ -64,7 +64,7 @@ PROBABILITY_MIN = 1e-6
 """Approximate lower limit of a hypothesis's probability, so that each hypothesis can recover."""
 CORNERS = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
 M = len(CORNERS)
-"""Number of hypotheses. In each, the frequencies of both modes are lower than, equal to or higher than nominal."""
+"""Number of hypotheses: all combinations of a low, a nominal and a high frequency of the two modes."""
 
 
 def stretch_factors(x: Any) -> Any:
@@ -174,15 +174,17 @@ class AdaptiveFlexibleModeFilter:
 
     A single filter is not enough: if the frequencies are 10 % off, mode 2 is near the expected frequency of mode 1, and
     the filter converges to the wrong mode. Of nine filters that start at frequencies about 10 % apart, one converges to
-    the right modes. The estimate is the weighted mean of the filters. Its covariance includes their spread.
+    the right modes. The estimate is the weighted mean of the filters. The covariance of the estimate includes the
+    spread of the filters.
 
-    - Frequencies and probabilities change only while the modes vibrate by at least `excitation` standard deviations of
-      their uncertainty. Otherwise the uncertainty of the frequencies is considered, but the frequencies are not
-      corrected. **At rest the frequencies can't be estimated.**
-    - An innovation with NIS above `gate` is attributed to an unknown moment (a jolt), not to noise. Its square is added
-      to R, P grows by the effect of this moment on the modes, and the frequencies are not corrected.
-    - The frequencies of each filter follow a slow random walk. Their standard deviation does not grow above its initial
-      value, and they stay within `bound`.
+    - Frequencies and probabilities change only while the vibration of the modes is at least `excitation` standard
+      deviations of its uncertainty. Otherwise the uncertainty of the frequencies is considered, but the frequencies are
+      not corrected. **At rest the frequencies can't be estimated.**
+    - An innovation with NIS above `gate` is attributed to an unknown moment (a jolt), not to noise. The square of the
+      innovation is added to the measurement variance R, the covariance P grows by the effect of this moment on the
+      modes, and the frequencies are not corrected.
+    - The frequencies of each filter follow a slow random walk. The standard deviation of a frequency does not grow
+      above its initial value, and the frequency stays within `bound`.
 
     Not modelled: damping and coupling that differ from those of the vehicle model; noise of the measured rigid-body
                   state.
@@ -251,7 +253,9 @@ class AdaptiveFlexibleModeFilter:
         fastest = float(max(self.craft.modes.w1, self.craft.modes.w2) * self.bound)
         if fastest * to_seconds(self.period) >= 0.5:
             problem = f"the period {format_time(self.period)} is too long for a mode of {fastest:g} rad/s"
-            raise InputError(f"{name}.period", problem, fix=f"set it below {format_time(int(0.5 / fastest * 1e7))}")
+            raise InputError(
+                f"{name}.period", problem, fix=f"set the period below {format_time(int(0.5 / fastest * 1e7))}"
+            )
 
     def init(self, key: Key) -> AdaptiveModeState:
         """Return the filter's initial state, before any measurement."""
@@ -350,7 +354,8 @@ class AdaptiveFlexibleModeFilter:
         )
 
     def estimated_flight(self, state: AdaptiveModeState) -> FlexibleFlight:
-        """Return the estimate: the mean over the hypotheses, with standard deviations that include their spread."""
+        """Return the estimate: the mean over the hypotheses, with standard deviations that include the spread of the
+        hypotheses."""
         sigma = jnp.sqrt(jnp.maximum(jnp.stack([state.spread[i, i] for i in range(6)]), 0.0))
         frequencies = ModalFrequencies(
             w1=state.w[0],

@@ -162,7 +162,7 @@ class FlexibleModeFilter:
             most = format_time(int(self.period * 16 / norm))
             modes = f"{float(self.craft.modes.w1):g} and {float(self.craft.modes.w2):g} rad/s"
             problem = f"the period {format_time(self.period)} is too long for modes of {modes}"
-            raise InputError("FlexibleModeFilter.period", problem, fix=f"set it below {most}")
+            raise InputError("FlexibleModeFilter.period", problem, fix=f"set the period below {most}")
 
     def model(self) -> ModalModel:
         """Return the discrete model of one period."""

@@ -77,7 +77,7 @@ class AidedInertialCoupled:
     """
 
     intake: Intake = part(
-        "Sensors that are read, and checks of their samples; the heading sensor is optional.",
+        "Sensors that the filter reads, and checks of the samples. The heading sensor is optional.",
         default=Intake(heading=""),
     )
     noise: InertialNoise = part("Noise of the IMU and of the aiding sensors.", default=InertialNoise())
@@ -126,7 +126,7 @@ class AidedInertialCoupled:
         return replace(node, imu_reading=imu_reading, x=m.x, P=P, force=m.force, steady=m.steady)
 
     def correct_heading(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
-        """Correct the state with a measured heading z (rad, modulo 2 pi). If its variance is 0, use noise.heading."""
+        """Correct the state with a measured heading z (rad, modulo 2 pi). If `variance` is 0, use noise.heading."""
         H = jnp.zeros((1, 8)).at[0, 0].set(1.0)
         R = self.noise.heading_noise(variance)
         y = wrap(node.x[0] - z)[None]
@@ -134,7 +134,7 @@ class AidedInertialCoupled:
         return replace(_reset_errors(node, correction), heading_fix=fix)
 
     def correct_position(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
-        """Correct the state with a measured position z (2,) (m). If its variance is 0, use noise.position."""
+        """Correct the state with a measured position z (2,) (m). If `variance` is 0, use noise.position."""
         arm, slope = rotate_lever(node.x[0], self.arms.imu_to_aided_point())
         none = jnp.zeros((2, 2))
         H = jnp.concatenate([slope[:, None], none, jnp.eye(2), jnp.zeros((2, 3))], axis=1)

@@ -171,8 +171,9 @@ def transition(R_WB: Any, one: Increment) -> Any:
     """Return the first 9 rows (9, 15) of the error's transition matrix over an increment that begins at R_WB (3, 3).
 
     The effects of errors of attitude, velocity and position are exact. The effects of bias errors are computed for a
-    constant angular rate. For attitude and velocity they are correct to second order in the rotation angle, also for a
-    changing force (T dv - dp is the integral of s f(s)). For position they assume a constant force.
+    constant angular rate. For attitude and velocity, these effects are correct to second order in the rotation angle,
+    also for a changing force (T dv - dp is the integral of s f(s)). For position, they are correct only for a constant
+    force.
     """
     T, dR = one.time, quaternion.to_matrix(one.turn)
     eye, none = jnp.eye(3), jnp.zeros((3, 3))

@@ -115,7 +115,7 @@ class SpatialNavigationState:
     gnss: SensorWatch = part("Checks of the receiver's samples.")
     horizon: Scalar = quantity("s", "Delay of the filter behind the present.")
     healthy: Scalar = quantity("1", "True if all variances are finite and above 0.", kind="flag")
-    silent: Scalar = quantity("1", "True if the IMU has given no data for too long.", kind="flag")
+    silent: Scalar = quantity("1", "True if no IMU data have arrived for too long.", kind="flag")
 
 
 @record

@@ -84,7 +84,7 @@ class ParticleState:
     imu: SensorWatch = part("Checks of the IMU's samples.")
     position: SensorWatch = part("Checks of the ranging sensor's samples.")
     heading: Any = part("Checks of a heading sensor; always None, because the filter reads none.", default=None)
-    clock: Scalar = quantity("100 ns", "Latest time of the autopilot's clock so far.", kind="time", default=NEVER)
+    clock: Scalar = quantity("100 ns", "Latest time that the autopilot's clock has shown.", kind="time", default=NEVER)
     clock_backwards: Scalar = quantity(
         "1", "Number of times the autopilot's clock ran backwards.", kind="count", default=0
     )
@@ -94,8 +94,8 @@ class ParticleState:
 class Particle:
     """Particle filter whose particles are Gaussians, each updated to second order.
 
-    The particles are drawn at the first ping with two or more ranges. Each particle starts with a random pair of
-    beacons, at one of the two intersections of their circles, with a random heading. The filter is updated at pings.
+    The particles are drawn at the first ping with two or more ranges. Each particle starts with a random heading, at
+    one of the two intersections of the range circles around a random pair of beacons. The filter is updated at pings.
     Between two pings, the IMU is integrated once for all particles. A ping is used at the time at which it was sent.
     From this time, the estimate is predicted to the newest IMU sample. A ping older than the last ping used is not
     used.
@@ -106,7 +106,7 @@ class Particle:
     """
 
     intake: Intake = part(
-        "Sensors that are read, and checks of their samples. The field `position` names the ranging sensor.",
+        "Sensors that the filter reads, and checks of the samples. The field `position` names the ranging sensor.",
         default=Intake(heading="", position="ranging", slots=64),
     )
     noise: InertialNoise = part("Noise of the IMU.", default=InertialNoise())

@@ -51,7 +51,7 @@ class Cloud:
 
 
 def initialise_cloud(form: Any, key: Key, number: Any, ranges: Any, unit: Any) -> Cloud:
-    """Return particles drawn from the ranges (n,) of one ping, of which at least two must be above 0.
+    """Return particles drawn from the ranges (n,) of one ping. At least two ranges must be above 0.
 
     number: number of previous starts.
     """

@@ -97,7 +97,9 @@ class RangingPositionState:
         "1", "Sensitivity of each ultrasonic unit's last fix to an error of each range (m, n, 2).", frame="W"
     )
     times: Any = quantity(
-        "100 ns", "Time at which each ultrasonic unit was last located (m,); NEVER for one without a fix.", kind="time"
+        "100 ns",
+        "Time at which each ultrasonic unit was last located (m,); NEVER for a unit without a fix.",
+        kind="time",
     )
     measured: Scalar = quantity("100 ns", "Time at which the newest ping with a fix was sent.", kind="time")
     seen: Scalar = quantity("100 ns", "Time at which the newest ping, with or without a fix, was sent.", kind="time")
@@ -182,7 +184,7 @@ class RangingPosition:
         if len(plan) == 2 and np.allclose(plan[0], plan[1]):
             raise InputError(
                 "RangingPosition.units",
-                "one of the first two ultrasonic units must not be above the other",
+                "the second ultrasonic unit must not be directly above or below the first",
                 fix="give the two units different x or y",
             )
 
@@ -209,7 +211,7 @@ class RangingPosition:
         )
 
     def locate(self, ranges: Any, arrived: Any, unit: Any, near: Any, known: Any) -> _UnitLocation:
-        """Return an ultrasonic unit's position (2,) and its quality, from measured ranges.
+        """Return an ultrasonic unit's position (2,), and the quality of this position, from measured ranges.
 
         ranges: measured ranges (m), shape (n,).  arrived: True for each range that arrived, shape (n,).  unit: index of
         the unit.  near: position of the previous fix (m), shape (2,).  known: True if there was a previous fix.

@@ -78,7 +78,7 @@ class TightlyCoupled:
     """
 
     intake: Intake = part(
-        "Sensors that are read, and checks of their samples. The field `position` names the ranging sensor.",
+        "Sensors that the filter reads, and checks of the samples. The field `position` names the ranging sensor.",
         default=Intake(heading="", position="ranging", slots=48),
     )
     noise: InertialNoise = part("Noise of the IMU and of the heading sensor.", default=InertialNoise())
@@ -168,7 +168,7 @@ class TightlyCoupled:
         return replace(node, imu_reading=imu_reading, x=m.x, P=P, force=m.force, steady=m.steady, start=start)
 
     def correct_heading(self, node: TightNode, z: Any, variance: Any) -> TightNode:
-        """Correct the state with a measured heading z (rad, modulo 2 pi). If its variance is 0, use noise.heading.
+        """Correct the state with a measured heading z (rad, modulo 2 pi). If `variance` is 0, use noise.heading.
 
         Before the filter has started, the heading is added to the data for the start instead.
         """

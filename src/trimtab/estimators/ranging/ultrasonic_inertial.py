@@ -90,7 +90,8 @@ class UltrasonicInertial:
     `state.position_sensor` also includes checks of the pings: frozen ranges, non-finite ranges, pings out of time.
 
     Frames:  beacons in W, levers in B.
-    Valid:   for one or two units; two give a heading. Not modelled: correlation of heading and position of a ping.
+    Valid:   for one or two ultrasonic units. Two units provide a heading.
+    Not modelled: correlation of heading and position of a ping.
     Source:  [1] sections 5.4 and 5.5.
     """
 
@@ -198,8 +199,8 @@ class UltrasonicInertial:
     def _locate_vehicle(
         self, s: RangingPositionState, fix: Estimate, inertial: InertialState
     ) -> tuple[PositionMeasurement, HeadingMeasurement]:
-        """Return the vehicle's position from that of the ultrasonic unit that pinged, and its heading from two
-        units."""
+        """Return the vehicle's position, from the position of the ultrasonic unit that pinged, and the vehicle's
+        heading, from the positions of two units."""
         levers = jnp.asarray(self.positioning.units)[:, :2]
         new = fix.state.unit
         now, lever = self._pose(inertial, s.measured), levers[new]
