@@ -58,7 +58,9 @@ class Battery:
     def check(self) -> None:
         """Raise InputError for a battery whose voltage rises as it is discharged."""
         if float(self.empty) > float(self.full):
-            problem = f"{float(self.empty):g} V must be at most the full voltage, {float(self.full):g} V"
+            problem = (
+                f"the empty voltage of {float(self.empty):g} V must be at most the full voltage, {float(self.full):g} V"
+            )
             raise InputError("Battery.empty", problem, fix="set empty below full")
 
     def init(self) -> BatteryState:

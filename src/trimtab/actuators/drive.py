@@ -196,7 +196,8 @@ class FanDrive:
             self.fan.check()
             if self.fan.motor.period != self.period:
                 problem = (
-                    f"{format_time(self.fan.motor.period)} must equal the drive's period of {format_time(self.period)}"
+                    f"the motor's period of {format_time(self.fan.motor.period)} must equal the drive's "
+                    f"period of {format_time(self.period)}"
                 )
                 raise InputError("fan.motor.period", problem, fix="set both periods to the same value")
 

@@ -128,12 +128,15 @@ class Failsafe:
         for name, limit in (("low", self.low), ("high", self.high)):
             other = [path for path, _, _ in leaves(limit)]
             if own != other:
-                problem = f"has the fields ({', '.join(other)}), but safe has the fields ({', '.join(own)})"
+                problem = (
+                    f"the record has the fields ({', '.join(other)}), but the record `safe` has the fields "
+                    f"({', '.join(own)})"
+                )
                 raise InputError(name, problem, fix=f"give a record of class {type(self.safe).__name__}")
         for path, value, _ in leaves(self.safe):
             low, high = (np.asarray({p: v for p, v, _ in leaves(r)}[path]) for r in (self.low, self.high))
             if not ((low <= np.asarray(value)) & (np.asarray(value) <= high)).all():
-                problem = f"{value} must lie between low, {low}, and high, {high}"
+                problem = f"the safe value {value} must lie between the limits low, {low}, and high, {high}"
                 raise InputError(f"safe.{path}", problem, fix="change the limit or the safe value")
 
     def init(self) -> FailsafeState:

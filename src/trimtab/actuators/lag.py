@@ -126,7 +126,8 @@ class SecondOrderLag:
         turned = float(self.frequency) * to_seconds(period)
         if turned > FASTEST:
             problem = (
-                f"{float(self.frequency):g} rad/s is too high for a period of {format_time(period)}: their "
+                f"a frequency of {float(self.frequency):g} rad/s is too high for a period of "
+                f"{format_time(period)}: their "
                 f"product is {turned:.2g} rad"
             )
             fix = (
@@ -207,4 +208,8 @@ class SecondOrderLag:
 
 def _check_stops(low: Any, high: Any) -> None:
     if not float(low) < float(high):
-        raise InputError("low", f"{float(low):g} must be below high, {float(high):g}", fix="set low below high")
+        raise InputError(
+            "low",
+            f"the lower stop {float(low):g} must be below the upper stop {float(high):g}",
+            fix="set low below high",
+        )

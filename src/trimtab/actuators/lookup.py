@@ -42,7 +42,7 @@ class BilinearTable:
         """Raise InputError if the table has fewer than two rows or two columns."""
         shape = np.shape(self.values)
         if len(shape) != 2 or min(shape) < 2:
-            problem = f"has shape {shape}, must have at least 2 rows and 2 columns"
+            problem = f"the table has shape {shape}, but must have at least 2 rows and 2 columns"
             raise InputError("values", problem, fix="give a two-dimensional array")
 
     def rows(self) -> Any:

@@ -78,7 +78,7 @@ class RudderServo:
             raise InputError("angles", problem, fix="sort the points and remove repeated points")
         low, high = float(self.angle_min), float(self.angle_max)
         if not angles[0] - 1e-9 <= low < high <= angles[-1] + 1e-9:
-            problem = f"stops {low:.6g} and {high:.6g} rad must increase and lie within the table, "
+            problem = f"the stops {low:.6g} and {high:.6g} rad must increase and lie within the table, "
             problem += f"{angles[0]:.6g} to {angles[-1]:.6g} rad"
             raise InputError("angle_min, angle_max", problem, fix="move the stops or measure a wider table")
 

@@ -52,11 +52,15 @@ class ServoFrame:
         for name, own in (("frame", self.frame), ("phase", self.phase)):
             if int(own) % int(period):
                 problem = (
-                    f"{format_time(int(own))} must be a multiple of the actuators' period of {format_time(int(period))}"
+                    f"the time of {format_time(int(own))} must be a multiple of the actuators' period of "
+                    f"{format_time(int(period))}"
                 )
                 raise InputError(name, problem, fix="choose a multiple of the actuators' period")
         if self.frame and int(self.phase) >= int(self.frame):
-            problem = f"{format_time(int(self.phase))} must be shorter than the frame of {format_time(int(self.frame))}"
+            problem = (
+                f"the phase of {format_time(int(self.phase))} must be shorter than the frame of "
+                f"{format_time(int(self.frame))}"
+            )
             raise InputError("phase", problem, fix="choose a phase within the frame")
 
     def init(self, rest: Any) -> ServoFrameState:

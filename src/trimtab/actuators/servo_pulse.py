@@ -56,7 +56,9 @@ class ServoPulse:
             problem = f"widths must be strictly monotonic, got {widths.tolist()}"
             raise InputError("widths", problem, fix="give widths that only increase or only decrease")
         if widths.min() < SHORTEST or widths.max() > LONGEST:
-            problem = f"{widths.min() * 1e3:g} to {widths.max() * 1e3:g} ms is outside the accepted range"
+            problem = (
+                f"{widths.min() * 1e3:g} to {widths.max() * 1e3:g} ms as pulse widths is outside the accepted range"
+            )
             raise InputError(
                 "widths", problem, fix=f"give widths from {SHORTEST * 1e3:g} to {LONGEST * 1e3:g} ms, in seconds"
             )

@@ -14,7 +14,7 @@ from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.rotation import DEG
 
 NEWTON_STEPS = 5
-"""Number of Newton steps that solve the map of the reverse thrust to rounding error. A test checks this number."""
+"""Number of Newton steps that invert the reverse thrust down to the rounding error. A test checks this number."""
 
 
 @record
@@ -72,7 +72,7 @@ class Thruster:
         """Raise InputError unless the reverse thrust is positive and rises with speed, so that it has an inverse."""
         low, high = float(self.reverse_low_rpm), float(self.speed_max_rpm)
         if not low < high:
-            problem = f"{low:g} rpm must be below speed_max_rpm, {high:g} rpm"
+            problem = f"the lowest measured speed of {low:g} rpm must be below speed_max_rpm, {high:g} rpm"
             raise InputError("reverse_low_rpm", problem, fix="set the lowest measured speed below speed_max_rpm")
         n = np.linspace(low, high, 200) / 1000
         thrust = n**2 * np.polyval(np.asarray(self.reverse_ratio), n)

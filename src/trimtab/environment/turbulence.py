@@ -72,7 +72,7 @@ class TurbulenceScales(NamedTuple):
 class TurbulenceState:
     """States of the shaping filters, each with a variance of about one. Frames: B. Source: this module."""
 
-    key: Key = part("Random key of the noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     begun: Scalar = quantity("1", "True once a first gust has been computed.", kind="flag")
     forward: Any = quantity("1", "Filter state of the velocity component along x.")
     side: Any = quantity("1", "Filter state of the velocity component along y, followed by the state of the yaw rate.")

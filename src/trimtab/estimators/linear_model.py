@@ -107,7 +107,7 @@ class LinearModelFilter:
         }
         for name, shape in shapes.items():
             if np.shape(getattr(self, name)) != shape:
-                problem = f"must have shape {shape}, got {np.shape(getattr(self, name))}"
+                problem = f"the array must have shape {shape}, got {np.shape(getattr(self, name))}"
                 raise InputError(
                     f"LinearModelFilter.{name}", problem, fix="create the filter with loop.linear_filter.design_filter"
                 )

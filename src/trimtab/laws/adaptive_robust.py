@@ -74,7 +74,9 @@ class AdaptiveRobust:
     def check(self) -> None:
         """Raise InputError if kappa is 1 or more, because the sign of the effect of v is then unknown."""
         if float(np.max(self.kappa)) >= 1:
-            raise InputError("AdaptiveRobust.kappa", f"must be below 1, got {self.kappa}", fix="give a bound below 1")
+            raise InputError(
+                "AdaptiveRobust.kappa", f"kappa must be below 1, got {self.kappa}", fix="give a bound below 1"
+            )
 
     def init(self) -> AdaptationState:
         """Return the initial bounds, before any adaptation."""

@@ -61,7 +61,10 @@ class CourseTracking:
         self.feedback.check()
         k, n, m = len(self.x), np.size(self.feedback.x0), np.shape(self.feedback.K)[0]
         if k < 2 or np.shape(self.x) != (k, n) or np.shape(self.du) != (k, m):
-            problem = f"the shapes x {np.shape(self.x)}, du {np.shape(self.du)} do not match {n} states and {m} inputs"
+            problem = (
+                f"the shapes of x, {np.shape(self.x)}, and du, {np.shape(self.du)}, do not match {n} states "
+                f"and {m} inputs"
+            )
             raise InputError("CourseTracking.x", problem, fix=f"give x (k, {n}) and du (k, {m}), k at least 2")
 
     @property

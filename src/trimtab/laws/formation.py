@@ -32,8 +32,8 @@ class FormationState:
     """State of the law `Formation`: the reference point that the craft follows. Source: own derivation."""
 
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
-    north: Scalar = quantity("m", "Position of the reference point, north.", frame="W")
-    east: Scalar = quantity("m", "Position of the reference point, east.", frame="W")
+    north: Scalar = quantity("m", "North coordinate of the reference point.", frame="W")
+    east: Scalar = quantity("m", "East coordinate of the reference point.", frame="W")
     backing: Scalar = quantity("1", "True if the tail, not the nose, is turned to the demanded force.", kind="flag")
     reverse: Scalar = quantity("1", "True if the fan runs in reverse.", kind="flag")
 
@@ -88,10 +88,18 @@ class Formation:
     reads: ClassVar[tuple[str, ...]] = ("own", "peers")
 
     number: Scalar = quantity("1", "Number of this craft. Craft 0 is the leader.", kind="count", default=np.int32(0))
-    north: Scalar = quantity("m", "Position in the formation relative to the leader, north.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Position in the formation relative to the leader, east.", frame="W", default=0.0)
-    centre_north: Scalar = quantity("m", "Centre of the leader's circular route, north.", frame="W", default=0.0)
-    centre_east: Scalar = quantity("m", "Centre of the leader's circular route, east.", frame="W", default=0.0)
+    north: Scalar = quantity(
+        "m", "North coordinate of the craft relative to the leader, in the formation.", frame="W", default=0.0
+    )
+    east: Scalar = quantity(
+        "m", "East coordinate of the craft relative to the leader, in the formation.", frame="W", default=0.0
+    )
+    centre_north: Scalar = quantity(
+        "m", "North coordinate of the centre of the leader's circular route.", frame="W", default=0.0
+    )
+    centre_east: Scalar = quantity(
+        "m", "East coordinate of the centre of the leader's circular route.", frame="W", default=0.0
+    )
     radius: Scalar = quantity(
         "m", "Radius of the leader's circular route. If 0, the leader stays at the centre.", default=0.0, low=0
     )

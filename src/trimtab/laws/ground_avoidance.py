@@ -101,11 +101,11 @@ class GroundAvoidanceOutput:
 class GroundAvoidance:
     """Law of [1] for the ground collision avoidance of an F-16.
 
-        standby  --flies down, below the deck-->  roll  --wings level, roll rate low-->  pull
+        standby  --flies down, below `deck`-->  roll  --wings level, roll rate low-->  pull
         pull     --flies up, and has pulled for `least_pull`-->  standby
 
-    The mode standby demands a load factor of 1 and no roll. The mode roll demands ps = -k_roll phi - k_damp p. The mode
-    pull demands a load factor of 1 + `load`.
+    The mode standby demands a load factor of 1 and no roll. The mode roll demands the roll rate ps = -k_roll phi -
+    k_damp p, with the bank angle phi and the measured roll rate p. The mode pull demands a load factor of 1 + `load`.
 
     Frames:  altitude above the ground at the origin of W; roll angle from the nearest wings-level attitude.
     Not modelled: terrain; throttle control. The throttle stays at its trim value, as in [1].

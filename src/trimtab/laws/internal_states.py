@@ -68,12 +68,14 @@ class InternalTable:
         for name, value in (("nodes", self.nodes), ("rates", self.rates)):
             shape = np.shape(value)
             if len(shape) != 2 or shape[0] < 2 or shape[1] != INTERNALS:
-                problem = f"has shape {shape}, must be (n, {INTERNALS}) with n at least 2"
+                problem = f"the array has shape {shape}, but must have shape (n, {INTERNALS}) with n at least 2"
                 raise InputError(f"InternalTable.{name}", problem, fix="give one row of six numbers for each node")
             if not np.isfinite(np.asarray(value)).all():
                 row = int(np.argmin(np.isfinite(np.asarray(value)).all(axis=1)))
                 raise InputError(
-                    f"InternalTable.{name}", f"row {row} has a number that is not finite", fix="compute the table again"
+                    f"InternalTable.{name}",
+                    f"row {row} contains a number that is not finite",
+                    fix="compute the table again",
                 )
         if np.shape(self.nodes) != np.shape(self.rates):
             problem = f"each node must have rates, got {len(self.nodes)} nodes and {len(self.rates)} rows of rates"

@@ -47,8 +47,8 @@ class LineOfSightOutput:
     heading_reference: Scalar = quantity("rad", "Heading of the autopilot's reference model.", kind="angle", frame="W")
     yaw_rate_reference: Scalar = quantity("rad/s", "Yaw rate of the autopilot's reference model.")
     integral: Scalar = quantity("m", "Integral I of the cross-track error, as in [1].")
-    north_reference: Scalar = quantity("m", "Position of the path's point, north.", frame="W")
-    east_reference: Scalar = quantity("m", "Position of the path's point, east.", frame="W")
+    north_reference: Scalar = quantity("m", "North coordinate of the path's point.", frame="W")
+    east_reference: Scalar = quantity("m", "East coordinate of the path's point.", frame="W")
     progress: Scalar = quantity(
         "s", "Path parameter theta of the path's point, which moves with the vessel: time argument of the path."
     )

@@ -35,8 +35,8 @@ class PathTrackingOutput:
     """Demand and signals of the law `PathTracking`. P is the centre of percussion. Source: own derivation."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    north_reference: Scalar = quantity("m", "Reference position of the centre of percussion P, north.", frame="W")
-    east_reference: Scalar = quantity("m", "Reference position of the centre of percussion P, east.", frame="W")
+    north_reference: Scalar = quantity("m", "Reference north coordinate of the centre of percussion P.", frame="W")
+    east_reference: Scalar = quantity("m", "Reference east coordinate of the centre of percussion P.", frame="W")
     heading_reference: Scalar = quantity(
         "rad", "Reference heading of the nose, equal to the present heading if no thrust is demanded.", kind="angle"
     )

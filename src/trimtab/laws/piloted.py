@@ -279,7 +279,8 @@ class Piloted:
         return PlanarForce(FX=self.k1 * (reference.speed - s.surge_velocity), FY=self.k2 * slip)
 
     def _lead_course(self, before: PilotedState, hand: _Hand, dt: Any, s: Any) -> tuple[PilotedState, Any, Any]:
-        """Return the references after dt (s), the demanded force in W (N, north and east), and velocity error (m/s)."""
+        """Return the references after dt (s), the demanded force in W (N; north, east), and the velocity error
+        (m/s)."""
         c, n = jnp.cos(s.heading), jnp.sin(s.heading)
         side = s.sway_velocity + self.model.percussion_arm * s.yaw_rate
         velocity = jnp.stack([c * s.surge_velocity - n * side, n * s.surge_velocity + c * side])

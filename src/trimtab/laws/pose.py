@@ -96,8 +96,8 @@ class Pose:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    north: Scalar = quantity("m", "Target position of the centre of mass, north.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Target position of the centre of mass, east.", frame="W", default=0.0)
+    north: Scalar = quantity("m", "Target north coordinate of the centre of mass.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Target east coordinate of the centre of mass.", frame="W", default=0.0)
     heading: Scalar = quantity("rad", "Target heading of the nose.", kind="angle", default=0.0)
     k: Scalar = quantity("1/s", "Gain k of the velocity error of the centre of percussion.", default=2.0, above=0)
     c: Scalar = quantity("1/s", "Gain c: commanded speed per remaining distance.", default=0.5, above=0)

@@ -72,8 +72,8 @@ class PoseBySteps:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    north: Scalar = quantity("m", "Target position of the centre of mass, north.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Target position of the centre of mass, east.", frame="W", default=0.0)
+    north: Scalar = quantity("m", "Target north coordinate of the centre of mass.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Target east coordinate of the centre of mass.", frame="W", default=0.0)
     heading: Scalar = quantity("rad", "Target heading of the nose.", kind="angle", default=0.0)
     near: Scalar = quantity("m", "Remaining distance below which the position counts as reached.", default=0.3, above=0)
     near_heading: Scalar = quantity(

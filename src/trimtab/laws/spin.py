@@ -54,7 +54,7 @@ class ConstantSpin:
         return state, VelocityOutput(PlanarForce(-self.k1 * s.surge_velocity, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """Return the Lyapunov function W (J) of s, any record with the fields in `reads`."""
+        """Return the Lyapunov function W (J) for a state s with the fields in `reads`."""
         return lyapunov(self.model, s, self.reference)
 
 

@@ -258,7 +258,7 @@ def _check_input_limits(limits: InputLimits, u: Any, where: list[str]) -> None:
         beyond = np.maximum(least - value, value - most)
         if beyond.max() > 0:
             at = int(beyond.argmax())
-            problem = f"{where[at]} needs {what} {value[at]:.4g}, limits are {least:.4g} and {most:.4g}"
+            problem = f"{where[at]} needs {what} {value[at]:.4g}, but the limits are {least:.4g} and {most:.4g}"
             raise InputError("command", problem, fix="make the climb smaller, or wh and wV lower")
 
 

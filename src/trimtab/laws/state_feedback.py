@@ -84,7 +84,7 @@ class StateFeedback:
         """Raise InputError if the shapes of the gains do not match."""
         K, L, k = np.shape(self.K), np.shape(self.L), len(self.integrated)
         if len(K) != 2 or len(L) != 2 or (K[0], k) != L or np.shape(self.most) != (k,):
-            problem = f"the shapes K {K}, L {L}, most {np.shape(self.most)} do not match {k} integrals"
+            problem = f"the shapes of K {K}, L {L} and most {np.shape(self.most)} do not match {k} integrals"
             raise InputError(
                 "StateFeedback.K",
                 problem,

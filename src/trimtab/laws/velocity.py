@@ -68,7 +68,7 @@ class ZeroVelocity:
         return state, VelocityOutput(demand, self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """Return V (J), the kinetic energy of s, any record with the fields in `reads` [1, eq. 2.17]."""
+        """Return V (J), the kinetic energy of a state s with the fields in `reads` [1, eq. 2.17]."""
         return _error_energy(self.model, s, 0.0)
 
     def equilibrium(self) -> HovercraftState:
@@ -126,7 +126,7 @@ class ForwardMomentum:
         return state, VelocityOutput(PlanarForce(FX, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """Return the Lyapunov function W (J) with lambda = 1 + kappa of s, any record with the fields in `reads`."""
+        """Return the Lyapunov function W (J), with lambda = 1 + kappa, for a state s with the fields in `reads`."""
         kappa = self.reference / (self.k2 * self.model.arm)
         return _error_energy(self.model, s, self.reference / self.model.mass, 1 + kappa)
 
@@ -171,7 +171,7 @@ class ForwardMomentumMatched:
         return state, VelocityOutput(PlanarForce(FX, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """Return the Lyapunov function W (J) with lambda = 1 of s, any record with the fields in `reads`."""
+        """Return the Lyapunov function W (J), with lambda = 1, for a state s with the fields in `reads`."""
         return _error_energy(self.model, s, self.reference / self.model.mass)
 
     def equilibrium(self) -> HovercraftState:
@@ -234,8 +234,8 @@ class ReverseMomentum:
     def lyapunov(self, s: Any) -> Any:
         """Return (PX - PXr)^2/2m + PY^2/2m + Pi^2/2J (J), which is NOT a Lyapunov function, because it can grow.
 
-        s: any record with the fields in `reads`. `trimtab design hovercraft/reverse` finds a Lyapunov function that
-        holds in a region.
+        s: a state with the fields in `reads`. `trimtab design hovercraft/reverse` finds a Lyapunov function that holds
+        in a region.
         """
         return _error_energy(self.model, s, self.reference / self.model.mass)
 

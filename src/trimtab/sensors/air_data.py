@@ -34,7 +34,7 @@ class AirDataReading:
 class AirDataState:
     """State of the air data probes: their zero errors in this run. Source: docs page, Sensors for three dimensions."""
 
-    key: Key = part("Random key of the noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     pressure_offset: Scalar = quantity("Pa", "Zero error of the pressure transducer.")
     vane_offset: Any = quantity(
         "rad", "Zero errors of the angle-of-attack vane and the sideslip vane.", kind="angle", shape=(2,)

@@ -31,7 +31,7 @@ class AnchorRanges:
 class AnchorRangingState:
     """State of the ranging radio. Source: docs page, Sensors for three dimensions."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     bias: Any = quantity("m", "Range bias of each anchor (n,) in this run.")
     last: Any = quantity("m", "Last received range of each anchor (n,).")
 

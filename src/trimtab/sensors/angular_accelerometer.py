@@ -71,7 +71,7 @@ class AngularAccelerometer:
 class AngularAccelerometerState:
     """State of an angular accelerometer. Source: docs page, Angular accelerometer."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     bias: Scalar = quantity("rad/s^2", "Zero error of the sensor in this run.")
     scale: Scalar = quantity("1", "Relative scale error of the sensor in this run.")
     band: SectionState = part("State of the low-pass filter.")

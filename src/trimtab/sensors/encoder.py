@@ -87,7 +87,7 @@ class RateReading:
 class TachometerState:
     """State of the tachometer: random key, and the two sections of its low-pass. Source: this module."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     started: Scalar = quantity("1", "True once the low-pass has received a sample.", kind="flag")
     first: SectionState = part("State of the low-pass filter's first section.")
     second: SectionState = part("State of the low-pass filter's second section.")
@@ -139,7 +139,9 @@ class Tachometer:
                 f"a bandwidth of {self.bandwidth:g} Hz is too wide for a sampling period of {format_time(self.period)}"
             )
             raise InputError(
-                "bandwidth", problem, fix=f"{argument('settings', 'VALUE', 'bandwidth')} below {most:g} Hz, or 0"
+                "bandwidth",
+                problem,
+                fix=f"{argument('settings', 'VALUE', 'bandwidth')} with VALUE below {most:g} Hz, or 0",
             )
 
     def init(self, key: Key) -> TachometerState:

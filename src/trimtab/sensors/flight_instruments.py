@@ -48,7 +48,7 @@ class FlightInstrumentsReading:
 class FlightInstrumentsState:
     """State of the flight instruments. Source: this module."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     bias: Any = quantity(
         "1", "Standard normal draws of the biases in this run, one for each measured value.", shape=(len(CHANNELS),)
     )

@@ -71,7 +71,7 @@ class GnssRangesReading:
 class GnssRangesState:
     """State of the satellite receiver. Source: this module."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     late: LateState = part("Measurement that has been made but has not arrived yet.")
     correlated: Any = quantity("m", "Time-correlated error of each range.")
     clock: Any = quantity("1", "Clock bias (m) and drift (m/s), times the speed of light.", shape=(2,))

@@ -54,7 +54,7 @@ class DelayedGyroState:
     """State of the gyro model: true rates and outputs of the previous samples, newest first. Source: this module."""
 
     u: Any = quantity("rad/s", "True angular rates of the previous k samples (k, …), newest first.")
-    y: Any = quantity("rad/s", "Outputs of the previous two samples (2, …), newest first.")
+    y: Any = quantity("rad/s", "Outputs of the gyro model at the previous two samples (2, …), newest first.")
 
 
 @record

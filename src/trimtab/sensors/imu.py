@@ -208,7 +208,7 @@ class InertialReading:
 class ImuState:
     """State of an inertial measurement unit: the states of its two triads. Source: this module."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     accelerometer: TriadState = part("State of the accelerometers.")
     gyro: TriadState = part("State of the gyros.")
 
@@ -293,7 +293,7 @@ class Imu:
                     f"a bandwidth of {errors.bandwidth:g} Hz is too high "
                     f"for a sampling period of {format_time(self.period)}"
                 )
-                fix = f"{argument('settings', 'VALUE', f'{name}.bandwidth')} below {half:g} Hz, or 0"
+                fix = f"{argument('settings', 'VALUE', f'{name}.bandwidth')} with VALUE below {half:g} Hz, or 0"
                 raise InputError(f"{name}.bandwidth", problem, fix=fix)
             tick = optional_member(errors.response, "sampling") or self.period
             if tick != self.period:

@@ -40,7 +40,7 @@ class FlowReading:
 class FlowState:
     """State of an optical flow sensor: random key and gyro zero error. Source: docs page, Optical flow."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     gyro_offset: Any = quantity("rad/s", "Zero error of the gyro: roll and pitch rate.", frame="B", shape=(2,))
 
 

@@ -31,7 +31,7 @@ class AttitudeReading:
 class StarTrackerState:
     """State of a star tracker. Source: docs page, Sensors for three dimensions."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     alignment: Any = quantity(
         "rad", "Mounting error of the star tracker in this run, in its camera frame S.", kind="angle", shape=(3,)
     )

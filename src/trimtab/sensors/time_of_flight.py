@@ -70,12 +70,12 @@ class Beacons:
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
             raise InputError(
                 "Beacons.map",
-                f"has shape {shape}, must be (n, 3)",
+                f"the map has shape {shape}, but must have shape (n, 3)",
                 fix="give one row (north, east, down) for each beacon",
             )
         for name, value, per_beacon in (("moved", self.moved, shape), ("dead", self.dead, shape[:1])):
             if np.shape(value) not in ((), per_beacon):
-                problem = f"has shape {np.shape(value)}, which does not match the map of {shape[0]} beacons"
+                problem = f"the array has shape {np.shape(value)}, which does not match the map of {shape[0]} beacons"
                 raise InputError(
                     f"Beacons.{name}", problem, fix=f"give one value for all beacons, or an array of shape {per_beacon}"
                 )
@@ -152,7 +152,8 @@ def audible_beacons(beacons: Beacons, positions: Any, unit: Any) -> Any:
 
 
 def actual_positions(beacons: Beacons, key: Key, t: Any) -> Any:
-    """Return the true positions of the beacons (n, 3) at integer time t: map, survey error, displacement by a fault."""
+    """Return the true positions of the beacons (n, 3) at integer time t: map, plus survey errors and displacements by a
+    fault."""
 
     def draw_survey_error(i: Any) -> Any:
         north, east = normal2(key, i, SURVEY)

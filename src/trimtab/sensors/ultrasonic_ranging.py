@@ -85,7 +85,7 @@ class UnitClock:
 class RangingState:
     """State of the ranging: the ping in transit, and the last ping whose replies are complete. Source: this module."""
 
-    key: Key = part("Key of the random draws.")
+    key: Key = part("Key of the random number generator.")
     coming: Ranges = part("Replies to the ping in transit.")
     pinged: Scalar = quantity("100 ns", "Time at which the ping in transit was sent.", kind="time")
     due: Scalar = quantity("100 ns", "Time at which the last reply to the ping in transit arrives.", kind="time")
@@ -138,7 +138,7 @@ class UltrasonicRanging:
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
             raise InputError(
                 "UltrasonicRanging.units",
-                f"has shape {shape}, must be (m, 3)",
+                f"the array of positions has shape {shape}, but must have shape (m, 3)",
                 fix="give one row (x, y, z) for each ultrasonic unit",
             )
         if not shape[0] <= self.clients <= 10:
@@ -147,7 +147,9 @@ class UltrasonicRanging:
                 "UltrasonicRanging.clients", problem, fix=f"set clients to at least {shape[0]}, at most 10"
             )
         if self.slot % self.period:
-            problem = f"{format_time(self.slot)} must be a multiple of the period, {format_time(self.period)}"
+            problem = (
+                f"the slot of {format_time(self.slot)} must be a multiple of the period, {format_time(self.period)}"
+            )
             raise InputError("UltrasonicRanging.slot", problem, fix="set period to a divisor of slot, e.g. 1 ms")
 
     def init(self, key: Key) -> RangingState:

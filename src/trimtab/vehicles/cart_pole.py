@@ -19,7 +19,7 @@ class CartPoleState:
     position: Scalar = quantity("m", "Position of the cart along the rail.", frame="W", default=0.0)
     speed: Scalar = quantity("m/s", "Speed of the cart.", frame="W", default=0.0)
     angle: Scalar = quantity(
-        "rad", "Angle of the pole from upright, positive to the front; counts full turns.", default=0.0
+        "rad", "Angle of the pole from upright, positive to the front, not wrapped to one turn.", default=0.0
     )
     angle_rate: Scalar = quantity("rad/s", "Angular velocity of the pole.", default=0.0)
 

@@ -18,7 +18,9 @@ class DubinsCarState:
 
     north: Scalar = quantity("m", "Position along the world's x axis.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Position along the world's y axis.", frame="W", default=0.0)
-    heading: Scalar = quantity("rad", "Heading from north, clockwise; counts full turns.", kind="angle", default=0.0)
+    heading: Scalar = quantity(
+        "rad", "Heading from north, clockwise, not wrapped to one turn.", kind="angle", default=0.0
+    )
 
 
 @record

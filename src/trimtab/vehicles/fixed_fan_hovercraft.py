@@ -77,7 +77,9 @@ class FixedFanHovercraft:
         shapes = {"fan_place": (n, 2), "thrust_linear": (n,), "thrust_quadratic": (n,)}
         for name, shape in shapes.items():
             if np.shape(getattr(self, name)) != shape:
-                problem = f"has shape {np.shape(getattr(self, name))}, but {n} directions need {shape}"
+                problem = (
+                    f"the array has shape {np.shape(getattr(self, name))}, but {n} fan directions need shape {shape}"
+                )
                 raise InputError(
                     name, problem, fix="give each fan a position, a direction and both coefficients of its thrust curve"
                 )

@@ -1,4 +1,5 @@
-"""Air-breathing hypersonic vehicle in the vertical plane with two bending modes; in slug, foot, second as published."""
+"""Air-breathing hypersonic vehicle in the vertical plane with two bending modes. Units are slug, foot and second, as
+published."""
 
 from typing import Any, ClassVar
 

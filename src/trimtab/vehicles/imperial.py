@@ -15,13 +15,13 @@ from trimtab.core.record import Quantity, children, declarations, is_record, rep
 R = TypeVar("R")
 
 FOOT = 0.3048
-"""Metres in one foot."""
+"""Length of one foot in metres."""
 POUND_FORCE = 0.45359237 * 9.80665
-"""Newtons in one pound-force."""
+"""Size of one pound-force in newtons."""
 SLUG = POUND_FORCE / FOOT
-"""Kilograms in one slug, the mass that one pound-force accelerates by 1 ft/s^2."""
+"""Mass of one slug in kilograms. One pound-force accelerates one slug by 1 ft/s^2."""
 MODAL = math.sqrt(SLUG * FOOT)
-"""Number of (kg m)^1/2 in one (slug ft)^1/2."""
+"""Size of one (slug ft)^1/2 in (kg m)^1/2."""
 
 FACTORS: dict[str, float] = {
     "ft": FOOT,

@@ -47,7 +47,9 @@ class MarinerState:
     yaw_rate: Scalar = quantity("rad/s", "Rate of turn, clockwise from above.", frame="B", default=0.0)
     north: Scalar = quantity("m", "Position along the world's x axis.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Position along the world's y axis.", frame="W", default=0.0)
-    heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle", default=0.0)
+    heading: Scalar = quantity(
+        "rad", "Angle from north to the body's x axis, clockwise, not wrapped to one turn.", kind="angle", default=0.0
+    )
     rudder: Scalar = quantity("rad", "Rudder angle.", kind="angle", default=0.0)
 
 

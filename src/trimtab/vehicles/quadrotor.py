@@ -246,7 +246,7 @@ def ring_rotors(spins: str, arm: float, first: float = 0.0) -> tuple[Any, Any]:
     if not spins or set(spins) - set("PN"):
         raise InputError(
             "spins",
-            f"must consist of the letters P and N, got {spins!r}",
+            f"the text must consist of the letters P and N, got {spins!r}",
             fix="write P (clockwise from above) or N (counter-clockwise) for each rotor, e.g. PNPNPN",
         )
     angle = first + 2 * np.pi * np.arange(len(spins)) / len(spins)

@@ -238,11 +238,13 @@ class AdaptiveFlexibleModeFilter:
         for field, pair in {"deviation": self.deviation, "walk": self.walk}.items():
             values = np.asarray(pair, float)
             if not (np.isfinite(values).all() and (values >= 0).all()):
-                problem = f"must be finite and at least 0, got {values.tolist()}"
+                problem = f"both values must be finite and at least 0, got {values.tolist()}"
                 raise InputError(f"{name}.{field}", problem, fix="give two finite numbers of at least 0")
         for field, value in {"R": self.R, "bound": self.bound, "excitation": self.excitation}.items():
             if not math.isfinite(value):
-                raise InputError(f"{name}.{field}", f"must be finite, got {value}", fix="give a finite number")
+                raise InputError(
+                    f"{name}.{field}", f"the value must be finite, got {value}", fix="give a finite number"
+                )
         outermost = math.exp(HYPOTHESIS_SPACING * float(np.max(self.deviation)))
         if outermost >= self.bound:
             problem = (

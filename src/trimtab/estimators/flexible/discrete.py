@@ -153,7 +153,7 @@ class FlexibleModeFilter:
         if not math.isfinite(self.R):
             raise InputError(
                 "FlexibleModeFilter.R",
-                f"must be finite, got {self.R}",
+                f"the noise variance must be finite, got {self.R}",
                 fix="give a finite variance; corrects=False ignores measurements",
             )
         A, _ = modal_dynamics(self.craft)

@@ -255,5 +255,5 @@ def check_variances(part: str, **fields: Any) -> None:
     for name, value in fields.items():
         values = np.asarray(value, float)
         if not (np.isfinite(values).all() and (values >= 0).all()):
-            problem = f"must be four variances, got {values.tolist()}"
+            problem = f"the value must be four variances, got {values.tolist()}"
             raise InputError(f"{part}.{name}", problem, fix="give four finite numbers, each at least 0")

@@ -126,7 +126,9 @@ class Nominal:
     acceleration: Any = quantity("m/s^2", "Acceleration of the IMU in the last sample.", frame="W", shape=(3,))
     P: Any = quantity("1", "Covariance of the error (n, n), n = 15 or 17.")
     span: Increment = part("Motion increment since the covariance P was last propagated.")
-    untrusted: Scalar = quantity("s", "Time during which the IMU was not trusted since P was last propagated.")
+    untrusted: Scalar = quantity(
+        "s", "Time during which the IMU was not trusted since the covariance P was last propagated."
+    )
 
 
 def first_nominal(start: SpatialStart, n: int) -> Nominal:

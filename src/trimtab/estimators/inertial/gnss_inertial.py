@@ -208,7 +208,9 @@ class GnssInertial:
     def check(self) -> None:
         """Raise InputError if a number of samples is too small or a sensor name is used twice."""
         if self.slots < 2:
-            raise InputError("slots", f"must be at least 2, got {self.slots}", fix="set slots above delay / IMU period")
+            raise InputError(
+                "slots", f"slots must be at least 2, got {self.slots}", fix="set slots above delay / IMU period"
+            )
         if self.samples_per_propagation < 1:
             raise InputError(
                 "samples_per_propagation",

@@ -28,7 +28,7 @@ EMPTY, IMU, HEADING, POSITION, RANGES = range(5)
 """Kinds of events in the history; EMPTY marks an unused slot."""
 KINDS = ("empty", "imu", "heading", "position", "ranges")
 AIDING_KINDS = {"positions": POSITION, "ranges": RANGES}
-"""Kind of the position sensor's events, for each type of aiding (AIDED_BY of an inertial filter)."""
+"""Kind of the events from the position sensor, keyed by the type of aiding (AIDED_BY of an inertial filter)."""
 IMU_NUMBERS = 3
 """Number of values in an IMU event: yaw rate and two specific forces."""
 LONGEST = 0.1

@@ -44,10 +44,10 @@ class InertialStart:
     """
 
     heading: Scalar = quantity("rad", "Initial heading.", default=0.0, kind="angle")
-    north: Scalar = quantity("m", "Initial position of the IMU, north.", default=0.0, frame="W")
-    east: Scalar = quantity("m", "Initial position of the IMU, east.", default=0.0, frame="W")
-    velocity_north: Scalar = quantity("m/s", "Initial velocity of the IMU, north.", default=0.0, frame="W")
-    velocity_east: Scalar = quantity("m/s", "Initial velocity of the IMU, east.", default=0.0, frame="W")
+    north: Scalar = quantity("m", "Initial north coordinate of the IMU.", default=0.0, frame="W")
+    east: Scalar = quantity("m", "Initial east coordinate of the IMU.", default=0.0, frame="W")
+    velocity_north: Scalar = quantity("m/s", "Initial north velocity of the IMU.", default=0.0, frame="W")
+    velocity_east: Scalar = quantity("m/s", "Initial east velocity of the IMU.", default=0.0, frame="W")
     sigma_heading: Scalar = quantity(
         "rad", "Standard deviation of the initial heading. The default is for an unknown heading.", default=1.8, above=0
     )

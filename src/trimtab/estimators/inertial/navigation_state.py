@@ -74,7 +74,9 @@ class NavigationState:
     surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B")
     sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B")
     yaw_rate: Scalar = quantity("rad/s", "Rate of turn, clockwise from above.", frame="B")
-    heading: Scalar = quantity("rad", "Heading: angle from north to the body's x axis, unwrapped.", kind="angle")
+    heading: Scalar = quantity(
+        "rad", "Heading: angle from north to the body's x axis, clockwise, not wrapped to one turn.", kind="angle"
+    )
     north: Scalar = quantity("m", "North position of the reference point.", frame="W")
     east: Scalar = quantity("m", "East position of the reference point.", frame="W")
     sigma_surge_velocity: Scalar = quantity("m/s", "Standard deviation of the velocity along the body's x axis.")

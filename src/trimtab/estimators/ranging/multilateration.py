@@ -36,13 +36,13 @@ def two_unit_heading(place_a: Any, place_b: Any, lever_a: Any, lever_b: Any) -> 
 
 
 def assisted_heading(place_a: Any, place_b: Any, displacement: Any, lever_a: Any, lever_b: Any) -> Any:
-    """Return the heading from the positions of ultrasonic unit a at t_a and b at t_b, and a's displacement in between.
+    """Return the heading from the positions of ultrasonic unit a at t_a and unit b at t_b, and unit a's displacement.
 
         r_a' = r_a + [r_ins(t_b) - r_ins(t_a)]
 
-    displacement: the bracket, north and east (m), shape (2,). Other arguments are as in `two_unit_heading`. The result
-    is exact if r_ins is the position of unit a. If r_ins is another point of the vehicle, the motion of unit a due to
-    turning is missing.
+    displacement: displacement of unit a from t_a to t_b (the bracket), north and east (m), shape (2,). Other arguments
+    are as in `two_unit_heading`. The result is exact if r_ins is the position of unit a. If r_ins is another point of
+    the vehicle, the motion of unit a due to turning is missing.
 
     Source: [1] section 5.4.
     """

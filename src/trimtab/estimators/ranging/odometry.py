@@ -136,7 +136,9 @@ class RadioFix:
 class RobotNavigation:
     """Position and heading with their uncertainty, at the newest odometry. Source: docs page, Odometry and ranges."""
 
-    heading: Scalar = quantity("rad", "Heading: angle from north to the body's x axis, unwrapped.", kind="angle")
+    heading: Scalar = quantity(
+        "rad", "Heading: angle from north to the body's x axis, clockwise, not wrapped to one turn.", kind="angle"
+    )
     north: Scalar = quantity("m", "Estimated north position.", frame="W")
     east: Scalar = quantity("m", "Estimated east position.", frame="W")
     speed: Scalar = quantity("m/s", "Speed at the newest odometry sample.")
@@ -214,7 +216,7 @@ class OdometryRanging:
         """Raise InputError if the beacons are not a list of positions, or the patience is out of range."""
         patience, shape = int(self.errors.patience), np.shape(self.beacons)
         if patience and not FEWEST <= patience <= KEPT:
-            problem = f"must be 0, or {FEWEST} to {KEPT}, got {patience}"
+            problem = f"the patience must be 0, or {FEWEST} to {KEPT}, got {patience}"
             raise InputError("OdometryRanging.errors.patience", problem, fix="set 0 for no restarts; the default is 12")
         if len(shape) != 2 or shape[1] != 3 or not shape[0]:
             fix = "give north, east and down of each beacon"

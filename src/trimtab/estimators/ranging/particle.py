@@ -79,7 +79,9 @@ class ParticleState:
     at: Scalar = quantity(
         "100 ns", "Time to which the particles are propagated: that of the last used ping, or later.", kind="time"
     )
-    history: ImuHistory = part("Newest IMU samples. The oldest is from before the last used ping.")
+    history: ImuHistory = part(
+        "Newest IMU samples. The oldest of these samples was measured before the last used ping."
+    )
     fix: ParticleFix = part("Statistics of the particles.")
     imu: SensorWatch = part("Checks of the IMU's samples.")
     position: SensorWatch = part("Checks of the ranging sensor's samples.")

@@ -43,7 +43,7 @@ def check_positions(name: str, form: Any) -> None:
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
             raise InputError(
                 f"{name}.{field}",
-                f"must have shape (n, 3), got {shape}",
+                f"the array must have shape (n, 3), got {shape}",
                 fix="give one row of three coordinates for each position",
             )
 

@@ -124,7 +124,9 @@ class TightlyCoupled:
         self.intake.check()
         if not self.intake.position:
             raise InputError(
-                "TightlyCoupled.intake.position", "must name the ranging sensor", fix="give the ranging sensor's name"
+                "TightlyCoupled.intake.position",
+                "the field must name the ranging sensor",
+                fix="give the ranging sensor's name",
             )
         check_positions("TightlyCoupled", self)
 
