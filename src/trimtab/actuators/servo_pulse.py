@@ -49,7 +49,7 @@ class ServoPulse:
             raise InputError("values", problem, fix="give as many widths as values, at least two")
         if not (np.diff(values) > 0).all():
             raise InputError(
-                "values", f"values must increase, got {values.tolist()}", fix="sort the table by its values"
+                "values", f"values must increase, got {values.tolist()}", fix="sort the table by increasing values"
             )
         steps = np.diff(widths)
         if not ((steps > 0).all() or (steps < 0).all()):

@@ -63,8 +63,10 @@ class AdaptiveRobust:
     damping: str = option("Sign of the damping term u_h: minus, published (plus) or off.", default="off", choices=SIGNS)
     switching: str = option("Form of the switching term u_s: smooth, sign or off.", default="off", choices=FORMS)
     kappa: Scalar = quantity("1", "Bound kappa of the relative uncertainty of the input gain.", default=0.0, low=0)
-    q0: Scalar = quantity("1", "Rate of adaptation of rho0.", default=10.0, low=0)
-    q1: Scalar = quantity("1", "Rate of adaptation of rho1.", default=0.01, low=0)
+    q0: Scalar = quantity(
+        "1", "Adaptation rate of rho0, the bound that does not depend on the error.", default=10.0, low=0
+    )
+    q1: Scalar = quantity("1", "Adaptation rate of rho1, the increase of the bound per error.", default=0.01, low=0)
     eps: Scalar = quantity(
         "1", "Width eps of the smoothed sign function, in the unit of s = B'P e.", default=0.01, above=0
     )

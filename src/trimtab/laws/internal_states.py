@@ -95,11 +95,12 @@ class InternalTable:
         return ()
 
     def step(self, t: Any, state: tuple[()], command: Any) -> tuple[tuple[()], Any]:
-        """Return zeta_d (6,) at time t (s). The command is not read, because a table is made for one command."""
+        """Return the reference internal states zeta_d (6,) at time t (s). The command is not read, because a table is
+        made for one command."""
         return state, self.at(t)
 
     def at(self, t: Any) -> Any:
-        """Return zeta_d (6,) at time t (s)."""
+        """Return the reference internal states zeta_d (6,) at time t (s)."""
         intervals = np.shape(self.nodes)[0] - 1
         position = jnp.clip((t - self.first) / self.spacing, 0.0, 1.0 * intervals)
         begin = jnp.minimum(jnp.floor(position), intervals - 1.0)
@@ -144,7 +145,7 @@ class SylvesterInternal:
         return ()
 
     def step(self, t: Any, state: tuple[()], command: FilteredClimb) -> tuple[tuple[()], Any]:
-        """Return zeta_d (6,) at time t (s)."""
+        """Return the reference internal states zeta_d (6,) at time t (s)."""
         p = command.at(t)
         to_h, to_V = p.h - command.h0 - command.dh, p.V - command.V0 - command.dV
         omega = (to_h, p.h_rate, p.h_acceleration, p.h_jerk, to_V, p.V_rate, p.V_acceleration)
@@ -218,7 +219,8 @@ class QuasiStaticInternal:
         return QuasiStaticState(alpha=jnp.asarray(self.alpha, float), found=jnp.asarray(False))
 
     def step(self, t: Any, state: QuasiStaticState, command: Any) -> tuple[QuasiStaticState, Any]:
-        """Return zeta_d (6,) at time t (s). command: object with a method `at(t)` that returns a PathPoint."""
+        """Return the reference internal states zeta_d (6,) at time t (s). command: object with a method `at(t)` that
+        returns a PathPoint."""
         zeta, found = solve_quasi_static(self.craft, command.at(t), state.alpha, self.steps)
         return QuasiStaticState(alpha=zeta[0], found=found), jnp.stack(zeta)
 
@@ -332,7 +334,8 @@ class PreviewInternal:
         return PreviewState(jnp.zeros(()), jnp.zeros((2, p, 1)), jnp.zeros((k, 1)), alpha, off, off)
 
     def step(self, t: Any, state: PreviewState, command: Any) -> tuple[PreviewState, Any]:
-        """Return zeta_d (6,) at time t (s). command: object whose method `at(t)` returns a PathPoint for an array t."""
+        """Return the reference internal states zeta_d (6,) at time t (s). command: object whose method `at(t)` returns
+        a PathPoint for an array t."""
         d = self.horizon / self.intervals
         p = command.at(t + d * jnp.arange(self.intervals + 1.0))
         still, found = solve_quasi_static(self.craft, p, state.alpha, self.steps)

@@ -52,7 +52,7 @@ class PathTrackingOutput:
 
 
 class _Errors(NamedTuple):
-    """Errors of P, (2,) in W: position e (m), velocity v (m/s).
+    """Errors of the centre of percussion P, (2,) in W: position error e (m), velocity error v (m/s).
 
     acceleration, jerk: acceleration and jerk of the reference, minus those that drag causes. heading: heading of the
     craft (rad).

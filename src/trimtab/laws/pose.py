@@ -40,7 +40,9 @@ class PoseState:
 
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
     nose: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle")
-    rounds: Scalar = quantity("1", "Number of rounds of the steps so far. Each round begins with brake.", kind="count")
+    rounds: Scalar = quantity(
+        "1", "Number of rounds of the four steps since the start. Each round begins with step brake.", kind="count"
+    )
 
 
 @record
@@ -49,7 +51,9 @@ class PoseOutput:
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
-    rounds: Scalar = quantity("1", "Number of rounds of the steps so far. Each round begins with brake.", kind="count")
+    rounds: Scalar = quantity(
+        "1", "Number of rounds of the four steps since the start. Each round begins with step brake.", kind="count"
+    )
     heading_reference: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle")
     distance: Scalar = quantity("m", "Distance of the centre of percussion P from its target position.")
     speed: Scalar = quantity("m/s", "Speed of the centre of percussion P.")

@@ -315,5 +315,5 @@ class RecedingHorizon:
 
 
 def _force(move: Any) -> PlanarForce:
-    """Return the force in B of thrust (N) and force angle (rad)."""
+    """Return the force in B for a thrust (N) and a force angle (rad)."""
     return PlanarForce(FX=move[0] * jnp.cos(move[1]), FY=-move[0] * jnp.sin(move[1]))

@@ -77,9 +77,9 @@ class ZeroVelocity:
 
 
 def slow_manifold_rate(law: ZeroVelocity) -> Any:
-    """Return c (s) in r' = -c r^3, the slow final motion under ZeroVelocity: v = d r, u = d m r^2/k1 to leading order.
+    """Return the coefficient c (s) of the slow final motion under ZeroVelocity: r' = -c r^3, v = d r, u = d m r^2/k1.
 
-    c = m^2 d^2 / (k1 (J + d^2 m)). Source: own derivation, not in [1] (docs page).
+    c = m^2 d^2 / (k1 (J + d^2 m)), to leading order. Source: own derivation, not in [1] (docs page).
     """
     m, d = law.model.mass, law.model.arm
     return m**2 * d**2 / (law.k1 * (law.model.inertia + d**2 * m))

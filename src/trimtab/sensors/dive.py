@@ -52,7 +52,7 @@ class DiveSensor:
     period: int = period("Time between samples.", default=ms(50))
 
     def init(self, key: Key) -> Key:
-        """Return the initial state: the random key of the noise."""
+        """Return the initial state: the key of the random number generator."""
         return key
 
     def measure(self, motion: Motion) -> DiveReading:

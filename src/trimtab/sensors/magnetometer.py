@@ -175,7 +175,7 @@ class Magnetometer:
         return cls(**{"noise": noise, "resolution": 2 * GAUSS / 32768, "range": 2 * GAUSS, **settings})
 
     def init(self, key: Key) -> Key:
-        """Return the initial state: the random key of the noise."""
+        """Return the initial state: the key of the random number generator."""
         return key
 
     def measure(self, motion: Motion) -> FieldReading:

@@ -45,7 +45,7 @@ class MultirotorStateSensor:
     FEELS: ClassVar[str] = "state"
 
     def init(self, key: Key) -> Key:
-        """Return the initial state: the random key of the noise."""
+        """Return the initial state: the key of the random number generator."""
         return key
 
     def measure(self, x: MultirotorState) -> MultirotorState:

@@ -122,7 +122,7 @@ class NavigationErrors:
         return cls(accelerometer_bias=accelerometer_bias, gyro_bias=gyro_bias, gyro_noise=gyro_noise, **settings)
 
     def init(self, key: Key) -> Key:
-        """Return the initial state: the key of the random draws."""
+        """Return the initial state: the key of the random number generator."""
         return key
 
     def measure(self, motion: Motion) -> PlanarState:

@@ -75,11 +75,11 @@ class F16:
         return replace(self, body=self.body.in_gust(gust))
 
     def flight(self, t: Any, x: RigidBodyState) -> FlightCondition:
-        """Return the flight state: latitude, longitude, height, velocity, angles and airflow; t: seconds."""
+        """Return the flight state: latitude, longitude, height, velocity, angles and airflow; t: time (s)."""
         return self.body.flight(t, x)
 
     def dynamics(self, t: Any, x: RigidBodyState, u: F16Controls) -> RigidBodyState:
-        """Return the time derivative of the state x; t: seconds."""
+        """Return the time derivative of the state x; t: time (s)."""
         return self.body.dynamics(t, x, self.wrench(self.flight(t, x), u))
 
     def motion(self, t: Any, x: RigidBodyState, u: F16Controls) -> Motion:

@@ -74,8 +74,9 @@ def emulate_linearisation(vehicle: Hypersonic | None = None) -> EmulatedLinearis
     """Return the linearisation with rows 4, 5, 7, 9 as the publication's program seems to have computed them.
 
     The other rows are exact. Each row is differentiated at the quoted point, including the inversion u = G^-1 (v - F),
-    which varies with the state. In row 4, b31 replaces b32. Row 5 takes the columns of the modes from f7 and f9 alone.
-    Row 7 of B is not multiplied by G^-1. In rows 7 and 9, psi_i/Iyy replaces psi_i, and each f is substituted once.
+    which varies with the state. f and b are terms of the equations in [1]. In row 4, b31 replaces b32. Row 5 takes the
+    columns of the modes from f7 and f9 alone. Row 7 of B is not multiplied by G^-1. In rows 7 and 9, psi_i/Iyy replaces
+    psi_i, and each f is substituted once.
 
     Source: reconstructed from the printed numbers of [1].
     """

@@ -196,7 +196,7 @@ class Multirotor:
         return self.gravity * down + R @ force / self.mass, moment / J
 
     def dynamics(self, t: Any, x: MultirotorState, u: RotorSpeeds) -> MultirotorState:
-        """Return the time derivative of the state x; t: seconds."""
+        """Return the time derivative of the state x; t: time (s)."""
         acceleration, turn = self.accelerations(x, u)
         return MultirotorState(
             position=x.velocity,
@@ -207,7 +207,7 @@ class Multirotor:
         )
 
     def after_step(self, t: Any, x: MultirotorState) -> MultirotorState:
-        """Return the state with its quaternion normalised; t: seconds."""
+        """Return the state with its quaternion normalised; t: time (s)."""
         return MultirotorState(x.position, x.velocity, quaternion.normalise(x.attitude), x.rate, x.rotor_speed)
 
     def motion(self, t: Any, x: MultirotorState, u: RotorSpeeds) -> Motion:

@@ -182,7 +182,7 @@ class RigidBody:
         return replace(self, gust=gust)
 
     def flight(self, t: Any, x: RigidBodyState) -> FlightCondition:
-        """Return the flight state: latitude, longitude, height, velocity, angles and airflow; t: seconds."""
+        """Return the flight state: latitude, longitude, height, velocity, angles and airflow; t: time (s)."""
         R_EI = self.earth.to_inertial(t).T
         p_E = R_EI @ x.position
         latitude, longitude, height = self.earth.geodetic(p_E)
@@ -203,7 +203,7 @@ class RigidBody:
         )
 
     def dynamics(self, t: Any, x: RigidBodyState, u: Wrench) -> RigidBodyState:
-        """Return the time derivative of the state x under the force and moment u; t: seconds."""
+        """Return the time derivative of the state x under the force and moment u; t: time (s)."""
         acceleration, turn = self.accelerations(t, x, u)
         return RigidBodyState(
             position=x.velocity,

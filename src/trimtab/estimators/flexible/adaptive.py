@@ -285,7 +285,8 @@ class AdaptiveFlexibleModeFilter:
         )
 
     def predict(self, x: Any, P: Any, Qd: Any, b: Any) -> tuple[Any, Any]:
-        """Return x (6,) and P (6, 6) of one hypothesis after one period under a constant forcing b (4,) of eta."""
+        """Return the state x (6,) and covariance P (6, 6) of one hypothesis after one period of constant forcing b
+        (4,)."""
         dt, by, still = to_seconds(self.period), stretch_factors(x), jnp.zeros((4, 2))
         F = jax.jacfwd(lambda x: propagate_modes(self.craft, x, b, dt))(x)
         room = (SHARE * jnp.asarray(self.deviation)) ** 2 - jnp.stack([P[4, 4], P[5, 5]])

@@ -51,7 +51,11 @@ class CoupledNode:
     x: Any = quantity(
         "1", "Heading, velocity, position, gyro bias, accelerometer biases (8,), in the order of Belief.x.", shape=(8,)
     )
-    P: Any = quantity("1", "Covariance of the error states, in the order of Belief.x.", shape=(8, 8))
+    P: Any = quantity(
+        "1",
+        "Covariance of the error states: heading, velocity, position, gyro bias, accelerometer biases.",
+        shape=(8, 8),
+    )
     force: Any = quantity(
         "m/s^2", "Low-pass filtered specific force, corrected for bias, used in the Jacobian.", frame="B", shape=(2,)
     )

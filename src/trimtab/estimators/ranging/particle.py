@@ -113,7 +113,9 @@ class Particle:
     )
     noise: InertialNoise = part("Noise of the IMU.", default=InertialNoise())
     errors: RangeErrorModel = part("Errors of the ranges. Errors of beacons are considered.", default=RangeErrorModel())
-    start: InertialStart = part("Initial velocity and standard deviations.", default=InertialStart())
+    start: InertialStart = part(
+        "Initial velocity of the vehicle, and initial standard deviations.", default=InertialStart()
+    )
     arms: LeverArms = part("Position of the IMU on the vehicle.", default=LeverArms())
     beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
     units: Any = quantity("m", "Positions of the vehicle's ultrasonic units (m, 3).", default=PAIR, frame="B")

@@ -45,7 +45,10 @@ class Cloud:
     Source: docs page, Particle filter.
     """
 
-    x: Any = quantity("1", "States of the particles (N, 9 + n): Belief.x, scale error, error of each beacon.")
+    x: Any = quantity(
+        "1",
+        "States of the particles (N, 9 + n): values of Belief.x (pose, velocity, biases), scale error, beacon errors.",
+    )
     P: Any = quantity("1", "Covariances of the particles (N, 9 + n, 9 + n).")
     weight: Any = quantity("1", "Weights of the particles (N,), which sum to 1.")
 

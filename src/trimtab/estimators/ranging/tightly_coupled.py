@@ -49,7 +49,9 @@ class TightNode:
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
     untrusted: Any = quantity("1", "Flags of gyro and accelerometers: 1 if the sensor cannot be trusted.", shape=(2,))
-    x: Any = quantity("1", "State (9 + n,): Belief.x, scale error, error of each beacon.")
+    x: Any = quantity(
+        "1", "Filter state (9 + n,): values of Belief.x (pose, velocity, biases), scale error, error of each beacon."
+    )
     P: Any = quantity("1", "Covariance of the state's error (9 + n, 9 + n).")
     force: Any = quantity(
         "m/s^2", "Low-pass filtered specific force, corrected for bias, used in the Jacobian.", frame="B", shape=(2,)
