@@ -33,7 +33,7 @@ class Backlash:
     )
 
     def init(self, rest: Any) -> Any:
-        """Return the initial state: the load at the rest value."""
+        """Return the initial state, with the load at the rest value."""
         return jnp.asarray(rest, float)
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:

@@ -135,7 +135,7 @@ class DriveOutput:
     """Output of the vectored fan. Frames: angles from the body's x axis, force in B. Source: this module."""
 
     u: PlanarForce = part("Force at the rudder pivot.")
-    thrust: Scalar = quantity("N", "Signed thrust in the direction of the force angle.")
+    thrust: Scalar = quantity("N", "Thrust in the direction of the force angle; negative in reverse.")
     rudder: Scalar = quantity("rad", "Rudder angle.", kind="angle")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
     mode: Scalar = quantity("1", "Mode of the speed controller: forward, reverse or braking.", kind="mode", modes=MODES)

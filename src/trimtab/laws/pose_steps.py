@@ -93,7 +93,7 @@ class PoseBySteps:
     )
     margin: Scalar = quantity(
         "1",
-        'Kinetic energy below which step "stop" ends, as a fraction of the switching energy.',
+        'Kinetic energy below which step "stop" ends, as a fraction of the switching energy of the heading law.',
         default=0.3,
         above=0,
         high=1,

@@ -70,7 +70,7 @@ class RecedingHorizonState:
     sent_angle: Any = quantity(
         "rad", "Force angle demanded in the last periods, newest first.", kind="angle", shape=(SLOTS,)
     )
-    output: Any = part("Last output, held until the next plan.")
+    output: Any = part("Last output of the law, held until the next plan is computed.")
 
 
 @record

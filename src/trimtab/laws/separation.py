@@ -78,7 +78,8 @@ class Separation:
     def limit(self, t: Any, number: Any, q: Any, wanted: Any, peers: Peers) -> tuple[Any, Any, Any]:
         """Return the allowed velocity (2,), the worst-case spare distance (m), and the largest age (s) of the messages.
 
-        Args:     number: number of this craft.    q: its reference point (2,), m.    wanted: velocity (2,), m/s.
+        Args:     number: number of this craft.    q: the craft's reference point (2,), m.    wanted: velocity (2,),
+                  m/s.
         """
         near, clearance, age = self._judge(t, number, q, peers)
         u = self._shorten(wanted, self.speed)

@@ -137,7 +137,7 @@ class AngularAccelerometerUnit:
             raise InputError("bandwidth", problem, fix=f"set bandwidth below {0.5 / tick:g} Hz, or to 0 for no limit")
         if not self.delay <= (DELAYS - 1) * tick:
             problem = f"the delay of {self.delay:g} s is longer than {DELAYS - 1} periods, the length of the delay line"
-            raise InputError("delay", problem, fix=f"give at most {(DELAYS - 1) * tick:g} s")
+            raise InputError("delay", problem, fix=f"give a delay of at most {(DELAYS - 1) * tick:g} s")
 
     def init(self, key: Key) -> AngularAccelerometerState:
         """Return the initial state, with zero and scale errors drawn for this run."""

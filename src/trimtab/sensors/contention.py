@@ -15,7 +15,7 @@ from trimtab.core.rng import Key, uniform2
 FIRST, AGAIN = 100, 101
 """Identifiers of two random streams: one for the first wait of a station, one for the station's later waits."""
 ATTEMPTS = 256
-"""Maximum number of random draws in one exchange, so that the counters of different exchanges do not overlap."""
+"""Maximum number of random draws in one exchange, so that different exchanges use different random numbers."""
 
 
 @record

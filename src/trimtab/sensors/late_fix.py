@@ -59,7 +59,7 @@ class LateFix:
         """Raise InputError if the latency is longer than the interval, or the offset is not less than the interval."""
         if self.latency > to_seconds(self.interval):
             problem = f"the latency of {self.latency:g} s is longer than the interval, {format_time(self.interval)}"
-            raise InputError("latency", problem, fix=f"give at most {to_seconds(self.interval):g} s")
+            raise InputError("latency", problem, fix=f"give a latency of at most {to_seconds(self.interval):g} s")
         if self.offset >= self.interval:
             problem = (
                 f"the offset of {format_time(self.offset)} must be less than the interval, {format_time(self.interval)}"

@@ -80,7 +80,7 @@ class EncoderPosition:
 
         z = R (cos al, sin al)
 
-    Frames:  W, origin on the shaft; al is the encoder's reading, the direction of the arm.
+    Frames:  W, origin on the shaft; R is the length of the arm, al the encoder's reading: the direction of the arm.
     Not modelled: a tilted shaft, which shifts the position by up to R (1 - cos(tilt)).
     Source:  [1] section 6.2.1.
     """

@@ -21,7 +21,9 @@ ARC_SECOND = DEG / 3600
 class AttitudeReading:
     """Sample of a measured attitude. Source: docs page, Sensors for three dimensions."""
 
-    attitude: Any = quantity("1", "Quaternion q_WB, scalar first; either sign.", frame="WB", shape=(4,))
+    attitude: Any = quantity(
+        "1", "Measured quaternion q_WB, scalar first. The sign of the quaternion is arbitrary.", frame="WB", shape=(4,)
+    )
     tracking: Scalar = quantity(
         "1", "True if stars were recognised. If False, the attitude is the last one measured.", kind="flag"
     )

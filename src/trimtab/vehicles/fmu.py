@@ -332,7 +332,9 @@ class FmuInstance:
                 self.t += h
                 return True
             problem = f"the FMU refused a step of {length:g} s at {t:g} s: {error}"
-            fix = f"try another {argument('settings', '…', 'world.max_step')}; the FMU may require a certain step"
+            fix = (
+                f"try another {argument('settings', '…', 'world.max_step')}; the FMU may accept only certain step sizes"
+            )
             raise InputError(f"FMU {self.file!r}", problem, fix=fix) from None
         _, is_over, is_early, reached = answer or (False, False, False, 0.0)
         if is_early and not is_over:

@@ -28,7 +28,7 @@ class PlatformState:
     """
 
     heading: Scalar = quantity(
-        "rad", "Heading of the body: direction of the arm plus a quarter turn; unwrapped.", kind="angle"
+        "rad", "Heading of the body: direction of the arm plus a quarter turn, not wrapped to one turn.", kind="angle"
     )
     yaw_rate: Scalar = quantity("rad/s", "Rate of turn W, clockwise from above.", frame="B")
     surge_velocity: Scalar = quantity(

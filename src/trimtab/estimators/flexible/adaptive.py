@@ -79,7 +79,7 @@ def modal_accelerations(craft: Hypersonic, x: Any) -> tuple[Any, Any, Any]:
 
 
 def propagate_modes(craft: Hypersonic, x: Any, b: Any, dt: Any) -> Any:
-    """Return the filter state x (6,) after dt (s) under a constant forcing b (4,) of eta.
+    """Return the filter state x (6,) after dt (s) under a constant forcing b (4,) of the modal state.
 
     The equations are linear in s and are solved by an exponential series.
     """

@@ -43,7 +43,7 @@ wider stability margins than EQUAL_Q (docs, Flexible modes)."""
 class ModalModel:
     """Discrete linear model of the bending modes, computed once. Source: docs page, Flexible modes."""
 
-    C: Any = quantity("1", "Derivative of the pitch acceleration by the modal state.", shape=(4,))
+    C: Any = quantity("1", "Derivative of the pitch acceleration with respect to the modal state.", shape=(4,))
     Ad: Any = quantity("1", "Transition matrix of the modal state over one period (4, 4).", shape=(4, 4))
     Bd: Any = quantity(
         "1",

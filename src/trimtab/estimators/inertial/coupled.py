@@ -88,13 +88,16 @@ class AidedInertialCoupled:
     start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
     arms: LeverArms = part("Positions of the sensors on the vehicle.", default=LeverArms())
     smoothing: Scalar = quantity(
-        "s", "Time constant of the low-pass filter of the force in the Jacobian.", default=0.05, low=0
+        "s", "Time constant of the low-pass filter of the specific force used in the Jacobian.", default=0.05, low=0
     )
     rest_smoothing: Scalar = quantity(
-        "s", "Time constant of the low-pass filter of the force for detecting rest.", default=0.5, low=0
+        "s", "Time constant of the low-pass filter of the specific force used to detect rest.", default=0.5, low=0
     )
     rest_sigmas: Scalar = quantity(
-        "1", "Number of standard deviations below which a force counts as zero; 0 for never.", default=3.0, low=0
+        "1",
+        "Number of standard deviations below which the specific force counts as zero; 0 for never.",
+        default=3.0,
+        low=0,
     )
     rest: str = option(
         "Treatment of heading and gyro bias at rest: consider their uncertainty only, or correct them.",
@@ -182,7 +185,7 @@ class CoupledMotion(NamedTuple):
 
 
 def propagate_coupled(form: Any, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> CoupledMotion:
-    """Return a step of dt (s) from a filter state (node) whose x begins with the values of Belief.x.
+    """Return the result of a step of dt (s) from a filter state (node) whose x begins with the values of Belief.x.
 
     form: filter with noise, smoothing and rest_smoothing.  imu_reading: IMU sample at the end of the step (3,).
     untrusted: as in `InertialForm.propagate`.

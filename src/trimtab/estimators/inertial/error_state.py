@@ -221,7 +221,7 @@ def carry_covariance(P: Any, R_WB: Any, one: Increment, untrusted: Any, noise: S
 
 
 def catch_up(x: Nominal, noise: SpatialNoise) -> Nominal:
-    """Return the state with P propagated to the time of the estimate."""
+    """Return the state with the covariance P propagated to the time of the estimate."""
     begin = quaternion.multiply(x.attitude, quaternion.conjugate(x.span.turn))
     P = carry_covariance(x.P, quaternion.to_matrix(begin), x.span, x.untrusted, noise)
     return replace(x, P=P, span=no_increment(), untrusted=jnp.zeros(()))

@@ -85,7 +85,8 @@ def empty_history(node: Any, slots: int, width: int = POSITION_NUMBERS) -> Histo
 
 
 def newest_imu_index(h: History) -> Any:
-    """Return the index, counted from the oldest event, of the newest IMU sample; the last index if none is stored."""
+    """Return the index, counted from the oldest event, of the newest IMU sample; the last index if no IMU sample is
+    stored."""
     last = np.int32(h.t.shape[0] - 1)
     i = lax.while_loop(lambda i: (i >= 0) & (_read_slot(h.kind, _slot_index(h, i)) != IMU), lambda i: i - 1, last)
     return jnp.where(i < 0, last, i)

@@ -178,8 +178,8 @@ def solve_leaving_one_out(
 ) -> Solution:
     """Return the solution with all beacons, and the n solutions that each leave out one beacon.
 
-    The fields have a leading axis (n + 1,). If the solution with all beacons is good enough, the others are not
-    computed, and are 0.
+    The fields have a leading axis (n + 1,). If the solution with all beacons is good enough, the other solutions are
+    not computed, and are 0.
 
     Args:
         solve: function of (plan, height, ranges, used) that returns a Solution.

@@ -312,7 +312,8 @@ def predict_odometry(x: Any, P: Any, m: OdometryMotion, noise: OdometryNoise) ->
 
 
 def read_ranges(s: OdometryState, sample: Any, t: Any, longest: Any) -> tuple[Any, Any, RadioFix]:
-    """Return the ranges (n,), 0 if not usable, their time after the odometry sample (s), and the reset statistics."""
+    """Return the ranges (n,) (0 where not usable), the time (s) from the odometry sample to the ranges, and the
+    statistics reset for these ranges."""
     value, n = sample.value, s.fix.nis.shape[0]
     z = jnp.where(jnp.asarray(value.arrived, bool), jnp.asarray(value.range, float), 0.0)
     z = jnp.where(jnp.isfinite(z) & (z > 0) & sample.fresh & sample.valid & (s.t > NEVER), z, 0.0)

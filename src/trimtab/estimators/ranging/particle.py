@@ -77,7 +77,7 @@ class ParticleState:
     key: Key = part("Key of the random number generator.")
     cloud: Cloud = part("Particles and their weights.")
     at: Scalar = quantity(
-        "100 ns", "Time to which the particles are propagated: that of the last used ping, or later.", kind="time"
+        "100 ns", "Time to which the particles are propagated: the time of the last used ping, or later.", kind="time"
     )
     history: ImuHistory = part(
         "Newest IMU samples. The oldest of these samples was measured before the last used ping."

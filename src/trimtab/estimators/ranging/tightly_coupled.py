@@ -91,14 +91,15 @@ class TightlyCoupled:
     units: Any = quantity("m", "Positions of the vehicle's ultrasonic units (m, 3).", default=PAIR, frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
     smoothing: Scalar = quantity(
-        "s", "Time constant of the low-pass filter of the force in the Jacobian.", default=0.05, low=0
+        "s", "Time constant of the low-pass filter of the specific force used in the Jacobian.", default=0.05, low=0
     )
     rest_smoothing: Scalar = quantity(
-        "s", "Time constant of the low-pass filter of the force for detecting rest.", default=0.5, low=0
+        "s", "Time constant of the low-pass filter of the specific force used to detect rest.", default=0.5, low=0
     )
     rest_sigmas: Scalar = quantity(
         "1",
-        "Number of standard deviations below which a force counts as zero. Only used with a single ultrasonic unit.",
+        "Number of standard deviations below which the specific force counts as zero. Only used with a "
+        "single ultrasonic unit.",
         default=3.0,
         low=0,
     )
@@ -295,7 +296,8 @@ def update_starting(form: TightlyCoupled, node: TightNode, unit: Any, agree: Any
 
 
 def _inflate_beacon_errors(P: Any, moved: Any, forgiven: Any, errors: Any) -> Any:
-    """Return P with increased variances of moved beacons (n,), and initial variances of beacons trusted again (n,)."""
+    """Return the covariance P with increased variances for beacons that have moved (n,), and with initial variances for
+    beacons that are trusted again (n,)."""
     none = jnp.zeros(DIMENSION + 1)
     wider = jnp.concatenate([none, jnp.where(moved, errors.moved**2, 0.0)])
     cut = jnp.concatenate([none, jnp.where(forgiven, 1.0, 0.0)]) > 0
@@ -305,7 +307,7 @@ def _inflate_beacon_errors(P: Any, moved: Any, forgiven: Any, errors: Any) -> An
 
 
 def _replace_pose_covariance(own: Any, P: Any) -> Any:
-    """Return P with a new, uncorrelated covariance (5, 5) of heading, velocity and position."""
+    """Return the covariance P with a new, uncorrelated block (5, 5) for heading, velocity and position."""
     across = jnp.zeros((5, P.shape[0] - 5))
     return jnp.concatenate([jnp.concatenate([own, across], axis=1), jnp.concatenate([across.T, P[5:, 5:]], axis=1)])
 

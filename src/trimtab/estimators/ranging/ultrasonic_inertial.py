@@ -186,7 +186,8 @@ class UltrasonicInertial:
         return UltrasonicInertialState(ranging, inertial), replace(estimate, state=navigation)
 
     def _pose(self, inertial: InertialState, t: Any) -> _Pose:
-        """Return the INS's estimate at integer time t, extrapolated at constant velocity from the last event before."""
+        """Return the INS's estimate at integer time t, extrapolated at constant velocity from the last event before
+        t."""
         node = node_before(inertial.history, t)
         belief = self.inertial.belief(node)
         x, rate = belief.x, node.imu_reading[0] - belief.x[5]
