@@ -40,7 +40,7 @@ class FailsafeInput:
 
     command: Sample = part("Newest command received over the uplink.")
     manual: Any = part(
-        "Command from the safety pilot's sticks. A record of the same class as the value of an uplink command."
+        "Command from the safety pilot's sticks, a record of the same class as the value of an uplink command."
     )
     takeover: Scalar = quantity(
         "1", "True if the safety pilot's mode switch is set to manual.", kind="flag", default=False

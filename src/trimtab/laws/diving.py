@@ -77,7 +77,7 @@ class Diving:
     ki: Scalar = quantity(
         "1/s", "Integral gain of the pitch loop: stern plane angle per integral of the pitch error.", default=0.2, low=0
     )
-    speed: Scalar = quantity("m/s", "Speed U0 through the water for which the gains are given.", default=1.76, above=0)
+    speed: Scalar = quantity("m/s", "Speed U0 through the water for which the gains are tuned.", default=1.76, above=0)
     slowest: Scalar = quantity(
         "m/s", "Speed through the water below which the gains are not increased further.", default=1.2, above=0
     )

@@ -85,7 +85,7 @@ class GeometricTracking:
     kR: Scalar = quantity("N m", "Gain of the attitude error.", default=8.81, above=0, source="[1]")
     kW: Scalar = quantity("N m s", "Gain of the angular rate error.", default=2.54, above=0, source="[1]")
     most: Scalar = quantity(
-        "N", "Maximum length of the force -kx ex - kv ev; [1] has no limit.", default=UNLIMITED, above=0
+        "N", "Maximum magnitude of the feedback force -kx ex - kv ev. [1] has no limit.", default=UNLIMITED, above=0
     )
 
     reads: ClassVar[tuple[str, ...]] = ("position", "velocity", "attitude", "rate")

@@ -174,7 +174,8 @@ def _velocity_loss(motion: PathMotion, thrusts: Any) -> Any:
 
 
 def _feasible_tempo(reference: Any, model: Hovercraft, limits: ThrustLimits, duration: float) -> float | None:
-    """Return the smallest slowdown that makes the reference feasible, rounded up to 0.01; None if above SLOWEST."""
+    """Return the smallest slowdown factor that makes the reference feasible, rounded up to 0.01; None if above
+    SLOWEST."""
 
     def holds(slower: float) -> bool:
         return _worst_breach(path_motion(reference, model, duration, slower), model, limits) is None

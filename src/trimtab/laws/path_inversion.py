@@ -25,7 +25,7 @@ class PathInversion(NamedTuple):
 
 @record
 class InputLimits:
-    """Limits of engine and elevator. Source: our own choice, because [1] prints none; docs page."""
+    """Limits of engine and elevator. Source: our own choice (docs page), because [1] prints no limits."""
 
     Phi_low: Scalar = quantity("1", "Minimum fuel ratio.", default=0.02, low=0)
     Phi_high: Scalar = quantity("1", "Maximum fuel ratio.", default=1.5, above=0)

@@ -49,7 +49,7 @@ class PilotedState:
         "m/s", 'Reference of surge velocity (mode "damped") or of speed along the course (mode "assisted").'
     )
     rate: Scalar = quantity(
-        "rad/s", 'Reference of yaw rate (mode "damped") or of the rate of turn of the course (mode "assisted").'
+        "rad/s", 'Yaw rate reference (mode "damped") or turn rate reference of the course (mode "assisted").'
     )
     course: Scalar = quantity(
         "rad", "Reference course (direction of the velocity), clockwise from north, not wrapped.", kind="angle"
@@ -74,7 +74,7 @@ class PilotedOutput:
     )
     rate_reference: Scalar = quantity(
         "rad/s",
-        'Reference of yaw rate (mode "damped") or of the rate of turn of the course (mode "assisted"); else 0.',
+        'Yaw rate reference (mode "damped") or turn rate reference of the course (mode "assisted"); else 0.',
     )
     course_reference: Scalar = quantity(
         "rad", 'Reference course in mode "assisted"; the heading of the nose in other modes.', kind="angle"
@@ -152,7 +152,7 @@ class Piloted:
     )
     course_acceleration: Scalar = quantity(
         "rad/s^2",
-        'Maximum acceleration of the reference of the rate of turn of the course in mode "assisted".',
+        'Maximum angular acceleration of the course reference in mode "assisted".',
         default=0.3,
         above=0,
     )

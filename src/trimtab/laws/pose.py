@@ -135,7 +135,8 @@ class Pose:
             low, high = np.asarray(getattr(self, inner)), np.asarray(getattr(self, outer))
             if not np.all(low < high):
                 problem = (
-                    f"{inner}, where hold begins, must be less than {outer}, where hold ends, got {low} and {high}"
+                    f"{inner}, below which step hold begins, must be less than {outer}, above which step "
+                    f"hold ends, got {low} and {high}"
                 )
                 raise InputError(
                     f"Pose.{inner}",

@@ -136,7 +136,8 @@ class StableInversion:
     reads: ClassVar[tuple[str, ...]] = ("h", "h_rate", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
 
     def check(self) -> None:
-        """Raise InputError if a lower limit is above its upper limit, or command or table do not suit the vehicle."""
+        """Raise InputError if a lower limit is above its upper limit, or if the command or the table does not suit the
+        vehicle."""
         low, high = self.limits.Phi_low, self.limits.Phi_high
         if not (low < high and self.limits.delta_low < self.limits.delta_high):
             raise InputError(

@@ -37,7 +37,7 @@ class Steering:
     kp: Scalar = quantity("1", "Proportional gain: rudder angle per heading error.", default=1.0, low=0)
     kd: Scalar = quantity("s", "Rate gain: rudder angle per yaw rate error.", default=0.9, low=0)
     ki: Scalar = quantity("1/s", "Integral gain: rudder angle per integral of the heading error.", default=0.05, low=0)
-    speed: Scalar = quantity("m/s", "Speed U0 through the water for which the gains are given.", default=0.58, above=0)
+    speed: Scalar = quantity("m/s", "Speed U0 through the water for which the gains are tuned.", default=0.58, above=0)
     slowest: Scalar = quantity(
         "m/s", "Speed through the water below which the gains are not increased further.", default=0.58, above=0
     )

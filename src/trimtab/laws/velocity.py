@@ -209,7 +209,7 @@ class ReverseMomentum:
         """Raise InputError if the reference is not backward or theta makes the equilibrium unstable."""
         if not np.all(np.asarray(self.reference) < 0):
             problem = f"the reference momentum must be negative, got {self.reference} kg m/s"
-            fix = "write e.g. -1.98; ForwardMomentum drives forward"
+            fix = "write e.g. -1.98, or use the law ForwardMomentum to drive forward"
             raise InputError("ReverseMomentum.reference", problem, fix=fix)
         least = self.model.inertia / (self.model.arm**2 * self.model.mass)
         if not np.all(np.asarray(self.theta) > least):
@@ -247,5 +247,5 @@ class ReverseMomentum:
 def _check_forward(name: str, reference: Any) -> None:
     if not np.all(np.asarray(reference) > 0):
         problem = f"the reference momentum must be positive, got {reference} kg m/s"
-        fix = "give a positive momentum; to move backward use the law ReverseMomentum, to stop ZeroVelocity"
+        fix = "give a positive momentum, or use the law ReverseMomentum to move backward, ZeroVelocity to stop"
         raise InputError(f"{name}.reference", problem, fix=fix)

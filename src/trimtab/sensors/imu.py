@@ -197,7 +197,10 @@ class InertialReading:
     """
 
     specific_force: Any = quantity(
-        "m/s^2", "Specific force: acceleration minus gravity; at rest it points up.", frame="B", shape=(3,)
+        "m/s^2",
+        "Specific force: acceleration minus gravity. At rest the specific force points up.",
+        frame="B",
+        shape=(3,),
     )
     angular_rate: Any = quantity("rad/s", "Angular velocity measured by the gyros.", frame="B", shape=(3,))
     accelerometer_saturated: Scalar = quantity("1", "True if an accelerometer is at its limit.", kind="flag")

@@ -68,7 +68,7 @@ class UnitClock:
         "1", "Standard deviation of the crystal's relative error.", "clock-error", default=20e-6
     )
     tick: Scalar = imperfection(
-        "s", "Period of the crystal; slots begin on its ticks.", "clock-error", default=1 / 32768
+        "s", "Period of the clock's crystal. Slots begin on ticks of the crystal.", "clock-error", default=1 / 32768
     )
     sync: int = period("Time between two settings of the clock.", default=seconds(1))
 

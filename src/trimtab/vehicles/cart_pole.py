@@ -75,7 +75,7 @@ class CartPole:
         return CartPoleState(x.speed, a, x.angle_rate, self.angle_acceleration(x, a))
 
     def motion(self, t: Any, x: CartPoleState, u: CartForce) -> Motion:
-        """Return the motion of the pole at its hinge, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the pole at its hinge at time t (unit: 100 ns), for sensors."""
         rate, zero = self.dynamics(t, x, u), 0.0 * x.angle
         cosine, sine = jnp.cos(x.angle), jnp.sin(x.angle)
 

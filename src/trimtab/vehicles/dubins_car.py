@@ -60,7 +60,7 @@ class DubinsCar:
         )
 
     def motion(self, t: Any, x: DubinsCarState, u: CarTurn) -> Motion:
-        """Return the motion of the car, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the car at time t (unit: 100 ns), for sensors."""
         rate, zero = self.limit(u.turn_rate), 0.0 * x.heading
         nothing = jnp.stack([zero, zero, zero])
         return Motion(

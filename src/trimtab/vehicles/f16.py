@@ -75,15 +75,15 @@ class F16:
         return replace(self, body=self.body.in_gust(gust))
 
     def flight(self, t: Any, x: RigidBodyState) -> FlightCondition:
-        """Return the flight state: latitude, longitude, height, velocity, angles and airflow; t: time (s)."""
+        """Return the flight state at time t (s): latitude, longitude, height, velocity, angles and airflow."""
         return self.body.flight(t, x)
 
     def dynamics(self, t: Any, x: RigidBodyState, u: F16Controls) -> RigidBodyState:
-        """Return the time derivative of the state x; t: time (s)."""
+        """Return the time derivative of the state x at time t (s)."""
         return self.body.dynamics(t, x, self.wrench(self.flight(t, x), u))
 
     def motion(self, t: Any, x: RigidBodyState, u: F16Controls) -> Motion:
-        """Return the motion of the centre of mass, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the centre of mass at time t (unit: 100 ns), for sensors."""
         return self.body.motion(t, x, self.wrench(self.flight(t * 1e-7, x), u))
 
     def wrench(self, flight: FlightCondition, u: F16Controls) -> Wrench:

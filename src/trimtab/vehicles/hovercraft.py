@@ -44,7 +44,7 @@ def planar_rates(x: HovercraftState, ax: Any, ay: Any, turn: Any) -> HovercraftS
 
 
 def planar_motion(t: Any, x: HovercraftState, ax: Any, ay: Any, turn: Any) -> Motion:
-    """Return the motion of a vehicle on a level floor from its accelerations; t: time (unit: 100 ns)."""
+    """Return the motion of a vehicle on a level floor at time t (unit: 100 ns), from the vehicle's accelerations."""
     o = jnp.zeros_like(ax)
     stack = jnp.stack
     return Motion(
@@ -136,7 +136,7 @@ class Hovercraft:
         return FX / self.mass, FY / self.mass, torque / self.inertia
 
     def motion(self, t: Any, x: HovercraftState, u: PlanarForce) -> Motion:
-        """Return the motion of the vehicle, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the vehicle at time t (unit: 100 ns), for sensors."""
         return planar_motion(t, x, *self.accelerations(x, u))
 
     @property

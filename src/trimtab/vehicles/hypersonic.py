@@ -167,7 +167,7 @@ class Hypersonic:
         return self.modes.solve_accelerations(self.Iyy, M, N1 + back1, N2 + back2)
 
     def motion(self, t: Any, x: HypersonicState, u: HypersonicInput) -> Motion:
-        """Return the motion of the centre of mass, for sensors, in SI units; t: time (unit: 100 ns).
+        """Return the motion of the centre of mass at time t (unit: 100 ns), for sensors, in SI units.
 
         The model has no horizontal position, so north and east stay zero.
         """

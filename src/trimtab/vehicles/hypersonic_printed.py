@@ -96,7 +96,7 @@ def emulate_linearisation(vehicle: Hypersonic | None = None) -> EmulatedLinearis
 
 
 def _inversion(craft: Hypersonic, e: Any, v: Any) -> tuple[Any, Any, Any]:
-    """Return the input u, and the terms f3 and b31 of the row of alpha."""
+    """Return the input u, and the terms f3 and b31 of the equation for alpha' in [1]."""
     h, h_rate, V, alpha, Q = (e[i] for i in range(5))
     air, m, g = craft.forces.aerodynamics, craft.m, craft.g
     qbar = craft.forces.dynamic_pressure(h, V)

@@ -196,7 +196,7 @@ class Multirotor:
         return self.gravity * down + R @ force / self.mass, moment / J
 
     def dynamics(self, t: Any, x: MultirotorState, u: RotorSpeeds) -> MultirotorState:
-        """Return the time derivative of the state x; t: time (s)."""
+        """Return the time derivative of the state x at time t (s)."""
         acceleration, turn = self.accelerations(x, u)
         return MultirotorState(
             position=x.velocity,
@@ -207,11 +207,11 @@ class Multirotor:
         )
 
     def after_step(self, t: Any, x: MultirotorState) -> MultirotorState:
-        """Return the state with its quaternion normalised; t: time (s)."""
+        """Return the state at time t (s), with its quaternion normalised."""
         return MultirotorState(x.position, x.velocity, quaternion.normalise(x.attitude), x.rate, x.rotor_speed)
 
     def motion(self, t: Any, x: MultirotorState, u: RotorSpeeds) -> Motion:
-        """Return the motion of the vehicle, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the vehicle at time t (unit: 100 ns), for sensors."""
         acceleration, turn = self.accelerations(x, u)
         R = quaternion.to_matrix(x.attitude)
         return Motion(

@@ -90,7 +90,7 @@ class RotatingPlatform:
         )
 
     def motion(self, t: Any, x: PlatformState, u: PlatformDrive) -> Motion:
-        """Return the motion of the arm's end, for sensors, from heading, rate and command; t: time (unit: 100 ns)."""
+        """Return the motion of the arm's end at time t (unit: 100 ns), for sensors, from heading, rate and command."""
         angle = x.heading - QUARTER
         acceleration = (u.rate - x.yaw_rate) / self.time_constant
         o = jnp.zeros_like(acceleration)

@@ -154,7 +154,7 @@ class FlexibleModeFilter:
             raise InputError(
                 "FlexibleModeFilter.R",
                 f"the noise variance must be finite, got {self.R}",
-                fix="give a finite variance; corrects=False ignores measurements",
+                fix="give a finite variance, or set corrects=False to ignore measurements",
             )
         A, _ = modal_dynamics(self.craft)
         norm = float(np.abs(np.asarray(A)).sum(1).max()) * to_seconds(self.period)

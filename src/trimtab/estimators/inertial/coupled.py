@@ -208,7 +208,8 @@ def low_pass_gain(dt: Any, constant: Any) -> Any:
 
 
 def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
-    """Return the transition matrix Phi (8, 8) of the errors in the order of Belief.x, for a constant specific force.
+    """Return the transition matrix Phi (8, 8) of the errors of the eight states in Belief.x, for a constant specific
+    force.
 
     Errors of biases are truth minus estimate.  dt: step (s).  heading: (rad).  force: specific force in B (2,).
     Source: [1] chapter 3; the series of exp(A dt) ends with the third power, because A^4 = 0.
@@ -229,7 +230,7 @@ def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
 
 
 def coupled_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
-    """Return the process noise Q (8, 8) in the order of Belief.x, with the same noise as in the dual filter.
+    """Return the process noise Q (8, 8) of the eight states in Belief.x, with the same noise as in the dual filter.
 
     growth: `InertialNoise.growth`.  reach: `InertialNoise.integration_time`.
     """

@@ -90,13 +90,13 @@ class InertialStart:
         return stack_numbers(*(s for s in sigmas for _ in range(2))) ** 2
 
     def pose(self) -> Any:
-        """Return the initial heading, velocity and position (5,), in the order of Belief.x."""
+        """Return the initial heading, velocity and position (5,)."""
         return jnp.concatenate(
             [jnp.reshape(jnp.asarray(self.heading, np.float64), 1), self.velocity(), self.position()]
         )
 
     def variances(self) -> Any:
-        """Return all initial variances (8,), in the order of Belief.x."""
+        """Return all initial variances (8,), in the order of Belief.x: heading, velocity, position, biases."""
         (heading, bias), motion = self.heading_variances(), self.motion_variances()
         return jnp.concatenate([heading[None], motion[:4], bias[None], motion[4:]])
 
@@ -149,7 +149,7 @@ def rotate_lever(heading: Any, arm: Any) -> tuple[Any, Any]:
 
 
 def stack_numbers(*numbers: Any) -> Any:
-    """Return an array (n,), in double precision, of n plain or traced numbers."""
+    """Return an array (n,), in double precision, of n numbers or JAX tracers."""
     return jnp.stack([jnp.asarray(number, np.float64) for number in numbers])
 
 

@@ -32,10 +32,10 @@ from trimtab.estimators.ranging.position import SQUARE
 HEADING, NORTH, EAST, TURN_BIAS, COURSE, SCALE, ERRORS = range(7)
 """Indices of the states of the odometry filter. From ERRORS on, there is one range error for each beacon."""
 DOUBTED_MIN = 3
-"""Smallest number of beacons whose newest range was rejected that is needed for a restart. Ranges to two beacons would
+"""Smallest number of beacons with a rejected newest range at which the pose is restarted. Ranges to two beacons would
 fit two positions."""
 OTHERS_MIN = 3
-"""Smallest number of ranges, to beacons other than the two with the most ranges, that is needed for a restart."""
+"""Smallest number of ranges for a restart, without the ranges to the two beacons that have the most ranges."""
 AGREEMENT = 2.0
 """Largest chi-square per degree of freedom at which ranges count as agreeing with each other."""
 RESTART_VARIANCE = 4.0

@@ -46,7 +46,7 @@ from trimtab.estimators.ranging.range_errors import RangeErrorModel
 from trimtab.estimators.ranging.range_model import unit_geometry
 
 COMB = 3
-"""Stream of the random numbers for resampling."""
+"""Index of the random number stream for resampling."""
 
 
 @record

@@ -35,7 +35,7 @@ from trimtab.estimators.ranging.range_model import (
 )
 
 START = 1
-"""First stream of the random numbers for the initialisation."""
+"""Index of the first random number stream for the initialisation."""
 
 
 @record

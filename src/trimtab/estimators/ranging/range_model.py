@@ -149,7 +149,8 @@ class RangeUpdate(NamedTuple):
 
 
 def linearise_range(x: Any, P: Any, i: Any, g: Geometry) -> LinearisedRange:
-    """Return the predicted range to beacon i at a state (9 + n,): Belief.x, scale error, errors of the beacons.
+    """Return the predicted range to beacon i at a state (9 + n,), which consists of Belief.x, the scale error and the
+    errors of the beacons.
 
     With the range's Hessian A by (heading, north, east) and the covariance S of these states, the uncertainty of a
     Gaussian state adds tr(A S)/2 to the mean and tr(A S A S)/2 to the variance ([4] section 10.3.3).
