@@ -24,9 +24,10 @@ class ThrustVectorAllocation:
         f = sign(FX) |F|    psi = -atan(FY/FX)
         theta = offset - ratio psi, limited to the stops      n = table(theta, f)
 
-    If the rudder cannot reach the direction of the demand, the rudder goes to its stop and the magnitude of the force
-    is kept. The thrust always has the sign of FX. With FX = 0 the fan turns forward. Within the dead zone the fan speed
-    is 0, but the rudder still follows the demand. Demands above the fan's maximum thrust give the maximum fan speed.
+    F = (FX, FY) is the demanded force, psi the force angle, theta the rudder angle and n the fan speed. If the rudder
+    cannot reach the direction of the demand, the rudder goes to its stop and the magnitude of the force is kept. The
+    thrust always has the sign of FX. With FX = 0 the fan turns forward. Within the dead zone the fan speed is 0, but
+    the rudder still follows the demand. Demands above the fan's maximum thrust give the maximum fan speed.
 
     If the imperfection "lookup-table" or "saturation" is off, n is computed from the thruster's formula, as in the
     drive.

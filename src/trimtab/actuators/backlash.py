@@ -21,7 +21,7 @@ class Backlash:
 
         y = last y, limited to [command - width/2, command + width/2]
 
-    The result is exact for a command that moves in one direction within a period.
+    y is the position of the load. The result is exact for a command that moves in one direction within a period.
 
     Frames:  those of the actuated value.    Valid: a load that friction holds in place.
     Not modelled: impact, load inertia.

@@ -36,6 +36,8 @@ class Battery:
 
         V = full − (full − empty) min(drawn/capacity, 1) − resistance i
 
+    V is the voltage, i the current, and `drawn` the charge drawn.
+
     Frames:  none.    Valid: down to `empty`.    Not modelled: recovery, temperature, the drop when nearly empty.
     Source:  [1] chapter 4: 7.2 V. All other values are our own choice, because [1] does not give them.
     """

@@ -156,8 +156,9 @@ class FanDrive:
         commanded speed -> brake -> n (lag, if any); with a regulated fan: -> regulator -> duty -> brake -> motor -> n
         f = table(theta, n)    psi = (offset - theta)/ratio    FX = f cos psi    FY = -f sin psi
 
-    If the imperfection "lookup-table" or "saturation" is off, f is computed from the thruster's formula. The allocation
-    then uses the formula too, so the allocation remains the inverse of the drive.
+    theta is the rudder angle, psi the force angle, n the fan speed and f the thrust. If the imperfection "lookup-table"
+    or "saturation" is off, f is computed from the thruster's formula. The allocation then uses the formula too, so the
+    allocation remains the inverse of the drive.
 
     Frames:  force in B at the rudder pivot; positive speed pushes forward.
     Valid:   at rest: no inflow.    Not modelled: slew rate of the servo; motor lag unless a time constant is set.

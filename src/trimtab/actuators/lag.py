@@ -28,8 +28,8 @@ class FirstOrderLag:
 
         x' = (command - x)/time_constant    |x'| <= rate_limit    low <= x <= high
 
-    The lag is solved in closed form over each period: first the motion at the rate limit, then the exponential. With a
-    time constant of zero it is only a rate limiter.
+    x is the position of the actuator. The lag is solved in closed form over each period: first the motion at the rate
+    limit, then the exponential. With a time constant of zero it is only a rate limiter.
 
     Frames:  those of the actuated value.    Not modelled: a load that drives the actuator.
     Source:  [1], the lag of an F-16's surfaces with both limits: 20.2 1/s, 60°/s, ±25° of the elevator.
@@ -87,9 +87,9 @@ class SecondOrderLag:
 
         x'' = frequency^2 (command - x) - 2 damping frequency x'    |x'| <= rate_limit    low <= x <= high
 
-    The lag is solved in closed form over each period, including the instants at which the rate limit is reached and
-    left. At a stop the rate is zero. If the rate limit is reached and left again within one period, only the rate at
-    the end of the period is limited.
+    x is the position of the actuator. The lag is solved in closed form over each period, including the instants at
+    which the rate limit is reached and left. At a stop the rate is zero. If the rate limit is reached and left again
+    within one period, only the rate at the end of the period is limited.
 
     Frames:  those of the actuated value.    Not modelled: a load that drives the actuator, bouncing at a stop.
     Source:  [1]; the common second-order actuator model.

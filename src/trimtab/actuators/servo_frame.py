@@ -36,7 +36,7 @@ class ServoFrame:
 
         y(t) = u(phase + k frame)    for phase + k frame <= t < phase + (k + 1) frame
 
-    The mean delay is half a frame. Before the first pulse the servo is at rest.
+    u is the command and y the output. The mean delay is half a frame. Before the first pulse the servo is at rest.
 
     Frames:  those of the actuated value.    Not modelled: the duration of the pulse itself; drift of the frame.
     Source:  [1]; frames of radio control servos.

@@ -25,9 +25,9 @@ class Thruster:
         ratio = 1 forward;  y(|n|) = y3 n^3 + y2 n^2 + y1 n + y0 in reverse    [1, eq. 4.4]
         eta = cos(theta - offset)
 
-    The ratio is constant outside the measured speeds (6 to 12 krpm), because the cubic is negative below 4.17 krpm and
-    exceeds 1 far above. eta is constant beyond `deflection_max`. The map is therefore defined and invertible for any
-    demand, also in runs without saturation.
+    F is the thrust, n the fan speed and theta the rudder angle. The ratio is constant outside the measured speeds (6 to
+    12 krpm), because the cubic is negative below 4.17 krpm and exceeds 1 far above. eta is constant beyond
+    `deflection_max`. The map is therefore defined and invertible for any demand, also in runs without saturation.
 
     Valid:   at rest.    Not modelled: inflow, battery sag, motor (see `time_constant`).
     Source:  [1] chapter 4, eq. 4.4; c and eta are reconstructed (quadratic law, 3000 rpm just registering on a gauge

@@ -41,10 +41,10 @@ class AdaptiveRobust:
         rho0' = q0 (|s| - sigma rho0)                             published: sigma = 0
         rho1' = q1 (|e| |s| - sigma rho1)
 
-    |e| is the length of the error divided by `sizes`. Without the division the altitude would dominate. With the gain K
-    = -R^-1 B'P of a linear quadratic regulator the published u_h halves the gain, because the sign of u_h is wrong.
-    With the minus sign the total gain is 1.5 K. The published bounds only grow, and sgn chatters. In this law sgn is
-    smoothed. The bounds leak, and are limited to `cap`.
+    e is the tracking error, and |e| is the length of the error divided by `sizes`. Without the division the altitude
+    would dominate. With the gain K = -R^-1 B'P of a linear quadratic regulator the published u_h halves the gain,
+    because the sign of u_h is wrong. With the minus sign the total gain is 1.5 K. The published bounds only grow, and
+    sgn chatters. In this law sgn is smoothed. The bounds leak, and are limited to `cap`.
 
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
              flight vehicle", Aerospace 2022, 9(4), 206, eqs. 16-18, corrected (docs page, Adaptive robust terms). [1]

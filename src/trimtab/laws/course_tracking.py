@@ -28,9 +28,10 @@ class CourseTracking:
 
         u = u_d(t) + K (x - x_d(t)) + L z
 
-    x_d and u_d are linear between the nodes of the trajectory, and constant before the first and after the last node.
-    If the output is non-minimum phase, x_d moves before the output (`design.output_inversion`). A trajectory is valid
-    only for the vehicle for which it was computed.
+    x_d and u_d are the reference state and input, and z the integrals of the errors. x_d and u_d are linear between the
+    nodes of the trajectory, and constant before the first and after the last node. If the output is non-minimum phase,
+    x_d moves before the output (`design.output_inversion`). A trajectory is valid only for the vehicle for which it was
+    computed.
 
     Frames:  those of the state fields.
     Valid:   near the trajectory, if the gain stabilises the vehicle along the entire trajectory. Quaternions are

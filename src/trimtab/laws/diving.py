@@ -45,8 +45,9 @@ class Diving:
         delta_s = (U0/U)^2 (kp (theta - theta_c) + kd q + ki integral)
         rudder: as in `Steering`
 
-    The integrals compensate buoyancy, propeller torque and a roll angle. Each integral is held while its output is
-    limited.
+    z is the depth, z_r the depth reference, theta the pitch angle, q the pitch rate, U the speed through the water and
+    delta_s the stern plane angle. The integrals compensate buoyancy, propeller torque and a roll angle. Each integral
+    is held while its output is limited.
 
     Frames:  depth down, pitch nose up; positive stern planes push the tail up and the nose down, as in SNAME notation.
     Valid:   small roll; above the speed at which the planes can hold the buoyancy.

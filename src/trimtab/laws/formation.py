@@ -70,9 +70,10 @@ class Formation:
         craft     F = m k_v (u + k_p (q - p) - v)      p, v: position and velocity of P, a = J/(m d)
                   FX = n.F + m a r^2,   FY = (J/d) k_r (r - r_d),   r_d = k_h wrap(direction of ±F - heading)
 
-    P is the centre of percussion, which is the distance a ahead of the centre of mass. P is accelerated only along the
-    nose n (`laws.pose`), so either the nose or the tail is turned to the force. A leader's message older than `horizon`
-    is not extrapolated: the leader is assumed to be at rest at its last position.
+    q is the craft's reference point, and u the velocity of this point. P is the centre of percussion, which is the
+    distance a ahead of the centre of mass. P is accelerated only along the nose n (`laws.pose`), so either the nose or
+    the tail is turned to the force. A leader's message older than `horizon` is not extrapolated: the leader is assumed
+    to be at rest at its last position.
 
     Proven:  the points never come nearer to each other than `separation.distance`. While the barrier does not
              limit u and the leader moves at a constant velocity, e = q_0 + place - q obeys e' = -k e for any delay of

@@ -27,7 +27,9 @@ class LoadFactorControl:
         elevator       = trim - K (alpha - alpha0, q, ∫(nz - 1 - nz_ref))
         aileron, rudder =      - K (beta, p, r, ∫(ps - ps_ref), ∫(ny + r))        ps = p cos alpha + r sin alpha
 
-    Gains are those of a linear quadratic regulator at 502 ft/s and 1000 ft (`scenarios.f16._gains`).
+    alpha is the angle of attack, beta the sideslip angle, p, q and r are the body rates, nz and ny the load factors,
+    and ps is the roll rate about the flight path. Gains are those of a linear quadratic regulator at 502 ft/s and 1000
+    ft (`scenarios.f16._gains`).
 
     Frames:  body rates; load factors at the accelerometers, which [1] places 15 ft in front of the centre of mass.
     Source:  [1], low-level controller, which adds ny (in g) and r (in rad/s) as plain numbers.

@@ -130,6 +130,8 @@ class HeadingBangBang:
         turn:  ConstantSpin at r_ref. Then damp once |e| <= tolerance or e r_ref > 0 (target passed between two
                samples; this exit is reconstructed, see docs Errata).                              [1, section 2.3.3]
 
+    e is the heading error. V and eps are the Lyapunov function of ZeroVelocity and the `switching_energy`.
+
     Ends:    by chattering at the edge of the tolerance, because the heading drifts in mode "damp".
     Valid:   turn_rate of about 1 rad/s. A faster turn overshoots the target. At 1.5 rad/s one ideal run in a thousand
              oscillates by 120 degrees for ever. At 3 rad/s every third run does.
@@ -176,6 +178,8 @@ class HeadingProportional:
         damp:  ZeroVelocity. While |e| > tolerance: r_ref = -sign(e) max(k |e|, floor). Then turn once V < eps(r_ref).
         turn:  ConstantSpin at r_ref = -sign(e) max(v, k |e|, floor), v = provision(W, r_ref).
                Then damp once |e| <= tolerance or e r_ref > 0 (reconstructed).            [1, section 2.3, eq. 2.69]
+
+    e is the heading error. V and W are the Lyapunov functions of ZeroVelocity and ConstantSpin.
 
     Form:    "literal" is as published: no floor, and the reference changes at every step. Nearly all its runs end in
              the bad limit point, with a constant heading error and a sideways slide. The reason is that this form

@@ -200,6 +200,7 @@ class QuasiStaticInternal:
 
         M(alpha) = 0 while h'' and V' are as commanded        zeta_d = (alpha, a_n/V, N1/w1^2, 0, N2/w2^2, 0)
 
+    M is the pitching moment, a_n the acceleration normal to the path, and N_i/w_i^2 the static displacement of mode i.
     The method needs neither the future nor the past of the command, and no linearisation. It neglects the duration of
     the internal motion. If no angle of attack is found, the last angle is kept and the state's `found` is False.
 
@@ -291,9 +292,10 @@ class PreviewInternal:
 
         zeta' = A22 zeta + w        w = Psi(zeta_s) - A22 zeta_s        zeta_s: quasi-static
 
-    This is one pass of the iteration for the bounded solution, with w linear between nodes. Decaying modes are
-    integrated from step to step. Growing modes are summed backward from the end of the horizon H, where they are set to
-    those of zeta_s. An error e at the end of the horizon becomes e exp(-l H) at its start. The cost of a step is fixed.
+    Psi are the internal dynamics, and A22 is their linearisation. This is one pass of the iteration for the bounded
+    solution, with w linear between nodes. Decaying modes are integrated from step to step. Growing modes are summed
+    backward from the end of the horizon H, where they are set to those of zeta_s. An error e at the end of the horizon
+    becomes e exp(-l H) at its start. The cost of a step is fixed.
 
     Source: [1] S. Devasia, D. Chen, B. Paden, IEEE Transactions on Automatic Control 41(7), 1996, section III; the
             horizon: Q. Zou, S. Devasia, "Preview-based stable-inversion for output tracking of linear systems", ASME

@@ -62,11 +62,11 @@ class LineOfSight:
         D = near + (far - near) exp(-(e/width)^2)
         theta' = (velocity along the path + g a)/(speed of the path's point)                         [2]
 
-    The path's point is the path at the path parameter theta, and chi is the path's direction there. e and a are the
-    distances of the vessel to starboard of this point and ahead of it. The vessel follows the path at its own speed:
-    the path gives the position, not the time. chi is the direction of the chord between theta - chord/2 and theta +
-    chord/2. So the vessel starts to turn before a corner, and a path at rest still has a direction. Beyond its end the
-    path is extended in a straight line.
+    psi_c is the commanded heading and D the lookahead distance. The path's point is the path at the path parameter
+    theta, and chi is the path's direction there. e and a are the distances of the vessel to starboard of this point and
+    ahead of it. The vessel follows the path at its own speed: the path gives the position, not the time. chi is the
+    direction of the chord between theta - chord/2 and theta + chord/2. So the vessel starts to turn before a corner,
+    and a path at rest still has a direction. Beyond its end the path is extended in a straight line.
 
     Shafts: n = n_u u_d + kp (u_d - u) + ki integral of (u_d - u), between 0 and the limit.
 

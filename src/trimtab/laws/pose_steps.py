@@ -58,7 +58,7 @@ class PoseBySteps:
     """Law that brings the hovercraft near a position and heading in the six steps of [1], which repeat for ever.
 
         compute  the vector to the target position   then align, or final if near the target
-        align    HeadingBangBang to its bearing      until the heading is within the heading law's tolerance
+        align    HeadingBangBang to that bearing     until the heading is within the heading law's tolerance
         move     ForwardMomentum at speed_gain times the remaining distance along the nose, within limits
                                                      until that distance is below `passed`, or the bearing error exceeds
                                                      off_course

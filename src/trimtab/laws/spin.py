@@ -26,6 +26,8 @@ class ConstantSpin:
 
         FX = -k1 u        FY = -k2 (v - d (r - r_ref))                                    [1, eq. 2.39]
 
+    u, v and r are surge velocity, sway velocity and yaw rate.
+
     Stable:  W = m (u^2 + v^2)/2 + J (r - r_ref)^2/2 never grows, for all k1, k2 > 0, but there are two limit points. At
              the good limit point the craft spins in place at r_ref. At the bad limit point it slides sideways at v = -d
              r_ref. All starts with W < limit_point_value reach the good limit point. An open set of other starts

@@ -105,6 +105,7 @@ class StableInversion:
         v = yd^(r) + K e + Ki integral(e_h, e_V) + u_h + u_s            u = inversion(v)
         e = (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') - reference
 
+    yd^(r) are the commanded accelerations, e is the tracking error, and u_h and u_s are the adaptive robust terms.
     Altitude and speed are a non-minimum-phase output: under inversion alone the internal motion diverges with a time
     constant of 0.3 s. `internal` computes the bounded motion that the command requires. This motion begins before the
     command.

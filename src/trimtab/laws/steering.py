@@ -25,9 +25,9 @@ class Steering:
         psi_d' = r_d,   r_d' = w^2 (psi_c - psi_d) - 2 z w r_d,   |r_d| <= fastest        psi_c: commanded
         delta = (U0/U)^2 (kp e + kd (r - r_d) + ki integral of e)          e = psi - psi_d, wrapped to ±pi
 
-    The rudder force grows with the square of the speed, so the gains are divided by that square. Below the speed
-    `slowest` the gains stay constant, because the propeller still drives water past the rudder. The integral is held
-    while the rudder is at its limit.
+    psi is the heading, r the yaw rate, delta the rudder angle and U the speed. The rudder force grows with the square
+    of the speed, so the gains are divided by that square. Below the speed `slowest` the gains stay constant, because
+    the propeller still drives water past the rudder. The integral is held while the rudder is at its limit.
 
     Frames:  positive rudder pushes the stern to starboard and turns to port, as in SNAME notation.
     Valid:   also for a craft that is unstable in yaw, if kd is large enough.

@@ -43,9 +43,10 @@ class SwingUp:
         swing:    a = clip(k E q' cos q, ±n g) - k_x x - k_v x'      so that E' = -m l a q' cos q leads E to 0
         balance:  F = -K (x, x', q, q')
 
-    The law switches to balance at an angle below `catch` from upright, where the regulator needs little force. It
-    switches back to swing at an angle above `release`. The centring terms, which [1] lacks, keep the cart near the
-    middle of its rail.
+    x is the position of the cart, a the acceleration of the cart, q the angle of the pole from upright, and E the
+    energy of the pole. The law switches to balance at an angle below `catch` from upright, where the regulator needs
+    little force. It switches back to swing at an angle above `release`. The centring terms, which [1] lacks, keep the
+    cart near the middle of its rail.
 
     Frames:  those of the cart-pole.    Valid: forces of up to about 10 N. Not modelled: the rail's ends.
     Source:  [1] eqs. 7 and 8; K: design.lqr with state weights (1, 1, 10, 1) and input weight 0.1.

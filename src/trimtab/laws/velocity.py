@@ -41,6 +41,8 @@ class ZeroVelocity:
 
         FX = -k1 u        FY = -k2 (v - d r)                                              [1, eq. 2.16]
 
+    u, v and r are surge velocity, sway velocity and yaw rate.
+
     Stable:  globally asymptotically for all k1, k2 > 0, with V the kinetic energy,
              V' = -k1 u^2 - k2 (v - d r)^2 [1, eq. 2.17]. V' = 0 on a line, not only at rest, but rest is the largest
              invariant set on this line (proof of [1] corrected, see docs Errata).
@@ -90,6 +92,8 @@ class ForwardMomentum:
     """Law that drives forward at a constant momentum PXr > 0.
 
         FX = -k1 (u - PXr/m)        FY = -k2 (v - d r)                                    [1, eq. 2.24]
+
+    u, v and r are surge velocity, sway velocity and yaw rate.
 
     Stable:  globally asymptotically for ALL k1, k2, PXr > 0. With kappa = PXr/(k2 d) the function
              W = m ((u - PXr/m)^2 + v^2)/2 + lambda J r^2/2, lambda = 1 + kappa, decreases along every motion: W' is a
@@ -141,6 +145,8 @@ class ForwardMomentumMatched:
 
         FX = -k1 (u - PXr/m)        FY = -k2 (v - d r),    k2 = PXr/(2 d)                 [1, eq. 2.29]
 
+    u, v and r are surge velocity, sway velocity and yaw rate.
+
     Stable:  globally asymptotically for all k1, PXr > 0, with W = m ((u - PXr/m)^2 + v^2)/2 + J r^2/2 (kappa = 2,
              lambda = 1): W' = -k1 (u - PXr/m)^2 - k2 (v^2 + d^2 r^2).
     Source:  [1] eq. 2.29; defaults [1] table 6.2.
@@ -184,6 +190,8 @@ class ReverseMomentum:
     """Law that drives backward at a constant momentum PXr < 0.
 
         FX = -k1 (u - PXr/m)        FY = +k2 (v + theta d r)                              [1, eq. 2.30]
+
+    u, v and r are surge velocity, sway velocity and yaw rate.
 
     Stable:  locally, for k1, k2 > 0 and theta > J/(d^2 m): the eigenvalues of [1, eq. 2.33] are then in the left half
              plane. The equilibrium is unique. `trimtab design hovercraft/reverse` proves convergence from a region

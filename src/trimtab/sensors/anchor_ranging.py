@@ -42,9 +42,10 @@ class AnchorRanging:
 
         z_i = | p + R_WB l - a_i | + b_i + w + e_i
 
-    b_i is the bias of anchor i (antenna delays) and w is white noise. The error e_i is exponentially distributed and
-    occurs occasionally, when the first signal to arrive is a reflected one. Anchors out of reach are not received, and
-    other anchors are lost at random.
+    p is the vehicle's position, l the lever arm of the antenna and a_i the position of anchor i. b_i is the bias of
+    anchor i (antenna delays) and w is white noise. The error e_i is exponentially distributed and occurs occasionally,
+    when the first signal to arrive is a reflected one. Anchors out of reach are not received, and other anchors are
+    lost at random.
 
     Frames:  anchors a_i in W, lever arm l of the antenna in B.
     Not modelled: anchors that answer in turn (`sensors.ultrasonic_ranging` has slots); reflections that persist.

@@ -30,8 +30,8 @@ class AngularAccelerometer:
 
         z = (1 + s) Q' + b + w
 
-    with scale error s, offset b and white noise w. The default noise has a density of 5e-7 (rad/s^2)^2/Hz at 200
-    samples a second. The signal is 0.2 to 0.3 rad/s^2.
+    with pitch acceleration Q', scale error s, offset b and white noise w. The default noise has a density of 5e-7
+    (rad/s^2)^2/Hz at 200 samples a second. The signal is 0.2 to 0.3 rad/s^2.
 
     Frames:  positive nose up.    Not modelled: bandwidth, bending at the sensor's position, saturation.
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
@@ -87,9 +87,9 @@ class AngularAccelerometerUnit:
 
         z = (1 + s) D( L( Q' + phi1' eta1'' + phi2' eta2'' ) ) + b + w
 
-    with scale error s and bias b drawn for each run, a low-pass L (second order, Butterworth), a delay D that is not
-    part of the sample's time stamp, and slopes phi' of the bending modes at the sensor. The slopes are 0 at the place
-    where the modes are assumed to be clamped.
+    with pitch acceleration Q', scale error s and bias b drawn for each run, a low-pass L (second order, Butterworth), a
+    delay D that is not part of the sample's time stamp, and slopes phi' of the bending modes at the sensor. The slopes
+    are 0 at the place where the modes are assumed to be clamped.
 
     Frames:  positive nose up.    Not modelled: saturation, effects of linear acceleration and temperature.
     Source:  IEEE Std 671-1985 (inertial sensors) for the names of the errors. Their sizes are our own

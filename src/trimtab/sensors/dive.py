@@ -31,6 +31,8 @@ class DiveSensor:
 
         z = (depth, roll, pitch, heading, u, q, r) + w
 
+    u is the speed over the bottom, q the pitch rate, r the yaw rate and w white noise.
+
     Frames:  W north-east-down; B at the centre of mass, where the gauge and the log are assumed to be.
     Not modelled: errors correlated in time, loss of bottom lock of the log, effect of tides on the gauge.
     Source:  own derivation: the kinematics of a rigid body, docs page, Conventions.

@@ -33,7 +33,8 @@ class Encoder:
 
         h = psi - psi_0,    count = floor( (h + e sin(h)) N/(2 pi) ),    z = (count + 1/2) 2 pi/N
 
-    The reported angle z is the middle of the count, so that its mean error is zero; e is the disc's eccentricity.
+    psi is the heading, N the number of counts per turn. The reported angle z is the middle of the count, so that its
+    mean error is zero; e is the disc's eccentricity.
 
     Frames:  angle positive as the heading, clockwise from above.    Not modelled: lost counts, play.
     Source:  [1] section 6.2.1: 4096 counts in a turn.
@@ -109,7 +110,8 @@ class Tachometer:
 
         z = (1 + s) L(r) + b + w
 
-    where s and b are the scale and zero errors that remain after calibration, L is the low-pass and w white noise.
+    where r is the yaw rate, s and b are the scale and zero errors that remain after calibration, L is the low-pass and
+    w white noise.
 
     Frames:  positive as the yaw rate, clockwise from above.    Not modelled: commutator ripple.
     Source:  [1] section 6.2.1. Noise: reconstructed to reproduce the rate comparison of [1], see docs Errata.

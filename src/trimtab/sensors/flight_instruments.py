@@ -60,6 +60,9 @@ class FlightInstruments:
 
         V = |v|    alpha = atan2(w, u)    beta = asin(v/V)    (nx, ny, -nz) = (a + w' × l + w × (w × l) - g)/g
 
+    (u, v, w) are the components of the velocity v. In the load factors, a is the acceleration, w the angular velocity,
+    l the lever arm and g gravity.
+
     Frames:  as in `Motion`; the accelerometers are at `lever_arm` from the centre of mass.
     Not modelled: wind, lags of the probes, position error of the static port, drift of the gyros.
     Source:  docs page, Flight instruments. The sizes of the errors are our own choice.

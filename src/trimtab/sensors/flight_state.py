@@ -32,7 +32,8 @@ class FlightStateSensor:
 
         z = (h, h', V, alpha, Q) + w
 
-    [1] assumes that these five values are measured without error. Only the bending modes have no sensor.
+    The values are altitude, climb rate, speed, angle of attack and pitch rate. [1] assumes that these five values are
+    measured without error. Only the bending modes have no sensor.
 
     Frames:  W north-east-down, altitude is -down; alpha from the body's x axis to the velocity.
     Not modelled: wind, lags, position errors of the probes.

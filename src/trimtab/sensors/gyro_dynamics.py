@@ -24,7 +24,8 @@ class IdentifiedGyro:
 
         y_k = b0 u_k - a1 y_{k-1} - a2 y_{k-2}        y/u = 0.3236 z²/(z² - 0.9805 z + 0.2898)     [1, eq. 6.2]
 
-    The poles are 0.490 ± 0.222 i. The static gain is 1.046. `normalised` scales b0 to a static gain of 1.
+    u is the true rate and y the output of the gyro. The poles are 0.490 ± 0.222 i. The static gain is 1.046.
+    `normalised` scales b0 to a static gain of 1.
 
     Valid:   below 20 Hz, sampled each 6.5536 ms.    Source: [1] eq. 6.2.
     """

@@ -31,7 +31,8 @@ class PositionSensor:
 
         z = (p + R_WB l)_north,east + w
 
-    The sensor represents the position fixes of an ultrasonic network. The ranges to the beacons are not modelled.
+    p is the vehicle's position, l the lever arm and w white noise. The sensor represents the position fixes of an
+    ultrasonic network. The ranges to the beacons are not modelled.
 
     Frames:  lever arm in B, position in W.    Not modelled: errors correlated in time or in space.
     Source:  [1] section 6.2.1. The latency is reconstructed, see docs Errata.

@@ -38,6 +38,8 @@ class CartPole:
         J q'' = m l (g sin q - a cos q)        J = 4/3 m l^2
         F = (M + m) a + m l (q'' cos q - q'^2 sin q)
 
+    q is the angle of the pole from upright, a the acceleration of the cart, F the force on the cart and g gravity.
+
     Frames:  the rail points north in W; B is fixed to the pole, with z from the top to the hinge. B has the axes of W
              when the pole is upright.
     Valid:   any angle. Not modelled: ends of the rail; friction of the cart and of the hinge, which is small in [1].

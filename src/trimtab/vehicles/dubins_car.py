@@ -36,6 +36,8 @@ class DubinsCar:
 
         north' = V cos psi     east' = V sin psi     psi' = r,   |r| <= V/R
 
+    psi is the heading and r the commanded turn rate.
+
     Frames:  W north, east; B forward, right, down.
     Valid:   any turn rate; rates beyond V/R are limited to V/R. Not modelled: slip, steering lag, reverse driving, with
              which other paths are shortest (Reeds and Shepp, 1990).

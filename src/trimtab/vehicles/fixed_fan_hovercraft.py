@@ -29,8 +29,9 @@ class FixedFanHovercraft:
         u' =  v r + (FX - (d1 + d2 |u|) u)/m       v' = -u r + (FY - (e1 + e2 |v|) v)/m
         r' = (N - (f1 + f2 |r|) r)/J               pose as in `hovercraft.Hovercraft`
 
-    The default has two fans side by side that push forward. A difference of the two thrusts turns the craft, and no fan
-    pushes the craft sideways.
+    T_i is the thrust of fan i, g_i the direction of this thrust, and (x_i, y_i) the position of the fan. u, v and r are
+    surge velocity, sway velocity and yaw rate. The default has two fans side by side that push forward. A difference of
+    the two thrusts turns the craft, and no fan pushes the craft sideways.
 
     Frames:  W north-east-down, B at the centre of mass, x forward, y starboard; g clockwise from the x axis.
     Valid:   level floor.    Not modelled: lag and inflow of the fans, dry friction, coupled damping.

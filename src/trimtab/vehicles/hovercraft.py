@@ -106,6 +106,8 @@ class Hovercraft:
         u' =  v r + FX/m      v' = -u r + FY/m      r' = -d FY/J          [1, eq. 2.10, divided by m and J]
         north' = u cos psi - v sin psi    east' = u sin psi + v cos psi    psi' = r     [1, eq. 2.11]
 
+    u, v and r are surge velocity, sway velocity and yaw rate, psi is the heading.
+
     Frames:  W north-east-down, B at the centre of mass, x forward, y starboard; the force acts at (-d, 0) in B.
     Valid:   level floor.    Not modelled: skirt contact, slope, the fan's gyroscopic moment.
     Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,

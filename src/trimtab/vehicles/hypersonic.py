@@ -79,8 +79,9 @@ class Hypersonic:
         alpha' = Q - gamma'        gamma' = (T sin alpha + L)/(m V) - (g/V) cos gamma
         theta' = Q                 Q', eta1'', eta2'': part `modes`, solved together          [1, eqs. 1-3]
 
-    In a gust the forces follow from airspeed and angle of attack relative to the moving air, and lift and drag act
-    along the axes of this flow.
+    h is the altitude, V the speed, gamma the path angle, alpha the angle of attack, theta the pitch angle and Q the
+    pitch rate. T, L and D are thrust, lift and drag. In a gust the forces follow from airspeed and angle of attack
+    relative to the moving air, and lift and drag act along the axes of this flow.
 
     Forces, moment, mass and inertia are per foot of width. With altitude and speed as outputs the vehicle is
     non-minimum phase.

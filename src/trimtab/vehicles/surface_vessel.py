@@ -236,8 +236,10 @@ class SurfaceVessel:
         M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau        nu_r = nu - nu_c: through the water         [1]
         delta' = limit((delta_c - delta)/T_d, rate)        n' = (n_c - n)/T_n
 
-    M contains mass and added mass; C follows from M. [1] writes the equations about a point amidships. Here the state
-    describes the centre of mass, which is x_g ahead of this point. Only the forces are computed about the point of [1].
+    nu = (u, v, r) is the velocity over the ground, nu_c the velocity of the current, and tau the forces. delta is the
+    rudder angle and n the propeller speed. M contains mass and added mass; C follows from M. [1] writes the equations
+    about a point amidships. Here the state describes the centre of mass, which is x_g ahead of this point. Only the
+    forces are computed about the point of [1].
 
     Frames:  W north-east-down, B at the centre of mass, x forward, y starboard.
     Valid:   calm water without waves; no roll, pitch or heave. Rudders to 35 degrees.

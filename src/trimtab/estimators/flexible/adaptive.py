@@ -172,10 +172,11 @@ class AdaptiveFlexibleModeFilter:
 
         x = (s1, s1', s2, s2', ln w1/w1_0, ln w2/w2_0)      s_i = (w_i/w_i0)^2 eta_i      p_m ~ p_m N(r_m; 0, S_m)
 
-    A single filter is not enough: if the frequencies are 10 % off, mode 2 is near the expected frequency of mode 1, and
-    the filter converges to the wrong mode. Of nine filters that start at frequencies about 10 % apart, one converges to
-    the right modes. The estimate is the weighted mean of the filters. The covariance of the estimate includes the
-    spread of the filters.
+    p_m, r_m and S_m are the probability of filter m, its innovation and the variance of this innovation. A single
+    filter is not enough: if the frequencies are 10 % off, mode 2 is near the expected frequency of mode 1, and the
+    filter converges to the wrong mode. Of nine filters that start at frequencies about 10 % apart, one converges to the
+    right modes. The estimate is the weighted mean of the filters. The covariance of the estimate includes the spread of
+    the filters.
 
     - Frequencies and probabilities change only while the vibration of the modes is at least `excitation` standard
       deviations of its uncertainty. Otherwise the uncertainty of the frequencies is considered, but the frequencies are

@@ -82,13 +82,13 @@ class FlexibleModeFilter:
         eta += L r                                   P = (I - L C) P (I - L C)' + R L L'
         eta = Ad eta + Bd b(chi, u)                  P = Ad P Ad' + Qd
 
-    with Ad = expm(A dt), Bd the integral of expm(A t) over a period, Qd by Van Loan. The accelerometer's offset o is a
-    fifth state, constant except for a random walk. Unlike bending, the offset does not decay, so the filter can
-    separate offset and bending. At an instant t_k the filter predicts from t_k-1, with chi(k-1) and the input u that
-    has acted since. It then updates with chi(k) and the same u, because the acceleration was sampled before the new
-    command acts. The affine part d must be in the innovation: at the trim d is +0.212 rad/s^2, and without d the modal
-    rates are biased. The sample "actuators" contains the actual fuel ratio and elevator, **clipped and held**, not the
-    demanded values.
+    with the rigid-body state chi, the input u and the modal state eta; Ad = expm(A dt), Bd the integral of expm(A t)
+    over a period, Qd by Van Loan. The accelerometer's offset o is a fifth state, constant except for a random walk.
+    Unlike bending, the offset does not decay, so the filter can separate offset and bending. At an instant t_k the
+    filter predicts from t_k-1, with chi(k-1) and the input u that has acted since. It then updates with chi(k) and the
+    same u, because the acceleration was sampled before the new command acts. The affine part d must be in the
+    innovation: at the trim d is +0.212 rad/s^2, and without d the modal rates are biased. The sample "actuators"
+    contains the actual fuel ratio and elevator, **clipped and held**, not the demanded values.
 
     With the default process noise, the filter tolerates modal frequencies 10 % off, at the price of a larger steady
     error. The noise is large for the slow mode 1 and small for mode 2, whose frequency is critical. With corrects=False

@@ -72,8 +72,10 @@ class AidedInertialCoupled:
 
         dphi' = -db      dv' = J f dphi - B da      dr' = dv      J f = (-f_east, f_north)      (d = estimate - truth)
 
-    While the low-passed force is within `rest_sigmas` standard deviations of zero (noise and accelerometer biases),
-    positions contain no information about the heading. Heading and gyro bias are then considered, not corrected ([5]).
+    phi is the heading, v the velocity, r the position, b the gyro bias, a the accelerometer biases, and f the specific
+    force. B turns vectors from body axes to W. While the low-passed force is within `rest_sigmas` standard deviations
+    of zero (noise and accelerometer biases), positions contain no information about the heading. Heading and gyro bias
+    are then considered, not corrected ([5]).
 
     Valid:   near the truth. An initial heading error above about half a radian makes the filter overconfident.
              At rest the heading is not observable, and its error grows with the gyro's bias.

@@ -55,6 +55,9 @@ class AidedInertialDirect:
 
         heading' = w - bias        v' = B(heading) (F - bias)        r' = v        biases' = 0 + noise
 
+    w is the reading of the gyro, F that of the accelerometers, v the velocity and r the position. B turns vectors from
+    body axes to W.
+
     Valid:         under the same conditions as the feedback form. Both forms have the same estimate except for
                    rounding. The filter contains the whole state, which other process models require, e.g. a vehicle's
                    dynamics.
