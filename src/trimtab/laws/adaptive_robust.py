@@ -71,7 +71,7 @@ class AdaptiveRobust:
         "1", "Width eps of the smoothed sign function, in the unit of s = B'P e.", default=0.01, above=0
     )
     sigma: Scalar = quantity("1/s", "Leak rate sigma of the adapted bounds rho0 and rho1.", default=0.0, low=0)
-    cap: Scalar = quantity("ft/s^2", "Largest value of the adapted bounds rho0 and rho1.", default=20.0, above=0)
+    cap: Scalar = quantity("ft/s^2", "Upper limit of the adapted bounds rho0 and rho1.", default=20.0, above=0)
 
     def check(self) -> None:
         """Raise InputError if kappa is 1 or more, because the sign of the effect of v is then unknown."""

@@ -305,8 +305,10 @@ class PreviewInternal:
     A22: Any = quantity(
         "1", "Jacobian dPsi/dzeta of the internal dynamics at a trim (k, k). The unit differs by element."
     )
-    past: FadingModes = part("Modes that decay: integrated from step to step.")
-    future: FadingModes = part("Modes that grow, in reversed time: summed backward from the end of the horizon.")
+    past: FadingModes = part("Decaying modes. They are integrated from step to step.")
+    future: FadingModes = part(
+        "Growing modes, stored in reversed time. They are summed backward from the end of the horizon."
+    )
     craft: Any = part("Vehicle model used by the law.", default=Hypersonic())
     horizon: Scalar = quantity("s", "Horizon H over which the command is read ahead.", default=4.0, above=0)
     alpha: Scalar = quantity(

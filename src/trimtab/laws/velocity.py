@@ -30,7 +30,7 @@ class VelocityOutput:
 
 
 def _error_energy(model: Hovercraft, s: Any, surge_velocity: Any, stretch: Any = 1.0) -> Any:
-    """Return the kinetic energy (J) of the velocity error, with its yaw term multiplied by `stretch`."""
+    """Return the kinetic energy (J) of the velocity error, with the yaw term multiplied by `stretch`."""
     error = s.surge_velocity - surge_velocity
     return model.mass * (error**2 + s.sway_velocity**2) / 2 + stretch * model.inertia * s.yaw_rate**2 / 2
 
@@ -115,7 +115,7 @@ class ForwardMomentum:
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Raise InputError if the reference is not forward."""
+        """Raise InputError if the reference momentum is not positive (forward)."""
         _check_forward("ForwardMomentum", self.reference)
 
     def init(self, key: Any) -> tuple[()]:
@@ -161,7 +161,7 @@ class ForwardMomentumMatched:
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Raise InputError if the reference is not forward."""
+        """Raise InputError if the reference momentum is not positive (forward)."""
         _check_forward("ForwardMomentumMatched", self.reference)
 
     def init(self, key: Any) -> tuple[()]:
@@ -214,7 +214,8 @@ class ReverseMomentum:
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Raise InputError if the reference is not backward or theta makes the equilibrium unstable."""
+        """Raise InputError if the reference momentum is not negative (backward), or theta makes the equilibrium
+        unstable."""
         if not np.all(np.asarray(self.reference) < 0):
             problem = f"the reference momentum must be negative, got {self.reference} kg m/s"
             fix = "write e.g. -1.98, or use the law ForwardMomentum to drive forward"

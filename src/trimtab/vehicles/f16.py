@@ -20,7 +20,7 @@ INERTIA = SLUG * FOOT**2
 EVERY_BETA = np.concatenate([-tables.SIZE_OF_BETA[:0:-1], tables.SIZE_OF_BETA])
 _OVER_ELEVATOR = np.stack([tables.CX, tables.CM], axis=-1)
 _OVER_EVERY_BETA = np.stack([np.concatenate([-t[:0:-1], t]) for t in (tables.CL, tables.CN)], axis=-1)
-"""Roll and yaw coefficients over signed sideslip, so that they have a slope at zero sideslip."""
+"""Roll and yaw coefficients over signed sideslip. With the sign, the coefficients have a slope at zero sideslip."""
 _OVER_BETA = np.stack([tables.CL_AILERON, tables.CL_RUDDER, tables.CN_AILERON, tables.CN_RUDDER], axis=-1)
 _OVER_ALPHA = np.stack([tables.CZ, *tables.DAMPING.values()], axis=-1)
 _THRUST = np.stack([tables.IDLE, tables.MILITARY, tables.MAXIMUM], axis=-1) * POUND_FORCE

@@ -64,7 +64,8 @@ K_PRINTED = np.array(
 
 
 class EmulatedLinearisation(NamedTuple):
-    """Matrices A (9, 9) and B (9, 2) with the errors of the publication repeated, in the order ORDER."""
+    """Matrices A (9, 9) and B (9, 2) with the errors of the publication repeated, in the order of the constant
+    ORDER."""
 
     A: Any
     B: Any

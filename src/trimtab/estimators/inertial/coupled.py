@@ -177,7 +177,8 @@ def is_force_significant(steady: Any, P: Any, noise: InertialNoise, smoothing: A
 
 
 class CoupledMotion(NamedTuple):
-    """Step of the coupled filter: the new state, both low-passed forces (2,), Phi and Q of the errors (8, 8)."""
+    """Step of the coupled filter: the new state, both low-passed forces (2,), transition matrix Phi and process noise Q
+    of the errors (8, 8)."""
 
     x: Any
     force: Any

@@ -50,8 +50,7 @@ class DirectNode:
 
 @record
 class AidedInertialDirect:
-    """Filters of total states. Their process model is the mechanisation with the IMU as input, linearised at each
-    sample.
+    """Filters of total states. The process model is the mechanisation with the IMU as input, linearised at each sample.
 
         heading' = w - bias        v' = B(heading) (F - bias)        r' = v        biases' = 0 + noise
 

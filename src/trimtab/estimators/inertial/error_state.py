@@ -45,18 +45,22 @@ class SpatialNoise:
     Source: docs page, Gnss and inertial; the defaults suit `Imu` with the errors of a good MEMS unit.
     """
 
-    gyro: Scalar = quantity("rad/s/Hz^0.5", "White noise of the gyros.", default=2e-4, above=0)
-    force: Scalar = quantity("m/s^2/Hz^0.5", "White noise of the accelerometers.", default=2e-3, above=0)
-    gyro_walk: Scalar = quantity("rad/s/s^0.5", "Random walk of the gyros' biases.", default=1e-5, low=0)
-    force_walk: Scalar = quantity("m/s^2/s^0.5", "Random walk of the accelerometers' biases.", default=2e-4, low=0)
+    gyro: Scalar = quantity("rad/s/Hz^0.5", "White noise density of the gyros.", default=2e-4, above=0)
+    force: Scalar = quantity("m/s^2/Hz^0.5", "White noise density of the accelerometers.", default=2e-3, above=0)
+    gyro_walk: Scalar = quantity("rad/s/s^0.5", "Random walk density of the gyros' biases.", default=1e-5, low=0)
+    force_walk: Scalar = quantity(
+        "m/s^2/s^0.5", "Random walk density of the accelerometers' biases.", default=2e-4, low=0
+    )
     untrusted_rate: Scalar = quantity(
         "rad/s", "Standard deviation assumed for an angular rate that cannot be trusted.", default=0.5, low=0
     )
     untrusted_force: Scalar = quantity(
         "m/s^2", "Standard deviation assumed for a specific force that cannot be trusted.", default=5.0, low=0
     )
-    clock: Scalar = quantity("m/s^0.5", "White noise of the receiver's clock rate.", default=0.1, low=0)
-    clock_walk: Scalar = quantity("m/s^1.5", "Random walk of the receiver's clock drift.", default=0.05, low=0)
+    clock: Scalar = quantity("m/s^0.5", "White noise density of the rate of the receiver's clock.", default=0.1, low=0)
+    clock_walk: Scalar = quantity(
+        "m/s^1.5", "Random walk density of the drift of the receiver's clock.", default=0.05, low=0
+    )
 
 
 @record

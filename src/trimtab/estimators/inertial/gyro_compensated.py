@@ -22,7 +22,7 @@ class CompensatorState:
     """State of the gyro compensator: the last two gyro samples, of any shape. Source: [1] eq. 6.2."""
 
     y1: Any = quantity("rad/s", "Previous gyro sample.")
-    y2: Any = quantity("rad/s", "Gyro sample before the previous one.")
+    y2: Any = quantity("rad/s", "Second to last gyro sample.")
 
 
 @record

@@ -397,7 +397,8 @@ def restart_pose(form: Any, s: OdometryState, number: Any) -> OdometryState:
 
 
 def planar_estimate(t: Any, s: Any, x: Any, P: Any, fresh: Any, valid: Any) -> Estimate:
-    """Return the estimate of a filter of odometry and ranges, from x (6 + n,) and P at the newest odometry sample."""
+    """Return the estimate of a filter of odometry and ranges, from the state x (6 + n,) and covariance P at the newest
+    odometry sample."""
     sigma = jnp.sqrt(jnp.maximum(jnp.stack([P[k, k] for k in (HEADING, NORTH, EAST)]), 0.0))
     state = RobotNavigation(
         heading=x[HEADING],
