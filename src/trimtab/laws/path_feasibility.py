@@ -78,7 +78,8 @@ class _Breach(NamedTuple):
 
 
 def path_motion(reference: Any, model: Hovercraft, duration: float, slower: float = 1.0) -> PathMotion:
-    """Return the motion that a reference of P demands over a duration (s), slowed down by the factor `slower`."""
+    """Return the motion that a reference of P demands over a duration (s) if it is slowed down by the factor
+    `slower`."""
     t = np.linspace(0.0, duration * slower, max(int(duration / STEP), 8) + 1)
 
     def at(x: Any) -> ReferencePoint:
@@ -126,7 +127,7 @@ def _line_of(specific: Any) -> Any:
 
 
 def _friction_at(model: Hovercraft, velocity: Any, heading: Any, rate: Any) -> tuple[Any, Any]:
-    """Return the acceleration of P by friction (n, 2), in W, and the torque of friction (n,)."""
+    """Return the acceleration of the centre of percussion P by friction (n, 2), in W, and the friction torque (n,)."""
     c, s = np.cos(heading), np.sin(heading)
     surge = c * velocity[:, 0] + s * velocity[:, 1]
     sway = -s * velocity[:, 0] + c * velocity[:, 1] - model.percussion_arm * rate

@@ -233,7 +233,7 @@ class PathTracking:
         return jnp.stack([s.north, s.east]) + self.model.percussion_arm * body[:, 0]
 
     def _errors(self, s: Any, body: Any, point: ReferencePoint) -> tuple[_Errors, Any]:
-        """Return the errors of P, and the torque of friction (N m)."""
+        """Return the errors of the centre of percussion P, and the friction torque (N m)."""
         arm = self.model.percussion_arm
         velocity = body @ jnp.stack([s.surge_velocity, s.sway_velocity + arm * s.yaw_rate])
         e, v = self._place(s, body) - point.place, velocity - point.velocity
@@ -251,7 +251,8 @@ class PathTracking:
         return errors._replace(jerk=point.jerk - change), torque
 
     def _drag(self, velocity: Any, heading: Any, rate: Any) -> tuple[Any, Any]:
-        """Return the acceleration of P by friction (m/s^2, W), and the torque (N m), at a velocity of P (m/s, W)."""
+        """Return the acceleration of the centre of percussion P by friction (m/s^2, in W), and the friction torque (N
+        m), at a velocity of P (m/s, in W)."""
         body, model = planar(heading), self.model
         surge, side = body.T @ velocity
         X, Y, torque = model.friction.wrench(surge, side - model.percussion_arm * rate, rate)

@@ -70,11 +70,13 @@ class StateFeedback:
     most: Any = quantity("1", "Maximum magnitude of each error integral (k,).", default=np.zeros(0), low=0)
     attitude: str = option("Name of the quaternion field. Needed only if turned or places is not empty.", default="")
     turned: tuple[str, ...] = option(
-        "Vector fields, e.g. a velocity, compared after state and x0 were each turned into their own body axes.",
+        "Names of vector fields, e.g. a velocity, that are compared after state and x0 were each turned into "
+        "their own body axes.",
         default=(),
     )
     places: tuple[str, ...] = option(
-        "Vector fields, e.g. a position, whose deviation from x0 is turned into the body axes of x0.", default=()
+        "Names of vector fields, e.g. a position, whose deviation from x0 is turned into the body axes of x0.",
+        default=(),
     )
     design_model: Any = part(
         "Vehicle model for which K was designed, stored in the log for comparison. None: not stored.", default=None

@@ -171,7 +171,7 @@ def responding_beacons(beacons: Beacons, positions: Any, unit: Any, t: Any) -> A
 
 
 def corrupt_ranges(ranges: Any, key: Key, number: Any, errors: RangeErrors, medium: Medium, crystal: Any) -> Any:
-    """Return measured ranges (n,) with the errors of speed of sound, timers, noise, strays and echoes.
+    """Return measured ranges (n,) with errors by the speed of sound, timers, noise, stray ranges and echoes.
 
     Args:     ranges: error-free ranges (n,) (m).    number: number of the ping, an integer.
               crystal: standard deviation of the timers' relative errors.

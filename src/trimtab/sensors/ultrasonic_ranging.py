@@ -73,8 +73,8 @@ class UnitClock:
     sync: int = period("Time between two settings of the clock.", default=seconds(1))
 
     def error(self, key: Key, t: Any, unit: Any) -> Any:
-        """Return the delay (s) from the nominal start of a slot, at integer time t, to its start by an ultrasonic
-        unit's clock."""
+        """Return the delay (s) from the nominal start of a slot, at integer time t, to the slot's start by an
+        ultrasonic unit's clock."""
         drift, _ = normal2(key, unit, DRIFT)
         residual, _ = normal2(key, t // self.sync * 16 + unit, SYNC)
         tick, _ = uniform2(key, t // self.sync * 16 + unit, TICK)

@@ -106,11 +106,11 @@ class Rotors:
         return jnp.stack([jnp.ones_like(x), -y, x, -jnp.asarray(self.spins) * self.torque_ratio])
 
     def thrusts(self, speed: Any) -> Any:
-        """Return the thrust of each rotor (N) at its speed (rad/s)."""
+        """Return the thrust of each rotor (N) at the rotor's speed (rad/s)."""
         return self.thrust_coefficient * speed * jnp.abs(speed)
 
     def speeds(self, thrust: Any) -> Any:
-        """Return the speed of each rotor (rad/s) for its thrust (N)."""
+        """Return the speed of each rotor (rad/s) for the rotor's thrust (N)."""
         some = thrust != 0
         root = jnp.sqrt(jnp.abs(jnp.where(some, thrust, 1.0)) / self.thrust_coefficient)
         return jnp.where(some, jnp.sign(thrust) * root, 0.0)

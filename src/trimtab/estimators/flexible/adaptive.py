@@ -296,7 +296,8 @@ class AdaptiveFlexibleModeFilter:
         return propagate_modes(self.craft, x, b, dt), kalman.predict_covariance(P, F, noise)
 
     def update(self, x: Any, P: Any, modal: Any, b: Any) -> tuple[Any, ...]:
-        """Update one hypothesis with a pitch acceleration (rad/s^2) caused by the modes, under a forcing b (4,) of eta.
+        """Update one hypothesis with a pitch acceleration (rad/s^2) caused by the modes, under a forcing b (4,) of the
+        modal state.
 
         Returns: x, P, innovation, variance of the innovation, log-likelihood, flags (2,) that are True for each
         frequency that was corrected, and a flag that is True if a frequency was held at its bound.

@@ -370,7 +370,7 @@ def _estimate_error(y: Any, H: Any, wanted: Any) -> Any:
 
 
 def _tell_sigmas(form: GnssInertial, state: GnssInertialState) -> GnssInertialState:
-    """Return the state with new standard deviations to report, from P propagated to the present."""
+    """Return the state with new standard deviations to report, from the covariance P propagated to the present."""
     x = state.nominal
     begin = quaternion.multiply(x.attitude, quaternion.conjugate(x.span.turn))
     whole = compose(x.span, correct_window(state.window, x.gyro_bias, x.force_bias))

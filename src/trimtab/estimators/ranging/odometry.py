@@ -296,7 +296,8 @@ def read_odometry(s: Any, sample: Any, t: Any, grip: Any) -> tuple[Any, Any, Odo
 
 
 def predict_odometry(x: Any, P: Any, m: OdometryMotion, noise: OdometryNoise) -> tuple[Any, Any]:
-    """Return state x (6 + n,) and covariance after a motion: half of the turn, the distance, half of the turn."""
+    """Return state x (6 + n,) and covariance after a motion: half of the turn, then the distance, then the rest of the
+    turn."""
     angle = m.turn - x[TURN_BIAS] * m.dt
     c = x[HEADING] + x[COURSE] + angle / 2
     along = m.distance * jnp.stack([jnp.cos(c), jnp.sin(c)])
