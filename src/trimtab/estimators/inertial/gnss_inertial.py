@@ -84,11 +84,7 @@ class GnssFix:
     forced: Scalar = quantity(
         "1", "Number of measurements accepted outside the gate after too many rejections in a row.", kind="count"
     )
-    late: Scalar = quantity(
-        "1",
-        "Number of measurements that were not used, because they were too late or the queue was full.",
-        kind="count",
-    )
+    late: Scalar = quantity("1", "Number of measurements unused: too late, or the queue was full.", kind="count")
 
 
 @record
@@ -151,9 +147,7 @@ class GnssInertial:
     noise: SpatialNoise = part("Noise of the IMU and of the receiver's clock.", default=SpatialNoise())
     receiver: GnssNoise = part("Noise of the receiver's fixes or ranges.", default=GnssNoise())
     start: SpatialStart = part("Initial estimate and its uncertainty.", default=SpatialStart())
-    lever_arm: Any = quantity(
-        "m", "Position of the GNSS antenna relative to the IMU.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,)
-    )
+    lever_arm: Any = quantity("m", "Vector from IMU to GNSS antenna.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,))
     gravity: Any = quantity("m/s^2", "Gravity vector.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
     gate: Scalar = quantity(
         "1", "NIS gate for fixes; default: 0.9999 quantile with 6 degrees of freedom.", default=27.856, above=0
@@ -208,9 +202,7 @@ class GnssInertial:
     def check(self) -> None:
         """Raise InputError if a number of samples is too small or a sensor name is used twice."""
         if self.slots < 2:
-            raise InputError(
-                "slots", f"slots must be at least 2, got {self.slots}", fix="set slots above delay / IMU period"
-            )
+            raise InputError("slots", f"must be at least 2, got {self.slots}", fix="set slots above delay / IMU period")
         if self.samples_per_propagation < 1:
             raise InputError(
                 "samples_per_propagation",
@@ -360,8 +352,7 @@ def _correct(form: GnssInertial, state: GnssInertialState, longest: Any) -> Gnss
 
 
 def _estimate_error(y: Any, H: Any, wanted: Any) -> Any:
-    """Return the variances (n,) by which the covariance P is inflated after too many rejections, from the innovations y
-    (m,)."""
+    """Return the variances (n,) to add to P after too many rejections, computed from the innovations y (m,)."""
     squares = jnp.where(wanted & jnp.isfinite(y), y * y, 0.0)
     largest_place = jnp.max(squares * (jnp.abs(H[:, POSITION.start]) + jnp.abs(H[:, POSITION.start + 2]) > 0.1))
     largest_speed = jnp.max(squares * (jnp.abs(H[:, VELOCITY.start]) + jnp.abs(H[:, VELOCITY.start + 2]) > 0.1))

@@ -32,8 +32,7 @@ from trimtab.estimators.ranging.position import SQUARE
 HEADING, NORTH, EAST, TURN_BIAS, COURSE, SCALE, ERRORS = range(7)
 """Indices of the states of the odometry filter. From ERRORS on, there is one range error for each beacon."""
 DOUBTED_MIN = 3
-"""Smallest number of beacons with a rejected newest range at which the pose is restarted. Ranges to two beacons would
-fit two positions."""
+"""Smallest number of beacons with a rejected newest range for a restart. Ranges to two beacons fit two positions."""
 OTHERS_MIN = 3
 """Smallest number of ranges for a restart, without the ranges to the two beacons that have the most ranges."""
 AGREEMENT = 2.0
@@ -101,10 +100,7 @@ class PlanarStart:
         "rad/s", "Standard deviation of the yaw rate's initial bias.", default=5e-3, low=0
     )
     sigma_course: Scalar = quantity(
-        "rad",
-        "Initial standard deviation of the angle from the body's x axis to the direction of motion.",
-        default=0.03,
-        low=0,
+        "rad", "Initial standard deviation of the angle from the x axis to the velocity.", default=0.03, low=0
     )
 
 
@@ -125,20 +121,14 @@ class RadioFix:
     restarts: Scalar = quantity(
         "1", "Number of restarts of the pose from ranges that agree with each other.", kind="count"
     )
-    late: Scalar = quantity(
-        "1",
-        "Number of messages not used because their ranges were too far in time from an odometry sample.",
-        kind="count",
-    )
+    late: Scalar = quantity("1", "Number of messages without an odometry sample near in time; unused.", kind="count")
 
 
 @record
 class RobotNavigation:
     """Position and heading with their uncertainty, at the newest odometry. Source: docs page, Odometry and ranges."""
 
-    heading: Scalar = quantity(
-        "rad", "Heading: angle from north to the body's x axis, clockwise, not wrapped to one turn.", kind="angle"
-    )
+    heading: Scalar = quantity("rad", "Heading, clockwise from north, not wrapped to one turn.", kind="angle")
     north: Scalar = quantity("m", "Estimated north position.", frame="W")
     east: Scalar = quantity("m", "Estimated east position.", frame="W")
     speed: Scalar = quantity("m/s", "Speed at the newest odometry sample.")
@@ -163,14 +153,8 @@ class OdometryState:
     turn: Scalar = quantity("rad", "Total angle turned, as reported by the newest odometry sample.", kind="angle")
     speed: Scalar = quantity("m/s", "Speed at the newest odometry sample.")
     rate: Scalar = quantity("rad/s", "Yaw rate at the newest odometry sample.")
-    moved: Scalar = quantity(
-        "1", "True once speed and yaw rate have been computed from two odometry samples.", kind="flag"
-    )
-    x: Any = quantity(
-        "1",
-        "Heading, north, east, yaw rate bias, angle of the motion from the x axis, scale error, errors of "
-        "the beacons (6 + n,).",
-    )
+    moved: Scalar = quantity("1", "True once two odometry samples have determined speed and yaw rate.", kind="flag")
+    x: Any = quantity("1", "Heading, north, east, yaw rate bias, drift angle, scale error, beacon errors (6 + n,).")
     P: Any = quantity("1", "Covariance of the state's error (6 + n, 6 + n).")
     fix: RadioFix = part("Statistics of the range updates.")
     recent: RecentRanges = part("Newest ranges, stored for a restart.")
@@ -192,8 +176,7 @@ class OdometryRanging:
     range measured between two samples, the position is extrapolated with the last speed and yaw rate.
 
     Frames:  beacons in W; level vehicle on a flat floor.
-    Valid:   from the first odometry sample on, except while the newest `patience` ranges (16 ranges if `patience` is 0)
-             were all rejected.
+    Valid:   from the first odometry sample on, unless the newest `patience` ranges (16 if it is 0) were all rejected.
     Not modelled: antennas away from the vehicle's reference point; a range's curvature, small at metres.
     Source:  docs page, Odometry and ranges.
     """
@@ -296,8 +279,7 @@ def read_odometry(s: Any, sample: Any, t: Any, grip: Any) -> tuple[Any, Any, Odo
 
 
 def predict_odometry(x: Any, P: Any, m: OdometryMotion, noise: OdometryNoise) -> tuple[Any, Any]:
-    """Return state x (6 + n,) and covariance after a motion: half of the turn, then the distance, then the rest of the
-    turn."""
+    """Return state x (6 + n,) and covariance after half of the turn, the distance, and the other half of the turn."""
     angle = m.turn - x[TURN_BIAS] * m.dt
     c = x[HEADING] + x[COURSE] + angle / 2
     along = m.distance * jnp.stack([jnp.cos(c), jnp.sin(c)])
@@ -313,8 +295,7 @@ def predict_odometry(x: Any, P: Any, m: OdometryMotion, noise: OdometryNoise) ->
 
 
 def read_ranges(s: OdometryState, sample: Any, t: Any, longest: Any) -> tuple[Any, Any, RadioFix]:
-    """Return the ranges (n,) (0 where not usable), the time (s) from the odometry sample to the ranges, and the
-    statistics reset for these ranges."""
+    """Return the ranges (n,), 0 where unusable, their time after the odometry sample (s), and the reset statistics."""
     value, n = sample.value, s.fix.nis.shape[0]
     z = jnp.where(jnp.asarray(value.arrived, bool), jnp.asarray(value.range, float), 0.0)
     z = jnp.where(jnp.isfinite(z) & (z > 0) & sample.fresh & sample.valid & (s.t > NEVER), z, 0.0)
@@ -398,8 +379,7 @@ def restart_pose(form: Any, s: OdometryState, number: Any) -> OdometryState:
 
 
 def planar_estimate(t: Any, s: Any, x: Any, P: Any, fresh: Any, valid: Any) -> Estimate:
-    """Return the estimate of a filter of odometry and ranges, from the state x (6 + n,) and covariance P at the newest
-    odometry sample."""
+    """Return the estimate of an odometry filter from its state x (6 + n,) and covariance P at the newest odometry."""
     sigma = jnp.sqrt(jnp.maximum(jnp.stack([P[k, k] for k in (HEADING, NORTH, EAST)]), 0.0))
     state = RobotNavigation(
         heading=x[HEADING],
