@@ -113,7 +113,7 @@ def predict_particle(x: Any, P: Any, m: PreintegratedMotion, Q: Any) -> tuple[An
 
 
 def motion_covariance(noise: InertialNoise, heading: Any, m: PreintegratedMotion) -> Any:
-    """Return the process noise Q (8, 8) of Belief.x over a motion."""
+    """Return the process noise Q (8, 8) of the eight states in Belief.x over a motion."""
     Q = coupled_process_noise(noise.growth(m.time, m.untrusted), heading, noise.integration_time(m.time))
     return Q * SIGNS[:, None] * SIGNS[None, :]
 
