@@ -50,5 +50,5 @@ def test_without_sag_nothing_lowers_it():
 
 
 def test_empty_above_full_is_refused():
-    with pytest.raises(InputError, match=r"Battery\.empty: 8 V must be at most the full voltage, 7\.2 V"):
+    with pytest.raises(InputError, match=r"empty: the empty voltage of 8 V must be at most the full voltage, 7\.2 V"):
         Battery(empty=8.0).check()

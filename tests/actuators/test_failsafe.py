@@ -281,6 +281,6 @@ def test_it_serves_another_command():
 def test_refuses_limits_that_do_not_fit():
     with pytest.raises(InputError, match=r"safe\.speed_rpm.*must lie"):
         replace(drive_failsafe(), low=DriveCommand(0.8e-3, 100.0)).check()
-    with pytest.raises(InputError, match="has the numbers"):
+    with pytest.raises(InputError, match="has the fields"):
         replace(drive_failsafe(), high=PlanarForce(1.0, 1.0)).check()
     drive_failsafe().check()

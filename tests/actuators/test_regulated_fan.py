@@ -86,7 +86,9 @@ def test_reverse_to_forward_brakes_for_150_ms():
 def test_periods_out_of_step_are_refused():
     with pytest.raises(InputError, match=r"RegulatedFan\.period: .*regulator 15 ms, motor 10 ms"):
         RegulatedFan(regulator=SpeedRegulator(period=ms(15)), motor=Motor(period=ms(10))).check()
-    with pytest.raises(InputError, match=r"fan\.motor\.period: 2 ms must equal the drive's period of 1 ms"):
+    with pytest.raises(
+        InputError, match=r"motor\.period: the motor's period of 2 ms must equal the drive's period of 1 ms"
+    ):
         FanDrive(fan=RegulatedFan(motor=Motor(period=ms(2)), battery=Battery(period=ms(2)))).check()
 
 

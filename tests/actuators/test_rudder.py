@@ -85,7 +85,7 @@ def test_differentiable():
 
 def test_refused_tables():
     RudderServo().check()
-    with pytest.raises(InputError, match="angles: they must increase"):
+    with pytest.raises(InputError, match="angles: the angles must increase"):
         RudderServo(angles=np.array(SERVO.angles)[::-1]).check()
     with pytest.raises(InputError, match="stops"):
         replace(RudderServo(), angle_max=36 * DEG).check()

@@ -38,14 +38,14 @@ def test_is_smooth_across_nodes(table):
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"nodes": np.full((9, 6), np.nan)}, "nodes: row 0 has a number that is not finite"),
+        ({"nodes": np.full((9, 6), np.nan)}, "nodes: row 0 contains a number that is not finite"),
         (
             {"rates": np.where(np.arange(54).reshape(9, 6) == 20, np.inf, 0.0)},
-            "rates: row 3 has a number that is not finite",
+            "rates: row 3 contains a number that is not finite",
         ),
-        ({"nodes": np.zeros((1, 6))}, r"nodes: has shape \(1, 6\)"),
-        ({"nodes": np.zeros((9, 5))}, r"nodes: has shape \(9, 5\)"),
-        ({"nodes": np.zeros(6)}, r"nodes: has shape \(6,\)"),
+        ({"nodes": np.zeros((1, 6))}, r"nodes: the array has shape \(1, 6\)"),
+        ({"nodes": np.zeros((9, 5))}, r"nodes: the array has shape \(9, 5\)"),
+        ({"nodes": np.zeros(6)}, r"nodes: the array has shape \(6,\)"),
         ({"nodes": np.zeros((8, 6))}, "8 nodes and 9 rows"),
     ],
 )

@@ -39,7 +39,7 @@ def test_a_command_that_no_level_flight_begins_or_ends_is_refused_with_the_place
 def test_limits_count():
     with pytest.raises(
         InputError,
-        match=r"at 85000 ft, 7702.08 ft/s needs fuel ratio 0\.2644, limits are 0\.02 and 0\.2\.",
+        match=r"at 85000 ft, 7702.08 ft/s needs fuel ratio 0\.2644, but the limits are 0\.02 and 0\.2\.",
     ):
         check_command_ends(CRAFT, FilteredClimb(), replace(LIMITS, Phi_high=0.2))
 

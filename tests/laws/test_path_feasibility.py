@@ -67,9 +67,9 @@ def test_a_circle_needs_what_the_centripetal_force_is():
 
 
 REFUSED = {
-    "fast circle": (Circle(radius=1.5, period=8.0), r"2\.60 N forward, and the fan gives 1\.30 N"),
+    "fast circle": (Circle(radius=1.5, period=8.0), r"2\.60 N forward, but the maximum is 1\.30 N"),
     "wide eight": (FigureEight(length=4.0, width=2.0, period=40.0), "N to the side with .* the rudder turns the force"),
-    "backing too hard": (FigureEight(length=6.0, width=1.5, period=25.0), "N backward, and the fan gives 0.60 N"),
+    "backing too hard": (FigureEight(length=6.0, width=1.5, period=25.0), "N backward, but the maximum is 0.60 N"),
     "quick small circle": (Circle(radius=0.02, period=3.93, ease=20.0), "the nose has to turn at 1.60 rad/s"),
     "slow large circle": (Circle(radius=20.0, period=260.0, ease=60.0), "thrust in the dead zone, below 0.05 N"),
     "fast way-points": (

@@ -24,9 +24,10 @@ class ThrustVectorAllocation:
         f = sign(FX) |F|    psi = -atan(FY/FX)
         theta = offset - ratio psi, limited to the stops      n = table(theta, f)
 
-    If the rudder cannot reach the direction of the demand, the rudder goes to its stop and the magnitude of the force
-    is kept. The thrust always has the sign of FX. With FX = 0 the fan turns forward. Within the dead zone the fan speed
-    is 0, but the rudder still follows the demand. Demands above the fan's maximum thrust give the maximum fan speed.
+    F = (FX, FY) is the demanded force, psi the force angle, theta the rudder angle and n the fan speed. If the rudder
+    cannot reach the direction of the demand, the rudder goes to its stop and the magnitude of the force is kept. The
+    thrust always has the sign of FX. With FX = 0 the fan turns forward. Within the dead zone the fan speed is 0, but
+    the rudder still follows the demand. Demands above the fan's maximum thrust give the maximum fan speed.
 
     If the imperfection "lookup-table" or "saturation" is off, n is computed from the thruster's formula, as in the
     drive.
@@ -76,9 +77,9 @@ class ThrustVectorAllocation:
 
 
 def to_polar(force: PlanarForce) -> tuple[Any, Any]:
-    """Return the magnitude (N) of a force with the sign of FX, and its angle psi (rad) in [-pi/2, pi/2].
+    """Return the magnitude (N) of a force, with the sign of FX, and the force's angle psi (rad) in [-pi/2, pi/2].
 
-    A zero force gives (0, 0).
+    For a zero force, both are 0.
     """
     sign = jnp.where(force.FX < 0, -1.0, 1.0)
     square = force.FX**2 + force.FY**2
@@ -106,14 +107,15 @@ class DirectAllocation:
 
 @record
 class DirectOutput:
-    """Output of direct actuation. Frames: those of the vehicle's input. Source: docs page, Direct."""
+    """Output of `DirectActuation`. Frames: those of the vehicle's input. Source: docs page, Direct."""
 
     u: Any = part("Input of the vehicle, e.g. its force.")
 
 
 @record
 class DirectActuation:
-    """Actuators that apply a valid command at once. Without a valid command they apply the neutral input.
+    """Actuators that apply a valid command without delay. Without a valid command, the actuators apply the neutral
+    input.
 
     Frames:  those of the vehicle's input.    Source:  docs page, Direct.
     """

@@ -21,7 +21,7 @@ class Backlash:
 
         y = last y, limited to [command - width/2, command + width/2]
 
-    The result is exact for a command that moves in one direction within a period.
+    y is the position of the load. The result is exact for a command that moves in one direction within a period.
 
     Frames:  those of the actuated value.    Valid: a load that friction holds in place.
     Not modelled: impact, load inertia.
@@ -33,7 +33,7 @@ class Backlash:
     )
 
     def init(self, rest: Any) -> Any:
-        """Return the initial state: the load at the rest value."""
+        """Return the initial state, with the load at the rest value."""
         return jnp.asarray(rest, float)
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
@@ -70,7 +70,7 @@ class DeadBand:
         return ()
 
     def step(self, state: tuple[()], value: Any, dt: Any) -> tuple[tuple[()], StageOutput]:
-        """Return the value after the dead band."""
+        """Return the command's value after the dead band."""
         inside = jnp.clip(value, -self.half_width, self.half_width)
         y = jnp.where(abs(value) > self.half_width, value, 0.0) if self.cuts else value - inside
         return state, StageOutput(value=y, limited=np.bool_(False))

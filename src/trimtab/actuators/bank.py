@@ -31,9 +31,9 @@ class ActuatorBank:
 
         ActuatorBank(Push(0.0), {"force": (TransportDelay(0.01), FirstOrderLag(0.05, rate_limit=200.0))})
 
-    A field without stages follows its command at once. Without a valid command the neutral input is commanded, and the
-    actuators approach it with their own dynamics. The input of a stage is the output of the previous stage. The output
-    of the last stage at the end of a period acts on the vehicle during that whole period.
+    A field without stages follows its command without delay. Without a valid command the neutral input is commanded,
+    and the actuators approach it with their own dynamics. The input of a stage is the output of the previous stage. The
+    output of the last stage at the end of a period acts on the vehicle during that whole period.
 
     Frames:  those of the vehicle's input.    Source:  docs page, Actuators of any vehicle.
     """
@@ -50,7 +50,7 @@ class ActuatorBank:
     def __post_init__(self) -> None:
         if isinstance(
             self.stages, Mapping
-        ):  # a single stage need not be in a tuple; no mapping while JAX rebuilds the record
+        ):  # a single stage need not be in a tuple; `stages` is not a mapping while JAX rebuilds the record
             rows = {name: (row if isinstance(row, tuple) else (row,)) for name, row in self.stages.items()}
             object.__setattr__(self, "stages", rows)
 
@@ -71,7 +71,7 @@ class ActuatorBank:
                 optional_member(stage, "check_period")(self.period)
 
     def pulses(self) -> dict[str, ServoPulse]:
-        """Return the pulse table of each field that has stops or a servo pulse."""
+        """Return a table of pulse widths for each field of the input that has a ServoPulse stage or two stops."""
         tables = {}
         for name, row in self.stages.items():
             own = [stage for stage in row if isinstance(stage, ServoPulse)]

@@ -17,7 +17,7 @@ from trimtab.core.time import ms, to_seconds
 class BatteryState:
     """State of a battery. Frames: none. Source: docs page, Battery."""
 
-    drawn: Scalar = quantity("A s", "Charge drawn from the battery so far.")
+    drawn: Scalar = quantity("A s", "Charge drawn from the battery since it was full.")
     voltage: Scalar = quantity("V", "Voltage at the terminals.")
 
 
@@ -35,6 +35,8 @@ class Battery:
     """Voltage source with a series resistance. The open-circuit voltage falls linearly with the charge drawn.
 
         V = full − (full − empty) min(drawn/capacity, 1) − resistance i
+
+    V is the voltage, i the current, and `drawn` the charge drawn.
 
     Frames:  none.    Valid: down to `empty`.    Not modelled: recovery, temperature, the drop when nearly empty.
     Source:  [1] chapter 4: 7.2 V. All other values are our own choice, because [1] does not give them.
@@ -58,7 +60,9 @@ class Battery:
     def check(self) -> None:
         """Raise InputError for a battery whose voltage rises as it is discharged."""
         if float(self.empty) > float(self.full):
-            problem = f"{float(self.empty):g} V must be at most the full voltage, {float(self.full):g} V"
+            problem = (
+                f"the empty voltage of {float(self.empty):g} V must be at most the full voltage, {float(self.full):g} V"
+            )
             raise InputError("Battery.empty", problem, fix="set empty below full")
 
     def init(self) -> BatteryState:
@@ -67,12 +71,16 @@ class Battery:
         return BatteryState(drawn=jnp.asarray(drawn, np.float64), voltage=self.terminal_voltage(drawn, self.other))
 
     def terminal_voltage(self, drawn: Any, current: Any) -> Any:
-        """Return the terminal voltage (V) for a charge drawn so far (A s) and a present current (A)."""
+        """Return the terminal voltage (V) after a charge (A s) has been drawn from the full battery, at a current
+        (A)."""
         sag = (self.full - self.empty) * jnp.minimum(drawn / self.capacity, 1.0) + self.resistance * current
         return jnp.where(self.sags, self.full - sag, self.full)
 
     def step(self, t: Any, state: BatteryState, current: Any) -> tuple[BatteryState, BatteryOutput]:
-        """Return the state and the output after one period, with a current (A) drawn in addition to `other`."""
+        """Return the battery's state and output after one period.
+
+        current: current (A) drawn in addition to that of the lift fan and the electronics.
+        """
         whole = current + self.other
         drawn = state.drawn + whole * to_seconds(self.period)
         voltage = self.terminal_voltage(drawn, whole)

@@ -43,7 +43,7 @@ class SpeedControllerState:
         "100 ns", "Time at which the last braking phase ends.", kind="time", default=np.int64(0)
     )
     brakings: Scalar = quantity(
-        "1", "Number of times that the fan has been braked so far.", kind="count", default=np.int32(0)
+        "1", "Number of times that the fan has been braked since the start.", kind="count", default=np.int32(0)
     )
 
 
@@ -135,11 +135,11 @@ class DriveOutput:
     """Output of the vectored fan. Frames: angles from the body's x axis, force in B. Source: this module."""
 
     u: PlanarForce = part("Force at the rudder pivot.")
-    thrust: Scalar = quantity("N", "Signed thrust in the direction of the force angle.")
+    thrust: Scalar = quantity("N", "Thrust in the direction of the force angle; negative in reverse.")
     rudder: Scalar = quantity("rad", "Rudder angle.", kind="angle")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
     mode: Scalar = quantity("1", "Mode of the speed controller: forward, reverse or braking.", kind="mode", modes=MODES)
-    brakings: Scalar = quantity("1", "Number of times that the fan has been braked so far.", kind="count")
+    brakings: Scalar = quantity("1", "Number of times that the fan has been braked since the start.", kind="count")
     rudder_saturated: Scalar = quantity("1", "True if the rudder is at a stop.", kind="flag")
     speed_saturated: Scalar = quantity("1", "True if the fan is at its top speed.", kind="flag")
     fan: RegulatedFanOutput | None = part(
@@ -156,8 +156,9 @@ class FanDrive:
         commanded speed -> brake -> n (lag, if any); with a regulated fan: -> regulator -> duty -> brake -> motor -> n
         f = table(theta, n)    psi = (offset - theta)/ratio    FX = f cos psi    FY = -f sin psi
 
-    If the imperfection "lookup-table" or "saturation" is off, f is computed from the thruster's formula. The allocation
-    does the same, so it remains the inverse of the drive.
+    theta is the rudder angle, psi the force angle, n the fan speed and f the thrust. If the imperfection "lookup-table"
+    or "saturation" is off, f is computed from the thruster's formula. The allocation then uses the formula too, so the
+    allocation remains the inverse of the drive.
 
     Frames:  force in B at the rudder pivot; positive speed pushes forward.
     Valid:   at rest: no inflow.    Not modelled: slew rate of the servo; motor lag unless a time constant is set.
@@ -196,7 +197,8 @@ class FanDrive:
             self.fan.check()
             if self.fan.motor.period != self.period:
                 problem = (
-                    f"{format_time(self.fan.motor.period)} must equal the drive's period of {format_time(self.period)}"
+                    f"the motor's period of {format_time(self.fan.motor.period)} must equal the drive's "
+                    f"period of {format_time(self.period)}"
                 )
                 raise InputError("fan.motor.period", problem, fix="set both periods to the same value")
 

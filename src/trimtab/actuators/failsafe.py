@@ -40,7 +40,7 @@ class FailsafeInput:
 
     command: Sample = part("Newest command received over the uplink.")
     manual: Any = part(
-        "Command from the safety pilot's sticks. A record of the same class as the value of an uplink command."
+        "Command from the safety pilot's sticks, a record of the same class as the value of an uplink command."
     )
     takeover: Scalar = quantity(
         "1", "True if the safety pilot's mode switch is set to manual.", kind="flag", default=False
@@ -70,7 +70,9 @@ class FailsafeState:
     value: Any = part("Value of the newest good command.")
     lift_until: Scalar = quantity("100 ns", "Time at which the lift fan stops.", kind="time")
     rejected: Scalar = quantity(
-        "1", "Number of rejected commands so far: out of range, not finite, too old.", kind="count"
+        "1",
+        "Number of commands rejected since the start, because they were out of range, not finite or too old.",
+        kind="count",
     )
 
 
@@ -85,7 +87,7 @@ class FailsafeOutput:
     armed: Scalar = quantity("1", "True if a received command or the pilot can move the actuators.", kind="flag")
     mode: Scalar = quantity("1", "Authority: the present source of commands.", kind="mode", modes=MODES)
     cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
-    rejected: Scalar = quantity("1", "Number of rejected commands so far.", kind="count")
+    rejected: Scalar = quantity("1", "Number of commands rejected since the start.", kind="count")
 
 
 @record
@@ -106,15 +108,17 @@ class Failsafe:
     Source:  [1] chapter 5 (safety pilot's takeover, on the vehicle); time-outs are our own choice: docs page.
     """
 
-    safe: Any = part("Command at which the vehicle stands still.")
-    low: Any = part("Smallest accepted value of each number of a command.")
-    high: Any = part("Largest accepted value of each number of a command.")
-    timeout: int = period("Longest accepted time without a good command. After it the failsafe trips.", default=ms(250))
+    safe: Any = part("Safe command, at which the vehicle comes to rest.")
+    low: Any = part("Smallest accepted value of each field of a command.")
+    high: Any = part("Largest accepted value of each field of a command.")
+    timeout: int = period(
+        "Longest accepted time without a good command. After this time the failsafe trips.", default=ms(250)
+    )
     lift_delay: int = period(
         "Delay from the trip of the failsafe to the stop of the lift fan.", default=seconds(1), low=0
     )
     patience: int = period(
-        "Longest time from arming to the first command. After it the vehicle disarms.", default=seconds(10)
+        "Longest time from arming to the first command. After this time the vehicle disarms.", default=seconds(10)
     )
     age_max: Scalar = quantity("s", "Maximum age of an accepted command, by the vehicle's clock.", default=0.5, above=0)
 
@@ -124,12 +128,15 @@ class Failsafe:
         for name, limit in (("low", self.low), ("high", self.high)):
             other = [path for path, _, _ in leaves(limit)]
             if own != other:
-                problem = f"has the numbers ({', '.join(other)}), but safe has ({', '.join(own)})"
+                problem = (
+                    f"the record has the fields ({', '.join(other)}), but the record `safe` has the fields "
+                    f"({', '.join(own)})"
+                )
                 raise InputError(name, problem, fix=f"give a record of class {type(self.safe).__name__}")
         for path, value, _ in leaves(self.safe):
             low, high = (np.asarray({p: v for p, v, _ in leaves(r)}[path]) for r in (self.low, self.high))
             if not ((low <= np.asarray(value)) & (np.asarray(value) <= high)).all():
-                problem = f"{value} must lie between low, {low}, and high, {high}"
+                problem = f"the safe value {value} must lie between the limits low, {low}, and high, {high}"
                 raise InputError(f"safe.{path}", problem, fix="change the limit or the safe value")
 
     def init(self) -> FailsafeState:
@@ -202,7 +209,7 @@ class Failsafe:
         )
 
     def _next_mode(self, t: Any, s: FailsafeState, pilot: Any, input: FailsafeInput) -> FailsafeState:
-        """Return the state after the pilot's switch, the time-outs and the limits.
+        """Return the state after the pilot's mode switch, the time-outs, and the limits of fence and envelope.
 
         If several rows of the table below apply, the last of these rows decides.
         """

@@ -15,9 +15,10 @@ from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.time import format_time, to_seconds
 
 NO_LIMIT = 1e12
-"""Value that switches a limit off."""
+"""Value of a rate limit or of a stop that switches the limit off."""
 FASTEST = 0.5
-"""Largest product of frequency and period (rad). Within such a step the rate limit can be left only once."""
+"""Largest accepted product of a lag's natural frequency and the period (rad). Up to this product, the rate can leave
+its limit only once within a period."""
 NEWTON_STEPS, TINY = 4, 1e-300
 
 
@@ -27,8 +28,8 @@ class FirstOrderLag:
 
         x' = (command - x)/time_constant    |x'| <= rate_limit    low <= x <= high
 
-    The lag is solved in closed form over each period: first the motion at the rate limit, then the exponential. With a
-    time constant of zero it is only a rate limiter.
+    x is the position of the actuator. The lag is solved in closed form over each period: first the motion at the rate
+    limit, then the exponential. With a time constant of zero it is only a rate limiter.
 
     Frames:  those of the actuated value.    Not modelled: a load that drives the actuator.
     Source:  [1], the lag of an F-16's surfaces with both limits: 20.2 1/s, 60°/s, ±25° of the elevator.
@@ -86,9 +87,9 @@ class SecondOrderLag:
 
         x'' = frequency^2 (command - x) - 2 damping frequency x'    |x'| <= rate_limit    low <= x <= high
 
-    The lag is solved in closed form over each period, including the instants at which the rate limit is reached and
-    left. At a stop the rate is zero. If the rate limit is reached and left again within one period, only the rate at
-    the end of the period is limited.
+    x is the position of the actuator. The lag is solved in closed form over each period, including the instants at
+    which the rate limit is reached and left. At a stop the rate is zero. If the rate limit is reached and left again
+    within one period, only the rate at the end of the period is limited.
 
     Frames:  those of the actuated value.    Not modelled: a load that drives the actuator, bouncing at a stop.
     Source:  [1]; the common second-order actuator model.
@@ -125,7 +126,9 @@ class SecondOrderLag:
         turned = float(self.frequency) * to_seconds(period)
         if turned > FASTEST:
             problem = (
-                f"{float(self.frequency):g} rad/s is too high for a period of {format_time(period)}: {turned:.2g} rad"
+                f"a frequency of {float(self.frequency):g} rad/s is too high for a period of "
+                f"{format_time(period)}: their "
+                f"product is {turned:.2g} rad"
             )
             fix = (
                 f"choose a period of at most {1e3 * FASTEST / float(self.frequency):.2g} ms, or frequency 0 for no lag"
@@ -166,9 +169,9 @@ class SecondOrderLag:
         return SecondOrderLagState(x=value + e, rate=rate), already | meets
 
     def _time_of_rate(self, e: Any, rate: Any, wanted: Any, later: Any, dt: Any) -> Any:
-        """Return the time at which the rate reaches `wanted`, by Newton's method.
+        """Return the time (s) at which the rate reaches the value `wanted`, found by Newton's method.
 
-        rate: at time 0. later: at time dt (s).
+        rate: rate at time 0. later: rate at time dt (s).
         """
 
         def improve(_: Any, at: Any) -> Any:
@@ -184,7 +187,7 @@ class SecondOrderLag:
         return -self.frequency * (self.frequency * e + 2 * self.damping * rate)
 
     def _propagate(self, e: Any, rate: Any, t: Any) -> tuple[Any, Any]:
-        """Return error and rate after a time t (s) without limits.
+        """Return the position error and the rate of the lag after a time t (s), ignoring its limits.
 
         With a = damping frequency and d = frequency^2 - a^2, the solution consists of exp(-a t) cos(sqrt(d) t) and
         exp(-a t) sin(sqrt(d) t)/sqrt(d). If d is negative, cosh and sinh replace cos and sin. If d t^2 is small, their
@@ -205,4 +208,8 @@ class SecondOrderLag:
 
 def _check_stops(low: Any, high: Any) -> None:
     if not float(low) < float(high):
-        raise InputError("low", f"{float(low):g} must be below high, {float(high):g}", fix="set low below high")
+        raise InputError(
+            "low",
+            f"the lower stop {float(low):g} must be below the upper stop {float(high):g}",
+            fix="set low below high",
+        )

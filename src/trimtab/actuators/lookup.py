@@ -22,7 +22,7 @@ FORCE_MAX, FORCE_STEP = 2.0, 0.025
 class BilinearTable:
     """Table of a function of two variables on uniform axes, with bilinear interpolation, constant beyond the edges.
 
-    Source:  [1] chapter 4 for its use; bilinear interpolation is the textbook formula
+    Source:  [1] chapter 4 for the use of such tables; bilinear interpolation is the textbook formula
              (Press et al., "Numerical recipes", 3rd ed., section 3.6).
     """
 
@@ -32,7 +32,8 @@ class BilinearTable:
     column_step: Scalar = quantity("column", "Step of the table's second coordinate from column to column.", above=0)
     values: Any = quantity("value", "Values of the table (rows, columns), at least (2, 2).")
     origin: str = option(
-        "Origin of the values. With `formula`, runs are refused if the values differ from those of the formula.",
+        "Origin of the table's values. For origin `formula`, a run is refused if the values differ from the "
+        "thruster's formula.",
         default="measured",
         choices=("measured", "formula"),
     )
@@ -41,7 +42,7 @@ class BilinearTable:
         """Raise InputError if the table has fewer than two rows or two columns."""
         shape = np.shape(self.values)
         if len(shape) != 2 or min(shape) < 2:
-            problem = f"has shape {shape}, must have at least 2 rows and 2 columns"
+            problem = f"the table has shape {shape}, but must have at least 2 rows and 2 columns"
             raise InputError("values", problem, fix="give a two-dimensional array")
 
     def rows(self) -> Any:
@@ -103,7 +104,7 @@ def check_thrust_table(table: BilinearTable, thruster: Thruster) -> None:
 
 
 def _cell(position: Any, size: int) -> tuple[Any, Any]:
-    """Return the index of the table's cell, and the fraction within the cell.
+    """Return the index of the table cell that contains a coordinate, and the fraction (0 to 1) within this cell.
 
     The index is unsigned, so JAX adds no code for negative indices.
     """

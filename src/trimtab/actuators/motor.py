@@ -54,7 +54,8 @@ class Motor:
 
         I dω/dt = T_stall (duty V/V_nominal − n/n_free) − k_prop n |n|
 
-    The propeller's torque balances the motor's torque at 12 000 rpm and full duty: T_stall (1 − 12/19.2) = k_prop 12².
+    ω is the shaft speed (n in rpm), V the voltage of the battery and I the moment of inertia. The propeller's torque
+    balances the motor's torque at 12 000 rpm and full duty: T_stall (1 − 12/19.2) = k_prop 12².
 
     Frames:  positive turns forward.
     Valid:   continuous current.    Not modelled: friction, inductance, heating, inflow to the propeller, the

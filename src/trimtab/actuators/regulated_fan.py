@@ -41,7 +41,7 @@ class RegulatedFanOutput:
 class RegulatedFan:
     """Regulated fan: the blocks of the firmware, followed by motor, propeller and battery.
 
-        every period of the regulator: encoder's counter, wanted speed -> duty
+        every period of the regulator: encoder's counter, commanded speed -> duty
         duty -> speed controller (brake) -> motor and propeller on the battery's voltage -> speed, counter
         current of the motor -> battery -> voltage of the next step
 
@@ -62,7 +62,7 @@ class RegulatedFan:
                 f"the periods do not match: regulator {format_time(tick)}, motor {format_time(step)}, "
                 f"battery {format_time(other)}"
             )
-            fix = "set motor and battery to equal periods, and the regulator's period to a multiple of theirs"
+            fix = "set motor and battery to equal periods, and the regulator's period to a multiple of this period"
             raise InputError("RegulatedFan.period", problem, fix=fix)
         self.battery.check()
 
@@ -77,7 +77,7 @@ class RegulatedFan:
         return RegulatedFanOutput(duty=0.0, encoder_fault=np.bool_(False), battery=power)
 
     def regulate(self, t: Any, state: RegulatedFanState, rpm_command: Any) -> RegulatedFanState:
-        """Return the state with the duty for a wanted speed. The duty changes only when t is a multiple of
+        """Return the state with the duty for a commanded speed. The duty changes only when t is a multiple of
         `regulator.period`.
         """
         given = SpeedRegulatorInput(rpm_command=rpm_command, count=state.count)

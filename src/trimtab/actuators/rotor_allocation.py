@@ -29,9 +29,10 @@ class RotorAllocation:
 
         minimise  |W (B T - v)|^2 + e |T - T0|^2    with  least <= T <= most,    T = 0 for a failed rotor
 
-    v = (thrust, moments), each divided by the maximum that half of the rotors can produce. T0 distributes the thrust
-    evenly. Roll and pitch have priority over thrust, and thrust over yaw. If more than four rotors work, they share a
-    demand in such proportions that each rotor stays within its limits.
+    T are the rotor thrusts, B T the thrust and moments of all rotors, and v the demanded thrust and moments, each
+    divided by the maximum that half of the rotors can produce. W are the weights. T0 distributes the thrust evenly.
+    Roll and pitch have priority over thrust, and thrust over yaw. If more than four rotors work, they share a demand in
+    such proportions that each rotor stays within its limits.
 
     Frames:  B.
     Valid:   if 2 n + 2 steps of the active-set solver suffice; tests count the unsolved cases.

@@ -72,13 +72,13 @@ class RudderServo:
         if not (np.diff(angles) > 0).all():
             k = int(np.argmin(np.diff(angles)))
             problem = (
-                f"they must increase with the pulse, got angles[{k}]={angles[k]:.6g}, "
+                f"the angles must increase with the pulse width, got angles[{k}]={angles[k]:.6g}, "
                 f"angles[{k + 1}]={angles[k + 1]:.6g}"
             )
             raise InputError("angles", problem, fix="sort the points and remove repeated points")
         low, high = float(self.angle_min), float(self.angle_max)
         if not angles[0] - 1e-9 <= low < high <= angles[-1] + 1e-9:
-            problem = f"stops {low:.6g} and {high:.6g} rad must increase and lie within the table, "
+            problem = f"the stops {low:.6g} and {high:.6g} rad must increase and lie within the table, "
             problem += f"{angles[0]:.6g} to {angles[-1]:.6g} rad"
             raise InputError("angle_min, angle_max", problem, fix="move the stops or measure a wider table")
 

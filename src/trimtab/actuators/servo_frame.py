@@ -36,7 +36,7 @@ class ServoFrame:
 
         y(t) = u(phase + k frame)    for phase + k frame <= t < phase + (k + 1) frame
 
-    The mean delay is half a frame. Before the first pulse the servo is at rest.
+    u is the command and y the output. The mean delay is half a frame. Before the first pulse the servo is at rest.
 
     Frames:  those of the actuated value.    Not modelled: the duration of the pulse itself; drift of the frame.
     Source:  [1]; frames of radio control servos.
@@ -52,11 +52,15 @@ class ServoFrame:
         for name, own in (("frame", self.frame), ("phase", self.phase)):
             if int(own) % int(period):
                 problem = (
-                    f"{format_time(int(own))} must be a multiple of the actuators' period of {format_time(int(period))}"
+                    f"the time of {format_time(int(own))} must be a multiple of the actuators' period of "
+                    f"{format_time(int(period))}"
                 )
                 raise InputError(name, problem, fix="choose a multiple of the actuators' period")
         if self.frame and int(self.phase) >= int(self.frame):
-            problem = f"{format_time(int(self.phase))} must be shorter than the frame of {format_time(int(self.frame))}"
+            problem = (
+                f"the phase of {format_time(int(self.phase))} must be shorter than the frame of "
+                f"{format_time(int(self.frame))}"
+            )
             raise InputError("phase", problem, fix="choose a phase within the frame")
 
     def init(self, rest: Any) -> ServoFrameState:

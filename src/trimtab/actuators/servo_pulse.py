@@ -49,14 +49,16 @@ class ServoPulse:
             raise InputError("values", problem, fix="give as many widths as values, at least two")
         if not (np.diff(values) > 0).all():
             raise InputError(
-                "values", f"values must increase, got {values.tolist()}", fix="sort the table by its values"
+                "values", f"values must increase, got {values.tolist()}", fix="sort the table by increasing values"
             )
         steps = np.diff(widths)
         if not ((steps > 0).all() or (steps < 0).all()):
             problem = f"widths must be strictly monotonic, got {widths.tolist()}"
             raise InputError("widths", problem, fix="give widths that only increase or only decrease")
         if widths.min() < SHORTEST or widths.max() > LONGEST:
-            problem = f"{widths.min() * 1e3:g} to {widths.max() * 1e3:g} ms is outside the accepted range"
+            problem = (
+                f"{widths.min() * 1e3:g} to {widths.max() * 1e3:g} ms as pulse widths is outside the accepted range"
+            )
             raise InputError(
                 "widths", problem, fix=f"give widths from {SHORTEST * 1e3:g} to {LONGEST * 1e3:g} ms, in seconds"
             )

@@ -14,7 +14,8 @@ from trimtab.core.time import ms, to_seconds
 
 @record
 class SpeedRegulatorInput:
-    """Input of the speed regulator in one period. Frames: positive pushes the vehicle forward. Source: docs page."""
+    """Input of the speed regulator in one period. Frames: positive pushes the vehicle forward. Source: docs page, Speed
+    regulator."""
 
     rpm_command: Scalar = quantity("rpm", "Commanded speed of the fan, negative in reverse.")
     count: Scalar = quantity("1", "Counter of the encoder; only the low 16 bits are used.", kind="count")
@@ -74,7 +75,7 @@ class SpeedRegulator:
     ki: Scalar = quantity("1/(krpm s)", "Integral gain: rate of the duty per speed error.", default=0.6, low=0)
     rpm_per_count: Scalar = quantity(
         "rpm",
-        "Speed of the fan that gives one encoder count per tick, with 400 counts per turn.",
+        "Fan speed at which the encoder counts once per tick, for 400 counts per turn.",
         default=15.0,
         above=0,
     )

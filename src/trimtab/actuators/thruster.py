@@ -14,7 +14,7 @@ from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.rotation import DEG
 
 NEWTON_STEPS = 5
-"""Number of Newton steps that solve the map of the reverse thrust to rounding error. A test checks this number."""
+"""Number of Newton steps that invert the reverse thrust down to the rounding error. A test checks this number."""
 
 
 @record
@@ -25,9 +25,9 @@ class Thruster:
         ratio = 1 forward;  y(|n|) = y3 n^3 + y2 n^2 + y1 n + y0 in reverse    [1, eq. 4.4]
         eta = cos(theta - offset)
 
-    The ratio is constant outside the measured speeds (6 to 12 krpm), because the cubic is negative below 4.17 krpm and
-    exceeds 1 far above. eta is constant beyond `deflection_max`. The map is therefore defined and invertible for any
-    demand, also in runs without saturation.
+    F is the thrust, n the fan speed and theta the rudder angle. The ratio is constant outside the measured speeds (6 to
+    12 krpm), because the cubic is negative below 4.17 krpm and exceeds 1 far above. eta is constant beyond
+    `deflection_max`. The map is therefore defined and invertible for any demand, also in runs without saturation.
 
     Valid:   at rest.    Not modelled: inflow, battery sag, motor (see `time_constant`).
     Source:  [1] chapter 4, eq. 4.4; c and eta are reconstructed (quadratic law, 3000 rpm just registering on a gauge
@@ -72,7 +72,7 @@ class Thruster:
         """Raise InputError unless the reverse thrust is positive and rises with speed, so that it has an inverse."""
         low, high = float(self.reverse_low_rpm), float(self.speed_max_rpm)
         if not low < high:
-            problem = f"{low:g} rpm must be below speed_max_rpm, {high:g} rpm"
+            problem = f"the lowest measured speed of {low:g} rpm must be below speed_max_rpm, {high:g} rpm"
             raise InputError("reverse_low_rpm", problem, fix="set the lowest measured speed below speed_max_rpm")
         n = np.linspace(low, high, 200) / 1000
         thrust = n**2 * np.polyval(np.asarray(self.reverse_ratio), n)
@@ -109,7 +109,8 @@ class Thruster:
         return 1e3 * xp.where(force < 0, -self._reverse_speed(xp, q, root), root)
 
     def follow_speed(self, speed_rpm: Any, rpm_command: Any, dt: Any) -> Any:
-        """Return the speed (rpm) after a first-order lag for dt (s), or the wanted speed if the time constant is 0."""
+        """Return the speed (rpm) after a first-order lag for dt (s), or the commanded speed if the time constant is
+        0."""
         share = -jnp.expm1(-dt / jnp.maximum(self.time_constant, 1e-9))
         return speed_rpm + share * (rpm_command - speed_rpm)
 

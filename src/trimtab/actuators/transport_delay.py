@@ -31,8 +31,9 @@ class TransportDelay:
 
         delay = (n + f) period:    y[k] = (1 - f) u[k - n] + f u[k - n - 1]
 
-    The output of a period is the mean of the delayed command over that period, so the integral of the command is
-    conserved. The output is exact for a command that changes at a constant rate.
+    u is the input, y the output, n the number of complete periods and f the remaining fraction. The output of a period
+    is the mean of the delayed command over that period, so the integral of the command is conserved. The output is
+    exact for a command that changes at a constant rate.
 
     Frames:  those of the actuated value.    Source:  [1].
     """
@@ -45,7 +46,8 @@ class TransportDelay:
         needed = int(np.floor(float(self.delay) / to_seconds(period))) + 2
         if needed > self.capacity:
             problem = (
-                f"{float(self.delay):g} s needs {needed} periods of {format_time(period)}, capacity is {self.capacity}"
+                f"a delay of {float(self.delay):g} s needs {needed} periods of {format_time(period)}, but "
+                f"capacity is {self.capacity}"
             )
             raise InputError("capacity", problem, fix=f"set capacity to {needed} or more")
 

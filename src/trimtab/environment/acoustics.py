@@ -19,7 +19,8 @@ from trimtab.core.record import Scalar, quantity, record
 ZERO_CELSIUS = 273.15
 """Temperature of 0 °C in kelvins."""
 QUADRATIC, LINEAR = -0.038, 0.0032
-"""Coefficients of the range ratio, fitted over the angle. The ratio is largest at 2.4°. [1] section 5.5.4."""
+"""Coefficients of the ratio of true to measured range: a quadratic polynomial in the angle from the beacon's axis. The
+ratio is largest at 2.4°. Source: [1] section 5.5.4."""
 CONE = math.pi / 4
 """Largest angle from the axis (rad) at which the fit is valid and replies arrive. [1] section 5.5."""
 
@@ -79,7 +80,8 @@ def range_ratio(beta: Any) -> Any:
 def off_axis_angle(height: Any, distance: Any) -> Any:
     """Return the angle (rad) between the vertical and a line of length `distance` (m) that rises by `height` (m).
 
-    The angle is 0 if `distance` is 0."""
+    The angle is 0 if `distance` is 0.
+    """
     ratio = height / jnp.where(distance > 0, distance, 1.0)
     return jnp.where(distance > 0, jnp.arccos(jnp.clip(ratio, -1.0, 1.0)), 0.0)
 

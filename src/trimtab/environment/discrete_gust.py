@@ -38,13 +38,16 @@ class DiscreteGust:
     )
 
     def shape(self, distance: Any) -> Any:
-        """Return the fraction of the maximum velocity, 0 to 1, at a distance s (m) into the gust; 0 before the gust."""
+        """Return the gust velocity at a distance (m) into the gust, as a fraction of the maximum velocity, 0 to 1."""
         last = 1.0 if self.form == "ramp" else 2.0
         s = jnp.clip(distance / self.length, 0.0, last)
         return (1 - jnp.cos(np.pi * s)) / 2
 
     def advance(self, seconds: Any, distance: Any, speed: Any, dt: Any) -> Any:
-        """Return the distance (m) into the gust, a time dt (s) after the time `seconds`, at a speed (m/s)."""
+        """Return the distance (m) flown into the gust at the time `seconds` + dt (s).
+
+        distance: the same distance at the time `seconds`. speed: the vehicle's speed (m/s).
+        """
         inside = jnp.clip(seconds + dt - self.start, 0.0, dt)
         return distance + speed * inside
 

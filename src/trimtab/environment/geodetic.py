@@ -101,7 +101,7 @@ class TangentPlane:
         return ned_axes(self.latitude, self.longitude).T @ (to_ecef(latitude, longitude, height) - origin)
 
     def from_ned(self, p_W: Any) -> tuple[Any, Any, Any]:
-        """Return latitude, longitude (rad) and height (m) of north, east, down (3,) (m)."""
+        """Return latitude, longitude (rad) and height (m) of a position given as north, east, down (3,) (m)."""
         origin = to_ecef(self.latitude, self.longitude, self.height)
         return from_ecef(origin + ned_axes(self.latitude, self.longitude) @ p_W)
 

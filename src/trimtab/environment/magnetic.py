@@ -17,7 +17,7 @@ from trimtab.core.errors import InputError, install_command
 from trimtab.core.rotation import from_euler
 
 MODELS = {2010: "wmm/WMM_2010.COF", 2015: "wmm/WMM_2015v2.COF", 2020: "wmm/WMM_2020.COF", 2025: "wmm/WMM_2025.COF"}
-"""File of each model by the model's first year. A model is valid for five years."""
+"""Coefficient file of each World Magnetic Model, keyed by the model's first year. A model is valid for five years."""
 LAST = 2030
 COLLEGE_PARK = (2.047e-05, -3.93e-06, 4.783e-05)
 """Field (T) at the University of Maryland, 38.99 N 76.94 W, by the model at the date 2010.0."""
@@ -84,7 +84,8 @@ def magnetic_heading(field_B: Any, field_W: Any, roll: Any = 0.0, pitch: Any = 0
 
 
 def strength_ratio(field_B: Any, field_W: Any) -> Any:
-    """Return the ratio of measured to known field strength. It is not 1 near a motor or steel, 0 for a dead sensor."""
+    """Return the ratio of measured to known field strength. The ratio differs from 1 near a motor or steel, and is 0
+    for a dead sensor."""
     return jnp.sqrt((field_B @ field_B) / (field_W @ field_W))
 
 

@@ -25,7 +25,8 @@ from trimtab.environment.discrete_gust import DiscreteGust
 
 FOOT = 0.3048
 LOW, HIGH, GROUND = 1000 * FOOT, 2000 * FOOT, 10 * FOOT
-"""Heights (m). [1] has one model below LOW and one above HIGH; in between, they are blended. GROUND: lowest height."""
+"""Heights above ground (m). [1] has one model below LOW and another model above HIGH; between these heights, the two
+models are blended. GROUND is the lowest height of the lower model."""
 HIGH_LENGTHS: Mapping[str, float] = MappingProxyType({"dryden": 1750 * FOOT, "von-karman": 2500 * FOOT})
 """Scale length (m) of all three components of the turbulence at heights above HIGH. Source: [1] 3.7.2.1."""
 HEIGHTS = FOOT * np.array([500, 1750, 3750, 7500, 15e3, 25e3, 35e3, 45e3, 55e3, 65e3, 75e3, 80e3])
@@ -42,7 +43,8 @@ INTENSITIES = FOOT * np.array(
         [18.7, 21.5, 28.4, 30.2, 30.7, 31.0, 25.2, 23.1, 17.5, 10.7, 8.4, 7.2],
     ]
 )
-"""Standard deviation (m/s) at each of LEVELS and HEIGHTS. Source: [1] figure 7, as tabulated in flight simulators."""
+"""Standard deviation of the turbulence (m/s). There is one row for each of LEVELS and one column for each of HEIGHTS.
+Source: [1] figure 7, as tabulated in flight simulators."""
 FILTERS: Mapping[str, Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]] = MappingProxyType(
     {
         "dryden": {"along": ((2**0.5,), (1.0, 1.0)), "across": ((1.0, 3**0.5), (1.0, 2.0, 1.0))},
@@ -55,7 +57,8 @@ FILTERS: Mapping[str, Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]]
 """Numerator and denominator of each filter in powers of s L/V, lowest first. White noise of intensity L/V gives a
 component of variance one. Source: [1] 3.7.5 (Dryden); [2] table of the rational forms (von Kármán)."""
 LONGEST_STEP, FASTEST_RATE = 0.75, 12.0
-"""Largest period as a fraction of L/V, and largest period as a multiple of the time constant of an angular rate."""
+"""Two upper limits of the gust's update period: as a fraction of L/V (scale length over airspeed), and as a multiple of
+the time constant of an angular rate."""
 
 
 class TurbulenceScales(NamedTuple):
@@ -69,7 +72,7 @@ class TurbulenceScales(NamedTuple):
 class TurbulenceState:
     """States of the shaping filters, each with a variance of about one. Frames: B. Source: this module."""
 
-    key: Key = part("Random key of the noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     begun: Scalar = quantity("1", "True once a first gust has been computed.", kind="flag")
     forward: Any = quantity("1", "Filter state of the velocity component along x.")
     side: Any = quantity("1", "Filter state of the velocity component along y, followed by the state of the yaw rate.")
@@ -191,7 +194,11 @@ class Turbulence:
 
 
 def _position(table: Any, value: Any) -> tuple[Any, Any]:
-    """Return the index of a value's interval in a rising table, and the fraction within it, limited to the ends."""
+    """Return the index of the interval of an increasing table that contains a value, and the fraction within this
+    interval.
+
+    Values outside the table are replaced by its first or last element.
+    """
     index = jnp.clip(jnp.sum(jnp.asarray(table) <= value) - 1, 0, len(table) - 2)
     low, high = jnp.asarray(table)[index], jnp.asarray(table)[index + 1]
     return index, jnp.clip((value - low) / (high - low), 0.0, 1.0)
@@ -203,7 +210,8 @@ def _between(values: Any, position: tuple[Any, Any]) -> Any:
 
 
 def _system(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
-    """Return the matrix A (n, n) of a filter's controllable form, per L/V of time. The noise enters the last state."""
+    """Return the matrix A (n, n) of a filter's controllable form, with time in units of L/V. The noise enters the last
+    state."""
     _, denominator = filter
     n = len(denominator) - 1
     A = np.eye(n, k=1)

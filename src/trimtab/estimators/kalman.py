@@ -45,7 +45,9 @@ class CovarianceHealth:
     positive: Scalar = quantity("1", "True if the covariance is finite and positive definite.", kind="flag")
     asymmetry: Scalar = quantity("1", "Largest asymmetry of the covariance P, relative to its largest variance.")
     least_pivot: Scalar = quantity(
-        "1", "Smallest fraction of any state's variance that remains once all states before it are known."
+        "1",
+        "Smallest fraction, over all states, of a state's variance that remains if all states with lower "
+        "indices are known.",
     )
     eigenvalue_bound: Scalar = quantity(
         "1", "Lower bound of the correlation matrix's eigenvalues; 0 if the covariance is invalid."
@@ -109,9 +111,9 @@ def update_sequentially(x: Any, P: Any, y: Any, H: Any, variances: Any, *, gate:
     """Return the update for measurements with independent noise of given variances (m,), one scalar at a time.
 
     No matrix is factored. The gate applies to each scalar separately, so that an outlier does not affect the other
-    measurements. nis is the sum over all finite scalars; if none is rejected, it equals the nis of `update`. S is
-    diagonal: the variance of each innovation after the updates with all scalars before it. accepted and finite have
-    shape (m,).
+    measurements. nis is the sum over all finite scalars; if no scalar is rejected, this sum equals the nis of `update`.
+    S is diagonal: the variance of each innovation after the updates with all scalars before it. accepted and finite
+    have shape (m,).
 
     Source: [4] section 5.2, applied to one component after another.
     """
@@ -137,7 +139,7 @@ def covariance_health(P: Any) -> CovarianceHealth:
     """Return the checks of a covariance (n, n).
 
     The product of all d_j/P_jj, with the pivots d_j of P = L diag(d) L', is the determinant of the correlation matrix.
-    The trace of the correlation matrix is n. Its smallest eigenvalue is therefore at least
+    The trace of the correlation matrix is n. The smallest eigenvalue of the correlation matrix is therefore at least
     determinant ((n-1)/n)^(n-1), by the inequality of the arithmetic and geometric means.
     """
     n = P.shape[0]

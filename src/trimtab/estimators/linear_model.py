@@ -26,14 +26,14 @@ class LinearModelFilterState:
     e: Any = quantity("1", "Estimated deviation of each state from the trim (n,), in the state's unit.")
     P: Any = quantity("1", "Covariance of the estimated deviation (n, n).")
     t: Scalar = quantity("100 ns", "Time of the filter's last step.", kind="time")
-    seen: Any = quantity("100 ns", "For each sensor, the time at which its last used sample was measured.", kind="time")
+    seen: Any = quantity("100 ns", "Time at which the last used sample of each sensor was measured.", kind="time")
     measured: Scalar = quantity("100 ns", "Time at which the newest used sample was measured.", kind="time")
     started: Scalar = quantity("1", "True once an input and a measurement have arrived.", kind="flag")
 
 
 @record
 class FilteredEstimate:
-    """Estimate of a vehicle's whole state, with the filter's uncertainty.
+    """Estimate of a vehicle's complete state, with the filter's uncertainty.
 
     Source: docs page, Linear model filter.
     """
@@ -107,7 +107,7 @@ class LinearModelFilter:
         }
         for name, shape in shapes.items():
             if np.shape(getattr(self, name)) != shape:
-                problem = f"must have shape {shape}, got {np.shape(getattr(self, name))}"
+                problem = f"the array must have shape {shape}, got {np.shape(getattr(self, name))}"
                 raise InputError(
                     f"LinearModelFilter.{name}", problem, fix="create the filter with loop.linear_filter.design_filter"
                 )
@@ -188,7 +188,7 @@ def _number(frame: Frame, channel: str) -> Any:
 
 
 def _add(record: Any, change: Any) -> Any:
-    """Return the record with the entries of a vector added to its numbers, in declared order."""
+    """Return the record with the elements of a vector added to the record's values, in the order of the fields."""
     leaves, tree = jax.tree.flatten(record)
     ends = np.cumsum([np.size(own) for own in leaves])
     parts = [change[int(end) - np.size(own) : int(end)] for own, end in zip(leaves, ends, strict=True)]

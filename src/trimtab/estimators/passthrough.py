@@ -1,4 +1,5 @@
-"""Estimator for a sensor that already measures the whole state that the law needs: it passes the samples on."""
+"""Estimator that passes on the samples of one sensor, for a sensor that measures the complete state that a law
+needs."""
 
 from typing import Any
 

@@ -41,10 +41,10 @@ class AdaptiveRobust:
         rho0' = q0 (|s| - sigma rho0)                             published: sigma = 0
         rho1' = q1 (|e| |s| - sigma rho1)
 
-    |e| is the length of the error divided by `sizes`. Without the division the altitude would dominate. With the gain K
-    = -R^-1 B'P of a linear quadratic regulator the published u_h halves K, because its sign is wrong; minus makes it
-    1.5 K. The published bounds only grow, and sgn chatters. In this law sgn is smoothed. The bounds leak, and they stop
-    at `cap`.
+    e is the tracking error, and |e| is the length of the error divided by `sizes`. Without the division the altitude
+    would dominate. With the gain K = -R^-1 B'P of a linear quadratic regulator the published u_h halves the gain,
+    because the sign of u_h is wrong. With the minus sign the total gain is 1.5 K. The published bounds only grow, and
+    sgn chatters. In this law sgn is smoothed. The bounds leak, and are limited to `cap`.
 
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
              flight vehicle", Aerospace 2022, 9(4), 206, eqs. 16-18, corrected (docs page, Adaptive robust terms). [1]
@@ -55,7 +55,7 @@ class AdaptiveRobust:
     R: Any = quantity("1", "Diagonal of the weight R of the input v.", default=(0.01, 0.04), shape=(2,), above=0)
     sizes: Any = quantity(
         "1",
-        "Typical sizes of the tracking errors. The adaptation divides the errors by them.",
+        "Typical sizes of the tracking errors. The adaptation divides the errors by these sizes.",
         default=SIZES,
         shape=(9,),
         above=0,
@@ -63,18 +63,22 @@ class AdaptiveRobust:
     damping: str = option("Sign of the damping term u_h: minus, published (plus) or off.", default="off", choices=SIGNS)
     switching: str = option("Form of the switching term u_s: smooth, sign or off.", default="off", choices=FORMS)
     kappa: Scalar = quantity("1", "Bound kappa of the relative uncertainty of the input gain.", default=0.0, low=0)
-    q0: Scalar = quantity("1", "Rate of adaptation of rho0.", default=10.0, low=0)
-    q1: Scalar = quantity("1", "Rate of adaptation of rho1.", default=0.01, low=0)
+    q0: Scalar = quantity(
+        "1", "Adaptation rate of rho0, the bound that does not depend on the error.", default=10.0, low=0
+    )
+    q1: Scalar = quantity("1", "Adaptation rate of rho1, the increase of the bound per error.", default=0.01, low=0)
     eps: Scalar = quantity(
         "1", "Width eps of the smoothed sign function, in the unit of s = B'P e.", default=0.01, above=0
     )
     sigma: Scalar = quantity("1/s", "Leak rate sigma of the adapted bounds rho0 and rho1.", default=0.0, low=0)
-    cap: Scalar = quantity("ft/s^2", "Largest value of the adapted bounds rho0 and rho1.", default=20.0, above=0)
+    cap: Scalar = quantity("ft/s^2", "Upper limit of the adapted bounds rho0 and rho1.", default=20.0, above=0)
 
     def check(self) -> None:
         """Raise InputError if kappa is 1 or more, because the sign of the effect of v is then unknown."""
         if float(np.max(self.kappa)) >= 1:
-            raise InputError("AdaptiveRobust.kappa", f"must be below 1, got {self.kappa}", fix="give a bound below 1")
+            raise InputError(
+                "AdaptiveRobust.kappa", f"kappa must be below 1, got {self.kappa}", fix="give a bound below 1"
+            )
 
     def init(self) -> AdaptationState:
         """Return the initial bounds, before any adaptation."""

@@ -18,7 +18,7 @@ class CourseTrackingState:
 
     time: Scalar = quantity("s", "Time since the law started.", default=0.0)
     feedback: StateFeedbackState = part(
-        "State of the feedback: integrals of its errors.", default=StateFeedbackState(np.zeros(0))
+        "State of the feedback: integrals of the state errors.", default=StateFeedbackState(np.zeros(0))
     )
 
 
@@ -28,19 +28,21 @@ class CourseTracking:
 
         u = u_d(t) + K (x - x_d(t)) + L z
 
-    x_d and u_d are linear between the nodes of the trajectory, and constant before the first and after the last node.
-    If the output is non-minimum phase, x_d moves before the output (`design.output_inversion`). A trajectory is valid
-    only for the vehicle for which it was computed.
+    x_d and u_d are the reference state and input, and z the integrals of the errors. x_d and u_d are linear between the
+    nodes of the trajectory, and constant before the first and after the last node. If the output is non-minimum phase,
+    x_d moves before the output (`design.output_inversion`). A trajectory is valid only for the vehicle for which it was
+    computed.
 
     Frames:  those of the state fields.
-    Valid:   near the trajectory, if the gain stabilises the vehicle along all of it. Quaternions are interpolated
-             element by element, so neighbouring nodes must differ by a small rotation.
+    Valid:   near the trajectory, if the gain stabilises the vehicle along the entire trajectory. Quaternions are
+             interpolated element by element, so neighbouring nodes must differ by a small rotation.
     Source:  S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
              Control 41(7), 1996, section IV.
     """
 
     feedback: StateFeedback = part(
-        "State feedback on the deviation from the trajectory. Its x0 and u0 are the first point of the trajectory.",
+        "State feedback on the deviation from the trajectory. The feedback's x0 and u0 are the first point "
+        "of the trajectory.",
         default=StateFeedback(),
     )
     x: Any = quantity(
@@ -60,7 +62,10 @@ class CourseTracking:
         self.feedback.check()
         k, n, m = len(self.x), np.size(self.feedback.x0), np.shape(self.feedback.K)[0]
         if k < 2 or np.shape(self.x) != (k, n) or np.shape(self.du) != (k, m):
-            problem = f"the shapes x {np.shape(self.x)}, du {np.shape(self.du)} do not match {n} states and {m} inputs"
+            problem = (
+                f"the shapes of x, {np.shape(self.x)}, and du, {np.shape(self.du)}, do not match {n} states "
+                f"and {m} inputs"
+            )
             raise InputError("CourseTracking.x", problem, fix=f"give x (k, {n}) and du (k, {m}), k at least 2")
 
     @property

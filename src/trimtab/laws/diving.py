@@ -45,8 +45,9 @@ class Diving:
         delta_s = (U0/U)^2 (kp (theta - theta_c) + kd q + ki integral)
         rudder: as in `Steering`
 
-    The integrals compensate buoyancy, propeller torque and a roll angle. Each integral is held while its output is
-    limited.
+    z is the depth, z_r the depth reference, theta the pitch angle, q the pitch rate, U the speed through the water and
+    delta_s the stern plane angle. The integrals compensate buoyancy, propeller torque and a roll angle. Each integral
+    is held while its output is limited.
 
     Frames:  depth down, pitch nose up; positive stern planes push the tail up and the nose down, as in SNAME notation.
     Valid:   small roll; above the speed at which the planes can hold the buoyancy.
@@ -77,7 +78,7 @@ class Diving:
     ki: Scalar = quantity(
         "1/s", "Integral gain of the pitch loop: stern plane angle per integral of the pitch error.", default=0.2, low=0
     )
-    speed: Scalar = quantity("m/s", "Speed U0 through the water for which the gains are given.", default=1.76, above=0)
+    speed: Scalar = quantity("m/s", "Speed U0 through the water for which the gains are tuned.", default=1.76, above=0)
     slowest: Scalar = quantity(
         "m/s", "Speed through the water below which the gains are not increased further.", default=1.2, above=0
     )

@@ -20,10 +20,11 @@ from trimtab.laws.separation import Separation, norm
 from trimtab.vehicles.hovercraft import Hovercraft
 
 LONGEST_STEP = ms(100)
-"""Longest time between two steps over which the reference point moves. After a longer pause it has not moved."""
+"""Longest time between two steps. During a longer pause, the reference point does not move."""
 TURN_ROUND = 0.3
-"""Hysteresis: the tail turns to the force if the cosine of the angle from nose to force is below minus this value, and
-the nose again if the cosine is above this value."""
+"""Hysteresis of the choice between nose and tail: threshold of the cosine of the angle from the nose to the demanded
+force. Below minus this value, the law turns the tail to the force. Above this value, it turns the nose to the force
+again."""
 
 
 @record
@@ -31,8 +32,8 @@ class FormationState:
     """State of the law `Formation`: the reference point that the craft follows. Source: own derivation."""
 
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
-    north: Scalar = quantity("m", "Position of the reference point, north.", frame="W")
-    east: Scalar = quantity("m", "Position of the reference point, east.", frame="W")
+    north: Scalar = quantity("m", "North coordinate of the reference point.", frame="W")
+    east: Scalar = quantity("m", "East coordinate of the reference point.", frame="W")
     backing: Scalar = quantity("1", "True if the tail, not the nose, is turned to the demanded force.", kind="flag")
     reverse: Scalar = quantity("1", "True if the fan runs in reverse.", kind="flag")
 
@@ -51,7 +52,8 @@ class FormationOutput:
     )
     oldest: Scalar = quantity(
         "s",
-        "Largest age of a neighbour's newest message. For a neighbour without one: time since the start of the run.",
+        "Largest age, over all neighbours, of the newest message. For a neighbour without a message, the age "
+        "is the time since the start of the run.",
     )
     speed: Scalar = quantity("m/s", "Speed of the reference point.")
 
@@ -65,11 +67,13 @@ class Formation:
         barrier   u limited by the separation, and reduced as the craft lags behind its point:
                   to zero at `waiting_distance`
         point     q' = u
-        craft     F = m k_v (u + k_p (q - p) - v)      p, v: of the centre of percussion P, a = J/(m d) ahead
+        craft     F = m k_v (u + k_p (q - p) - v)      p, v: position and velocity of P, a = J/(m d)
                   FX = n.F + m a r^2,   FY = (J/d) k_r (r - r_d),   r_d = k_h wrap(direction of ±F - heading)
 
-    P is accelerated only along the nose n (`laws.pose`), so either the nose or the tail is turned to the force. A
-    leader's message older than `horizon` is not extrapolated: the leader is assumed to be at rest at its last position.
+    q is the craft's reference point, and u the velocity of this point. P is the centre of percussion, which is the
+    distance a ahead of the centre of mass. P is accelerated only along the nose n (`laws.pose`), so either the nose or
+    the tail is turned to the force. A leader's message older than `horizon` is not extrapolated: the leader is assumed
+    to be at rest at its last position.
 
     Proven:  the points never come nearer to each other than `separation.distance`. While the barrier does not
              limit u and the leader moves at a constant velocity, e = q_0 + place - q obeys e' = -k e for any delay of
@@ -85,10 +89,18 @@ class Formation:
     reads: ClassVar[tuple[str, ...]] = ("own", "peers")
 
     number: Scalar = quantity("1", "Number of this craft. Craft 0 is the leader.", kind="count", default=np.int32(0))
-    north: Scalar = quantity("m", "Position in the formation relative to the leader, north.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Position in the formation relative to the leader, east.", frame="W", default=0.0)
-    centre_north: Scalar = quantity("m", "Centre of the leader's circular route, north.", frame="W", default=0.0)
-    centre_east: Scalar = quantity("m", "Centre of the leader's circular route, east.", frame="W", default=0.0)
+    north: Scalar = quantity(
+        "m", "North coordinate of the craft relative to the leader, in the formation.", frame="W", default=0.0
+    )
+    east: Scalar = quantity(
+        "m", "East coordinate of the craft relative to the leader, in the formation.", frame="W", default=0.0
+    )
+    centre_north: Scalar = quantity(
+        "m", "North coordinate of the centre of the leader's circular route.", frame="W", default=0.0
+    )
+    centre_east: Scalar = quantity(
+        "m", "East coordinate of the centre of the leader's circular route.", frame="W", default=0.0
+    )
     radius: Scalar = quantity(
         "m", "Radius of the leader's circular route. If 0, the leader stays at the centre.", default=0.0, low=0
     )
@@ -172,7 +184,8 @@ class Formation:
         )
 
     def _find_place(self, t: Any, q: Any, peers: Peers) -> tuple[Any, Any]:
-        """Return the vector (2,) from the reference point to its place, and the velocity (2,) of the place."""
+        """Return the vector (2,) from the reference point to its place in the formation, and the velocity (2,) of this
+        place."""
         said = peers.message()
         place = jnp.stack([self.north, self.east])
         age = to_seconds(t - said.t[0])

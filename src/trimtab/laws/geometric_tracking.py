@@ -67,9 +67,11 @@ class GeometricTracking:
         M = -kR eR - kW eW + W × J W - J (W^ R.T Rc Wc - R.T Rc Wc')
         Psi = tr(I - Rc.T R)/2      eR = (Rc.T R - R.T Rc)v/2      eW = W - R.T Rc Wc
 
-    Rc is the reference attitude. Its third axis is -A/|A|, and its first axis is as near as possible to the reference
-    heading. Its rates follow from the vehicle model, without drag and actuator lag. From Psi < 1 the errors decay
-    exponentially, from Psi < 2 they converge, if the initial eW is bounded as in [1, propositions 2 to 4].
+    x_d is the reference position, ex and ev are the errors of position and velocity, R is the attitude, W the angular
+    rate and J the inertia. Rc is the reference attitude. The third axis of Rc is -A/|A|, and the first axis of Rc is as
+    near as possible to the reference heading. The reference rates Wc and Wc' follow from the vehicle model, without
+    drag and actuator lag. From Psi < 1 the errors decay exponentially, from Psi < 2 they converge, if the initial eW is
+    bounded as in [1, propositions 2 to 4].
 
     Frames:  W north-east-down, B body.
     Valid:   if A ≠ 0 (the reference is not in free fall) and the reference heading is not along the thrust.
@@ -83,7 +85,7 @@ class GeometricTracking:
     kR: Scalar = quantity("N m", "Gain of the attitude error.", default=8.81, above=0, source="[1]")
     kW: Scalar = quantity("N m s", "Gain of the angular rate error.", default=2.54, above=0, source="[1]")
     most: Scalar = quantity(
-        "N", "Maximum length of the force -kx ex - kv ev; [1] has no limit.", default=UNLIMITED, above=0
+        "N", "Maximum magnitude of the feedback force -kx ex - kv ev. [1] has no limit.", default=UNLIMITED, above=0
     )
 
     reads: ClassVar[tuple[str, ...]] = ("position", "velocity", "attitude", "rate")

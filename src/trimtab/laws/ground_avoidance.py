@@ -27,7 +27,9 @@ class LoadFactorControl:
         elevator       = trim - K (alpha - alpha0, q, ∫(nz - 1 - nz_ref))
         aileron, rudder =      - K (beta, p, r, ∫(ps - ps_ref), ∫(ny + r))        ps = p cos alpha + r sin alpha
 
-    Gains are those of a linear quadratic regulator at 502 ft/s and 1000 ft (`scenarios.f16._gains`).
+    alpha is the angle of attack, beta the sideslip angle, p, q and r are the body rates, nz and ny the load factors,
+    and ps is the roll rate about the flight path. Gains are those of a linear quadratic regulator at 502 ft/s and 1000
+    ft (`scenarios.f16._gains`).
 
     Frames:  body rates; load factors at the accelerometers, which [1] places 15 ft in front of the centre of mass.
     Source:  [1], low-level controller, which adds ny (in g) and r (in rad/s) as plain numbers.
@@ -42,7 +44,8 @@ class LoadFactorControl:
     )
     lateral: Any = quantity(
         "1",
-        "Gain from beta (rad), p, r (rad/s), integrals of ps (rad) and side load plus r to aileron and rudder (rad).",
+        "Gain to aileron and rudder (rad), from sideslip (rad), roll rate and yaw rate (rad/s), and the "
+        "integrals of roll rate error (rad) and of side load plus yaw rate.",
         shape=(2, 5),
         default=np.array(
             [
@@ -100,11 +103,11 @@ class GroundAvoidanceOutput:
 class GroundAvoidance:
     """Law of [1] for the ground collision avoidance of an F-16.
 
-        standby  --flies down, below the deck-->  roll  --wings level, roll rate low-->  pull
+        standby  --flies down, below `deck`-->  roll  --wings level, roll rate low-->  pull
         pull     --flies up, and has pulled for `least_pull`-->  standby
 
-    The mode standby demands a load factor of 1 and no roll. The mode roll demands ps = -k_roll phi - k_damp p. The mode
-    pull demands a load factor of 1 + `load`.
+    The mode standby demands a load factor of 1 and no roll. The mode roll demands the roll rate ps = -k_roll phi -
+    k_damp p, with the bank angle phi and the measured roll rate p. The mode pull demands a load factor of 1 + `load`.
 
     Frames:  altitude above the ground at the origin of W; roll angle from the nearest wings-level attitude.
     Not modelled: terrain; throttle control. The throttle stays at its trim value, as in [1].

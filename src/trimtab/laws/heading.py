@@ -52,10 +52,13 @@ class HeadingOutput:
         "rad", "Heading error: heading minus target heading, wrapped according to the option `wrapping`."
     )
     lyapunov: Scalar = quantity(
-        "J", 'Lyapunov function: V in mode "damp", W about the present reference in mode "turn".'
+        "J",
+        'Lyapunov function of the active mode: V in mode "damp", W for the present yaw rate reference in mode "turn".',
     )
     provision: Scalar = quantity(
-        "rad/s", "Yaw rate magnitude above which a new reference, with the sign of the present one, is safe."
+        "rad/s",
+        "Magnitude above which a new yaw rate reference is safe, if the new reference has the sign of the "
+        "present reference.",
     )
 
 
@@ -127,9 +130,11 @@ class HeadingBangBang:
         turn:  ConstantSpin at r_ref. Then damp once |e| <= tolerance or e r_ref > 0 (target passed between two
                samples; this exit is reconstructed, see docs Errata).                              [1, section 2.3.3]
 
+    e is the heading error. V and eps are the Lyapunov function of ZeroVelocity and the `switching_energy`.
+
     Ends:    by chattering at the edge of the tolerance, because the heading drifts in mode "damp".
     Valid:   turn_rate of about 1 rad/s. A faster turn overshoots the target. At 1.5 rad/s one ideal run in a thousand
-             oscillates by 120 degrees for ever, at 3 rad/s every third run.
+             oscillates by 120 degrees for ever. At 3 rad/s every third run does.
     Source:  [1] section 2.3.3; gains [1] tables 6.1 and 6.4, reconstructed. The default turn_rate is our own choice.
              The runs in [1] use 1.5 rad/s.
     """
@@ -174,11 +179,13 @@ class HeadingProportional:
         turn:  ConstantSpin at r_ref = -sign(e) max(v, k |e|, floor), v = provision(W, r_ref).
                Then damp once |e| <= tolerance or e r_ref > 0 (reconstructed).            [1, section 2.3, eq. 2.69]
 
+    e is the heading error. V and W are the Lyapunov functions of ZeroVelocity and ConstantSpin.
+
     Form:    "literal" is as published: no floor, and the reference changes at every step. Nearly all its runs end in
-             the bad limit point, with a constant heading error and a sideways slide. The reason is that it allows
-             |r_ref| = v, while the derivation needs |r_ref| > v, so W grows to limit_point_value. "floored" keeps
-             |r_ref| at `floor` or above, and lets |r_ref| fall only while W < margin * limit_point_value. |r_ref| may
-             rise at any time. So near the bad limit point the reference is constant, and W, which is below
+             the bad limit point, with a constant heading error and a sideways slide. The reason is that this form
+             allows |r_ref| = v, while the derivation needs |r_ref| > v, so W grows to limit_point_value. "floored"
+             keeps |r_ref| at `floor` or above, and lets |r_ref| fall only while W < margin * limit_point_value. |r_ref|
+             may rise at any time. So near the bad limit point the reference is constant, and W, which is below
              limit_point_value, cannot grow: the turn leaves the bad limit point.
     Valid:   k of about 1/s. After a minute, 1 % of the ideal runs have an error of 2 degrees or more with k = 1.5/s,
              and 60 % with k = 3/s. These runs oscillate as with HeadingBangBang.
@@ -203,7 +210,8 @@ class HeadingProportional:
     )
     margin: Scalar = quantity(
         "1",
-        "Largest W at which the reference may be reduced, as a fraction of limit_point_value.",
+        "Largest value of the Lyapunov function W at which the yaw rate reference may be reduced, as a "
+        "fraction of limit_point_value.",
         default=0.7,
         above=0,
         high=1,

@@ -1,6 +1,7 @@
 """Reference internal states zeta_d for a command, in the order (alpha, Q, eta1, eta1', eta2, eta2').
 
-There are four classes. They differ in what they must know of the command.
+zeta_d is the motion of these states that the commanded altitude and speed require. There are four classes. They differ
+in what they must know of the command.
 
     InternalTable        the whole command beforehand; computed offline and stored as a table over time
     PreviewInternal      the command over the next seconds; computed in flight; zeta_d moves before the command does
@@ -53,7 +54,7 @@ class InternalTable:
             equations I", section II.6); the nodes are from the bounded solution, see docs page.
     """
 
-    nodes: Any = quantity("1", "Internal states zeta_d at the nodes (n, 6), n at least 2, each in its own unit.")
+    nodes: Any = quantity("1", "Internal states zeta_d at the nodes (n, 6), n at least 2. The unit differs by state.")
     rates: Any = quantity("1/s", "Rates of zeta_d at the nodes (n, 6).")
     first: Scalar = quantity("s", "Time of the first node.", default=0.0)
     spacing: Scalar = quantity("s", "Time between two nodes.", default=0.1, above=0)
@@ -67,12 +68,14 @@ class InternalTable:
         for name, value in (("nodes", self.nodes), ("rates", self.rates)):
             shape = np.shape(value)
             if len(shape) != 2 or shape[0] < 2 or shape[1] != INTERNALS:
-                problem = f"has shape {shape}, must be (n, {INTERNALS}) with n at least 2"
+                problem = f"the array has shape {shape}, but must have shape (n, {INTERNALS}) with n at least 2"
                 raise InputError(f"InternalTable.{name}", problem, fix="give one row of six numbers for each node")
             if not np.isfinite(np.asarray(value)).all():
                 row = int(np.argmin(np.isfinite(np.asarray(value)).all(axis=1)))
                 raise InputError(
-                    f"InternalTable.{name}", f"row {row} has a number that is not finite", fix="compute the table again"
+                    f"InternalTable.{name}",
+                    f"row {row} contains a number that is not finite",
+                    fix="compute the table again",
                 )
         if np.shape(self.nodes) != np.shape(self.rates):
             problem = f"each node must have rates, got {len(self.nodes)} nodes and {len(self.rates)} rows of rates"
@@ -92,11 +95,12 @@ class InternalTable:
         return ()
 
     def step(self, t: Any, state: tuple[()], command: Any) -> tuple[tuple[()], Any]:
-        """Return zeta_d (6,) at time t (s). The command is not read, because a table is made for one command."""
+        """Return the reference internal states zeta_d (6,) at time t (s). The command is not read, because a table is
+        made for one command."""
         return state, self.at(t)
 
     def at(self, t: Any) -> Any:
-        """Return zeta_d (6,) at time t (s)."""
+        """Return the reference internal states zeta_d (6,) at time t (s)."""
         intervals = np.shape(self.nodes)[0] - 1
         position = jnp.clip((t - self.first) / self.spacing, 0.0, 1.0 * intervals)
         begin = jnp.minimum(jnp.floor(position), intervals - 1.0)
@@ -111,8 +115,8 @@ class InternalTable:
 class SylvesterInternal:
     """Reference internal states for a `FilteredClimb`, from the linearised dynamics, without knowledge of the future.
 
-    Together the two filters obey omega' = S omega with omega = (h - h_f, h', h'', h''', V - V_f, V', V''). With X S =
-    A22 X + G,
+    Together the two filters obey omega' = S omega with omega = (h - h_f, h', h'', h''', V - V_f, V', V''). A21 and A22
+    are blocks of the linearised internal dynamics. With X S = A22 X + G,
 
         zeta_d = zeta_0 + X omega - A22^-1 A21 (dh, 0, dV)
 
@@ -125,14 +129,15 @@ class SylvesterInternal:
 
     X: Any = quantity(
         "1",
-        "Matrix X (6, 7) from omega to zeta_d, for the same wh and wV; each entry in its own unit.",
+        "Matrix X (6, 7) from the filter states omega to zeta_d, for the bandwidths wh and wV of the "
+        "command's filters. The unit differs by element.",
         shape=(6, STATES),
     )
     rest: Any = quantity(
-        "1", "Matrix A22^-1 A21 (6, 3), which multiplies (h, h', V); each entry in its own unit.", shape=(6, 3)
+        "1", "Matrix A22^-1 A21 (6, 3), which multiplies (h, h', V). The unit differs by element.", shape=(6, 3)
     )
     zeta_0: Any = quantity(
-        "1", "Trim of the internal states before the step (6,), each number in its own unit.", shape=(6,)
+        "1", "Trim values of the internal states before the step (6,). The unit differs by element.", shape=(6,)
     )
 
     def init(self, key: Any) -> tuple[()]:
@@ -140,7 +145,7 @@ class SylvesterInternal:
         return ()
 
     def step(self, t: Any, state: tuple[()], command: FilteredClimb) -> tuple[tuple[()], Any]:
-        """Return zeta_d (6,) at time t (s)."""
+        """Return the reference internal states zeta_d (6,) at time t (s)."""
         p = command.at(t)
         to_h, to_V = p.h - command.h0 - command.dh, p.V - command.V0 - command.dV
         omega = (to_h, p.h_rate, p.h_acceleration, p.h_jerk, to_V, p.V_rate, p.V_acceleration)
@@ -195,6 +200,7 @@ class QuasiStaticInternal:
 
         M(alpha) = 0 while h'' and V' are as commanded        zeta_d = (alpha, a_n/V, N1/w1^2, 0, N2/w2^2, 0)
 
+    M is the pitching moment, a_n the acceleration normal to the path, and N_i/w_i^2 the static displacement of mode i.
     The method needs neither the future nor the past of the command, and no linearisation. It neglects the duration of
     the internal motion. If no angle of attack is found, the last angle is kept and the state's `found` is False.
 
@@ -214,7 +220,8 @@ class QuasiStaticInternal:
         return QuasiStaticState(alpha=jnp.asarray(self.alpha, float), found=jnp.asarray(False))
 
     def step(self, t: Any, state: QuasiStaticState, command: Any) -> tuple[QuasiStaticState, Any]:
-        """Return zeta_d (6,) at time t (s). command: object with a method `at(t)` that returns a PathPoint."""
+        """Return the reference internal states zeta_d (6,) at time t (s). command: object with a method `at(t)` that
+        returns a PathPoint."""
         zeta, found = solve_quasi_static(self.craft, command.at(t), state.alpha, self.steps)
         return QuasiStaticState(alpha=zeta[0], found=found), jnp.stack(zeta)
 
@@ -230,8 +237,12 @@ class FadingModes:
 
     decay: Any = quantity("1/s", "Real parts of the poles l of the modes (p,), below zero.", high=0)
     turning: Any = quantity("rad/s", "Imaginary parts of the poles l of the modes (p,).")
-    left: Any = quantity("1", "Real and imaginary part of L (2, p, k), each entry in its own unit.")
-    right: Any = quantity("1", "Real and imaginary part of R (2, k, p), each entry in its own unit.")
+    left: Any = quantity(
+        "1", "Real and imaginary part of the modes' input matrix L (2, p, k). The unit differs by element."
+    )
+    right: Any = quantity(
+        "1", "Real and imaginary part of the matrix R (2, k, p) from modes to coordinates. The unit differs by element."
+    )
 
     def modal_input(self, w: Any) -> Complex:
         """Return the input L w of the modes, of shape (p, n), for w (k, n)."""
@@ -247,9 +258,9 @@ class FadingModes:
         return size * jnp.cos(angle), size * jnp.sin(angle)
 
     def weights(self, dt: Any) -> tuple[Complex, Complex]:
-        """Return the factors (p, 1) of w at the start and at the end of a step dt (s), for the update of q.
+        """Return the factors (p, 1) by which w at the start and w at the end of a step dt (s) enter the new q.
 
-        They are exact for w linear in time.
+        The factors are exact for w linear in time.
         """
         still = dt <= 0
         step = jnp.where(still, 1.0, dt)
@@ -267,7 +278,9 @@ class PreviewState:
 
     t: Scalar = quantity("s", "Time of the last step.")
     q: Any = quantity("1", "State of the decaying modes, real and imaginary part (2, p, 1).")
-    w: Any = quantity("1", "Input w of the modes at the last step (k, 1), each entry in its own unit per second.")
+    w: Any = quantity(
+        "1", "Input w of the modes at the last step (k, 1): rates of the internal states. The unit differs by element."
+    )
     alpha: Any = quantity("rad", "Quasi-static angle of attack at the nodes of the last step (n + 1,).", kind="angle")
     started: Scalar = quantity("1", "True after the first step.", kind="flag")
     found: Scalar = quantity("1", "True if the search found an angle of attack at every node.", kind="flag")
@@ -279,18 +292,23 @@ class PreviewInternal:
 
         zeta' = A22 zeta + w        w = Psi(zeta_s) - A22 zeta_s        zeta_s: quasi-static
 
-    This is one pass of the iteration for the bounded solution, with w linear between nodes. Decaying modes are
-    integrated from step to step. Growing modes are summed backward from the end of the horizon H, where they are set to
-    those of zeta_s. An error e at the end of the horizon becomes e exp(-l H) at its start. The cost of a step is fixed.
+    Psi are the internal dynamics, and A22 is their linearisation. This is one pass of the iteration for the bounded
+    solution, with w linear between nodes. Decaying modes are integrated from step to step. Growing modes are summed
+    backward from the end of the horizon H, where they are set to those of zeta_s. An error e at the end of the horizon
+    becomes e exp(-l H) at its start. The cost of a step is fixed.
 
     Source: [1] S. Devasia, D. Chen, B. Paden, IEEE Transactions on Automatic Control 41(7), 1996, section III; the
             horizon: Q. Zou, S. Devasia, "Preview-based stable-inversion for output tracking of linear systems", ASME
             Journal of Dynamic Systems, Measurement, and Control 121(4), 1999.
     """
 
-    A22: Any = quantity("1", "Jacobian dPsi/dzeta at a trim (k, k), each entry in its own unit.")
-    past: FadingModes = part("Modes that decay: integrated from step to step.")
-    future: FadingModes = part("Modes that grow, in reversed time: summed backward from the end of the horizon.")
+    A22: Any = quantity(
+        "1", "Jacobian dPsi/dzeta of the internal dynamics at a trim (k, k). The unit differs by element."
+    )
+    past: FadingModes = part("Decaying modes. They are integrated from step to step.")
+    future: FadingModes = part(
+        "Growing modes, stored in reversed time. They are summed backward from the end of the horizon."
+    )
     craft: Any = part("Vehicle model used by the law.", default=Hypersonic())
     horizon: Scalar = quantity("s", "Horizon H over which the command is read ahead.", default=4.0, above=0)
     alpha: Scalar = quantity(
@@ -313,14 +331,15 @@ class PreviewInternal:
             raise InputError("PreviewInternal.intervals", problem, fix="set intervals to 10 per second of the horizon")
 
     def init(self, key: Any) -> PreviewState:
-        """Return the initial state. The first step replaces it by the quasi-static solution."""
+        """Return the initial state. The first step replaces this state by the quasi-static solution."""
         p, k = jnp.shape(self.past.decay)[0], jnp.shape(self.A22)[0]
         off = jnp.asarray(False)
         alpha = jnp.full(self.intervals + 1, 1.0 * self.alpha)
         return PreviewState(jnp.zeros(()), jnp.zeros((2, p, 1)), jnp.zeros((k, 1)), alpha, off, off)
 
     def step(self, t: Any, state: PreviewState, command: Any) -> tuple[PreviewState, Any]:
-        """Return zeta_d (6,) at time t (s). command: object whose method `at(t)` returns a PathPoint for an array t."""
+        """Return the reference internal states zeta_d (6,) at time t (s). command: object whose method `at(t)` returns
+        a PathPoint for an array t."""
         d = self.horizon / self.intervals
         p = command.at(t + d * jnp.arange(self.intervals + 1.0))
         still, found = solve_quasi_static(self.craft, p, state.alpha, self.steps)
@@ -333,7 +352,8 @@ class PreviewInternal:
         return new, wanted[:, 0]
 
     def _propagate_past(self, t: Any, state: PreviewState, w: Any, zeta: Any) -> Complex:
-        """Return the decaying modes at time t, integrated from the last step. At the first step: those of zeta."""
+        """Return the decaying modes at time t, integrated from the last step. At the first step, return the modes of
+        zeta."""
         dt = jnp.maximum(t - state.t, 0.0)
         begin, end = self.past.weights(dt)
         E = self.past.powers(dt * jnp.ones((1, 1)))

@@ -47,8 +47,8 @@ class LineOfSightOutput:
     heading_reference: Scalar = quantity("rad", "Heading of the autopilot's reference model.", kind="angle", frame="W")
     yaw_rate_reference: Scalar = quantity("rad/s", "Yaw rate of the autopilot's reference model.")
     integral: Scalar = quantity("m", "Integral I of the cross-track error, as in [1].")
-    north_reference: Scalar = quantity("m", "Position of the path's point, north.", frame="W")
-    east_reference: Scalar = quantity("m", "Position of the path's point, east.", frame="W")
+    north_reference: Scalar = quantity("m", "North coordinate of the path's point.", frame="W")
+    east_reference: Scalar = quantity("m", "East coordinate of the path's point.", frame="W")
     progress: Scalar = quantity(
         "s", "Path parameter theta of the path's point, which moves with the vessel: time argument of the path."
     )
@@ -62,11 +62,11 @@ class LineOfSight:
         D = near + (far - near) exp(-(e/width)^2)
         theta' = (velocity along the path + g a)/(speed of the path's point)                         [2]
 
-    The path's point is the path at the path parameter theta, and chi is the path's direction there. e and a are the
-    distances of the vessel to starboard of this point and ahead of it. The vessel follows the path at its own speed:
-    the path gives the position, not the time. chi is the direction of the chord between theta - chord/2 and theta +
-    chord/2. So the vessel starts to turn before a corner, and a path at rest still has a direction. Beyond its end the
-    path is extended in a straight line.
+    psi_c is the commanded heading and D the lookahead distance. The path's point is the path at the path parameter
+    theta, and chi is the path's direction there. e and a are the distances of the vessel to starboard of this point and
+    ahead of it. The vessel follows the path at its own speed: the path gives the position, not the time. chi is the
+    direction of the chord between theta - chord/2 and theta + chord/2. So the vessel starts to turn before a corner,
+    and a path at rest still has a direction. Beyond its end the path is extended in a straight line.
 
     Shafts: n = n_u u_d + kp (u_d - u) + ki integral of (u_d - u), between 0 and the limit.
 

@@ -63,7 +63,7 @@ def read_network(name: str) -> Network:
             "policy", problem, choices=own, fix="python examples/neural_policy/train_policy.py --out mine.json"
         ) from None
     except (ValueError, KeyError, TypeError) as error:
-        problem = f"'{name}' does not contain weights: {error}"
+        problem = f"the file '{name}' does not contain weights: {error}"
         raise InputError(
             "policy", problem, fix="python examples/neural_policy/train_policy.py --out mine.json"
         ) from None
@@ -76,7 +76,7 @@ def _check_network(name: str, network: Network) -> None:
     width, problem = INPUTS, ""
     for weights, bias in network.layers:
         if weights.ndim != 2 or weights.shape[1] != width or bias.shape != weights.shape[:1]:
-            problem = f"weights {weights.shape} and bias {bias.shape} do not match {width} inputs"
+            problem = f"weights of shape {weights.shape} and bias of shape {bias.shape} do not match {width} inputs"
             break
         width = len(bias)
     if not problem and (
@@ -146,9 +146,9 @@ class NeuralPolicyState:
 class NeuralPolicy:
     """Law that computes thrust and moments by a trained network, from the inputs of `observe`.
 
-    The network has no state. It is not trained for another mass or inertia, a reference that changes its heading, or
-    wind. Inputs beyond the training range are clipped (signal `stretch`), and so are outputs beyond their range.
-    Stability is not proved.
+    The network has no state. The network is not trained for another mass or inertia, a reference that changes its
+    heading, or wind. Inputs beyond the training range are clipped (signal `stretch`), and so are outputs beyond their
+    range. Stability is not proved.
 
     Frames:  W north-east-down, B body.
     Valid:   the craft for which the network was trained, inputs within `scale`, and a reference with constant heading.

@@ -78,7 +78,8 @@ class _Breach(NamedTuple):
 
 
 def path_motion(reference: Any, model: Hovercraft, duration: float, slower: float = 1.0) -> PathMotion:
-    """Return the motion that a reference of P demands over a duration (s), if slowed down by the factor `slower`."""
+    """Return the motion that a reference of P demands over a duration (s) if it is slowed down by the factor
+    `slower`."""
     t = np.linspace(0.0, duration * slower, max(int(duration / STEP), 8) + 1)
 
     def at(x: Any) -> ReferencePoint:
@@ -126,7 +127,7 @@ def _line_of(specific: Any) -> Any:
 
 
 def _friction_at(model: Hovercraft, velocity: Any, heading: Any, rate: Any) -> tuple[Any, Any]:
-    """Return the acceleration of P by friction (n, 2), in W, and the torque of friction (n,)."""
+    """Return the acceleration of the centre of percussion P by friction (n, 2), in W, and the friction torque (n,)."""
     c, s = np.cos(heading), np.sin(heading)
     surge = c * velocity[:, 0] + s * velocity[:, 1]
     sway = -s * velocity[:, 0] + c * velocity[:, 1] - model.percussion_arm * rate
@@ -154,12 +155,13 @@ def _worst_breach(motion: PathMotion, model: Hovercraft, limits: ThrustLimits) -
     k = int(uses[name].argmax())
     kept = f", of which {100 * float(limits.reserve):g} % are reserved for feedback"
     texts = {
-        "push": f"it needs {FX[k]:.2f} N forward, and the fan gives {float(limits.push):.2f} N{kept}",
-        "pull": f"it needs {-FX[k]:.2f} N backward, and the fan gives {float(limits.pull):.2f} N{kept}",
-        "side": f"it needs {abs(FY[k]):.2f} N to the side with {abs(FX[k]):.2f} N along the nose,"
-        f" and the rudder turns the force by {float(limits.angle) / DEG:.0f} degrees at most",
+        "push": f"the reference needs {FX[k]:.2f} N forward, but the maximum is {float(limits.push):.2f} N{kept}",
+        "pull": f"the reference needs {-FX[k]:.2f} N backward, but the maximum is {float(limits.pull):.2f} N{kept}",
+        "side": f"the reference needs {abs(FY[k]):.2f} N to the side with {abs(FX[k]):.2f} N along the nose,"
+        f" but the rudder turns the force by {float(limits.angle) / DEG:.0f} degrees at most",
         "turn": f"the nose has to turn at {abs(motion.yaw_rate[k]):.2f} rad/s, above the limit of {rate:.2f} rad/s",
-        "drift": f"it needs thrust in the dead zone, below {float(limits.dead_zone):g} N, and loses {lost[k]:.2f} m/s",
+        "drift": f"the reference needs thrust in the dead zone, below {float(limits.dead_zone):g} N, and would "
+        f"lose {lost[k]:.2f} m/s there",
     }
     use = float(uses[name][k])
     return _Breach(texts[name], use, float(t[k])) if use > 1 else None
@@ -173,7 +175,8 @@ def _velocity_loss(motion: PathMotion, thrusts: Any) -> Any:
 
 
 def _feasible_tempo(reference: Any, model: Hovercraft, limits: ThrustLimits, duration: float) -> float | None:
-    """Return the smallest slowdown that makes the reference feasible, rounded up to 0.01; None if above SLOWEST."""
+    """Return the smallest slowdown factor that makes the reference feasible, rounded up to 0.01; None if above
+    SLOWEST."""
 
     def holds(slower: float) -> bool:
         return _worst_breach(path_motion(reference, model, duration, slower), model, limits) is None

@@ -12,7 +12,7 @@ STEEPEST = 0.99
 
 
 class PathInversion(NamedTuple):
-    """Input Phi and delta_e (rad) that gives (h'', V') = v.
+    """Input u = (Phi, delta_e): fuel ratio and elevator angle (rad) that cause the accelerations (h'', V') = v.
 
     solvable: False if no elevator angle gives v (u then has the nearest angle), or if the path is steeper than
     STEEPEST.  slope: d(normal force)/d(delta_e) (lbf/ft), zero at the edge of solvability.
@@ -25,7 +25,7 @@ class PathInversion(NamedTuple):
 
 @record
 class InputLimits:
-    """Limits of engine and elevator. Source: our own choice, because [1] prints none; docs page."""
+    """Limits of engine and elevator. Source: our own choice (docs page), because [1] prints no limits."""
 
     Phi_low: Scalar = quantity("1", "Minimum fuel ratio.", default=0.02, low=0)
     Phi_high: Scalar = quantity("1", "Maximum fuel ratio.", default=1.5, above=0)
@@ -46,7 +46,7 @@ class InputLimits:
 def solve_elevator(
     craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: Any, v2: Any
 ) -> tuple[Any, Any, Any]:
-    """Return delta_e (rad), True if a solution exists, and the slope of the equation with respect to delta_e.
+    """Return the elevator angle delta_e (rad), True if a solution exists, and the equation's slope in delta_e.
 
     Elimination of the thrust from the two accelerations leaves an equation that is quadratic in the elevator:
 
@@ -73,7 +73,7 @@ def solve_elevator(
 
 
 def solve_fuel_ratio(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v2: Any, delta_e: Any) -> Any:
-    """Return the fuel ratio Phi that gives V' = v2 with this elevator: T = (m (v2 + g sin gamma) + D)/cos alpha."""
+    """Return the fuel ratio Phi that gives V' = v2 at this elevator angle: T = (m (v2 + g sin gamma) + D)/cos alpha."""
     air, engine = craft.forces.aerodynamics, craft.forces.propulsion
     drag = air.drag(craft.forces.dynamic_pressure(h, V), alpha, delta_e)
     sine = jnp.clip(h_rate / V, -STEEPEST, STEEPEST)

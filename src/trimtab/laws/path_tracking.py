@@ -35,8 +35,8 @@ class PathTrackingOutput:
     """Demand and signals of the law `PathTracking`. P is the centre of percussion. Source: own derivation."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    north_reference: Scalar = quantity("m", "Reference position of the centre of percussion P, north.", frame="W")
-    east_reference: Scalar = quantity("m", "Reference position of the centre of percussion P, east.", frame="W")
+    north_reference: Scalar = quantity("m", "Reference north coordinate of the centre of percussion P.", frame="W")
+    east_reference: Scalar = quantity("m", "Reference east coordinate of the centre of percussion P.", frame="W")
     heading_reference: Scalar = quantity(
         "rad", "Reference heading of the nose, equal to the present heading if no thrust is demanded.", kind="angle"
     )
@@ -52,9 +52,10 @@ class PathTrackingOutput:
 
 
 class _Errors(NamedTuple):
-    """Errors of P, (2,) in W: position e (m), velocity v (m/s).
+    """Errors of the centre of percussion P, (2,) in W: position error e (m), velocity error v (m/s).
 
-    acceleration, jerk: those of the reference, minus those that drag causes.  heading: heading of the craft (rad).
+    acceleration, jerk: acceleration and jerk of the reference, minus those that drag causes. heading: heading of the
+    craft (rad).
     """
 
     e: Any
@@ -65,7 +66,8 @@ class _Errors(NamedTuple):
 
 
 class _End(NamedTuple):
-    """Control with nose or tail along the thrust: reference yaw rate (rad/s), V, and yaw acceleration (rad/s^2)."""
+    """Control with nose or tail along the thrust: reference yaw rate (rad/s), Lyapunov function V, and yaw acceleration
+    (rad/s^2)."""
 
     rate: Any
     V: Any
@@ -98,8 +100,8 @@ class PathTracking:
       the nose does not turn: the craft coasts, and then thrusts the other way.
     Only simulated, not proven: limits of fan, rudder and yaw rate, delays, and the dead zone. A nose or tail that has
     to turn by more than 90 degrees is chosen only if it already turns in that direction.
-    Friction:  the model's friction is subtracted from s and from the torque, and its rate of change from s'. Its second
-               derivative is not subtracted from r_d'.
+    Friction:  the model's friction is subtracted from s and from the torque, and its rate of change from s'. The second
+               derivative of the friction is not subtracted from r_d'.
     Progress:  "time": the path parameter is the time since the law started. "path": the path parameter runs slower
                while the craft is behind, and up to twice as fast while the craft is ahead. V then refers to the path
                traversed at this rate.
@@ -203,7 +205,10 @@ class PathTracking:
     def _hold(
         self, t: Any, state: PathTrackingState, estimate: Estimate, point: ReferencePoint, heading: Any
     ) -> tuple[PoseState, PlanarForce]:
-        """Return the demand of the law for rest: P at the path's point, nose at its heading, else at `heading`."""
+        """Return the demand of the law for rest, with P at the path's point and the nose at the path's heading.
+
+        heading: target heading (rad) if the path has none.
+        """
         heading = jnp.where(point.has_heading, point.heading, heading)
         place = point.place - self.model.percussion_arm * planar(heading)[:, 0]
         law = replace(self.rest, north=place[0], east=place[1], heading=heading, model=self.model)
@@ -211,7 +216,7 @@ class PathTracking:
         return rest, output.demand
 
     def _progress(self, t: Any, state: PathTrackingState, s: Any, body: Any) -> tuple[Any, ReferencePoint, Any]:
-        """Return the path parameter, the reference there, and True if the path is at rest there."""
+        """Return the path parameter, the reference at this parameter, and True if the path is at rest there."""
         since = jnp.where(state.began, to_seconds(t - state.t), 0.0)
         rate = jnp.asarray(1.0)
         if self.progress == "path":
@@ -228,7 +233,7 @@ class PathTracking:
         return jnp.stack([s.north, s.east]) + self.model.percussion_arm * body[:, 0]
 
     def _errors(self, s: Any, body: Any, point: ReferencePoint) -> tuple[_Errors, Any]:
-        """Return the errors of P, and the torque of friction (N m)."""
+        """Return the errors of the centre of percussion P, and the friction torque (N m)."""
         arm = self.model.percussion_arm
         velocity = body @ jnp.stack([s.surge_velocity, s.sway_velocity + arm * s.yaw_rate])
         e, v = self._place(s, body) - point.place, velocity - point.velocity
@@ -246,7 +251,8 @@ class PathTracking:
         return errors._replace(jerk=point.jerk - change), torque
 
     def _drag(self, velocity: Any, heading: Any, rate: Any) -> tuple[Any, Any]:
-        """Return the acceleration of P by friction (m/s^2, W), and the torque (N m), at a velocity of P (m/s, W)."""
+        """Return the acceleration of the centre of percussion P by friction (m/s^2, in W), and the friction torque (N
+        m), at a velocity of P (m/s, in W)."""
         body, model = planar(heading), self.model
         surge, side = body.T @ velocity
         X, Y, torque = model.friction.wrench(surge, side - model.percussion_arm * rate, rate)

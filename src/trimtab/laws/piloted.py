@@ -2,7 +2,7 @@
 The fan is at the tail, so sway has no actuator of its own. Without drag a steady turn at speed V and rate w needs the
 force m V w across the path, and the only steady force without a torque is along the nose: in a steady turn the nose
 points to the centre of the circle. In mode "damped" the pilot has to turn the nose to the centre. In mode "assisted"
-the law turns it.
+the law turns the nose.
 
 Source: own derivation, except for the damping, which is from [1] Z. Kulis, "Feedback control of a hovercraft over a
 wireless link", University of Maryland, 2006, section 2.2.
@@ -34,8 +34,8 @@ NOSE_FREE = 1.6
 """Demanded force, as a multiple of nose_force, above which the nose points along this force alone. Below this value the
 nose points partly along the course."""
 BACKING = 0.3, 0.8
-"""Fractions of the demanded force that point against the course: the fan starts to pull backward above the second one,
-and stops below the first one."""
+"""Fractions of the demanded force that point against the course: the fan starts to pull backward above the second
+fraction, and stops below the first fraction."""
 
 
 @record
@@ -49,9 +49,11 @@ class PilotedState:
         "m/s", 'Reference of surge velocity (mode "damped") or of speed along the course (mode "assisted").'
     )
     rate: Scalar = quantity(
-        "rad/s", 'Reference of yaw rate (mode "damped") or of the rate of turn of the course (mode "assisted").'
+        "rad/s", 'Yaw rate reference (mode "damped") or turn rate reference of the course (mode "assisted").'
     )
-    course: Scalar = quantity("rad", "Reference course, clockwise from north, not wrapped.", kind="angle")
+    course: Scalar = quantity(
+        "rad", "Reference course (direction of the velocity), clockwise from north, not wrapped.", kind="angle"
+    )
     backing: Scalar = quantity(
         "1", "True if the fan pulls backward and the nose does not turn to the force.", kind="flag"
     )
@@ -72,7 +74,7 @@ class PilotedOutput:
     )
     rate_reference: Scalar = quantity(
         "rad/s",
-        'Reference of yaw rate (mode "damped") or of the rate of turn of the course (mode "assisted"); else 0.',
+        'Yaw rate reference (mode "damped") or turn rate reference of the course (mode "assisted"); else 0.',
     )
     course_reference: Scalar = quantity(
         "rad", 'Reference course in mode "assisted"; the heading of the nose in other modes.', kind="angle"
@@ -150,7 +152,7 @@ class Piloted:
     )
     course_acceleration: Scalar = quantity(
         "rad/s^2",
-        'Maximum acceleration of the reference of the rate of turn of the course in mode "assisted".',
+        'Maximum angular acceleration of the course reference in mode "assisted".',
         default=0.3,
         above=0,
     )
@@ -277,7 +279,8 @@ class Piloted:
         return PlanarForce(FX=self.k1 * (reference.speed - s.surge_velocity), FY=self.k2 * slip)
 
     def _lead_course(self, before: PilotedState, hand: _Hand, dt: Any, s: Any) -> tuple[PilotedState, Any, Any]:
-        """Return the references after dt (s), the demanded force in W (N, north and east), and velocity error (m/s)."""
+        """Return the references after dt (s), the demanded force in W (N; north, east), and the velocity error
+        (m/s)."""
         c, n = jnp.cos(s.heading), jnp.sin(s.heading)
         side = s.sway_velocity + self.model.percussion_arm * s.yaw_rate
         velocity = jnp.stack([c * s.surge_velocity - n * side, n * s.surge_velocity + c * side])
@@ -327,5 +330,5 @@ def _direction(angle: Any) -> Any:
 
 
 def _ramp(value: Any, wanted: Any, most: Any) -> Any:
-    """Return the value moved towards the wanted value by at most `most`."""
+    """Return `value`, moved towards the target value by at most `most`."""
     return value + jnp.clip(wanted - value, -most, most)

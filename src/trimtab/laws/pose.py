@@ -40,7 +40,9 @@ class PoseState:
 
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
     nose: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle")
-    rounds: Scalar = quantity("1", "Number of rounds of the steps so far. Each round begins with brake.", kind="count")
+    rounds: Scalar = quantity(
+        "1", "Number of rounds of the four steps since the start. Each round begins with step brake.", kind="count"
+    )
 
 
 @record
@@ -49,7 +51,9 @@ class PoseOutput:
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Active step of the law.", kind="mode", modes=STEPS)
-    rounds: Scalar = quantity("1", "Number of rounds of the steps so far. Each round begins with brake.", kind="count")
+    rounds: Scalar = quantity(
+        "1", "Number of rounds of the four steps since the start. Each round begins with step brake.", kind="count"
+    )
     heading_reference: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle")
     distance: Scalar = quantity("m", "Distance of the centre of percussion P from its target position.")
     speed: Scalar = quantity("m/s", "Speed of the centre of percussion P.")
@@ -70,7 +74,7 @@ class Pose:
         brake  w = -k n.v_P            the nose turns to the line of v_P          until |v_P| < rest_speed
         aim    w = -k n.v_P            the nose turns to the line to the goal     until it points there
         go     w = k (v_d - n.v_P)     the nose holds that line                   until P is there or passes beside it
-        hold   w = k (v_d - n.v_P) + w_y   the nose at the wanted heading + theta     until P has left
+        hold   w = k (v_d - n.v_P) + w_y   the nose at the target heading + theta     until P has left
 
         theta = swing q sin(f t), q = min(1, sqrt(|s|/s0));   w_y = (2/swing^2) max(|s|, s0) sign(s) sin(heading error)
         s = h^2 e_y - 2 h y'; e_y: remaining distance across the target heading, y': speed of P across it
@@ -96,8 +100,8 @@ class Pose:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    north: Scalar = quantity("m", "Target position of the centre of mass, north.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Target position of the centre of mass, east.", frame="W", default=0.0)
+    north: Scalar = quantity("m", "Target north coordinate of the centre of mass.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Target east coordinate of the centre of mass.", frame="W", default=0.0)
     heading: Scalar = quantity("rad", "Target heading of the nose.", kind="angle", default=0.0)
     k: Scalar = quantity("1/s", "Gain k of the velocity error of the centre of percussion.", default=2.0, above=0)
     c: Scalar = quantity("1/s", "Gain c: commanded speed per remaining distance.", default=0.5, above=0)
@@ -131,7 +135,8 @@ class Pose:
             low, high = np.asarray(getattr(self, inner)), np.asarray(getattr(self, outer))
             if not np.all(low < high):
                 problem = (
-                    f"{inner}, where hold begins, must be less than {outer}, where hold ends, got {low} and {high}"
+                    f"{inner}, below which step hold begins, must be less than {outer}, above which step "
+                    f"hold ends, got {low} and {high}"
                 )
                 raise InputError(
                     f"Pose.{inner}",

@@ -58,7 +58,7 @@ class PoseBySteps:
     """Law that brings the hovercraft near a position and heading in the six steps of [1], which repeat for ever.
 
         compute  the vector to the target position   then align, or final if near the target
-        align    HeadingBangBang to its bearing      until the heading is within the heading law's tolerance
+        align    HeadingBangBang to that bearing     until the heading is within the heading law's tolerance
         move     ForwardMomentum at speed_gain times the remaining distance along the nose, within limits
                                                      until that distance is below `passed`, or the bearing error exceeds
                                                      off_course
@@ -72,8 +72,8 @@ class PoseBySteps:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    north: Scalar = quantity("m", "Target position of the centre of mass, north.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Target position of the centre of mass, east.", frame="W", default=0.0)
+    north: Scalar = quantity("m", "Target north coordinate of the centre of mass.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Target east coordinate of the centre of mass.", frame="W", default=0.0)
     heading: Scalar = quantity("rad", "Target heading of the nose.", kind="angle", default=0.0)
     near: Scalar = quantity("m", "Remaining distance below which the position counts as reached.", default=0.3, above=0)
     near_heading: Scalar = quantity(
@@ -93,7 +93,7 @@ class PoseBySteps:
     )
     margin: Scalar = quantity(
         "1",
-        'Kinetic energy below which step "stop" ends, as a fraction of the switching energy.',
+        'Kinetic energy below which step "stop" ends, as a fraction of the switching energy of the heading law.',
         default=0.3,
         above=0,
         high=1,

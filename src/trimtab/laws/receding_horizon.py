@@ -40,8 +40,8 @@ class RecedingHorizonOutput:
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     thrust: Scalar = quantity("N", "Demanded thrust of the fan; negative in reverse.")
     force_angle: Scalar = quantity("rad", "Angle of the demanded force from the body's axis.", kind="angle")
-    north_reference: Scalar = quantity("m", "Reference position of the centre of percussion P, north.", frame="W")
-    east_reference: Scalar = quantity("m", "Reference position of the centre of percussion P, east.", frame="W")
+    north_reference: Scalar = quantity("m", "Reference north coordinate of the centre of percussion P.", frame="W")
+    east_reference: Scalar = quantity("m", "Reference east coordinate of the centre of percussion P.", frame="W")
     position_error: Scalar = quantity("m", "Distance of the centre of percussion P from its reference position.")
     velocity_error: Scalar = quantity("m/s", "Magnitude of the velocity error of the centre of percussion P.")
     primal: Scalar = quantity("1", "Primal residual: largest violation of a limit by the plan, in N or rad.")
@@ -70,7 +70,7 @@ class RecedingHorizonState:
     sent_angle: Any = quantity(
         "rad", "Force angle demanded in the last periods, newest first.", kind="angle", shape=(SLOTS,)
     )
-    output: Any = part("Last output, held until the next plan.")
+    output: Any = part("Last output of the law, held until the next plan is computed.")
 
 
 @record
@@ -315,5 +315,5 @@ class RecedingHorizon:
 
 
 def _force(move: Any) -> PlanarForce:
-    """Return the force in B of thrust (N) and force angle (rad)."""
+    """Return the force in B for a thrust (N) and a force angle (rad)."""
     return PlanarForce(FX=move[0] * jnp.cos(move[1]), FY=-move[0] * jnp.sin(move[1]))

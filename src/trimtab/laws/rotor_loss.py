@@ -41,7 +41,9 @@ class RotorLossOutput:
     position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
     velocity_error: Any = quantity("m/s", "Velocity error: velocity minus reference.", frame="W", shape=(3,))
     attitude_error: Scalar = quantity(
-        "1", "Attitude error: Psi while all rotors work; 1 - cos of the spin axis error after a loss."
+        "1",
+        "Attitude error: Psi of the nominal law while all rotors work; 1 - cos(angle of the spin axis error) "
+        "after a loss.",
     )
     distance: Scalar = quantity("m", "Length of the position error.")
     lost: Scalar = quantity("1", "True after the loss of a rotor.", kind="flag")
@@ -53,15 +55,16 @@ class RotorLossTracking:
     """Law that tracks with `nominal` while all rotors work, and steers the spin axis after the loss of a rotor.
 
         d = R.T (-A/|A|)      d' = d × w      s = d - axis
-        d'' wanted = -ks s c - kd d'    c = d_z/max(d_z, 0.2)
+        demanded d'' = -ks s c - kd d'    c = d_z/max(d_z, 0.2)
         T = |A|/axis_z      M = J w' + w × (J w + h e3) + D_w w
 
-    A is the demanded force as in `nominal`, with the gains kx and kv. d is the direction of -A in body axes. The roll
-    and pitch accelerations in w' follow from the wanted d'', exactly at every yaw rate [2, section IV]. Yaw is not
-    controlled. The axis is that of the relaxed hover [1]: the rotor opposite the lost one gives a fraction of the
-    thrust of the others, so its thrust can rise and fall. c is 1 except for a body on its side or upside down. Without
-    c the mirror image of the axis would be stable too: a tipped craft would spin about it, and fall. Rates and
-    direction are predicted over `prediction_time`, because the body turns during the delay of links and rotors.
+    A is the demanded force as in `nominal`, with the gains kx and kv. d is the direction of -A in body axes, R the
+    attitude, w the angular rate, and axis the spin axis. The roll and pitch accelerations in w' follow from the
+    demanded d'', exactly at every yaw rate [2, section IV]. Yaw is not controlled. The axis is that of the relaxed
+    hover [1]: the rotor opposite the lost one gives a fraction of the thrust of the others, so its thrust can rise and
+    fall. c is 1 except for a body on its side or upside down. Without c the mirror image of the axis would be stable
+    too: a tipped craft would spin about it, and fall. Rates and direction are predicted over `prediction_time`, because
+    the body turns during the delay of links and rotors.
 
     A rotor that turns slower than `idle` for `patience` counts as lost for the rest of the run. The allocation never
     commands a working rotor below `idle`. The law handles the loss of one rotor, not of a second. After the loss the

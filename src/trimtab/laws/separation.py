@@ -41,13 +41,13 @@ class Separation:
         h^ = rho - V age - D <= h_ij                 |e^ - e| <= s = 2 sin(theta/2),  sin theta = V age/rho
         allowed:  e^.u_i >= s |u_i| - (a/2) max(h^, 0)     for each j                                           (*)
 
-    u = 0 is always allowed. A neighbour that may be anywhere allows no other velocity: one without a message, or with
-    V age >= rho. The wanted velocity is first moved, three times, to the limit of the most restrictive
-    neighbour, and by `swerve` times as much to starboard, so that two craft that meet both turn right. Then it is
-    shortened until (*) holds for all.
+    u = 0 is always allowed. A neighbour without a message, or with V age >= rho, may be anywhere, so only u = 0 is
+    allowed. The demanded velocity is first moved, three times, to the limit of the most restrictive neighbour, and by
+    `swerve` times as much to starboard, so that two craft that meet both turn right. Then it is shortened until (*)
+    holds for all.
 
     Proven:  if h_ij >= 0 at first, it stays so for all time: for any pattern of losses, delays of any length, any
-             number of craft, and whatever velocity is wanted. Let d = |q_i - q_j|, e the unit vector between the true
+             number of craft, and whatever velocity is demanded. Let d = |q_i - q_j|, e the unit vector between the true
              points, and dt a step with a dt <= 1. A norm is convex, so d(t + dt) >= d + dt e.(u_i - u_j). By (*)
              e.u_i >= e^.u_i - s |u_i| >= -(a/2) max(h^, 0) >= -(a/2) h_ij, for h^ <= h_ij and 0 <= h_ij; likewise
              -e.u_j. So h_ij(t + dt) >= (1 - a dt) h_ij(t) >= 0. (docs page, tests)
@@ -69,13 +69,17 @@ class Separation:
     )
     speed: Scalar = quantity("m/s", "Maximum speed V of a reference point, equal for all craft.", default=0.2, above=0)
     swerve: Scalar = quantity(
-        "1", "Velocity added to starboard per velocity that a neighbour's limit takes away.", default=2.0, low=0
+        "1",
+        "Ratio of the velocity that is added to starboard to the velocity that a neighbour's limit removes.",
+        default=2.0,
+        low=0,
     )
 
     def limit(self, t: Any, number: Any, q: Any, wanted: Any, peers: Peers) -> tuple[Any, Any, Any]:
         """Return the allowed velocity (2,), the worst-case spare distance (m), and the largest age (s) of the messages.
 
-        Args:     number: number of this craft.    q: its reference point (2,), m.    wanted: velocity (2,), m/s.
+        Args:     number: number of this craft.    q: the craft's reference point (2,), m.    wanted: demanded velocity
+                  (2,), m/s.
         """
         near, clearance, age = self._judge(t, number, q, peers)
         u = self._shorten(wanted, self.speed)

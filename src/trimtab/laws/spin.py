@@ -26,9 +26,12 @@ class ConstantSpin:
 
         FX = -k1 u        FY = -k2 (v - d (r - r_ref))                                    [1, eq. 2.39]
 
-    Stable:  W = m (u^2 + v^2)/2 + J (r - r_ref)^2/2 never grows, for all k1, k2 > 0, but there are two limit points.
-             At the good one the craft spins in place at r_ref. At the bad one it slides sideways at v = -d r_ref. All
-             starts with W < limit_point_value reach the good one; an open set of other starts reaches the bad one.
+    u, v and r are surge velocity, sway velocity and yaw rate.
+
+    Stable:  W = m (u^2 + v^2)/2 + J (r - r_ref)^2/2 never grows, for all k1, k2 > 0, but there are two limit points. At
+             the good limit point the craft spins in place at r_ref. At the bad limit point it slides sideways at v = -d
+             r_ref. All starts with W < limit_point_value reach the good limit point. An open set of other starts
+             reaches the bad limit point.
     Slow:    once the pivot's slip has settled, r' = -c r^2 (r - r_ref), c = slow_manifold_rate of the same k1.
     Source:  [1] eq. 2.39; default gains and reference [1] table 6.4.
     """
@@ -53,7 +56,7 @@ class ConstantSpin:
         return state, VelocityOutput(PlanarForce(-self.k1 * s.surge_velocity, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """Return the Lyapunov function W (J) of s, any record with the fields in `reads`."""
+        """Return the Lyapunov function W (J) for a state s with the fields in `reads`."""
         return lyapunov(self.model, s, self.reference)
 
 
@@ -64,7 +67,8 @@ def lyapunov(model: Hovercraft, s: Any, reference: Any) -> Any:
 
 
 def limit_point_value(model: Hovercraft, reference: Any) -> Any:
-    """Return W (J) at the bad limit point, (J + D) reference^2/2. Every start with a smaller W reaches the good one.
+    """Return W (J) at the bad limit point, (J + D) reference^2/2. Every start with a smaller W reaches the good limit
+    point.
 
     Source: [1] section 2.2.6.
     """

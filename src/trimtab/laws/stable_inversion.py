@@ -105,11 +105,12 @@ class StableInversion:
         v = yd^(r) + K e + Ki integral(e_h, e_V) + u_h + u_s            u = inversion(v)
         e = (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') - reference
 
+    yd^(r) are the commanded accelerations, e is the tracking error, and u_h and u_s are the adaptive robust terms.
     Altitude and speed are a non-minimum-phase output: under inversion alone the internal motion diverges with a time
     constant of 0.3 s. `internal` computes the bounded motion that the command requires. This motion begins before the
     command.
 
-    Frames:  those of the vehicle, in its units.
+    Frames:  those of the vehicle, in the vehicle's units.
     Stable:  locally, proved by `design.certificate`, as long as the input does not saturate.
     Source:  [1] eqs. 13, 16-18, corrected. The K printed in [1] is unstable: docs page.
     """
@@ -136,7 +137,8 @@ class StableInversion:
     reads: ClassVar[tuple[str, ...]] = ("h", "h_rate", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
 
     def check(self) -> None:
-        """Raise InputError if a lower limit is above its upper limit, or command or table do not suit the vehicle."""
+        """Raise InputError if a lower limit is above its upper limit, or if the command or the table does not suit the
+        vehicle."""
         low, high = self.limits.Phi_low, self.limits.Phi_high
         if not (low < high and self.limits.delta_low < self.limits.delta_high):
             raise InputError(
@@ -202,9 +204,9 @@ class StableInversion:
     def _rescale_internal_states(self, x: Any, zeta: Any) -> Any:
         """Return the reference internal states for the estimated frequencies of the modes.
 
-        The static displacement of a mode is N/w^2, so an error in w scales the reference by its square. An estimator
-        with the same wrong w has the same error in its states, so the feedback sees no difference. An estimator that
-        estimates w corrects the reference.
+        The static displacement of a mode is N/w^2, so a wrong w changes the reference with the square of w. An
+        estimator with the same wrong w has the same error in its states, so the feedback sees no difference. An
+        estimator that estimates w corrects the reference.
         """
         frequencies = optional_member(x, "frequencies")
         if isinstance(frequencies, tuple):
@@ -240,7 +242,10 @@ def check_internal_table(craft: Any, command: Any, table: InternalTable, limits:
     t = table.first + table.spacing * np.arange(len(table.nodes))
     wrong, u = (np.asarray(a) for a in _table_residual(craft, command, t, table.nodes, table.rates))
     if not wrong.max() < SOLVED:
-        when = f"the error of its rates is {wrong.max():.2g} of their typical sizes at {t[wrong.argmax()]:g} s"
+        when = (
+            f"at {t[wrong.argmax()]:g} s the error of the table's rates is {wrong.max():.2g} of the rates' "
+            "typical sizes"
+        )
         problem = f"the table was made for another command or vehicle: {when}"
         preview = argument("settings", "preview", "internal")
         fix = f"{preview}, which needs no table, or run a scenario made for this command"
@@ -255,7 +260,7 @@ def _check_input_limits(limits: InputLimits, u: Any, where: list[str]) -> None:
         beyond = np.maximum(least - value, value - most)
         if beyond.max() > 0:
             at = int(beyond.argmax())
-            problem = f"{where[at]} needs {what} {value[at]:.4g}, limits are {least:.4g} and {most:.4g}"
+            problem = f"{where[at]} needs {what} {value[at]:.4g}, but the limits are {least:.4g} and {most:.4g}"
             raise InputError("command", problem, fix="make the climb smaller, or wh and wV lower")
 
 

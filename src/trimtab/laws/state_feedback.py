@@ -27,7 +27,7 @@ class StateFeedbackOutput:
     """Demand and signals of the law `StateFeedback`. Source: this module."""
 
     demand: Any = part("Demanded input of the vehicle.")
-    error: Any = quantity("1", "Error e: state minus the trim state x0, each number in the unit of its state.")
+    error: Any = quantity("1", "Error e: state minus the trim state x0. Each element has the unit of its state.")
     integrals: Any = quantity(
         "1", "Time integrals of the elements of e listed in `integrated`, each in the unit of its state times seconds."
     )
@@ -43,8 +43,9 @@ class StateFeedback:
     `design.coordinates`. So for a state with a quaternion K has one column less than the state has numbers. To move the
     set-point, change x0 in flight.
 
-    Frames:  those of the state fields. Fields in the outer frame of the attitude can be compared in body axes: those
-             named in `turned` each in its own body axes, those named in `places` in the body axes of x0.
+    Frames:  those of the state fields. Vector fields in the frame X of the quaternion q_XB can be compared in body
+             axes. For a field in `turned`, state and x0 are each turned into their own body axes. For a field in
+             `places`, the difference is turned into the body axes of x0.
     Valid:   near (x0, u0), for which K was designed; angles are not wrapped.
     Source:  B. D. O. Anderson, J. B. Moore, "Optimal control: linear quadratic methods", Prentice Hall 1990, chapters
              3 and 4.
@@ -69,11 +70,13 @@ class StateFeedback:
     most: Any = quantity("1", "Maximum magnitude of each error integral (k,).", default=np.zeros(0), low=0)
     attitude: str = option("Name of the quaternion field. Needed only if turned or places is not empty.", default="")
     turned: tuple[str, ...] = option(
-        "Vector fields, e.g. a velocity, compared after state and x0 were each turned into their own body axes.",
+        "Names of vector fields, e.g. a velocity, that are compared after state and x0 were each turned into "
+        "their own body axes.",
         default=(),
     )
     places: tuple[str, ...] = option(
-        "Vector fields, e.g. a position, whose deviation from x0 is turned into the body axes of x0.", default=()
+        "Names of vector fields, e.g. a position, whose deviation from x0 is turned into the body axes of x0.",
+        default=(),
     )
     design_model: Any = part(
         "Vehicle model for which K was designed, stored in the log for comparison. None: not stored.", default=None
@@ -83,7 +86,7 @@ class StateFeedback:
         """Raise InputError if the shapes of the gains do not match."""
         K, L, k = np.shape(self.K), np.shape(self.L), len(self.integrated)
         if len(K) != 2 or len(L) != 2 or (K[0], k) != L or np.shape(self.most) != (k,):
-            problem = f"the shapes K {K}, L {L}, most {np.shape(self.most)} do not match {k} integrals"
+            problem = f"the shapes of K {K}, L {L} and most {np.shape(self.most)} do not match {k} integrals"
             raise InputError(
                 "StateFeedback.K",
                 problem,

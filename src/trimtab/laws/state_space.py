@@ -27,7 +27,7 @@ class StateSpaceOutput:
     """Demand and signals of the law `StateSpaceLaw`. Source: this module."""
 
     demand: Any = part("Demanded input of the vehicle.")
-    error: Any = quantity("1", "Error e: state fields minus the trim x0, each number in the unit of its field.")
+    error: Any = quantity("1", "Error e: state fields minus the trim x0. Each element has the unit of its field.")
 
 
 @record

@@ -55,7 +55,8 @@ def _has_no_unit(state: Any, name: str) -> bool:
 
 
 def add_to_input(trim: Any, change: Any) -> Any:
-    """Return the input record `trim` with the vector `change` (m,) added to its numbers, in the order of its fields."""
+    """Return the input record `trim` with the elements of `change` (m,) added to the record's values, in the order of
+    the fields."""
     values, tree = jax.tree.flatten(trim)
     new, begin = [], 0
     for own in values:

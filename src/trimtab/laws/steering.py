@@ -25,9 +25,9 @@ class Steering:
         psi_d' = r_d,   r_d' = w^2 (psi_c - psi_d) - 2 z w r_d,   |r_d| <= fastest        psi_c: commanded
         delta = (U0/U)^2 (kp e + kd (r - r_d) + ki integral of e)          e = psi - psi_d, wrapped to ±pi
 
-    The rudder force grows with the square of the speed, so the gains are divided by that square. Below the speed
-    `slowest` they stay constant, because the propeller still drives water past the rudder. The integral is held while
-    the rudder is at its limit.
+    psi is the heading, r the yaw rate, delta the rudder angle and U the speed. The rudder force grows with the square
+    of the speed, so the gains are divided by that square. Below the speed `slowest` the gains stay constant, because
+    the propeller still drives water past the rudder. The integral is held while the rudder is at its limit.
 
     Frames:  positive rudder pushes the stern to starboard and turns to port, as in SNAME notation.
     Valid:   also for a craft that is unstable in yaw, if kd is large enough.
@@ -37,7 +37,7 @@ class Steering:
     kp: Scalar = quantity("1", "Proportional gain: rudder angle per heading error.", default=1.0, low=0)
     kd: Scalar = quantity("s", "Rate gain: rudder angle per yaw rate error.", default=0.9, low=0)
     ki: Scalar = quantity("1/s", "Integral gain: rudder angle per integral of the heading error.", default=0.05, low=0)
-    speed: Scalar = quantity("m/s", "Speed U0 through the water for which the gains are given.", default=0.58, above=0)
+    speed: Scalar = quantity("m/s", "Speed U0 through the water for which the gains are tuned.", default=0.58, above=0)
     slowest: Scalar = quantity(
         "m/s", "Speed through the water below which the gains are not increased further.", default=0.58, above=0
     )

@@ -43,9 +43,10 @@ class SwingUp:
         swing:    a = clip(k E q' cos q, ±n g) - k_x x - k_v x'      so that E' = -m l a q' cos q leads E to 0
         balance:  F = -K (x, x', q, q')
 
-    The law switches to balance at an angle below `catch` from upright, where the regulator needs little force. It
-    switches back to swing at an angle above `release`. The centring terms, which [1] lacks, keep the cart near the
-    middle of its rail.
+    x is the position of the cart, a the acceleration of the cart, q the angle of the pole from upright, and E the
+    energy of the pole. The law switches to balance at an angle below `catch` from upright, where the regulator needs
+    little force. It switches back to swing at an angle above `release`. The centring terms, which [1] lacks, keep the
+    cart near the middle of its rail.
 
     Frames:  those of the cart-pole.    Valid: forces of up to about 10 N. Not modelled: the rail's ends.
     Source:  [1] eqs. 7 and 8; K: design.lqr with state weights (1, 1, 10, 1) and input weight 0.1.
@@ -57,9 +58,11 @@ class SwingUp:
     )
     n: Scalar = quantity("1", "Maximum acceleration n of the energy control, in g.", default=0.6, above=0)
     k_x: Scalar = quantity(
-        "1/s^2", 'Gain k_x for centring the cart, on its position, in mode "swing".', default=0.6, low=0
+        "1/s^2", 'Gain k_x of the cart position, which centres the cart in mode "swing".', default=0.6, low=0
     )
-    k_v: Scalar = quantity("1/s", 'Gain k_v for centring the cart, on its speed, in mode "swing".', default=0.6, low=0)
+    k_v: Scalar = quantity(
+        "1/s", 'Gain k_v of the cart speed, which damps the cart in mode "swing".', default=0.6, low=0
+    )
     K: Any = quantity(
         "1",
         'Gain K in F = -K x of mode "balance". x: position (m), speed (m/s), angle (rad), angle rate (rad/s).',

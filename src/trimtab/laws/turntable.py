@@ -37,7 +37,7 @@ class Turntable:
         "rad/s", "Amplitude of the rate of turn. A negative amplitude reverses the turn.", default=math.radians(-115)
     )
     ramp: Scalar = quantity(
-        "s", "Time in which the rate rises from 0 to its constant value; 0: at once.", default=1.0, low=0
+        "s", "Time in which the rate rises from 0 to its constant value; 0: without delay.", default=1.0, low=0
     )
     cycle: Scalar = quantity("s", "Period T of the square wave or sine.", default=2.0, above=0)
     waveform: str = option(

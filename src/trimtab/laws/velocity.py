@@ -30,7 +30,7 @@ class VelocityOutput:
 
 
 def _error_energy(model: Hovercraft, s: Any, surge_velocity: Any, stretch: Any = 1.0) -> Any:
-    """Return the kinetic energy (J) of the velocity error, with its yaw term multiplied by `stretch`."""
+    """Return the kinetic energy (J) of the velocity error, with the yaw term multiplied by `stretch`."""
     error = s.surge_velocity - surge_velocity
     return model.mass * (error**2 + s.sway_velocity**2) / 2 + stretch * model.inertia * s.yaw_rate**2 / 2
 
@@ -40,6 +40,8 @@ class ZeroVelocity:
     """Law that brings the hovercraft to rest.
 
         FX = -k1 u        FY = -k2 (v - d r)                                              [1, eq. 2.16]
+
+    u, v and r are surge velocity, sway velocity and yaw rate.
 
     Stable:  globally asymptotically for all k1, k2 > 0, with V the kinetic energy,
              V' = -k1 u^2 - k2 (v - d r)^2 [1, eq. 2.17]. V' = 0 on a line, not only at rest, but rest is the largest
@@ -68,7 +70,7 @@ class ZeroVelocity:
         return state, VelocityOutput(demand, self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """Return V (J), the kinetic energy of s, any record with the fields in `reads` [1, eq. 2.17]."""
+        """Return V (J), the kinetic energy of a state s with the fields in `reads` [1, eq. 2.17]."""
         return _error_energy(self.model, s, 0.0)
 
     def equilibrium(self) -> HovercraftState:
@@ -77,9 +79,9 @@ class ZeroVelocity:
 
 
 def slow_manifold_rate(law: ZeroVelocity) -> Any:
-    """Return c (s) in r' = -c r^3, the slow final motion under ZeroVelocity: v = d r, u = d m r^2/k1 to leading order.
+    """Return the coefficient c (s) of the slow final motion under ZeroVelocity: r' = -c r^3, v = d r, u = d m r^2/k1.
 
-    c = m^2 d^2 / (k1 (J + d^2 m)). Source: own derivation, not in [1] (docs page).
+    c = m^2 d^2 / (k1 (J + d^2 m)), to leading order. Source: own derivation, not in [1] (docs page).
     """
     m, d = law.model.mass, law.model.arm
     return m**2 * d**2 / (law.k1 * (law.model.inertia + d**2 * m))
@@ -91,11 +93,13 @@ class ForwardMomentum:
 
         FX = -k1 (u - PXr/m)        FY = -k2 (v - d r)                                    [1, eq. 2.24]
 
+    u, v and r are surge velocity, sway velocity and yaw rate.
+
     Stable:  globally asymptotically for ALL k1, k2, PXr > 0. With kappa = PXr/(k2 d) the function
              W = m ((u - PXr/m)^2 + v^2)/2 + lambda J r^2/2, lambda = 1 + kappa, decreases along every motion: W' is a
              negative definite form whose (v, r) block, k2 [[1, -d], [-d, (1 + kappa) d^2]], has determinant
              k2^2 kappa d^2 > 0. [1] takes lambda = 1 - kappa, which needs k2 > PXr/d. The gains of [1] (table 6.2:
-             kappa = 2.19) violate this; the proof above covers them (see docs Errata).
+             kappa = 2.19) violate this condition. The proof above covers these gains (see docs Errata).
     Source:  [1] eq. 2.24; lambda: own derivation; default gains [1] table 6.2.
     """
 
@@ -111,7 +115,7 @@ class ForwardMomentum:
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Raise InputError if the reference is not forward."""
+        """Raise InputError if the reference momentum is not positive (forward)."""
         _check_forward("ForwardMomentum", self.reference)
 
     def init(self, key: Any) -> tuple[()]:
@@ -126,7 +130,7 @@ class ForwardMomentum:
         return state, VelocityOutput(PlanarForce(FX, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """Return the Lyapunov function W (J) with lambda = 1 + kappa of s, any record with the fields in `reads`."""
+        """Return the Lyapunov function W (J), with lambda = 1 + kappa, for a state s with the fields in `reads`."""
         kappa = self.reference / (self.k2 * self.model.arm)
         return _error_energy(self.model, s, self.reference / self.model.mass, 1 + kappa)
 
@@ -140,6 +144,8 @@ class ForwardMomentumMatched:
     """Law ForwardMomentum with k2 tied to the reference, so that the cross terms in W' vanish.
 
         FX = -k1 (u - PXr/m)        FY = -k2 (v - d r),    k2 = PXr/(2 d)                 [1, eq. 2.29]
+
+    u, v and r are surge velocity, sway velocity and yaw rate.
 
     Stable:  globally asymptotically for all k1, PXr > 0, with W = m ((u - PXr/m)^2 + v^2)/2 + J r^2/2 (kappa = 2,
              lambda = 1): W' = -k1 (u - PXr/m)^2 - k2 (v^2 + d^2 r^2).
@@ -155,7 +161,7 @@ class ForwardMomentumMatched:
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Raise InputError if the reference is not forward."""
+        """Raise InputError if the reference momentum is not positive (forward)."""
         _check_forward("ForwardMomentumMatched", self.reference)
 
     def init(self, key: Any) -> tuple[()]:
@@ -171,7 +177,7 @@ class ForwardMomentumMatched:
         return state, VelocityOutput(PlanarForce(FX, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """Return the Lyapunov function W (J) with lambda = 1 of s, any record with the fields in `reads`."""
+        """Return the Lyapunov function W (J), with lambda = 1, for a state s with the fields in `reads`."""
         return _error_energy(self.model, s, self.reference / self.model.mass)
 
     def equilibrium(self) -> HovercraftState:
@@ -184,6 +190,8 @@ class ReverseMomentum:
     """Law that drives backward at a constant momentum PXr < 0.
 
         FX = -k1 (u - PXr/m)        FY = +k2 (v + theta d r)                              [1, eq. 2.30]
+
+    u, v and r are surge velocity, sway velocity and yaw rate.
 
     Stable:  locally, for k1, k2 > 0 and theta > J/(d^2 m): the eigenvalues of [1, eq. 2.33] are then in the left half
              plane. The equilibrium is unique. `trimtab design hovercraft/reverse` proves convergence from a region
@@ -206,10 +214,11 @@ class ReverseMomentum:
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Raise InputError if the reference is not backward or theta makes the equilibrium unstable."""
+        """Raise InputError if the reference momentum is not negative (backward), or theta makes the equilibrium
+        unstable."""
         if not np.all(np.asarray(self.reference) < 0):
             problem = f"the reference momentum must be negative, got {self.reference} kg m/s"
-            fix = "write e.g. -1.98; ForwardMomentum drives forward"
+            fix = "write e.g. -1.98, or use the law ForwardMomentum to drive forward"
             raise InputError("ReverseMomentum.reference", problem, fix=fix)
         least = self.model.inertia / (self.model.arm**2 * self.model.mass)
         if not np.all(np.asarray(self.theta) > least):
@@ -234,8 +243,8 @@ class ReverseMomentum:
     def lyapunov(self, s: Any) -> Any:
         """Return (PX - PXr)^2/2m + PY^2/2m + Pi^2/2J (J), which is NOT a Lyapunov function, because it can grow.
 
-        s: any record with the fields in `reads`. `trimtab design hovercraft/reverse` finds a Lyapunov function that
-        holds in a region.
+        s: a state with the fields in `reads`. `trimtab design hovercraft/reverse` finds a Lyapunov function that holds
+        in a region.
         """
         return _error_energy(self.model, s, self.reference / self.model.mass)
 
@@ -247,5 +256,5 @@ class ReverseMomentum:
 def _check_forward(name: str, reference: Any) -> None:
     if not np.all(np.asarray(reference) > 0):
         problem = f"the reference momentum must be positive, got {reference} kg m/s"
-        fix = "give a positive momentum; to move backward use the law ReverseMomentum, to stop ZeroVelocity"
+        fix = "give a positive momentum, or use the law ReverseMomentum to move backward, ZeroVelocity to stop"
         raise InputError(f"{name}.reference", problem, fix=fix)

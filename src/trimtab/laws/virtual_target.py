@@ -53,8 +53,8 @@ class VirtualTargetOutput:
     )
     lyapunov: Scalar = quantity("m^2", "Lyapunov function V of the law.")
     saturated: Scalar = quantity("1", "True if the law demands a tighter turn than the car can make.", kind="flag")
-    north_reference: Scalar = quantity("m", "Position of the target, north.", frame="W")
-    east_reference: Scalar = quantity("m", "Position of the target, east.", frame="W")
+    north_reference: Scalar = quantity("m", "North coordinate of the target.", frame="W")
+    east_reference: Scalar = quantity("m", "East coordinate of the target.", frame="W")
     progress: Scalar = quantity("s", "Path parameter of the target: time argument of the path.")
 
 

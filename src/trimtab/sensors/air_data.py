@@ -21,7 +21,7 @@ class AirDataReading:
 
     impact_pressure: Scalar = quantity("Pa", "Impact pressure: pitot pressure minus static pressure.")
     equivalent_airspeed: Scalar = quantity(
-        "m/s", "Equivalent airspeed: gives the same dynamic pressure at sea-level density."
+        "m/s", "Equivalent airspeed: airspeed with the same dynamic pressure at sea-level density."
     )
     airspeed: Scalar = quantity(
         "m/s", "True airspeed, for the density of the standard atmosphere at the vehicle's height."
@@ -34,9 +34,11 @@ class AirDataReading:
 class AirDataState:
     """State of the air data probes: their zero errors in this run. Source: docs page, Sensors for three dimensions."""
 
-    key: Key = part("Random key of the noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     pressure_offset: Scalar = quantity("Pa", "Zero error of the pressure transducer.")
-    vane_offset: Any = quantity("rad", "Zero errors of both vanes.", kind="angle", shape=(2,))
+    vane_offset: Any = quantity(
+        "rad", "Zero errors of the angle-of-attack vane and the sideslip vane.", kind="angle", shape=(2,)
+    )
 
 
 @record
@@ -44,10 +46,11 @@ class AirData:
     """Pitot tube and two vanes on a boom.
 
         v = v_WB - v_air + (w - w_air) × l          q_c = p ((1 + 0.2 M²)^3.5 - 1)
-        alpha = (1 + k) atan2(v_z, v_x) + b + w,   beta = (1 + k) asin(v_y / |v|) + b + w
+        alpha = (1 + k) atan2(v_z, v_x) + b + n,   beta = (1 + k) asin(v_y / |v|) + b + n
 
-    Above Mach 1, q_c follows Rayleigh's formula, behind a normal shock. The airspeeds are computed from q_c by the same
-    law, solved for M. Unlike an inertial velocity, they include wind and turbulence.
+    k is a relative error, b a zero error and n white noise. Above Mach 1, q_c follows Rayleigh's formula, behind a
+    normal shock. The airspeeds are computed from q_c by the same law, solved for M. Unlike an inertial velocity, the
+    airspeeds include wind and turbulence.
 
     Frames:  velocities and position l of the boom in B; alpha from the velocity through the air to the x axis, in the
              x-z plane, positive nose up.

@@ -21,7 +21,9 @@ HALL = ((0.0, 0.0, -3.0), (8.0, 0.0, -0.3), (8.0, 6.0, -3.0), (0.0, 6.0, -0.3), 
 class AnchorRanges:
     """Sample of the ranging radio: a range to each anchor. Source: docs page, Sensors for three dimensions."""
 
-    range: Any = quantity("m", "Range to each anchor (n,), or its previous range if the anchor was not received.")
+    range: Any = quantity(
+        "m", "Range to each anchor (n,). For an anchor that was not received, the last received range."
+    )
     received: Any = quantity("1", "True for each anchor that was received (n,).", kind="flag")
 
 
@@ -29,7 +31,7 @@ class AnchorRanges:
 class AnchorRangingState:
     """State of the ranging radio. Source: docs page, Sensors for three dimensions."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     bias: Any = quantity("m", "Range bias of each anchor (n,) in this run.")
     last: Any = quantity("m", "Last received range of each anchor (n,).")
 
@@ -40,9 +42,10 @@ class AnchorRanging:
 
         z_i = | p + R_WB l - a_i | + b_i + w + e_i
 
-    b_i is the bias of anchor i (antenna delays) and w is white noise. The error e_i is exponentially distributed and
-    occurs occasionally, when the first signal to arrive is a reflected one. Anchors out of reach are not received, and
-    other anchors are lost at random.
+    p is the vehicle's position, l the lever arm of the antenna and a_i the position of anchor i. b_i is the bias of
+    anchor i (antenna delays) and w is white noise. The error e_i is exponentially distributed and occurs occasionally,
+    when the first signal to arrive is a reflected one. Anchors out of reach are not received, and other anchors are
+    lost at random.
 
     Frames:  anchors a_i in W, lever arm l of the antenna in B.
     Not modelled: anchors that answer in turn (`sensors.ultrasonic_ranging` has slots); reflections that persist.

@@ -14,7 +14,7 @@ from trimtab.core.signals import Bending, Motion, Sample, new_sample
 from trimtab.core.time import format_time, ms, to_seconds
 
 DELAYS = 16
-"""Number of samples in the delay line. The longest possible delay is one period less."""
+"""Number of samples in the delay line. The longest possible delay is this number minus one, times the period."""
 
 
 @record
@@ -30,8 +30,8 @@ class AngularAccelerometer:
 
         z = (1 + s) Q' + b + w
 
-    with scale error s, offset b and white noise w. The default noise has a density of 5e-7 (rad/s^2)^2/Hz at 200
-    samples a second. The signal is 0.2 to 0.3 rad/s^2.
+    with pitch acceleration Q', scale error s, offset b and white noise w. The default noise has a density of 5e-7
+    (rad/s^2)^2/Hz at 200 samples a second. The signal is 0.2 to 0.3 rad/s^2.
 
     Frames:  positive nose up.    Not modelled: bandwidth, bending at the sensor's position, saturation.
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
@@ -53,7 +53,7 @@ class AngularAccelerometer:
     period: int = period("Time between samples.", default=ms(5))
 
     def init(self, key: Key) -> Key:
-        """Return the initial state: the random key of the noise."""
+        """Return the initial state: the key of the random number generator."""
         return key
 
     def measure(self, motion: Motion) -> AngularAccelerationReading:
@@ -71,7 +71,7 @@ class AngularAccelerometer:
 class AngularAccelerometerState:
     """State of an angular accelerometer. Source: docs page, Angular accelerometer."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     bias: Scalar = quantity("rad/s^2", "Zero error of the sensor in this run.")
     scale: Scalar = quantity("1", "Relative scale error of the sensor in this run.")
     band: SectionState = part("State of the low-pass filter.")
@@ -87,9 +87,9 @@ class AngularAccelerometerUnit:
 
         z = (1 + s) D( L( Q' + phi1' eta1'' + phi2' eta2'' ) ) + b + w
 
-    with scale error s and bias b drawn for each run, a low-pass L (second order, Butterworth), a delay D that is not
-    part of the sample's time stamp, and slopes phi' of the bending modes at the sensor. The slopes are 0 at the place
-    where the modes are assumed to be clamped.
+    with pitch acceleration Q', scale error s and bias b drawn for each run, a low-pass L (second order, Butterworth), a
+    delay D that is not part of the sample's time stamp, and slopes phi' of the bending modes at the sensor. The slopes
+    are 0 at the place where the modes are assumed to be clamped.
 
     Frames:  positive nose up.    Not modelled: saturation, effects of linear acceleration and temperature.
     Source:  IEEE Std 671-1985 (inertial sensors) for the names of the errors. Their sizes are our own
@@ -137,7 +137,7 @@ class AngularAccelerometerUnit:
             raise InputError("bandwidth", problem, fix=f"set bandwidth below {0.5 / tick:g} Hz, or to 0 for no limit")
         if not self.delay <= (DELAYS - 1) * tick:
             problem = f"the delay of {self.delay:g} s is longer than {DELAYS - 1} periods, the length of the delay line"
-            raise InputError("delay", problem, fix=f"give at most {(DELAYS - 1) * tick:g} s")
+            raise InputError("delay", problem, fix=f"give a delay of at most {(DELAYS - 1) * tick:g} s")
 
     def init(self, key: Key) -> AngularAccelerometerState:
         """Return the initial state, with zero and scale errors drawn for this run."""

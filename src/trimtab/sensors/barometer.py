@@ -25,7 +25,7 @@ class PressureReading:
 class BarometerState:
     """State of a barometer. Source: docs page, Sensors for three dimensions."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     offset: Scalar = quantity("Pa", "Zero error of the sensor, including its drift.")
     lagged: Scalar = quantity("Pa", "Pressure at the sensor, after the lag of port and tube.")
     started: Scalar = quantity("1", "True once the first sample has been taken.", kind="flag")

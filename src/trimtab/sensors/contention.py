@@ -13,9 +13,9 @@ from trimtab.core.record import Scalar, option, quantity, record
 from trimtab.core.rng import Key, uniform2
 
 FIRST, AGAIN = 100, 101
-"""Numbers of two random streams: for the first wait of a station, and for its later waits."""
+"""Identifiers of two random streams: one for the first wait of a station, one for the station's later waits."""
 ATTEMPTS = 256
-"""Maximum number of random draws in one exchange, so that the counters of different exchanges do not overlap."""
+"""Maximum number of random draws in one exchange, so that different exchanges use different random numbers."""
 
 
 @record

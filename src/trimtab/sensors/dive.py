@@ -31,6 +31,8 @@ class DiveSensor:
 
         z = (depth, roll, pitch, heading, u, q, r) + w
 
+    u is the speed over the bottom, q the pitch rate, r the yaw rate and w white noise.
+
     Frames:  W north-east-down; B at the centre of mass, where the gauge and the log are assumed to be.
     Not modelled: errors correlated in time, loss of bottom lock of the log, effect of tides on the gauge.
     Source:  own derivation: the kinematics of a rigid body, docs page, Conventions.
@@ -52,7 +54,7 @@ class DiveSensor:
     period: int = period("Time between samples.", default=ms(50))
 
     def init(self, key: Key) -> Key:
-        """Return the initial state: the random key of the noise."""
+        """Return the initial state: the key of the random number generator."""
         return key
 
     def measure(self, motion: Motion) -> DiveReading:

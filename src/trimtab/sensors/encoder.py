@@ -33,7 +33,8 @@ class Encoder:
 
         h = psi - psi_0,    count = floor( (h + e sin(h)) N/(2 pi) ),    z = (count + 1/2) 2 pi/N
 
-    The reported angle z is the middle of the count, so that its mean error is zero; e is the disc's eccentricity.
+    psi is the heading, N the number of counts per turn. The reported angle z is the middle of the count, so that its
+    mean error is zero; e is the disc's eccentricity.
 
     Frames:  angle positive as the heading, clockwise from above.    Not modelled: lost counts, play.
     Source:  [1] section 6.2.1: 4096 counts in a turn.
@@ -87,7 +88,7 @@ class RateReading:
 class TachometerState:
     """State of the tachometer: random key, and the two sections of its low-pass. Source: this module."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     started: Scalar = quantity("1", "True once the low-pass has received a sample.", kind="flag")
     first: SectionState = part("State of the low-pass filter's first section.")
     second: SectionState = part("State of the low-pass filter's second section.")
@@ -109,7 +110,8 @@ class Tachometer:
 
         z = (1 + s) L(r) + b + w
 
-    where s and b are the scale and zero errors that remain after calibration, L is the low-pass and w white noise.
+    where r is the yaw rate, s and b are the scale and zero errors that remain after calibration, L is the low-pass and
+    w white noise.
 
     Frames:  positive as the yaw rate, clockwise from above.    Not modelled: commutator ripple.
     Source:  [1] section 6.2.1. Noise: reconstructed to reproduce the rate comparison of [1], see docs Errata.
@@ -139,7 +141,9 @@ class Tachometer:
                 f"a bandwidth of {self.bandwidth:g} Hz is too wide for a sampling period of {format_time(self.period)}"
             )
             raise InputError(
-                "bandwidth", problem, fix=f"{argument('settings', 'VALUE', 'bandwidth')} below {most:g} Hz, or 0"
+                "bandwidth",
+                problem,
+                fix=f"{argument('settings', 'VALUE', 'bandwidth')} with VALUE below {most:g} Hz, or 0",
             )
 
     def init(self, key: Key) -> TachometerState:

@@ -48,7 +48,7 @@ class FlightInstrumentsReading:
 class FlightInstrumentsState:
     """State of the flight instruments. Source: this module."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     bias: Any = quantity(
         "1", "Standard normal draws of the biases in this run, one for each measured value.", shape=(len(CHANNELS),)
     )
@@ -59,6 +59,9 @@ class FlightInstruments:
     """Air data probe, vanes, attitude reference, gyros and accelerometers, each with a bias per run and white noise.
 
         V = |v|    alpha = atan2(w, u)    beta = asin(v/V)    (nx, ny, -nz) = (a + w' × l + w × (w × l) - g)/g
+
+    (u, v, w) are the components of the velocity v. In the load factors, a is the acceleration, w the angular velocity,
+    l the lever arm and g gravity.
 
     Frames:  as in `Motion`; the accelerometers are at `lever_arm` from the centre of mass.
     Not modelled: wind, lags of the probes, position error of the static port, drift of the gyros.

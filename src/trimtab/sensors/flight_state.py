@@ -32,7 +32,8 @@ class FlightStateSensor:
 
         z = (h, h', V, alpha, Q) + w
 
-    [1] assumes that these five values are measured without error. Only the bending modes have no sensor.
+    The values are altitude, climb rate, speed, angle of attack and pitch rate. [1] assumes that these five values are
+    measured without error. Only the bending modes have no sensor.
 
     Frames:  W north-east-down, altitude is -down; alpha from the body's x axis to the velocity.
     Not modelled: wind, lags, position errors of the probes.
@@ -57,7 +58,7 @@ class FlightStateSensor:
     period: int = period("Time between samples.", default=ms(5))
 
     def init(self, key: Key) -> Key:
-        """Return the initial state: the random key of the noise."""
+        """Return the initial state: the key of the random number generator."""
         return key
 
     def measure(self, motion: Motion) -> FlightReading:
@@ -92,8 +93,8 @@ class FlightStateSensor:
 class ActingInput:
     """Ideal sensor of the input that acts on the vehicle, after limits and holds.
 
-    It is sampled before a new command acts, so it returns the input that has acted **since** the last command. A
-    model-based estimator needs this input, which differs from the requested command when an actuator saturates.
+    It is sampled before a new command acts, so the sensor returns the input that has acted **since** the last command.
+    A model-based estimator needs this input, which differs from the requested command when an actuator saturates.
 
     Frames:  those of the input.    Not modelled: noise, lag of the transducers.
     Source:  docs page, Acting input.
@@ -118,7 +119,8 @@ class ActingInput:
 
 @record
 class TrueState:
-    """Sensor of the vehicle's true state, for any state record. No such sensor exists: use it in ideal twins only.
+    """Sensor of the vehicle's true state, for any state record. No such sensor exists in reality. Use this one only in
+    ideal twins (scenarios without imperfections).
 
     Frames:  those of the state.    Not modelled: any error.
     Source:  docs page, True state.
@@ -143,7 +145,8 @@ class TrueState:
 
 @record
 class FlexibleTruthReading:
-    """True flight state and bending modes of the hypersonic vehicle. Source: [1] eq. 4 (e, in this order)."""
+    """True flight state and bending modes of the hypersonic vehicle. Source: [1] eq. 4, elements of the vector e in
+    this order."""
 
     h: Scalar = quantity("ft", "Altitude.", frame="W")
     h_rate: Scalar = quantity("ft/s", "Climb rate.", frame="W")
@@ -158,7 +161,8 @@ class FlexibleTruthReading:
 
 @record
 class FlexibleTruth:
-    """Sensor of the full state of `vehicles.hypersonic`. No real sensor measures the modes: use it in ideal twins only.
+    """Sensor of the full state of `vehicles.hypersonic`. No real sensor measures the bending modes. Use this one only
+    in ideal twins (scenarios without imperfections).
 
     Frames:  those of the state.
     Source:  [1], the full-state feedback used for comparison.

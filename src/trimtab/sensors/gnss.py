@@ -56,7 +56,7 @@ class GnssReading:
 class GnssState:
     """State of the satellite receiver. Source: this module."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     late: LateState = part("Fix that has been measured but has not arrived yet.")
     correlated: Any = quantity("m", "Time-correlated position error.", frame="W", shape=(3,))
 
@@ -85,16 +85,22 @@ class Gnss:
     """
 
     noise: Scalar = imperfection(
-        "m", "Standard deviation of the white position noise, north and east.", "gnss-noise", default=0.4
+        "m",
+        "Standard deviation of the white position noise in the north and east directions.",
+        "gnss-noise",
+        default=0.4,
     )
     noise_down: Scalar = imperfection(
-        "m", "Standard deviation of the white position noise, down.", "gnss-noise", default=0.7
+        "m", "Standard deviation of the white position noise in the down direction.", "gnss-noise", default=0.7
     )
     velocity_noise: Scalar = imperfection(
-        "m/s", "Standard deviation of the white velocity noise, north and east.", "gnss-noise", default=0.05
+        "m/s",
+        "Standard deviation of the white velocity noise in the north and east directions.",
+        "gnss-noise",
+        default=0.05,
     )
     velocity_noise_down: Scalar = imperfection(
-        "m/s", "Standard deviation of the white velocity noise, down.", "gnss-noise", default=0.08
+        "m/s", "Standard deviation of the white velocity noise in the down direction.", "gnss-noise", default=0.08
     )
     correlated: Scalar = imperfection(
         "m",

@@ -25,8 +25,8 @@ ORBITAL_SPEED = 3_870.0
 def sky(azimuths: Any, elevations: Any, courses: Any) -> tuple[Any, Any]:
     """Return positions and velocities (n, 3) in W of satellites with these azimuths and elevations (n,) (rad).
 
-    Each satellite is ORBIT away and moves across the line of sight.    courses: direction of motion in the plane
-    across the line of sight, clockwise from up (rad).
+    Each satellite is at the distance ORBIT and moves across the line of sight. courses: direction of motion in the
+    plane across the line of sight, clockwise from up (rad).
     """
     az, el, course = (np.asarray(a, float)[:, None] for a in (azimuths, elevations, courses))
     sight = np.hstack([np.cos(az) * np.cos(el), np.sin(az) * np.cos(el), -np.sin(el)])
@@ -36,7 +36,8 @@ def sky(azimuths: Any, elevations: Any, courses: Any) -> tuple[Any, Any]:
 
 
 def satellites_from_ecef(plane: TangentPlane, places_E: Any, velocities_E: Any) -> tuple[Any, Any]:
-    """Return satellite positions and velocities (n, 3) in W from earth-centred, earth-fixed ones, as in an almanac."""
+    """Return satellite positions and velocities (n, 3) in W, from earth-centred, earth-fixed positions and velocities
+    as in an almanac."""
     R_EW = np.asarray(ned_axes(plane.latitude, plane.longitude))
     origin = np.asarray(to_ecef(plane.latitude, plane.longitude, plane.height))
     return (np.asarray(places_E) - origin) @ R_EW, np.asarray(velocities_E) @ R_EW
@@ -70,7 +71,7 @@ class GnssRangesReading:
 class GnssRangesState:
     """State of the satellite receiver. Source: this module."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     late: LateState = part("Measurement that has been made but has not arrived yet.")
     correlated: Any = quantity("m", "Time-correlated error of each range.")
     clock: Any = quantity("1", "Clock bias (m) and drift (m/s), times the speed of light.", shape=(2,))

@@ -24,7 +24,8 @@ class IdentifiedGyro:
 
         y_k = b0 u_k - a1 y_{k-1} - a2 y_{k-2}        y/u = 0.3236 z²/(z² - 0.9805 z + 0.2898)     [1, eq. 6.2]
 
-    The poles are 0.490 ± 0.222 i. The static gain is 1.046. `normalised` scales b0 to a static gain of 1.
+    u is the true rate and y the output of the gyro. The poles are 0.490 ± 0.222 i. The static gain is 1.046.
+    `normalised` scales b0 to a static gain of 1.
 
     Valid:   below 20 Hz, sampled each 6.5536 ms.    Source: [1] eq. 6.2.
     """
@@ -54,7 +55,7 @@ class DelayedGyroState:
     """State of the gyro model: true rates and outputs of the previous samples, newest first. Source: this module."""
 
     u: Any = quantity("rad/s", "True angular rates of the previous k samples (k, …), newest first.")
-    y: Any = quantity("rad/s", "Outputs of the previous two samples (2, …), newest first.")
+    y: Any = quantity("rad/s", "Outputs of the gyro model at the previous two samples (2, …), newest first.")
 
 
 @record
@@ -63,7 +64,8 @@ class DelayedGyro:
 
         Y/U = e^{-s D T} / (1 + √2 s/w + (s/w)²)
 
-    It runs as a difference equation, whose gain (and phase in rad) is within 0.006 of this formula up to 50 Hz.
+    D is the delay in samples of the period T, and w the bandwidth (rad/s). The model runs as a difference equation. Up
+    to 50 Hz, the gain (and the phase in rad) of this equation is within 0.006 of the formula.
 
     Reconstructed: the gain is within 0.05 of [1, table 6.5] at all frequencies of this table. The phase agrees at 5 and
     15 Hz, but lags too much above 15 Hz (by 0.3 rad at 20 Hz). Use the model below 20 Hz only.
@@ -94,7 +96,10 @@ class DelayedGyro:
 
 @functools.lru_cache(maxsize=16)
 def _fit_weights(samples: int, bandwidth: float, T: float) -> tuple[Any, Any]:
-    """Return the weights of rates and outputs. Poles are mapped by e^{sT}; weights of rates are a least-squares fit."""
+    """Return the weights of the rates and of the previous outputs in the difference equation.
+
+    The poles are mapped by z = e^{sT}. The weights of the rates are a least-squares fit.
+    """
     pole = math.tau * bandwidth * complex(-math.sqrt(0.5), math.sqrt(0.5))
     z = np.exp(pole * T)
     a = np.array([-2 * z.real, abs(z) ** 2])

@@ -29,7 +29,8 @@ class HeadingSensor:
 
         z = psi + w
 
-    It represents the heading computed from two ultrasonic units, without modelling their geometry.
+    The sensor represents a heading that is computed from the positions of two ultrasonic units on the vehicle. The
+    geometry of the units is not modelled.
 
     Frames:  heading of B in W.    Not modelled: errors correlated in time.
     Source:  [1] section 6.2.1. The latency is reconstructed, see docs Errata.

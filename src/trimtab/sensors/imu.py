@@ -177,7 +177,7 @@ def digitise(output: Any, most: Any, resolution: Any) -> tuple[Any, Any]:
 
 
 def _limit_bandwidth(errors: TriadErrors, state: TriadState, true: Any, dt: float) -> tuple[Any, Any]:
-    """Return state and output of low-pass or response model, which starts in the steady state of its first sample."""
+    """Return the state and the output of the low-pass or response model. At the first sample, start in steady state."""
     if errors.response is not None:
         rest = errors.response.start(true)
         memory = tree_where(state.started, state.memory, rest)
@@ -197,7 +197,10 @@ class InertialReading:
     """
 
     specific_force: Any = quantity(
-        "m/s^2", "Specific force: acceleration minus gravity; at rest it points up.", frame="B", shape=(3,)
+        "m/s^2",
+        "Specific force: acceleration minus gravity. At rest the specific force points up.",
+        frame="B",
+        shape=(3,),
     )
     angular_rate: Any = quantity("rad/s", "Angular velocity measured by the gyros.", frame="B", shape=(3,))
     accelerometer_saturated: Scalar = quantity("1", "True if an accelerometer is at its limit.", kind="flag")
@@ -208,7 +211,7 @@ class InertialReading:
 class ImuState:
     """State of an inertial measurement unit: the states of its two triads. Source: this module."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     accelerometer: TriadState = part("State of the accelerometers.")
     gyro: TriadState = part("State of the gyros.")
 
@@ -256,9 +259,10 @@ class Imu:
         """Return the inertial unit of the hovercraft of [1]. settings: fields to change, as name=value.
 
         Printed in [1]: ranges of ±1.7 g (ADXL103) and ±300 deg/s, and the sampling period. Manufacturer's figures, as
-        transcribed in public code: noise 0.4 m/s/√h and 3.5 deg/√h, biases 10 mg and 0.7 deg/s, 16-bit words of 8.5 g
-        and 10 rad/s full scale. Reconstructed (docs Errata): bias walks that give an Allan deviation at 15 s of 0.2 mg
-        and 0.02 deg/s; bandwidth of 30 Hz, from the gyros' measured gains; scale factors 0.2 %, misalignments 0.2 deg.
+        transcribed in public code: noise 0.4 m/s/√h and 3.5 deg/√h, biases 10 mg and 0.7 deg/s, 16-bit outputs with
+        full scales of 8.5 g and 10 rad/s. Reconstructed (docs Errata): bias walks that give an Allan deviation at 15 s
+        of 0.2 mg and 0.02 deg/s; bandwidth of 30 Hz, from the gyros' measured gains; scale factors 0.2 %, misalignments
+        0.2 deg.
         """
         g = STANDARD
         accelerometer = AccelerometerErrors(
@@ -292,7 +296,7 @@ class Imu:
                     f"a bandwidth of {errors.bandwidth:g} Hz is too high "
                     f"for a sampling period of {format_time(self.period)}"
                 )
-                fix = f"{argument('settings', 'VALUE', f'{name}.bandwidth')} below {half:g} Hz, or 0"
+                fix = f"{argument('settings', 'VALUE', f'{name}.bandwidth')} with VALUE below {half:g} Hz, or 0"
                 raise InputError(f"{name}.bandwidth", problem, fix=fix)
             tick = optional_member(errors.response, "sampling") or self.period
             if tick != self.period:

@@ -29,7 +29,7 @@ class LateState:
 class LateSensorState:
     """State of a noisy sensor with latency. Source: this module."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     late: LateState = part("Measurement in transit, and last measurement that arrived.")
 
 
@@ -59,20 +59,22 @@ class LateFix:
         """Raise InputError if the latency is longer than the interval, or the offset is not less than the interval."""
         if self.latency > to_seconds(self.interval):
             problem = f"the latency of {self.latency:g} s is longer than the interval, {format_time(self.interval)}"
-            raise InputError("latency", problem, fix=f"give at most {to_seconds(self.interval):g} s")
+            raise InputError("latency", problem, fix=f"give a latency of at most {to_seconds(self.interval):g} s")
         if self.offset >= self.interval:
-            problem = f"{format_time(self.offset)} must be less than the interval, {format_time(self.interval)}"
+            problem = (
+                f"the offset of {format_time(self.offset)} must be less than the interval, {format_time(self.interval)}"
+            )
             raise InputError("offset", problem, fix="give an offset below the interval")
 
     def check_period(self, sensor_period: int) -> None:
         """Raise InputError if a sensor with this period (100 ns) would miss measurements."""
         if self.interval % sensor_period or self.offset % sensor_period:
             times = f"interval {format_time(self.interval)} and offset {format_time(self.offset)}"
-            problem = f"{format_time(sensor_period)} does not divide both {times}"
+            problem = f"the sensor's period of {format_time(sensor_period)} does not divide both {times}"
             raise InputError("period", f"{problem}: measurements would be missed", fix="set period to '1 ms'")
 
     def measurement_number(self, t: Any) -> Any:
-        """Return the number of the last measurement at time t (unit: 100 ns).
+        """Return the number of the last measurement made up to time t (unit: 100 ns).
 
         The number selects the measurement's random draws.
         """

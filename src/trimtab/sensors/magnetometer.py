@@ -168,14 +168,14 @@ class Magnetometer:
         """Return the magnetometer of the hovercraft of [1]. settings: fields to change, as name=value.
 
         The noise reproduces the heading variance of [1], 1.6e-4 rad², in the default field. Its standard deviation is
-        0.0126 rad times the horizontal field. The 16-bit words of 2 gauss full scale are taken from public code for the
-        unit.
+        0.0126 rad times the horizontal field. The 16-bit output with a full scale of 2 gauss is taken from public code
+        for the vehicle's inertial unit.
         """
         noise = math.sqrt(1.6e-4) * math.hypot(*COLLEGE_PARK[:2])
         return cls(**{"noise": noise, "resolution": 2 * GAUSS / 32768, "range": 2 * GAUSS, **settings})
 
     def init(self, key: Key) -> Key:
-        """Return the initial state: the random key of the noise."""
+        """Return the initial state: the key of the random number generator."""
         return key
 
     def measure(self, motion: Motion) -> FieldReading:

@@ -18,7 +18,9 @@ class MultirotorStateSensor:
 
         z = (p + n, v + n, q exp(n), w + n, w_i + n)
 
-    The attitude noise is a small rotation about a random axis, so the measured quaternion has unit length.
+    p, v, q, w and w_i are position, velocity, attitude, angular rate and rotor speeds. n is white noise, drawn
+    separately for each value. The attitude noise is a small rotation about a random axis, so the measured quaternion
+    has unit length.
 
     Frames:  those of the state.    Not modelled: biases, filter lags, cameras that lose sight of the vehicle.
     Source:  docs page, Multirotor state. The sizes of the errors are our own choice, typical of a motion capture
@@ -45,7 +47,7 @@ class MultirotorStateSensor:
     FEELS: ClassVar[str] = "state"
 
     def init(self, key: Key) -> Key:
-        """Return the initial state: the random key of the noise."""
+        """Return the initial state: the key of the random number generator."""
         return key
 
     def measure(self, x: MultirotorState) -> MultirotorState:

@@ -55,7 +55,8 @@ READINGS: dict[str, tuple[float, float, float]] = {
     "B": (math.sqrt(2.5) * CM, 1.0 * DEG, math.sqrt(0.5) * DEG),
     "C": (math.sqrt(0.025), math.sqrt(0.01745), math.sqrt(0.00873)),
 }
-"""Standard deviations of accelerometer bias (m/s^2), gyro bias and gyro noise (rad/s), by interpretation of [1]."""
+"""Standard deviations of accelerometer bias (m/s^2), gyro bias and gyro noise (rad/s), for each interpretation of the
+units printed in [1]."""
 
 
 @record
@@ -64,8 +65,9 @@ class NavigationErrors:
 
         tau = t mod redraw;   du = bX tau,  dv = bY tau,  dr = bg + w,  dpsi = bg tau
 
-    The biases bX, bY, bg are drawn again every `redraw`, when the integrals restart from zero. The noise w is drawn for
-    every sample. All draws are zero-mean, normal and independent, and depend only on the time and the random key.
+    du, dv, dr and dpsi are the errors of surge velocity, sway velocity, yaw rate and heading. The biases bX, bY, bg are
+    drawn again every `redraw`, when the integrals restart from zero. The noise w is drawn for every sample. All draws
+    are zero-mean, normal and independent, and depend only on the time and the random key.
 
     Frames:  velocity errors are added in B.    Not modelled: position, and the navigation filter that causes these
              errors.
@@ -120,7 +122,7 @@ class NavigationErrors:
         return cls(accelerometer_bias=accelerometer_bias, gyro_bias=gyro_bias, gyro_noise=gyro_noise, **settings)
 
     def init(self, key: Key) -> Key:
-        """Return the initial state: the key of the random draws."""
+        """Return the initial state: the key of the random number generator."""
         return key
 
     def measure(self, motion: Motion) -> PlanarState:

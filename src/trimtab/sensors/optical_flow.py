@@ -40,15 +40,17 @@ class FlowReading:
 class FlowState:
     """State of an optical flow sensor: random key and gyro zero error. Source: docs page, Optical flow."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     gyro_offset: Any = quantity("rad/s", "Zero error of the gyro: roll and pitch rate.", frame="B", shape=(2,))
 
 
 @record
 class OpticalFlow:
-    """Camera with a gyro and a ranger. It looks along the body's z axis at level ground.
+    """Camera with a gyro and a ranger. The camera looks along the body's z axis at level ground.
 
         flow = ( -u/d - q,  -v/d + p )        u = -d (flow_x + q_gyro),  v = -d (flow_y - p_gyro)
+
+    d is the distance to the ground, (u, v) the velocity, and (p, q) the roll and pitch rate.
 
     Frames:  B; the ground is the plane at `ground` in W.
     Valid:   level ground, tilt below 84°. Not modelled: texture, light, vibration, exposure time, lever arm.

@@ -15,7 +15,9 @@ class PlanarPoseState:
     surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B")
     sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B")
     yaw_rate: Scalar = quantity("rad/s", "Rate of turn, clockwise from above.", frame="B")
-    heading: Scalar = quantity("rad", "Angle from north to the body's x axis, clockwise; unwrapped.", kind="angle")
+    heading: Scalar = quantity(
+        "rad", "Angle from north to the body's x axis, clockwise, not wrapped to one turn.", kind="angle"
+    )
     north: Scalar = quantity("m", "Position along the world's x axis.", frame="W")
     east: Scalar = quantity("m", "Position along the world's y axis.", frame="W")
 
@@ -78,7 +80,7 @@ class NoisyPlanarPose:
     period: int = period("Time between samples.", default=ms(5))
 
     def init(self, key: Key) -> Key:
-        """Return the initial state: the random key of the noise."""
+        """Return the initial state: the key of the random number generator."""
         return key
 
     def measure(self, motion: Motion) -> PlanarPoseState:

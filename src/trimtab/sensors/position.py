@@ -31,7 +31,8 @@ class PositionSensor:
 
         z = (p + R_WB l)_north,east + w
 
-    It represents the position fixes of an ultrasonic network, without modelling its ranges.
+    p is the vehicle's position, l the lever arm and w white noise. The sensor represents the position fixes of an
+    ultrasonic network. The ranges to the beacons are not modelled.
 
     Frames:  lever arm in B, position in W.    Not modelled: errors correlated in time or in space.
     Source:  [1] section 6.2.1. The latency is reconstructed, see docs Errata.
@@ -80,7 +81,7 @@ class EncoderPosition:
 
         z = R (cos al, sin al)
 
-    Frames:  W, origin on the shaft; al is the encoder's reading, the direction of the arm.
+    Frames:  W, origin on the shaft; R is the length of the arm, al the encoder's reading: the direction of the arm.
     Not modelled: a tilted shaft, which shifts the position by up to R (1 - cos(tilt)).
     Source:  [1] section 6.2.1.
     """

@@ -21,7 +21,9 @@ ARC_SECOND = DEG / 3600
 class AttitudeReading:
     """Sample of a measured attitude. Source: docs page, Sensors for three dimensions."""
 
-    attitude: Any = quantity("1", "Quaternion q_WB, scalar first; either sign.", frame="WB", shape=(4,))
+    attitude: Any = quantity(
+        "1", "Measured quaternion q_WB, scalar first. The sign of the quaternion is arbitrary.", frame="WB", shape=(4,)
+    )
     tracking: Scalar = quantity(
         "1", "True if stars were recognised. If False, the attitude is the last one measured.", kind="flag"
     )
@@ -31,7 +33,7 @@ class AttitudeReading:
 class StarTrackerState:
     """State of a star tracker. Source: docs page, Sensors for three dimensions."""
 
-    key: Key = part("Key of the random noise.")
+    key: Key = part("Key of the random number generator for the noise.")
     alignment: Any = quantity(
         "rad", "Mounting error of the star tracker in this run, in its camera frame S.", kind="angle", shape=(3,)
     )
@@ -45,8 +47,8 @@ class StarTracker:
 
         q_WS = q_WB q_BS retract(misalignment) retract(w),  w ~ (cross, cross, roll);     q_WB = q_WS conj(q_BS)
 
-    Stars are not recognised while the body turns faster than `rate_limit`, or the sun is within `exclusion` of the
-    boresight.
+    retract(w) is the rotation by the small vector w. Stars are not recognised while the body turns faster than
+    `rate_limit`, or the sun is within `exclusion` of the boresight.
 
     Frames:  W, B and the camera frame S, whose z axis is the boresight. `mounting`: roll, pitch, yaw of S in B.
     Not modelled: rotation of W relative to the stars, distortion, radiation, aberration, exposure time.

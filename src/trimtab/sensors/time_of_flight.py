@@ -18,7 +18,7 @@ from trimtab.core.signals import Motion
 from trimtab.environment.acoustics import CONE, Air, off_axis_angle, range_ratio, speed_of_sound
 
 SURVEY, CRYSTAL, NOISE, STRAY, ECHO = 110, 113, 120, 121, 122
-"""Numbers of the random streams: survey errors, timer errors, noise, stray ranges, echoes."""
+"""Identifiers of the random streams for survey errors, timer errors, noise, stray ranges and echoes."""
 CEILING = 2.7048
 """Height (m) of the beacons above the vehicle's ultrasonic units in the calibration of [1] (table 5.2)."""
 CEILING_SQUARE = np.array([[1.5, 1.5, -CEILING], [1.5, -1.5, -CEILING], [-1.5, -1.5, -CEILING], [-1.5, 1.5, -CEILING]])
@@ -70,13 +70,15 @@ class Beacons:
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
             raise InputError(
                 "Beacons.map",
-                f"has shape {shape}, must be (n, 3)",
+                f"the map has shape {shape}, but must have shape (n, 3)",
                 fix="give one row (north, east, down) for each beacon",
             )
         for name, value, per_beacon in (("moved", self.moved, shape), ("dead", self.dead, shape[:1])):
             if np.shape(value) not in ((), per_beacon):
-                problem = f"has shape {np.shape(value)}, which does not match the map of {shape[0]} beacons"
-                raise InputError(f"Beacons.{name}", problem, fix=f"give one number, or an array of shape {per_beacon}")
+                problem = f"the array has shape {np.shape(value)}, which does not match the map of {shape[0]} beacons"
+                raise InputError(
+                    f"Beacons.{name}", problem, fix=f"give one value for all beacons, or an array of shape {per_beacon}"
+                )
 
 
 @record
@@ -89,7 +91,7 @@ class RangeErrors:
 
     noise: Scalar = imperfection("m", "Standard deviation of the noise of each range.", "range-noise", default=0.004)
     stray_probability: Scalar = imperfection(
-        "1", "Probability of a stray range, unrelated to the distance.", "stray-ranges", high=1
+        "1", "Probability of a stray range, which is unrelated to the true distance.", "stray-ranges", high=1
     )
     stray_size: Scalar = quantity("m", "Largest magnitude of the error of a stray range.", default=3.0, low=0)
     echo_probability: Scalar = imperfection(
@@ -104,7 +106,7 @@ class Medium:
 
     actual: Air = part("Actual air through which the sound travels.", default=Air())
     assumed: Air = part(
-        "Air assumed by the receiver for its speed of sound.",
+        "Air for which the receiver computes the speed of sound.",
         default=Air(),
         off={"sound-speed": lambda medium: medium.actual},
     )
@@ -123,15 +125,15 @@ def unit_velocity(motion: Motion, lever: Any) -> Any:
 
 
 def distances(positions: Any, unit: Any) -> tuple[Any, Any]:
-    """Return distances (n,) (m) from beacons (n, 3) to an ultrasonic unit (3,), and its angles (n,) (rad) off the axes
-    of the beacons."""
+    """Return the distance (n,) (m) from each beacon (n, 3) to an ultrasonic unit (3,), and the angle (n,) (rad) between
+    the beacon's axis and the direction to the unit."""
     line = unit - positions
     distance = jnp.sqrt(jnp.sum(line * line, axis=1))
     return distance, off_axis_angle(line[:, 2], distance)
 
 
 def measured_range(positions: Any, unit: Any, cone_error: bool = True) -> Any:
-    """Return noise-free ranges (n,), too long off a beacon's axis (cone error). Source: [1] section 5.5.4.
+    """Return noise-free ranges (n,) with the cone error: off a beacon's axis, ranges are too long. Source: [1] 5.5.4.
 
     Args:     positions: positions of the beacons (n, 3).    unit: position of the ultrasonic unit (3,), or one position
               for each beacon (n, 3).    cone_error: False for exact ranges.
@@ -150,7 +152,8 @@ def audible_beacons(beacons: Beacons, positions: Any, unit: Any) -> Any:
 
 
 def actual_positions(beacons: Beacons, key: Key, t: Any) -> Any:
-    """Return the true positions of the beacons (n, 3) at integer time t: map, survey error, displacement by a fault."""
+    """Return the true positions of the beacons (n, 3) at integer time t: map, plus survey errors and displacements by a
+    fault."""
 
     def draw_survey_error(i: Any) -> Any:
         north, east = normal2(key, i, SURVEY)
@@ -168,7 +171,7 @@ def responding_beacons(beacons: Beacons, positions: Any, unit: Any, t: Any) -> A
 
 
 def corrupt_ranges(ranges: Any, key: Key, number: Any, errors: RangeErrors, medium: Medium, crystal: Any) -> Any:
-    """Return measured ranges (n,) with the errors of speed of sound, timers, noise, strays and echoes.
+    """Return measured ranges (n,) with errors by the speed of sound, timers, noise, stray ranges and echoes.
 
     Args:     ranges: error-free ranges (n,) (m).    number: number of the ping, an integer.
               crystal: standard deviation of the timers' relative errors.

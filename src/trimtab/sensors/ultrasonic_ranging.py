@@ -41,7 +41,7 @@ from trimtab.sensors.time_of_flight import (
 )
 
 SYNC, TICK, DRIFT = 130, 131, 132
-"""Numbers of the random streams of an ultrasonic unit's clock: error after setting, tick, drift."""
+"""Identifiers of the random streams of an ultrasonic unit's clock, for its error after setting, tick and drift."""
 
 
 @record
@@ -68,13 +68,13 @@ class UnitClock:
         "1", "Standard deviation of the crystal's relative error.", "clock-error", default=20e-6
     )
     tick: Scalar = imperfection(
-        "s", "Period of the crystal; slots begin on its ticks.", "clock-error", default=1 / 32768
+        "s", "Period of the clock's crystal. Slots begin on ticks of the crystal.", "clock-error", default=1 / 32768
     )
     sync: int = period("Time between two settings of the clock.", default=seconds(1))
 
     def error(self, key: Key, t: Any, unit: Any) -> Any:
-        """Return the delay (s) from the nominal start of a slot, at integer time t, to its start by an ultrasonic
-        unit's clock."""
+        """Return the delay (s) from the nominal start of a slot, at integer time t, to the slot's start by an
+        ultrasonic unit's clock."""
         drift, _ = normal2(key, unit, DRIFT)
         residual, _ = normal2(key, t // self.sync * 16 + unit, SYNC)
         tick, _ = uniform2(key, t // self.sync * 16 + unit, TICK)
@@ -85,7 +85,7 @@ class UnitClock:
 class RangingState:
     """State of the ranging: the ping in transit, and the last ping whose replies are complete. Source: this module."""
 
-    key: Key = part("Key of the random draws.")
+    key: Key = part("Key of the random number generator.")
     coming: Ranges = part("Replies to the ping in transit.")
     pinged: Scalar = quantity("100 ns", "Time at which the ping in transit was sent.", kind="time")
     due: Scalar = quantity("100 ns", "Time at which the last reply to the ping in transit arrives.", kind="time")
@@ -101,8 +101,8 @@ class UltrasonicRanging:
         k = t div slot;   client of slot k = k mod clients: the unit with this index, or a client on another vehicle
         range = distance / ratio(beta) * c_assumed / c + errors;   a reply waits until the channel is free
 
-    The sample of a ping has the time of the ping. It is available when the last reply has arrived, or at the end of the
-    slot if no reply arrives. Random draws depend only on the key and the slot.
+    The sample of a ping has the time of the ping. The sample is available when the last reply has arrived, or at the
+    end of the slot if no reply arrives. Random draws depend only on the key and the slot.
 
     Frames:  beacons in W, units in B.    Not modelled: Doppler shift; the vehicle's motion during the sound's flight;
              interference of a ping with the echoes of the previous ping.
@@ -125,8 +125,8 @@ class UltrasonicRanging:
         "Number of ultrasonic units that take turns. Those beyond this vehicle's units are on other vehicles.",
         default=1,
     )
-    cone_error: bool = switch("Model the cone error: a range measured off a beacon's axis is too long.", "cone-error")
-    collisions: bool = switch("Allow replies to be lost in collisions.", "collisions")
+    cone_error: bool = switch("True: ranges measured off a beacon's axis are too long (cone error).", "cone-error")
+    collisions: bool = switch("True: replies can be lost in collisions.", "collisions")
     slot: int = period("Length of the slot of one client.", default=ms(100))
     period: int = period("Time between checks for replies.", default=ms(1))
 
@@ -138,7 +138,7 @@ class UltrasonicRanging:
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
             raise InputError(
                 "UltrasonicRanging.units",
-                f"has shape {shape}, must be (m, 3)",
+                f"the array of positions has shape {shape}, but must have shape (m, 3)",
                 fix="give one row (x, y, z) for each ultrasonic unit",
             )
         if not shape[0] <= self.clients <= 10:
@@ -147,7 +147,9 @@ class UltrasonicRanging:
                 "UltrasonicRanging.clients", problem, fix=f"set clients to at least {shape[0]}, at most 10"
             )
         if self.slot % self.period:
-            problem = f"{format_time(self.slot)} must be a multiple of the period, {format_time(self.period)}"
+            problem = (
+                f"the slot of {format_time(self.slot)} must be a multiple of the period, {format_time(self.period)}"
+            )
             raise InputError("UltrasonicRanging.slot", problem, fix="set period to a divisor of slot, e.g. 1 ms")
 
     def init(self, key: Key) -> RangingState:
@@ -175,7 +177,7 @@ class UltrasonicRanging:
         return Ranges(range=jnp.where(arrived, exact, 0.0), arrived=arrived, unit=unit)
 
     def ping(self, t: Any, key: Key, motion: Motion) -> tuple[Ranges, Any]:
-        """Return the replies to a ping in the slot of time t (unit: 100 ns), and the delay (s) of the last one."""
+        """Return the replies to a ping in the slot of time t (unit: 100 ns), and the delay (s) of the last reply."""
         _, unit = self.pinging_unit(t)
         number = t // self.slot
         lever = jnp.asarray(self.units)[unit]

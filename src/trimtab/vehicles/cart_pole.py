@@ -19,7 +19,7 @@ class CartPoleState:
     position: Scalar = quantity("m", "Position of the cart along the rail.", frame="W", default=0.0)
     speed: Scalar = quantity("m/s", "Speed of the cart.", frame="W", default=0.0)
     angle: Scalar = quantity(
-        "rad", "Angle of the pole from upright, positive to the front; counts full turns.", default=0.0
+        "rad", "Angle of the pole from upright, positive to the front, not wrapped to one turn.", default=0.0
     )
     angle_rate: Scalar = quantity("rad/s", "Angular velocity of the pole.", default=0.0)
 
@@ -37,6 +37,8 @@ class CartPole:
 
         J q'' = m l (g sin q - a cos q)        J = 4/3 m l^2
         F = (M + m) a + m l (q'' cos q - q'^2 sin q)
+
+    q is the angle of the pole from upright, a the acceleration of the cart, F the force on the cart and g gravity.
 
     Frames:  the rail points north in W; B is fixed to the pole, with z from the top to the hinge. B has the axes of W
              when the pole is upright.
@@ -75,7 +77,7 @@ class CartPole:
         return CartPoleState(x.speed, a, x.angle_rate, self.angle_acceleration(x, a))
 
     def motion(self, t: Any, x: CartPoleState, u: CartForce) -> Motion:
-        """Return the motion of the pole at its hinge, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the pole at its hinge at time t (unit: 100 ns), for sensors."""
         rate, zero = self.dynamics(t, x, u), 0.0 * x.angle
         cosine, sine = jnp.cos(x.angle), jnp.sin(x.angle)
 

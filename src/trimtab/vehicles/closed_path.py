@@ -13,7 +13,8 @@ from trimtab.environment.geodetic import STANDARD
 from trimtab.vehicles.rotating_platform import PlatformDrive
 
 MIDDLE = -jnp.pi / 2
-"""Yaw (rad) about which the yaw angle is unwrapped: the middle of its range, which is below a full turn."""
+"""Yaw (rad) about which the yaw angle is unwrapped. It is the middle of the path's range of yaw, which is less than a
+full turn."""
 
 
 @record
@@ -53,7 +54,10 @@ class ClosedPath:
     climb: Scalar = quantity("m", "Half of the path's extent in height.", default=8.0, low=0)
     height: Scalar = quantity("m", "Height of the centre of the path.", default=50.0)
     coordinated: Scalar = quantity(
-        "rad/s", "Rate of the path angle for which the bank angle gives a coordinated turn.", default=0.3, low=0
+        "rad/s",
+        "Rate of the path angle at which the body flies coordinated turns, i.e. without sideslip.",
+        default=0.3,
+        low=0,
     )
     time_constant: Scalar = quantity(
         "s", "Time constant of the lag from the commanded rate to the actual rate.", default=0.5, above=0
@@ -110,7 +114,7 @@ class ClosedPath:
         )
 
     def motion(self, t: Any, x: ClosedPathState, u: PlatformDrive) -> Motion:
-        """Return the motion of the body, for sensors, from angle, rate and command; t: time (unit: 100 ns)."""
+        """Return the motion of the body at time t (unit: 100 ns), for sensors, from angle, rate and command."""
         acceleration = (u.rate - x.rate) / self.time_constant
         R_WB, along = self.rotation(x.angle), self.tangent(x.angle)
         turn, change = jax.jvp(self.turn, (x.angle,), (jnp.ones_like(x.angle),))

@@ -18,7 +18,9 @@ class DubinsCarState:
 
     north: Scalar = quantity("m", "Position along the world's x axis.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Position along the world's y axis.", frame="W", default=0.0)
-    heading: Scalar = quantity("rad", "Heading from north, clockwise; counts full turns.", kind="angle", default=0.0)
+    heading: Scalar = quantity(
+        "rad", "Heading from north, clockwise, not wrapped to one turn.", kind="angle", default=0.0
+    )
 
 
 @record
@@ -33,6 +35,8 @@ class DubinsCar:
     """Point that moves at constant speed in the direction of its heading.
 
         north' = V cos psi     east' = V sin psi     psi' = r,   |r| <= V/R
+
+    psi is the heading and r the commanded turn rate.
 
     Frames:  W north, east; B forward, right, down.
     Valid:   any turn rate; rates beyond V/R are limited to V/R. Not modelled: slip, steering lag, reverse driving, with
@@ -58,7 +62,7 @@ class DubinsCar:
         )
 
     def motion(self, t: Any, x: DubinsCarState, u: CarTurn) -> Motion:
-        """Return the motion of the car, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the car at time t (unit: 100 ns), for sensors."""
         rate, zero = self.limit(u.turn_rate), 0.0 * x.heading
         nothing = jnp.stack([zero, zero, zero])
         return Motion(

@@ -20,7 +20,7 @@ INERTIA = SLUG * FOOT**2
 EVERY_BETA = np.concatenate([-tables.SIZE_OF_BETA[:0:-1], tables.SIZE_OF_BETA])
 _OVER_ELEVATOR = np.stack([tables.CX, tables.CM], axis=-1)
 _OVER_EVERY_BETA = np.stack([np.concatenate([-t[:0:-1], t]) for t in (tables.CL, tables.CN)], axis=-1)
-"""Roll and yaw coefficients over signed sideslip, so that they have a slope at zero sideslip."""
+"""Roll and yaw coefficients over signed sideslip. With the sign, the coefficients have a slope at zero sideslip."""
 _OVER_BETA = np.stack([tables.CL_AILERON, tables.CL_RUDDER, tables.CN_AILERON, tables.CN_RUDDER], axis=-1)
 _OVER_ALPHA = np.stack([tables.CZ, *tables.DAMPING.values()], axis=-1)
 _THRUST = np.stack([tables.IDLE, tables.MILITARY, tables.MAXIMUM], axis=-1) * POUND_FORCE
@@ -75,15 +75,15 @@ class F16:
         return replace(self, body=self.body.in_gust(gust))
 
     def flight(self, t: Any, x: RigidBodyState) -> FlightCondition:
-        """Return the flight state: latitude, longitude, height, velocity, angles and airflow; t: seconds."""
+        """Return the flight state at time t (s): latitude, longitude, height, velocity, angles and airflow."""
         return self.body.flight(t, x)
 
     def dynamics(self, t: Any, x: RigidBodyState, u: F16Controls) -> RigidBodyState:
-        """Return the time derivative of the state x; t: seconds."""
+        """Return the time derivative of the state x at time t (s)."""
         return self.body.dynamics(t, x, self.wrench(self.flight(t, x), u))
 
     def motion(self, t: Any, x: RigidBodyState, u: F16Controls) -> Motion:
-        """Return the motion of the centre of mass, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the centre of mass at time t (unit: 100 ns), for sensors."""
         return self.body.motion(t, x, self.wrench(self.flight(t * 1e-7, x), u))
 
     def wrench(self, flight: FlightCondition, u: F16Controls) -> Wrench:

@@ -165,7 +165,7 @@ class F16FlatEarth:
         )
 
     def motion(self, t: Any, x: F16State, u: F16Controls) -> Motion:
-        """Return the motion of the centre of mass, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the centre of mass at time t (unit: 100 ns), for sensors."""
         f = self.loads(x, u)
         return Motion(
             t=t,
@@ -195,7 +195,7 @@ def engine_command(throttle: Any) -> Any:
 
 
 def power_rate(power: Any, wanted: Any) -> Any:
-    """Return the rate of change of the engine power (1/s): slower for larger changes, with ignition of the afterburner.
+    """Return the rate of change of the engine power (1/s), which depends on the size of the change and the afterburner.
 
     Source: [1] appendix A, PDOT and RTAU.
     """

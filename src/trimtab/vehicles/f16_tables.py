@@ -155,4 +155,5 @@ DAMPING = {
     "Cnr": np.array([-0.38, -0.363, -0.378, -0.386, -0.37, -0.453, -0.55, -0.582, -0.595, -0.637, -1.02, -0.84]),
     "Cnp": np.array([0.061, 0.052, 0.052, -0.012, -0.013, -0.024, 0.05, 0.15, 0.13, 0.158, 0.24, 0.15]),
 }
-"""Damping derivatives over angle of attack, named by coefficient and rate, per rad of p b/2V, q c/2V or r b/2V."""
+"""Damping derivatives over angle of attack, per rad of the normalised rate p b/2V, q c/2V or r b/2V. A name consists of
+the coefficient and the rate."""

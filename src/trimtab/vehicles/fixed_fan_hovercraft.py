@@ -29,8 +29,9 @@ class FixedFanHovercraft:
         u' =  v r + (FX - (d1 + d2 |u|) u)/m       v' = -u r + (FY - (e1 + e2 |v|) v)/m
         r' = (N - (f1 + f2 |r|) r)/J               pose as in `hovercraft.Hovercraft`
 
-    The default has two fans side by side that push forward. Their difference turns the craft, and no fan pushes it
-    sideways.
+    T_i is the thrust of fan i, g_i the direction of this thrust, and (x_i, y_i) the position of the fan. u, v and r are
+    surge velocity, sway velocity and yaw rate. The default has two fans side by side that push forward. A difference of
+    the two thrusts turns the craft, and no fan pushes the craft sideways.
 
     Frames:  W north-east-down, B at the centre of mass, x forward, y starboard; g clockwise from the x axis.
     Valid:   level floor.    Not modelled: lag and inflow of the fans, dry friction, coupled damping.
@@ -77,7 +78,9 @@ class FixedFanHovercraft:
         shapes = {"fan_place": (n, 2), "thrust_linear": (n,), "thrust_quadratic": (n,)}
         for name, shape in shapes.items():
             if np.shape(getattr(self, name)) != shape:
-                problem = f"has shape {np.shape(getattr(self, name))}, but {n} directions need {shape}"
+                problem = (
+                    f"the array has shape {np.shape(getattr(self, name))}, but {n} fan directions need shape {shape}"
+                )
                 raise InputError(
                     name, problem, fix="give each fan a position, a direction and both coefficients of its thrust curve"
                 )
@@ -105,5 +108,5 @@ class FixedFanHovercraft:
         return planar_rates(x, *self.accelerations(x, u))
 
     def motion(self, t: Any, x: HovercraftState, u: FanThrottles) -> Motion:
-        """Return the motion of the vehicle, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the vehicle at time t (unit: 100 ns), for sensors."""
         return planar_motion(t, x, *self.accelerations(x, u))

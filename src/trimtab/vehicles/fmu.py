@@ -157,12 +157,14 @@ def load(
 
 
 def first_state(vehicle: FmuVehicle) -> Any:
-    """Return the record of the FMU's outputs, with the start values in its description, or zero if it has none."""
+    """Return the record of the FMU's outputs, with the start values in the FMU's description, or zero where a start
+    value is missing."""
     return _signal_record("FmuState", read_interface(vehicle.file).outputs)
 
 
 def neutral_input(vehicle: FmuVehicle) -> Any:
-    """Return the record of the FMU's inputs, with the start values in its description, or zero if it has none."""
+    """Return the record of the FMU's inputs, with the start values in the FMU's description, or zero where a start
+    value is missing."""
     return _signal_record("FmuInput", read_interface(vehicle.file).inputs)
 
 
@@ -199,7 +201,9 @@ def _read_description(file: str) -> Any:
     try:
         return fmpy.read_model_description(file, validate=False)
     except Exception as error:
-        problem = f"it can't be read as an FMU: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
+        problem = (
+            f"the file can't be read as an FMU: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
+        )
         raise InputError(f"FMU {file!r}", problem, fix="give the path of an .fmu file for FMI 2.0 or 3.0") from None
 
 
@@ -236,7 +240,7 @@ def _signal_record(name: str, signals: tuple[FmuSignal, ...]) -> Any:
 
 @functools.lru_cache(maxsize=32)
 def _signal_class(name: str, signals: tuple[FmuSignal, ...]) -> Any:
-    """Return a record with a quantity for each signal."""
+    """Return a record class with one quantity for each signal."""
     fields = {s.field: quantity(s.unit, s.doc, kind=KINDS[s.type], shape=s.shape) for s in signals}
     if len(fields) < len(signals):
         twice = [s.name for s in signals if [o.field for o in signals].count(s.field) > 1]
@@ -252,7 +256,7 @@ def _find_signal(known: Mapping[str, FmuSignal], name: str, part: str, kind: str
     if name not in known:
         near = closest(name, known, 6) or list(known)[:6]
         fix = f"name {near[0]!r}" if near else "leave it out"
-        raise InputError(part, f"it has no {kind} {name!r}", choices=near, fix=fix)
+        raise InputError(part, f"the FMU has no {kind} {name!r}", choices=near, fix=fix)
     return known[name]
 
 
@@ -299,7 +303,7 @@ class FmuInstance:
             self._fmu.exitInitializationMode()
         except Exception as error:
             shutil.rmtree(self._folder, ignore_errors=True)
-            raise InputError(f"FMU {self.file!r}", f"it does not start: {error}", fix=_PLATFORM_FIX) from None
+            raise InputError(f"FMU {self.file!r}", f"the FMU does not start: {error}", fix=_PLATFORM_FIX) from None
         self._inputs, self._outputs = interface.inputs, interface.outputs
         self.t = 0
         """Simulated time of the FMU (100 ns)."""
@@ -327,12 +331,14 @@ class FmuInstance:
             if self._is_old and self._fmu.getBooleanStatus(TERMINATED):
                 self.t += h
                 return True
-            problem = f"it refused a step of {length:g} s at {t:g} s: {error}"
-            fix = f"try another {argument('settings', '…', 'world.max_step')}; the FMU may require a certain step"
+            problem = f"the FMU refused a step of {length:g} s at {t:g} s: {error}"
+            fix = (
+                f"try another {argument('settings', '…', 'world.max_step')}; the FMU may accept only certain step sizes"
+            )
             raise InputError(f"FMU {self.file!r}", problem, fix=fix) from None
         _, is_over, is_early, reached = answer or (False, False, False, 0.0)
         if is_early and not is_over:
-            problem = f"it stopped within a step, at {reached:g} s, which is not allowed"
+            problem = f"the FMU stopped at {reached:g} s, within a step, which is not allowed"
             raise InputError(f"FMU {self.file!r}", problem, fix="report this to the maker of the FMU")
         self.t += h
         return bool(is_over)

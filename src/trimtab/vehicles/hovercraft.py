@@ -22,7 +22,9 @@ class HovercraftState:
     yaw_rate: Scalar = quantity("rad/s", "Rate of turn, clockwise from above.", frame="B", default=0.0)
     north: Scalar = quantity("m", "Position along the world's x axis.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Position along the world's y axis.", frame="W", default=0.0)
-    heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle", default=0.0)
+    heading: Scalar = quantity(
+        "rad", "Angle from north to the body's x axis, clockwise, not wrapped to one turn.", kind="angle", default=0.0
+    )
 
 
 def planar_rates(x: HovercraftState, ax: Any, ay: Any, turn: Any) -> HovercraftState:
@@ -42,7 +44,7 @@ def planar_rates(x: HovercraftState, ax: Any, ay: Any, turn: Any) -> HovercraftS
 
 
 def planar_motion(t: Any, x: HovercraftState, ax: Any, ay: Any, turn: Any) -> Motion:
-    """Return the motion of a vehicle on a level floor from its accelerations; t: time (unit: 100 ns)."""
+    """Return the motion of a vehicle on a level floor at time t (unit: 100 ns), from the vehicle's accelerations."""
     o = jnp.zeros_like(ax)
     stack = jnp.stack
     return Motion(
@@ -104,6 +106,8 @@ class Hovercraft:
         u' =  v r + FX/m      v' = -u r + FY/m      r' = -d FY/J          [1, eq. 2.10, divided by m and J]
         north' = u cos psi - v sin psi    east' = u sin psi + v cos psi    psi' = r     [1, eq. 2.11]
 
+    u, v and r are surge velocity, sway velocity and yaw rate, psi is the heading.
+
     Frames:  W north-east-down, B at the centre of mass, x forward, y starboard; the force acts at (-d, 0) in B.
     Valid:   level floor.    Not modelled: skirt contact, slope, the fan's gyroscopic moment.
     Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
@@ -134,7 +138,7 @@ class Hovercraft:
         return FX / self.mass, FY / self.mass, torque / self.inertia
 
     def motion(self, t: Any, x: HovercraftState, u: PlanarForce) -> Motion:
-        """Return the motion of the vehicle, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the vehicle at time t (unit: 100 ns), for sensors."""
         return planar_motion(t, x, *self.accelerations(x, u))
 
     @property

@@ -1,4 +1,5 @@
-"""Air-breathing hypersonic vehicle in the vertical plane with two bending modes; in slug, foot, second as published."""
+"""Air-breathing hypersonic vehicle in the vertical plane with two bending modes. Units are slug, foot and second, as
+published."""
 
 from typing import Any, ClassVar
 
@@ -78,8 +79,9 @@ class Hypersonic:
         alpha' = Q - gamma'        gamma' = (T sin alpha + L)/(m V) - (g/V) cos gamma
         theta' = Q                 Q', eta1'', eta2'': part `modes`, solved together          [1, eqs. 1-3]
 
-    In a gust the forces follow from airspeed and angle of attack relative to the moving air, and lift and drag act
-    along the axes of this flow.
+    h is the altitude, V the speed, gamma the path angle, alpha the angle of attack, theta the pitch angle and Q the
+    pitch rate. T, L and D are thrust, lift and drag. In a gust the forces follow from airspeed and angle of attack
+    relative to the moving air, and lift and drag act along the axes of this flow.
 
     Forces, moment, mass and inertia are per foot of width. With altitude and speed as outputs the vehicle is
     non-minimum phase.
@@ -103,7 +105,7 @@ class Hypersonic:
     forces: RigidForces = part("Models of air density, aerodynamics and propulsion.", default=RigidForces())
     modes: FlexibleModes = part("Bending modes and their coupling.", default=FlexibleModes())
     disturbance: Any = part("External disturbance; None: no disturbance.", default=None)
-    gust: Any = part("Gust added to still air. A world with turbulence sets it. None: no gust.", default=None)
+    gust: Any = part("Gust added to still air. A world with turbulence sets this field. None: no gust.", default=None)
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
     """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
@@ -166,7 +168,7 @@ class Hypersonic:
         return self.modes.solve_accelerations(self.Iyy, M, N1 + back1, N2 + back2)
 
     def motion(self, t: Any, x: HypersonicState, u: HypersonicInput) -> Motion:
-        """Return the motion of the centre of mass, for sensors, in SI units; t: time (unit: 100 ns).
+        """Return the motion of the centre of mass at time t (unit: 100 ns), for sensors, in SI units.
 
         The model has no horizontal position, so north and east stay zero.
         """

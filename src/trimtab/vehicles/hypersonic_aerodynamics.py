@@ -194,8 +194,8 @@ class FlexibleModes:
     - parker: k_i = 1 + psi_i^2/Iyy, that is eta_i'' = r_i - psi_i Q' and Q' = (M + psi_1 r_1 + psi_2 r_2)/J with
       J = Iyy + psi_1^2 + psi_2^2 [2];
     - paper: k_i = 1, eq. 1 to the letter;
-    - author: psi_i/Iyy replaces psi_i in the equations of the modes, as in the printed matrices of [1]. It mixes units
-      and serves only to reproduce these matrices.
+    - author: psi_i/Iyy replaces psi_i in the equations of the modes, as in the printed matrices of [1]. This variant
+      mixes units and serves only to reproduce these matrices.
 
     Source:  [1] eqs. 1-3; [2]. Reconstructed: frequencies, damping, psi_i and most of N_i, see docs page.
     """

@@ -2,10 +2,10 @@
 
 Order of the errors: (h, h', V, alpha, Q, eta1, eta1', eta2, eta2'); virtual inputs (h'', V'); slug, foot, second.
 
-**Do not control a vehicle with these matrices.** Signs are lost, one coefficient is used twice, an inertia is divided
-by once too often, and neither sign of the gain stabilises the vehicle. `emulate_linearisation` repeats the errors and
-reproduces 32 of the 34 numbers in rows 4, 5, 7 and 9 in magnitude. Row 9 of B agrees with none of the variants that
-were tried.
+**Do not control a vehicle with these matrices.** Signs are lost, one coefficient is used twice, one division by an
+inertia is too many, and neither sign of the gain stabilises the vehicle. `emulate_linearisation` repeats the errors and
+reproduces the magnitudes of 32 of the 34 numbers in rows 4, 5, 7 and 9. Row 9 of B agrees with none of the variants
+that were tried.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, parameters of its simulation.
@@ -24,7 +24,8 @@ ORDER = ("h", "h_rate", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_ra
 """Order of the errors in the printed matrices. It differs from the order of the vehicle's state."""
 QUOTED_H, QUOTED_V = 85000.0, 7702.0808
 QUOTED_ALPHA, QUOTED_ELEVATOR = math.radians(1.5153), math.radians(11.4635)
-"""Point of the published linearisation: a trim of the model to which the curves were fitted, but not of the curves."""
+"""Flight condition of the published linearisation. It is a trim of the original model, to which the curves were fitted,
+but not a trim of the fitted curves."""
 A_PRINTED = np.array(
     [
         [0, 1, 0, 0, 0, 0, 0, 0, 0],
@@ -63,7 +64,8 @@ K_PRINTED = np.array(
 
 
 class EmulatedLinearisation(NamedTuple):
-    """Matrices A (9, 9) and B (9, 2) with the errors of the publication repeated, in the order ORDER."""
+    """Matrices A (9, 9) and B (9, 2) with the errors of the publication repeated, in the order of the constant
+    ORDER."""
 
     A: Any
     B: Any
@@ -73,8 +75,9 @@ def emulate_linearisation(vehicle: Hypersonic | None = None) -> EmulatedLinearis
     """Return the linearisation with rows 4, 5, 7, 9 as the publication's program seems to have computed them.
 
     The other rows are exact. Each row is differentiated at the quoted point, including the inversion u = G^-1 (v - F),
-    which varies with the state. In row 4, b31 replaces b32. Row 5 takes the columns of the modes from f7 and f9 alone.
-    Row 7 of B is not multiplied by G^-1. In rows 7 and 9, psi_i/Iyy replaces psi_i, and each f is substituted once.
+    which varies with the state. f and b are terms of the equations in [1]. In row 4, b31 replaces b32. Row 5 takes the
+    columns of the modes from f7 and f9 alone. Row 7 of B is not multiplied by G^-1. In rows 7 and 9, psi_i/Iyy replaces
+    psi_i, and each f is substituted once.
 
     Source: reconstructed from the printed numbers of [1].
     """
@@ -94,7 +97,7 @@ def emulate_linearisation(vehicle: Hypersonic | None = None) -> EmulatedLinearis
 
 
 def _inversion(craft: Hypersonic, e: Any, v: Any) -> tuple[Any, Any, Any]:
-    """Return the input u, and the terms f3 and b31 of the row of alpha."""
+    """Return the input u, and the terms f3 and b31 of the equation for alpha' in [1]."""
     h, h_rate, V, alpha, Q = (e[i] for i in range(5))
     air, m, g = craft.forces.aerodynamics, craft.m, craft.g
     qbar = craft.forces.dynamic_pressure(h, V)
@@ -115,7 +118,8 @@ def _inversion(craft: Hypersonic, e: Any, v: Any) -> tuple[Any, Any, Any]:
 
 
 def _bending(craft: Hypersonic, e: Any) -> tuple[Any, ...]:
-    """Return f7, f9, [b71 b72], [b91 b92], the term that the modes add to row 5, and m0 and [mP md] of row 5."""
+    """Return terms of the equations of [1]: f7, f9, [b71 b72], [b91 b92], the term that the modes add to row 5, and m0
+    and [mP md] of row 5."""
     alpha, modes, air, engine = e[3], craft.modes, craft.forces.aerodynamics, craft.forces.propulsion
     qbar = craft.forces.dynamic_pressure(e[0], e[2])
     t1, t2 = modes.psi1 / craft.Iyy, modes.psi2 / craft.Iyy

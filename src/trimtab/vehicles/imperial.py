@@ -15,13 +15,13 @@ from trimtab.core.record import Quantity, children, declarations, is_record, rep
 R = TypeVar("R")
 
 FOOT = 0.3048
-"""Metres in one foot."""
+"""Length of one foot in metres."""
 POUND_FORCE = 0.45359237 * 9.80665
-"""Newtons in one pound-force."""
+"""Size of one pound-force in newtons."""
 SLUG = POUND_FORCE / FOOT
-"""Kilograms in one slug, the mass that one pound-force accelerates by 1 ft/s^2."""
+"""Mass of one slug in kilograms. One pound-force accelerates one slug by 1 ft/s^2."""
 MODAL = math.sqrt(SLUG * FOOT)
-"""Number of (kg m)^1/2 in one (slug ft)^1/2."""
+"""Size of one (slug ft)^1/2 in (kg m)^1/2."""
 
 FACTORS: dict[str, float] = {
     "ft": FOOT,
@@ -63,6 +63,6 @@ def from_si(like: R, **values: Any) -> R:
     declared = {n: d for n, d in declarations(type(like)).items() if isinstance(d, Quantity)}
     for name in values:
         if name not in declared:
-            problem = f"it has no quantity {name!r}"
+            problem = f"the record has no quantity {name!r}"
             raise InputError(type(like).__name__, problem, choices=declared, fix="use one of these names")
     return replace(like, **{n: v / factor(declared[n].unit) for n, v in values.items()})

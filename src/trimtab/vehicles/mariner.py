@@ -47,7 +47,9 @@ class MarinerState:
     yaw_rate: Scalar = quantity("rad/s", "Rate of turn, clockwise from above.", frame="B", default=0.0)
     north: Scalar = quantity("m", "Position along the world's x axis.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Position along the world's y axis.", frame="W", default=0.0)
-    heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle", default=0.0)
+    heading: Scalar = quantity(
+        "rad", "Angle from north to the body's x axis, clockwise, not wrapped to one turn.", kind="angle", default=0.0
+    )
     rudder: Scalar = quantity("rad", "Rudder angle.", kind="angle", default=0.0)
 
 
@@ -148,7 +150,7 @@ class Mariner:
         )
 
     def motion(self, t: Any, x: MarinerState, u: MarinerControls) -> Motion:
-        """Return the motion of the centre of mass, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the centre of mass at time t (unit: 100 ns), for sensors."""
         du, dv, dr = self.accelerations(x)
         arm, r, o = self.centre * self.length, x.yaw_rate, jnp.zeros_like(du)
         stack = jnp.stack

@@ -106,11 +106,11 @@ class Rotors:
         return jnp.stack([jnp.ones_like(x), -y, x, -jnp.asarray(self.spins) * self.torque_ratio])
 
     def thrusts(self, speed: Any) -> Any:
-        """Return the thrust of each rotor (N) at its speed (rad/s)."""
+        """Return the thrust of each rotor (N) at the rotor's speed (rad/s)."""
         return self.thrust_coefficient * speed * jnp.abs(speed)
 
     def speeds(self, thrust: Any) -> Any:
-        """Return the speed of each rotor (rad/s) for its thrust (N)."""
+        """Return the speed of each rotor (rad/s) for the rotor's thrust (N)."""
         some = thrust != 0
         root = jnp.sqrt(jnp.abs(jnp.where(some, thrust, 1.0)) / self.thrust_coefficient)
         return jnp.where(some, jnp.sign(thrust) * root, 0.0)
@@ -177,8 +177,8 @@ class Multirotor:
     """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
 
     def acting_speed(self, x: MultirotorState, u: RotorSpeeds) -> Any:
-        """Return the rotor speeds that act (n,) (rad/s): those of the state, or the commanded speeds if the lag is
-        0."""
+        """Return the rotor speeds that act (n,) (rad/s): the state's rotor speeds, or the commanded speeds if the lag
+        is 0."""
         return jnp.where(self.lag > 0, x.rotor_speed, u.speed)
 
     def accelerations(self, x: MultirotorState, u: RotorSpeeds) -> tuple[Any, Any]:
@@ -196,7 +196,7 @@ class Multirotor:
         return self.gravity * down + R @ force / self.mass, moment / J
 
     def dynamics(self, t: Any, x: MultirotorState, u: RotorSpeeds) -> MultirotorState:
-        """Return the time derivative of the state x; t: seconds."""
+        """Return the time derivative of the state x at time t (s)."""
         acceleration, turn = self.accelerations(x, u)
         return MultirotorState(
             position=x.velocity,
@@ -207,11 +207,11 @@ class Multirotor:
         )
 
     def after_step(self, t: Any, x: MultirotorState) -> MultirotorState:
-        """Return the state with its quaternion normalised; t: seconds."""
+        """Return the state at time t (s), with its quaternion normalised."""
         return MultirotorState(x.position, x.velocity, quaternion.normalise(x.attitude), x.rate, x.rotor_speed)
 
     def motion(self, t: Any, x: MultirotorState, u: RotorSpeeds) -> Motion:
-        """Return the motion of the vehicle, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the vehicle at time t (unit: 100 ns), for sensors."""
         acceleration, turn = self.accelerations(x, u)
         R = quaternion.to_matrix(x.attitude)
         return Motion(
@@ -246,7 +246,7 @@ def ring_rotors(spins: str, arm: float, first: float = 0.0) -> tuple[Any, Any]:
     if not spins or set(spins) - set("PN"):
         raise InputError(
             "spins",
-            f"must consist of the letters P and N, got {spins!r}",
+            f"the text must consist of the letters P and N, got {spins!r}",
             fix="write P (clockwise from above) or N (counter-clockwise) for each rotor, e.g. PNPNPN",
         )
     angle = first + 2 * np.pi * np.arange(len(spins)) / len(spins)

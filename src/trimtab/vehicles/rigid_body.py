@@ -157,7 +157,7 @@ class RigidBody:
     origin: TangentPlane = part(
         "Origin of the local frame W: latitude, longitude and height on the earth.", default=TangentPlane(0.0, 0.0)
     )
-    gust: Any = part("Gust added to the wind. A world with turbulence sets it. None: no gust.", default=None)
+    gust: Any = part("Gust added to the wind. A world with turbulence sets this field. None: no gust.", default=None)
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
     """Vehicle type reported to ground stations: a name in `vehicle_type.VehicleType`."""
@@ -182,7 +182,7 @@ class RigidBody:
         return replace(self, gust=gust)
 
     def flight(self, t: Any, x: RigidBodyState) -> FlightCondition:
-        """Return the flight state: latitude, longitude, height, velocity, angles and airflow; t: seconds."""
+        """Return the flight state at time t (s): latitude, longitude, height, velocity, angles and airflow."""
         R_EI = self.earth.to_inertial(t).T
         p_E = R_EI @ x.position
         latitude, longitude, height = self.earth.geodetic(p_E)
@@ -203,7 +203,7 @@ class RigidBody:
         )
 
     def dynamics(self, t: Any, x: RigidBodyState, u: Wrench) -> RigidBodyState:
-        """Return the time derivative of the state x under the force and moment u; t: seconds."""
+        """Return the time derivative of the state x at time t (s), under the force and moment u."""
         acceleration, turn = self.accelerations(t, x, u)
         return RigidBodyState(
             position=x.velocity,
@@ -223,7 +223,7 @@ class RigidBody:
         return quaternion.to_matrix(x.attitude) @ force / self.mass, turn
 
     def motion(self, t: Any, x: RigidBodyState, u: Wrench) -> Motion:
-        """Return the motion of the body, for sensors, in the tangent plane at `origin`; t: time (unit: 100 ns)."""
+        """Return the motion of the body at time t (unit: 100 ns), for sensors, in the tangent plane at `origin`."""
         seconds = to_seconds(t)
         R_EI = self.earth.to_inertial(seconds).T
         plane = self.origin

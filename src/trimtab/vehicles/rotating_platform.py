@@ -28,7 +28,7 @@ class PlatformState:
     """
 
     heading: Scalar = quantity(
-        "rad", "Heading of the body: direction of the arm plus a quarter turn; unwrapped.", kind="angle"
+        "rad", "Heading of the body: direction of the arm plus a quarter turn, not wrapped to one turn.", kind="angle"
     )
     yaw_rate: Scalar = quantity("rad/s", "Rate of turn W, clockwise from above.", frame="B")
     surge_velocity: Scalar = quantity(
@@ -90,7 +90,7 @@ class RotatingPlatform:
         )
 
     def motion(self, t: Any, x: PlatformState, u: PlatformDrive) -> Motion:
-        """Return the motion of the arm's end, for sensors, from heading, rate and command; t: time (unit: 100 ns)."""
+        """Return the motion of the arm's end at time t (unit: 100 ns), for sensors, from heading, rate and command."""
         angle = x.heading - QUARTER
         acceleration = (u.rate - x.yaw_rate) / self.time_constant
         o = jnp.zeros_like(acceleration)

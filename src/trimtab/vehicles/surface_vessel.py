@@ -44,7 +44,9 @@ class VesselState:
     yaw_rate: Scalar = quantity("rad/s", "Rate of turn, clockwise from above.", frame="B", default=0.0)
     north: Scalar = quantity("m", "Position along the world's x axis.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Position along the world's y axis.", frame="W", default=0.0)
-    heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle", default=0.0)
+    heading: Scalar = quantity(
+        "rad", "Angle from north to the body's x axis, clockwise, not wrapped to one turn.", kind="angle", default=0.0
+    )
     rudder: Scalar = quantity("rad", "Angle of both rudders.", kind="angle", default=0.0)
     shaft_speed: Scalar = quantity("rad/s", "Speed of both propellers.", default=0.0)
 
@@ -124,7 +126,7 @@ class TwinScrew:
         U = u + k (sqrt(8 T/(pi rho d^2) + u^2) - u)      flow past the rudder; U = u where u < 0
         L = (Ld delta - Ldd |delta| delta) |U| U          other coefficients where U < 0
 
-    Not modelled: drag of the rudders; the bow thruster of [1], which stands still.
+    Not modelled: drag of the rudders; the bow thruster of [1], which is off.
     Source:  [1]; thrust coefficients of its table 2. Reconstructed: the propeller's diameter and k, from public
              programs of [1].
     """
@@ -198,7 +200,7 @@ class WindLoad:
         the relative wind blows
 
     Source:  Fossen, "Handbook", 2021, section 10.1, for a vessel symmetric to port and starboard. Areas and
-             coefficients are our own choice, the coefficients in the middle of the ranges given in the handbook.
+             coefficients are our own choice. The coefficients are in the middle of the handbook's ranges.
     """
 
     wind: Wind = part("Wind velocity over the ground, just above the water.", default=Wind())
@@ -234,8 +236,10 @@ class SurfaceVessel:
         M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau        nu_r = nu - nu_c: through the water         [1]
         delta' = limit((delta_c - delta)/T_d, rate)        n' = (n_c - n)/T_n
 
-    M contains mass and added mass; C follows from M. [1] writes the equations about a point amidships. Here the state
-    describes the centre of mass, which is x_g ahead of this point. Only the forces are computed about the point of [1].
+    nu = (u, v, r) is the velocity over the ground, nu_c the velocity of the current, and tau the forces. delta is the
+    rudder angle and n the propeller speed. M contains mass and added mass; C follows from M. [1] writes the equations
+    about a point amidships. Here the state describes the centre of mass, which is x_g ahead of this point. Only the
+    forces are computed about the point of [1].
 
     Frames:  W north-east-down, B at the centre of mass, x forward, y starboard.
     Valid:   calm water without waves; no roll, pitch or heave. Rudders to 35 degrees.
@@ -319,7 +323,7 @@ class SurfaceVessel:
         return X, Y, N
 
     def motion(self, t: Any, x: VesselState, u: VesselControls) -> Motion:
-        """Return the motion of the centre of mass, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the centre of mass at time t (unit: 100 ns), for sensors."""
         du, dv, dr = self.accelerations(x)
         o, r = jnp.zeros_like(du), x.yaw_rate
         stack = jnp.stack

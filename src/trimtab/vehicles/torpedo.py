@@ -20,7 +20,7 @@ TABLES = "[1] appendix B"
 RPM = np.pi / 30
 """One revolution per minute, in rad/s."""
 CRUISE = 1500 * RPM
-"""Shaft speed at which [1] gives thrust and torque (rad/s)."""
+"""Shaft speed for which [1] states thrust and torque (rad/s)."""
 DOWN = np.array([0.0, 0.0, 1.0])
 
 
@@ -308,7 +308,7 @@ class Torpedo:
         return replace(x, attitude=quaternion.normalise(x.attitude))
 
     def motion(self, t: Any, x: TorpedoState, u: TorpedoControls) -> Motion:
-        """Return the motion of the centre of mass, for sensors; t: time (unit: 100 ns)."""
+        """Return the motion of the centre of mass at time t (unit: 100 ns), for sensors."""
         dv, dw = self.accelerations(x)
         return Motion(
             t=t,

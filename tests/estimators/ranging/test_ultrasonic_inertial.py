@@ -213,7 +213,7 @@ def test_parts_that_do_not_fit_are_refused():
     one = UltrasonicInertial(positioning=RangingPosition(), inertial=AidedInertialCoupled())
     one.check()
     ahead = RangingPosition(units=PAIR[:1])
-    with pytest.raises(InputError, match=r"arms\.aiding is \[0\. 0\.\]; for 1 units set \[0\.2 0\. \]"):
+    with pytest.raises(InputError, match=r"arms\.aiding must be \[0\.2 0\. \] for 1 ultrasonic unit"):
         replace(one, positioning=ahead).check()
     replace(one, positioning=ahead, inertial=replace(one.inertial, arms=LeverArms(aiding=PAIR[0, :2]))).check()
     assert one.listens == ("imu", "ranging")

@@ -3,7 +3,7 @@
 A single filter with eta and the frequencies in one state becomes overconfident. At rest eta_i = N_i/w_i^2: the
 accelerometer measures only w_i^2 eta_i, so all pairs (eta_i, w_i) on a curve explain the measurement equally well. The
 estimate of a linearised filter moves with the noise, and the filter uses another tangent of that curve at each step.
-Its covariance therefore shrinks along the curve without information. In stretched displacements
+The filter's covariance therefore shrinks along the curve without information. In stretched displacements
 
     s_i = (w_i/w_i0)^2 eta_i        s_i' = (w_i/w_i0)^2 eta_i'        lam_i = ln(w_i/w_i0)
 
@@ -64,7 +64,7 @@ PROBABILITY_MIN = 1e-6
 """Approximate lower limit of a hypothesis's probability, so that each hypothesis can recover."""
 CORNERS = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
 M = len(CORNERS)
-"""Number of hypotheses. In each, the frequencies of both modes are lower than, equal to or higher than nominal."""
+"""Number of hypotheses: all combinations of a low, a nominal and a high frequency of the two modes."""
 
 
 def stretch_factors(x: Any) -> Any:
@@ -79,7 +79,7 @@ def modal_accelerations(craft: Hypersonic, x: Any) -> tuple[Any, Any, Any]:
 
 
 def propagate_modes(craft: Hypersonic, x: Any, b: Any, dt: Any) -> Any:
-    """Return the filter state x (6,) after dt (s) under a constant forcing b (4,) of eta.
+    """Return the filter state x (6,) after dt (s) under a constant forcing b (4,) of the modal state.
 
     The equations are linear in s and are solved by an exponential series.
     """
@@ -97,7 +97,8 @@ def propagate_modes(craft: Hypersonic, x: Any, b: Any, dt: Any) -> Any:
 
 
 def vibration(craft: Hypersonic, x: Any, P: Any, b: Any) -> tuple[Any, Any]:
-    """Return the vibration of each mode, eta_i''^2 + w_i^2 eta_i'^2 (2,), and its uncertainty under P (6, 6), (2,)."""
+    """Return the vibration of each mode, eta_i''^2 + w_i^2 eta_i'^2 (2,), and the uncertainty of each mode in the same
+    unit (2,), from the covariance P (6, 6)."""
     _, first, second = modal_accelerations(craft, x)
     by, w0 = stretch_factors(x), jnp.stack([craft.modes.w1, craft.modes.w2])
     w = w0 * jnp.exp(x[4:])
@@ -108,14 +109,16 @@ def vibration(craft: Hypersonic, x: Any, P: Any, b: Any) -> tuple[Any, Any]:
 
 
 def disturbance_direction(craft: Hypersonic, x: Any) -> Any:
-    """Return x' (6,) due to a pitching moment that causes a pitch acceleration of 1 rad/s^2."""
+    """Return the derivative of the filter state x (6,) due to a pitching moment that alone causes 1 rad/s^2 of
+    pitch."""
     q_rate, first, second = craft.modes.solve_accelerations(craft.Iyy, craft.Iyy, 0.0, 0.0)
     by, still = stretch_factors(x), jnp.zeros_like(q_rate)
     return jnp.stack([still, by[1] * first / q_rate, still, by[3] * second / q_rate, still, still])
 
 
 def unstretch(x: Any, P: Any) -> tuple[Any, Any]:
-    """Return (eta1, eta1', eta2, eta2', lam1, lam2) and its covariance (6, 6), to first order, from stretched x, P."""
+    """Return (eta1, eta1', eta2, eta2', lam1, lam2) and its covariance (6, 6), to first order, from the state x and
+    covariance P in stretched displacements."""
     soft = 1 / stretch_factors(x)
     eta = soft * x[:4]
     top = jnp.concatenate([jnp.eye(4) * soft, -2 * eta[:, None] * OF_MODE], axis=1)
@@ -169,17 +172,20 @@ class AdaptiveFlexibleModeFilter:
 
         x = (s1, s1', s2, s2', ln w1/w1_0, ln w2/w2_0)      s_i = (w_i/w_i0)^2 eta_i      p_m ~ p_m N(r_m; 0, S_m)
 
-    A single filter is not enough: if the frequencies are 10 % off, mode 2 is near the expected frequency of mode 1, and
-    the filter converges to the wrong mode. Of nine filters that start at frequencies about 10 % apart, one converges to
-    the right modes. The estimate is the weighted mean of the filters. Its covariance includes their spread.
+    p_m, r_m and S_m are the probability of filter m, its innovation and the variance of this innovation. A single
+    filter is not enough: if the frequencies are 10 % off, mode 2 is near the expected frequency of mode 1, and the
+    filter converges to the wrong mode. Of nine filters that start at frequencies about 10 % apart, one converges to the
+    right modes. The estimate is the weighted mean of the filters. The covariance of the estimate includes the spread of
+    the filters.
 
-    - Frequencies and probabilities change only while the modes vibrate by at least `excitation` standard deviations of
-      their uncertainty. Otherwise the uncertainty of the frequencies is considered, but the frequencies are not
-      corrected. **At rest the frequencies can't be estimated.**
-    - An innovation with NIS above `gate` is attributed to an unknown moment (a jolt), not to noise. Its square is added
-      to R, P grows by the effect of this moment on the modes, and the frequencies are not corrected.
-    - The frequencies of each filter follow a slow random walk. Their standard deviation does not grow above its initial
-      value, and they stay within `bound`.
+    - Frequencies and probabilities change only while the vibration of the modes is at least `excitation` standard
+      deviations of its uncertainty. Otherwise the uncertainty of the frequencies is considered, but the frequencies are
+      not corrected. **At rest the frequencies can't be estimated.**
+    - An innovation with NIS above `gate` is attributed to an unknown moment (a jolt), not to noise. The square of the
+      innovation is added to the measurement variance R, the covariance P grows by the effect of this moment on the
+      modes, and the frequencies are not corrected.
+    - The frequencies of each filter follow a slow random walk. The standard deviation of a frequency does not grow
+      above its initial value, and the frequency stays within `bound`.
 
     Not modelled: damping and coupling that differ from those of the vehicle model; noise of the measured rigid-body
                   state.
@@ -212,13 +218,15 @@ class AdaptiveFlexibleModeFilter:
         "1", "NIS above which an innovation is attributed to a jolt (an unknown moment).", default=16.0, above=0
     )
     corrects: bool = option(
-        "True to correct the modes with measurements; False to predict them by the model alone.",
+        "True: correct the estimated modes with measurements. False: predict the modes by the model alone.",
         default=True,
         choices=(True, False),
     )
-    flight: str = option("Name of the sensor that gives the rigid-body state.", default="flight")
+    flight: str = option("Name of the sensor that measures the rigid-body state.", default="flight")
     accelerometer: str = option("Name of the angular accelerometer.", default="angular-accelerometer")
-    actuators: str = option("Name of the sensor that gives the acting fuel ratio and elevator.", default="actuators")
+    actuators: str = option(
+        "Name of the sensor that measures the acting fuel ratio and elevator angle.", default="actuators"
+    )
     period: int = period("Time between predictions.", default=ms(5))
 
     listens = property(listened_sensors)
@@ -231,21 +239,26 @@ class AdaptiveFlexibleModeFilter:
         for field, pair in {"deviation": self.deviation, "walk": self.walk}.items():
             values = np.asarray(pair, float)
             if not (np.isfinite(values).all() and (values >= 0).all()):
-                problem = f"must be finite and at least 0, got {values.tolist()}"
+                problem = f"both values must be finite and at least 0, got {values.tolist()}"
                 raise InputError(f"{name}.{field}", problem, fix="give two finite numbers of at least 0")
         for field, value in {"R": self.R, "bound": self.bound, "excitation": self.excitation}.items():
             if not math.isfinite(value):
-                raise InputError(f"{name}.{field}", f"must be finite, got {value}", fix="give a finite number")
+                raise InputError(
+                    f"{name}.{field}", f"the value must be finite, got {value}", fix="give a finite number"
+                )
         outermost = math.exp(HYPOTHESIS_SPACING * float(np.max(self.deviation)))
         if outermost >= self.bound:
             problem = (
-                f"hypotheses differ from nominal by up to {outermost:.3g} times, must be below {float(self.bound):g}"
+                "the frequencies of the hypotheses differ from nominal by a factor of up to "
+                f"{outermost:.3g}, which must be below {float(self.bound):g}"
             )
             raise InputError(f"{name}.bound", problem, fix="raise the bound, or choose a smaller `deviation`")
         fastest = float(max(self.craft.modes.w1, self.craft.modes.w2) * self.bound)
         if fastest * to_seconds(self.period) >= 0.5:
             problem = f"the period {format_time(self.period)} is too long for a mode of {fastest:g} rad/s"
-            raise InputError(f"{name}.period", problem, fix=f"set it below {format_time(int(0.5 / fastest * 1e7))}")
+            raise InputError(
+                f"{name}.period", problem, fix=f"set the period below {format_time(int(0.5 / fastest * 1e7))}"
+            )
 
     def init(self, key: Key) -> AdaptiveModeState:
         """Return the filter's initial state, before any measurement."""
@@ -273,7 +286,8 @@ class AdaptiveFlexibleModeFilter:
         )
 
     def predict(self, x: Any, P: Any, Qd: Any, b: Any) -> tuple[Any, Any]:
-        """Return x (6,) and P (6, 6) of one hypothesis after one period under a constant forcing b (4,) of eta."""
+        """Return the state x (6,) and covariance P (6, 6) of one hypothesis after one period of constant forcing b
+        (4,)."""
         dt, by, still = to_seconds(self.period), stretch_factors(x), jnp.zeros((4, 2))
         F = jax.jacfwd(lambda x: propagate_modes(self.craft, x, b, dt))(x)
         room = (SHARE * jnp.asarray(self.deviation)) ** 2 - jnp.stack([P[4, 4], P[5, 5]])
@@ -282,7 +296,8 @@ class AdaptiveFlexibleModeFilter:
         return propagate_modes(self.craft, x, b, dt), kalman.predict_covariance(P, F, noise)
 
     def update(self, x: Any, P: Any, modal: Any, b: Any) -> tuple[Any, ...]:
-        """Update one hypothesis with a pitch acceleration (rad/s^2) caused by the modes, under a forcing b (4,) of eta.
+        """Update one hypothesis with a pitch acceleration (rad/s^2) caused by the modes, under a forcing b (4,) of the
+        modal state.
 
         Returns: x, P, innovation, variance of the innovation, log-likelihood, flags (2,) that are True for each
         frequency that was corrected, and a flag that is True if a frequency was held at its bound.
@@ -344,7 +359,8 @@ class AdaptiveFlexibleModeFilter:
         )
 
     def estimated_flight(self, state: AdaptiveModeState) -> FlexibleFlight:
-        """Return the estimate: the mean over the hypotheses, with standard deviations that include their spread."""
+        """Return the estimate: the mean over the hypotheses, with standard deviations that include the spread of the
+        hypotheses."""
         sigma = jnp.sqrt(jnp.maximum(jnp.stack([state.spread[i, i] for i in range(6)]), 0.0))
         frequencies = ModalFrequencies(
             w1=state.w[0],

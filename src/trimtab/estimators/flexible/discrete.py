@@ -35,16 +35,21 @@ PRINTED_ETA0 = (1.5122, 0.0, 1.122, 0.0)
 PRINTED_Q = (1e-5, 1e-5, 1e-5, 1e-5)
 EQUAL_Q = (1e-5, 100.0, 1e-5, 100.0)
 TUNED_Q = (1e-5, 500.0, 1e-5, 6.0)
-"""Process noise that needs less elevator than EQUAL_Q, with smaller errors and wider margins (docs, Flexible modes)."""
+"""Process noise densities of the modal state. In closed loop, they lead to less elevator motion, smaller errors and
+wider stability margins than EQUAL_Q (docs, Flexible modes)."""
 
 
 @record
 class ModalModel:
     """Discrete linear model of the bending modes, computed once. Source: docs page, Flexible modes."""
 
-    C: Any = quantity("1", "Derivative of the pitch acceleration by the modal state.", shape=(4,))
+    C: Any = quantity("1", "Derivative of the pitch acceleration with respect to the modal state.", shape=(4,))
     Ad: Any = quantity("1", "Transition matrix of the modal state over one period (4, 4).", shape=(4, 4))
-    Bd: Any = quantity("1", "Effect on the modal state of a forcing held over one period (4, 4).", shape=(4, 4))
+    Bd: Any = quantity(
+        "1",
+        "Input matrix (4, 4): effect on the modal state of a forcing that is constant over one period.",
+        shape=(4, 4),
+    )
     Qd: Any = quantity("1", "Covariance of the process noise of one period (4, 4).", shape=(4, 4))
 
 
@@ -77,18 +82,18 @@ class FlexibleModeFilter:
         eta += L r                                   P = (I - L C) P (I - L C)' + R L L'
         eta = Ad eta + Bd b(chi, u)                  P = Ad P Ad' + Qd
 
-    with Ad = expm(A dt), Bd the integral of expm(A t) over a period, Qd by Van Loan. The accelerometer's offset o is a
-    fifth state, constant except for a random walk. Unlike bending, the offset does not decay, so the filter can
-    separate the two. At an instant t_k the filter predicts from t_k-1, with chi(k-1) and the input u that has acted
-    since. It then updates with chi(k) and the same u, because the acceleration was sampled before the new command acts.
-    The affine part d must be in the innovation: at the trim d is +0.212 rad/s^2, and without d the modal rates are
-    biased. The sample "actuators" contains the actual fuel ratio and elevator, **clipped and held**, not the demanded
-    values.
+    with the rigid-body state chi, the input u and the modal state eta; Ad = expm(A dt), Bd the integral of expm(A t)
+    over a period, Qd by Van Loan. The accelerometer's offset o is a fifth state, constant except for a random walk.
+    Unlike bending, the offset does not decay, so the filter can separate offset and bending. At an instant t_k the
+    filter predicts from t_k-1, with chi(k-1) and the input u that has acted since. It then updates with chi(k) and the
+    same u, because the acceleration was sampled before the new command acts. The affine part d must be in the
+    innovation: at the trim d is +0.212 rad/s^2, and without d the modal rates are biased. The sample "actuators"
+    contains the actual fuel ratio and elevator, **clipped and held**, not the demanded values.
 
     With the default process noise, the filter tolerates modal frequencies 10 % off, at the price of a larger steady
     error. The noise is large for the slow mode 1 and small for mode 2, whose frequency is critical. With corrects=False
-    the filter ignores the measurements. Every result has to be compared with this prediction by the model alone: **its
-    error also vanishes**, by structural damping.
+    the filter ignores the measurements. Compare every result with this prediction by the model alone, because **the
+    error of the prediction also vanishes**, by structural damping.
 
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
              flight vehicle", Aerospace 2022, 9(4), 206, eq. 9 and below, corrected. [1] does not give
@@ -112,18 +117,21 @@ class FlexibleModeFilter:
         "rad^2/s^5", "Density of the random walk of the accelerometer's offset.", default=0.0, low=0
     )
     corrects: bool = option(
-        "True to correct the modes with measurements; False to predict them by the model alone.",
+        "True: correct the estimated modes with measurements. False: predict the modes by the model alone.",
         default=True,
         choices=(True, False),
     )
-    flight: str = option("Name of the sensor that gives the rigid-body state.", default="flight")
+    flight: str = option("Name of the sensor that measures the rigid-body state.", default="flight")
     accelerometer: str = option("Name of the angular accelerometer.", default="angular-accelerometer")
-    actuators: str = option("Name of the sensor that gives the acting fuel ratio and elevator.", default="actuators")
+    actuators: str = option(
+        "Name of the sensor that measures the acting fuel ratio and elevator angle.", default="actuators"
+    )
     period: int = period("Time between predictions.", default=ms(5))
 
     @classmethod
     def from_publication(cls, **changes: Any) -> "FlexibleModeFilter":
-        """Return the filter with Q = 1e-5 I and R = 10 as published, P(0) = I, no offset. Its gain is nearly zero."""
+        """Return the filter with Q = 1e-5 I and R = 10 as published, P(0) = I, no offset. The filter's gain is nearly
+        zero."""
         return cls(**{"Q": PRINTED_Q, "R": 10.0, "P0": (1.0,) * 4, "offset_sigma": 0.0} | changes)
 
     @classmethod
@@ -145,8 +153,8 @@ class FlexibleModeFilter:
         if not math.isfinite(self.R):
             raise InputError(
                 "FlexibleModeFilter.R",
-                f"must be finite, got {self.R}",
-                fix="give a finite variance; corrects=False ignores measurements",
+                f"the noise variance must be finite, got {self.R}",
+                fix="give a finite variance, or set corrects=False to ignore measurements",
             )
         A, _ = modal_dynamics(self.craft)
         norm = float(np.abs(np.asarray(A)).sum(1).max()) * to_seconds(self.period)
@@ -154,7 +162,7 @@ class FlexibleModeFilter:
             most = format_time(int(self.period * 16 / norm))
             modes = f"{float(self.craft.modes.w1):g} and {float(self.craft.modes.w2):g} rad/s"
             problem = f"the period {format_time(self.period)} is too long for modes of {modes}"
-            raise InputError("FlexibleModeFilter.period", problem, fix=f"set it below {most}")
+            raise InputError("FlexibleModeFilter.period", problem, fix=f"set the period below {most}")
 
     def model(self) -> ModalModel:
         """Return the discrete model of one period."""

@@ -69,14 +69,19 @@ class AccelerometerOffset:
 
 @record
 class ModelPrediction:
-    """Prediction of the modes by the model alone, without measurements. It is the baseline for every estimate.
+    """Prediction of the modes by the model alone, without measurements. This prediction is the baseline for every
+    estimate.
 
     Source: docs page, Flexible modes.
     """
 
     eta: Any = quantity("1", "Modal state eta1, eta1', eta2, eta2'.", shape=(4,))
     Ad: Any = quantity("1", "Transition matrix of the modal state over one period (4, 4).", shape=(4, 4))
-    Bd: Any = quantity("1", "Effect on the modal state of a forcing held over one period (4, 4).", shape=(4, 4))
+    Bd: Any = quantity(
+        "1",
+        "Input matrix (4, 4): effect on the modal state of a forcing that is constant over one period.",
+        shape=(4, 4),
+    )
 
 
 @record
@@ -104,7 +109,7 @@ class FlexibleFlight:
     updated: Scalar = quantity("1", "True if a measurement was used in this step.", kind="flag")
     without_measurement: ModalState = part("Prediction of the modes by the model alone, without measurements.")
     frequencies: Any = part("Estimated ModalFrequencies; () if the filter does not estimate frequencies.", default=())
-    offset: Any = part("Estimated AccelerometerOffset; () if the filter does not estimate it.", default=())
+    offset: Any = part("Estimated AccelerometerOffset; () if the filter does not estimate an offset.", default=())
 
 
 class FlightSamples(NamedTuple):
@@ -144,7 +149,8 @@ def forcing(craft: Hypersonic, chi: RigidFlight, u: HypersonicInput) -> tuple[An
 
 
 def read_flight_samples(listens: tuple[str, ...], state: Any, frame: Frame) -> FlightSamples:
-    """Return a mode filter's inputs from the samples of three sensors. The last usable value replaces an unusable one.
+    """Return a mode filter's inputs from the samples of three sensors. The last usable value replaces an unusable
+    value.
 
     listens: names of the sensors of rigid-body state (SI units), pitch acceleration and acting input.
     """
@@ -249,5 +255,5 @@ def check_variances(part: str, **fields: Any) -> None:
     for name, value in fields.items():
         values = np.asarray(value, float)
         if not (np.isfinite(values).all() and (values >= 0).all()):
-            problem = f"must be four variances, got {values.tolist()}"
+            problem = f"the value must be four variances, got {values.tolist()}"
             raise InputError(f"{part}.{name}", problem, fix="give four finite numbers, each at least 0")

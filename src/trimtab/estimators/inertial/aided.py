@@ -1,9 +1,9 @@
-"""Aided inertial navigation: the step that all its filters share. It reads samples, sorts them by time, replays the
-filter and returns the state.
+"""Aided inertial navigation: the step that is common to all filter forms. The step reads samples, sorts them by time,
+replays the filter and returns the state.
 
-A filter form (`core.interfaces.InertialForm`) is the filter alone: its state at one instant (a node), its propagation
-and correction, and its estimate (Belief). A form has the parts intake, noise, start and arms, and uses `navigate` as
-its `step`.
+A filter form (`core.interfaces.InertialForm`) defines the filter alone: the filter's state at one instant (a node), the
+propagation, the correction, and the estimate (Belief). A form has the parts intake, noise, start and arms, and uses
+`navigate` as its `step`.
 
     navigate      read_samples (sensor_watch)  ->  enter_event, replay_events (measurement_history): the form's
                   propagate and correct_...  ->  the form's belief  ->  reference_kinematics (navigation_state)
@@ -147,7 +147,8 @@ class Intake:
         for name, (patience, frozen) in limits.items():
             if 0 < patience < frozen:
                 problem = (
-                    f"a sensor is frozen after {frozen} equal samples, but is accepted after {patience} rejections"
+                    f"the sensor counts as frozen only after {frozen} equal samples, but is accepted again "
+                    f"after {patience} rejections"
                 )
                 raise InputError(f"intake.frozen_{name}", problem, fix=f"set it to at most {patience}")
         if not self.imu or len(set(self.listens())) < len(self.listens()):
@@ -165,7 +166,7 @@ class InertialState:
     position: Any = part("Checks of the position sensor's samples; None without a position sensor.")
     imu_arrival: Scalar = quantity("100 ns", "Arrival time of the last IMU sample.", kind="time")
     reported: Any = part("Last estimate of the motion: fields of NavigationState by name.")
-    clock: Scalar = quantity("100 ns", "Latest time of the autopilot's clock so far.", kind="time")
+    clock: Scalar = quantity("100 ns", "Latest time that the autopilot's clock has shown.", kind="time")
     clock_backwards: Scalar = quantity("1", "Number of times the autopilot's clock ran backwards.", kind="count")
 
 
@@ -259,7 +260,7 @@ def _receive_samples(form: InertialForm, t: Any, state: InertialState, frame: Fr
 def read_samples(
     intake: Intake, aided_by: str, t: Any, state: Any, frame: Frame
 ) -> dict[str, tuple[Event, SampleValidation]]:
-    """Return each sensor's measurement (an Event) and its validation. The IMU comes first.
+    """Return each sensor's measurement (an Event) and the validation of its sample. The IMU comes first.
 
     aided_by: "positions" or "ranges", the quantity that the sensor intake.position measures.  t: integer time.
     state: state with the SensorWatch fields imu, heading and position.
@@ -310,7 +311,8 @@ def range_numbers(value: Any) -> tuple[Any, ...]:
 def _read_aiding(
     watch: SensorWatch, t: Any, sample: Sample, kind: int, numbers: tuple[Any, ...], frozen_after: Any
 ) -> tuple[Event, SampleValidation]:
-    """Return the measurement of an aiding sensor and its validation. Samples of a frozen sensor are not usable."""
+    """Return the measurement of an aiding sensor and the validation of its sample. Samples of a frozen sensor are not
+    usable."""
     one = validate_sample(watch, t, sample, numbers, frozen_after=frozen_after, ordered=False)
     return Event(one.t, kind, one.value, np.zeros(2)), one._replace(usable=one.usable & ~one.watch.frozen)
 

@@ -51,7 +51,11 @@ class CoupledNode:
     x: Any = quantity(
         "1", "Heading, velocity, position, gyro bias, accelerometer biases (8,), in the order of Belief.x.", shape=(8,)
     )
-    P: Any = quantity("1", "Covariance of the error states, in the order of Belief.x.", shape=(8, 8))
+    P: Any = quantity(
+        "1",
+        "Covariance of the error states: heading, velocity, position, gyro bias, accelerometer biases.",
+        shape=(8, 8),
+    )
     force: Any = quantity(
         "m/s^2", "Low-pass filtered specific force, corrected for bias, used in the Jacobian.", frame="B", shape=(2,)
     )
@@ -68,8 +72,10 @@ class AidedInertialCoupled:
 
         dphi' = -db      dv' = J f dphi - B da      dr' = dv      J f = (-f_east, f_north)      (d = estimate - truth)
 
-    While the low-passed force is within `rest_sigmas` standard deviations of zero (noise and accelerometer biases),
-    positions contain no information about the heading. Heading and gyro bias are then considered, not corrected ([5]).
+    phi is the heading, v the velocity, r the position, b the gyro bias, a the accelerometer biases, and f the specific
+    force. B turns vectors from body axes to W. While the low-passed force is within `rest_sigmas` standard deviations
+    of zero (noise and accelerometer biases), positions contain no information about the heading. Heading and gyro bias
+    are then considered, not corrected ([5]).
 
     Valid:   near the truth. An initial heading error above about half a radian makes the filter overconfident.
              At rest the heading is not observable, and its error grows with the gyro's bias.
@@ -77,20 +83,23 @@ class AidedInertialCoupled:
     """
 
     intake: Intake = part(
-        "Sensors that are read, and checks of their samples; the heading sensor is optional.",
+        "Sensors that the filter reads, and checks of the samples. The heading sensor is optional.",
         default=Intake(heading=""),
     )
     noise: InertialNoise = part("Noise of the IMU and of the aiding sensors.", default=InertialNoise())
     start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
     arms: LeverArms = part("Positions of the sensors on the vehicle.", default=LeverArms())
     smoothing: Scalar = quantity(
-        "s", "Time constant of the low-pass filter of the force in the Jacobian.", default=0.05, low=0
+        "s", "Time constant of the low-pass filter of the specific force used in the Jacobian.", default=0.05, low=0
     )
     rest_smoothing: Scalar = quantity(
-        "s", "Time constant of the low-pass filter of the force for detecting rest.", default=0.5, low=0
+        "s", "Time constant of the low-pass filter of the specific force used to detect rest.", default=0.5, low=0
     )
     rest_sigmas: Scalar = quantity(
-        "1", "Number of standard deviations below which a force counts as zero; 0 for never.", default=3.0, low=0
+        "1",
+        "Number of standard deviations below which the specific force counts as zero; 0 for never.",
+        default=3.0,
+        low=0,
     )
     rest: str = option(
         "Treatment of heading and gyro bias at rest: consider their uncertainty only, or correct them.",
@@ -126,7 +135,7 @@ class AidedInertialCoupled:
         return replace(node, imu_reading=imu_reading, x=m.x, P=P, force=m.force, steady=m.steady)
 
     def correct_heading(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
-        """Correct the state with a measured heading z (rad, modulo 2 pi). If its variance is 0, use noise.heading."""
+        """Correct the state with a measured heading z (rad, modulo 2 pi). If `variance` is 0, use noise.heading."""
         H = jnp.zeros((1, 8)).at[0, 0].set(1.0)
         R = self.noise.heading_noise(variance)
         y = wrap(node.x[0] - z)[None]
@@ -134,7 +143,7 @@ class AidedInertialCoupled:
         return replace(_reset_errors(node, correction), heading_fix=fix)
 
     def correct_position(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
-        """Correct the state with a measured position z (2,) (m). If its variance is 0, use noise.position."""
+        """Correct the state with a measured position z (2,) (m). If `variance` is 0, use noise.position."""
         arm, slope = rotate_lever(node.x[0], self.arms.imu_to_aided_point())
         none = jnp.zeros((2, 2))
         H = jnp.concatenate([slope[:, None], none, jnp.eye(2), jnp.zeros((2, 3))], axis=1)
@@ -168,7 +177,8 @@ def is_force_significant(steady: Any, P: Any, noise: InertialNoise, smoothing: A
 
 
 class CoupledMotion(NamedTuple):
-    """Step of the coupled filter: the new state, both low-passed forces (2,), Phi and Q of the errors (8, 8)."""
+    """Step of the coupled filter: the new state, both low-passed forces (2,), transition matrix Phi and process noise Q
+    of the errors (8, 8)."""
 
     x: Any
     force: Any
@@ -178,7 +188,7 @@ class CoupledMotion(NamedTuple):
 
 
 def propagate_coupled(form: Any, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> CoupledMotion:
-    """Return a step of dt (s) from a filter state (node) whose x begins with the values of Belief.x.
+    """Return the result of a step of dt (s) from a filter state (node) whose x begins with the values of Belief.x.
 
     form: filter with noise, smoothing and rest_smoothing.  imu_reading: IMU sample at the end of the step (3,).
     untrusted: as in `InertialForm.propagate`.
@@ -201,7 +211,8 @@ def low_pass_gain(dt: Any, constant: Any) -> Any:
 
 
 def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
-    """Return the transition matrix Phi (8, 8) of the errors in the order of Belief.x, for a constant specific force.
+    """Return the transition matrix Phi (8, 8) of the errors of the eight states in Belief.x, for a constant specific
+    force.
 
     Errors of biases are truth minus estimate.  dt: step (s).  heading: (rad).  force: specific force in B (2,).
     Source: [1] chapter 3; the series of exp(A dt) ends with the third power, because A^4 = 0.
@@ -222,7 +233,7 @@ def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
 
 
 def coupled_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
-    """Return the process noise Q (8, 8) in the order of Belief.x, with the same noise as in the dual filter.
+    """Return the process noise Q (8, 8) of the eight states in Belief.x, with the same noise as in the dual filter.
 
     growth: `InertialNoise.growth`.  reach: `InertialNoise.integration_time`.
     """

@@ -50,18 +50,21 @@ class DirectNode:
 
 @record
 class AidedInertialDirect:
-    """Filters of total states. Their process model is the mechanisation with the IMU as input, linearised at each
-    sample.
+    """Filters of total states. The process model is the mechanisation with the IMU as input, linearised at each sample.
 
         heading' = w - bias        v' = B(heading) (F - bias)        r' = v        biases' = 0 + noise
 
-    Valid:         under the same conditions as the feedback form. Both give the same estimate except for rounding. The
-                   filter contains the whole state, which other process models require, e.g. a vehicle's dynamics.
+    w is the reading of the gyro, F that of the accelerometers, v the velocity and r the position. B turns vectors from
+    body axes to W.
+
+    Valid:         under the same conditions as the feedback form. Both forms have the same estimate except for
+                   rounding. The filter contains the whole state, which other process models require, e.g. a vehicle's
+                   dynamics.
     Not modelled:  effect of a heading error on the velocity; see AidedInertialCoupled.
     Source:        [1] chapter 3, where this form is described but not flown.
     """
 
-    intake: Intake = part("Sensors that are read, and checks of their samples.", default=Intake())
+    intake: Intake = part("Sensors that the filter reads, and checks of the samples.", default=Intake())
     noise: InertialNoise = part("Noise of the IMU and of the aiding sensors.", default=InertialNoise())
     start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
     arms: LeverArms = part("Positions of the sensors on the vehicle.", default=LeverArms())
@@ -96,13 +99,13 @@ class AidedInertialDirect:
         return replace(node, imu_reading=imu_reading, x1=x1, P1=P1, x2=x2 + gained, P2=P2)
 
     def correct_heading(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
-        """Correct the state with a measured heading z (rad, modulo 2 pi). If its variance is 0, use noise.heading."""
+        """Correct the state with a measured heading z (rad, modulo 2 pi). If `variance` is 0, use noise.heading."""
         R = self.noise.heading_noise(variance)
         correction, fix = fuse_heading(self, node, node.x1, node.P1, wrap(z - node.x1[0])[None], HEADING_ROW, R)
         return replace(node, x1=correction.x, P1=correction.P, heading_fix=fix)
 
     def correct_position(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
-        """Correct the state with a measured position z (2,) (m). If its variance is 0, use noise.position."""
+        """Correct the state with a measured position z (2,) (m). If `variance` is 0, use noise.position."""
         arm, R = aided_point(self, node.x1[0], node.P1[0, 0], variance)
         y = z - node.x2[2:4] - arm
         correction, fix = fuse_position(self, node, node.x2, node.P2, y, POSITION_ROWS, R)
@@ -115,7 +118,7 @@ class AidedInertialDirect:
 
 
 def _total_transition(transition: Any) -> Any:
-    """Return the transition matrix Phi2 of total states, from that of error states.
+    """Return the transition matrix Phi2 of total states, computed from the transition matrix of error states.
 
     The blocks of the biases have opposite signs.
     """

@@ -1,4 +1,4 @@
-"""Discrete matrices and noise of the thesis's two filters: one of heading, the other of velocity and position.
+"""Discrete matrices and noise of the two filters of the thesis: one for heading, one for velocity and position.
 
 Errors are estimate minus truth. A bias is reading minus true value. x1 = (heading, gyro bias); x2 = (velocity north,
 east, position north, east, accelerometer bias forward, starboard).
@@ -63,13 +63,15 @@ class InertialNoise:
     )
     heading_constant: Scalar = quantity(
         "rad",
-        "Constant error (1 sigma) of the heading sensor, e.g. from its mounting. It is added to the reported variance.",
+        "Constant error (1 sigma) of the heading sensor, e.g. from its mounting. The square of this error is "
+        "added to the reported variance.",
         default=0.0,
         low=0,
     )
     position_constant: Scalar = quantity(
         "m",
-        "Constant error (1 sigma) of the positions, e.g. from a beacon's survey. It is added to the reported variance.",
+        "Constant error (1 sigma) of the positions, e.g. from a beacon's survey. The square of this error is "
+        "added to the reported variance.",
         default=0.0,
         low=0,
     )
@@ -113,7 +115,8 @@ class InertialNoise:
         return jnp.where(own[0, 0] > 0, own, self.position * jnp.eye(2))
 
     def constant_variances(self) -> Any:
-        """Return the variances of constant errors (8,), in the order of Belief.x: of heading and position, else 0."""
+        """Return the variances of constant errors (8,), in the order of Belief.x. Only those of heading and position
+        are not 0."""
         heading, place = self.heading_constant**2, self.position_constant**2
         zero = jnp.zeros(())
         return stack_numbers(heading, zero, zero, place, place, zero, zero, zero)

@@ -45,16 +45,22 @@ class SpatialNoise:
     Source: docs page, Gnss and inertial; the defaults suit `Imu` with the errors of a good MEMS unit.
     """
 
-    gyro: Scalar = quantity("rad/s/Hz^0.5", "White noise of the gyros.", default=2e-4, above=0)
-    force: Scalar = quantity("m/s^2/Hz^0.5", "White noise of the accelerometers.", default=2e-3, above=0)
-    gyro_walk: Scalar = quantity("rad/s/s^0.5", "Random walk of the gyros' biases.", default=1e-5, low=0)
-    force_walk: Scalar = quantity("m/s^2/s^0.5", "Random walk of the accelerometers' biases.", default=2e-4, low=0)
-    untrusted_rate: Scalar = quantity("rad/s", "Standard deviation of an untrusted angular rate.", default=0.5, low=0)
-    untrusted_force: Scalar = quantity(
-        "m/s^2", "Standard deviation of an untrusted specific force.", default=5.0, low=0
+    gyro: Scalar = quantity("rad/s/Hz^0.5", "White noise density of the gyros.", default=2e-4, above=0)
+    force: Scalar = quantity("m/s^2/Hz^0.5", "White noise density of the accelerometers.", default=2e-3, above=0)
+    gyro_walk: Scalar = quantity("rad/s/s^0.5", "Random walk density of the gyros' biases.", default=1e-5, low=0)
+    force_walk: Scalar = quantity(
+        "m/s^2/s^0.5", "Random walk density of the accelerometers' biases.", default=2e-4, low=0
     )
-    clock: Scalar = quantity("m/s^0.5", "White noise of the receiver's clock rate.", default=0.1, low=0)
-    clock_walk: Scalar = quantity("m/s^1.5", "Random walk of the receiver's clock drift.", default=0.05, low=0)
+    untrusted_rate: Scalar = quantity(
+        "rad/s", "Standard deviation assumed for an angular rate that cannot be trusted.", default=0.5, low=0
+    )
+    untrusted_force: Scalar = quantity(
+        "m/s^2", "Standard deviation assumed for a specific force that cannot be trusted.", default=5.0, low=0
+    )
+    clock: Scalar = quantity("m/s^0.5", "White noise density of the rate of the receiver's clock.", default=0.1, low=0)
+    clock_walk: Scalar = quantity(
+        "m/s^1.5", "Random walk density of the drift of the receiver's clock.", default=0.05, low=0
+    )
 
 
 @record
@@ -124,7 +130,9 @@ class Nominal:
     acceleration: Any = quantity("m/s^2", "Acceleration of the IMU in the last sample.", frame="W", shape=(3,))
     P: Any = quantity("1", "Covariance of the error (n, n), n = 15 or 17.")
     span: Increment = part("Motion increment since the covariance P was last propagated.")
-    untrusted: Scalar = quantity("s", "Time during which the IMU was not trusted since P was last propagated.")
+    untrusted: Scalar = quantity(
+        "s", "Time during which the IMU was not trusted since the covariance P was last propagated."
+    )
 
 
 def first_nominal(start: SpatialStart, n: int) -> Nominal:
@@ -169,8 +177,9 @@ def transition(R_WB: Any, one: Increment) -> Any:
     """Return the first 9 rows (9, 15) of the error's transition matrix over an increment that begins at R_WB (3, 3).
 
     The effects of errors of attitude, velocity and position are exact. The effects of bias errors are computed for a
-    constant angular rate. For attitude and velocity they are correct to second order in the rotation angle, also for a
-    changing force (T dv - dp is the integral of s f(s)). For position they assume a constant force.
+    constant angular rate. For attitude and velocity, these effects are correct to second order in the rotation angle,
+    also for a changing force (T dv - dp is the integral of s f(s)). For position, they are correct only for a constant
+    force.
     """
     T, dR = one.time, quaternion.to_matrix(one.turn)
     eye, none = jnp.eye(3), jnp.zeros((3, 3))
@@ -216,7 +225,7 @@ def carry_covariance(P: Any, R_WB: Any, one: Increment, untrusted: Any, noise: S
 
 
 def catch_up(x: Nominal, noise: SpatialNoise) -> Nominal:
-    """Return the state with P propagated to the time of the estimate."""
+    """Return the state with the covariance P propagated to the time of the estimate."""
     begin = quaternion.multiply(x.attitude, quaternion.conjugate(x.span.turn))
     P = carry_covariance(x.P, quaternion.to_matrix(begin), x.span, x.untrusted, noise)
     return replace(x, P=P, span=no_increment(), untrusted=jnp.zeros(()))

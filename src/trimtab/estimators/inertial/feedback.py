@@ -57,15 +57,15 @@ class AidedInertialFeedback:
     and the error states are reset to zero.
 
     The error states of heading, velocity and position are estimate minus truth. The error states of biases are true
-    minus estimated bias. They are added to the bias estimates. Between updates the errors are zero, and only the
-    covariances are propagated.
+    minus estimated bias. After an update, the bias errors are added to the bias estimates. Between updates the errors
+    are zero, and only the covariances are propagated.
 
     Valid:         for any length of flight, because the INS's errors stay as small as those of the estimate.
     Not modelled:  effect of a heading error on the velocity; see AidedInertialCoupled.
     Source:        [1] chapter 3, which describes this form but flies the feed-forward form.
     """
 
-    intake: Intake = part("Sensors that are read, and checks of their samples.", default=Intake())
+    intake: Intake = part("Sensors that the filter reads, and checks of the samples.", default=Intake())
     noise: InertialNoise = part("Noise of the IMU and of the aiding sensors.", default=InertialNoise())
     start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
     arms: LeverArms = part("Positions of the sensors on the vehicle.", default=LeverArms())
@@ -105,7 +105,7 @@ class AidedInertialFeedback:
         )
 
     def correct_heading(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
-        """Correct the state with a measured heading z (rad, modulo 2 pi). If its variance is 0, use noise.heading."""
+        """Correct the state with a measured heading z (rad, modulo 2 pi). If `variance` is 0, use noise.heading."""
         y = wrap(node.heading - z)[None]
         R = self.noise.heading_noise(variance)
         correction, fix = fuse_heading(self, node, jnp.zeros(2), node.P1, y, HEADING_ROW, R, sign=-1.0)
@@ -118,7 +118,7 @@ class AidedInertialFeedback:
         )
 
     def correct_position(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
-        """Correct the state with a measured position z (2,) (m). If its variance is 0, use noise.position."""
+        """Correct the state with a measured position z (2,) (m). If `variance` is 0, use noise.position."""
         arm, R = aided_point(self, node.heading, node.P1[0, 0], variance)
         y = node.position + arm - z
         correction, fix = fuse_position(self, node, jnp.zeros(6), node.P2, y, POSITION_ROWS, R, sign=-1.0)

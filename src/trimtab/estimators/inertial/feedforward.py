@@ -57,14 +57,14 @@ class AidedInertialFeedforward:
 
         heading = phi_ins - x1[0]        yaw rate = w - x1[1]        v = v_ins - x2[:2]        r = r_ins - x2[2:4]
 
-    Valid:         while the INS's errors stay small enough for a linear model. They keep growing, because the INS is
-                   never reset: after half an hour with biases of 0.1 m/s^2 the INS is 160 km off. This error is
-                   still harmless in double precision.
+    Valid:         while the INS's errors stay small enough for a linear model. The INS's errors keep growing, because
+                   the INS is never reset: after half an hour with biases of 0.1 m/s^2 the INS is 160 km off. This error
+                   is still harmless in double precision.
     Not modelled:  effect of a heading error on the velocity. Positions don't correct the heading in this filter.
     Source:        [1] chapter 3; differences from [1]: docs page and Errata.
     """
 
-    intake: Intake = part("Sensors that are read, and checks of their samples.", default=Intake())
+    intake: Intake = part("Sensors that the filter reads, and checks of the samples.", default=Intake())
     noise: InertialNoise = part("Noise of the IMU and of the aiding sensors.", default=InertialNoise())
     start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
     arms: LeverArms = part("Positions of the sensors on the vehicle.", default=LeverArms())
@@ -112,14 +112,14 @@ class AidedInertialFeedforward:
         )
 
     def correct_heading(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
-        """Correct the state with a measured heading z (rad, modulo 2 pi). If its variance is 0, use noise.heading."""
+        """Correct the state with a measured heading z (rad, modulo 2 pi). If `variance` is 0, use noise.heading."""
         y = wrap(node.heading - z - node.x1[0])[None]
         R = self.noise.heading_noise(variance)
         correction, fix = fuse_heading(self, node, node.x1, node.P1, y, HEADING_ROW, R, sign=-1.0)
         return replace(node, x1=correction.x, P1=correction.P, heading_fix=fix)
 
     def correct_position(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
-        """Correct the state with a measured position z (2,) (m). If its variance is 0, use noise.position."""
+        """Correct the state with a measured position z (2,) (m). If `variance` is 0, use noise.position."""
         arm, R = aided_point(self, node.heading - node.x1[0], node.P1[0, 0], variance)
         y = node.position + arm - z - node.x2[2:4]
         correction, fix = fuse_position(self, node, node.x2, node.P2, y, POSITION_ROWS, R, sign=-1.0)

@@ -84,7 +84,7 @@ class GnssFix:
     forced: Scalar = quantity(
         "1", "Number of measurements accepted outside the gate after too many rejections in a row.", kind="count"
     )
-    late: Scalar = quantity("1", "Unused measurements: they were too late, or the queue was full.", kind="count")
+    late: Scalar = quantity("1", "Number of measurements unused: too late, or the queue was full.", kind="count")
 
 
 @record
@@ -111,7 +111,7 @@ class SpatialNavigationState:
     gnss: SensorWatch = part("Checks of the receiver's samples.")
     horizon: Scalar = quantity("s", "Delay of the filter behind the present.")
     healthy: Scalar = quantity("1", "True if all variances are finite and above 0.", kind="flag")
-    silent: Scalar = quantity("1", "True if the IMU has given no data for too long.", kind="flag")
+    silent: Scalar = quantity("1", "True if no IMU data have arrived for too long.", kind="flag")
 
 
 @record
@@ -134,8 +134,8 @@ class GnssInertial:
     """Strapdown navigation, aided by fixes of position and velocity, or by raw ranges and range rates.
 
     With `aiding` "fixes" the filter is loosely coupled and has 15 error states. With "ranges" it is tightly coupled and
-    has 17, two of them for the clock. It then also works with fewer than four satellites. Measurements up to `delay`
-    old are fused at the time at which they were measured.
+    has 17, two of them for the clock. The tightly coupled filter also works with fewer than four satellites.
+    Measurements up to `delay` old are fused at the time at which they were measured.
 
     The heading is only observable under lateral acceleration, e.g. in a turn. Until then, its uncertainty grows.
 
@@ -147,7 +147,7 @@ class GnssInertial:
     noise: SpatialNoise = part("Noise of the IMU and of the receiver's clock.", default=SpatialNoise())
     receiver: GnssNoise = part("Noise of the receiver's fixes or ranges.", default=GnssNoise())
     start: SpatialStart = part("Initial estimate and its uncertainty.", default=SpatialStart())
-    lever_arm: Any = quantity("m", "GNSS antenna from the IMU.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,))
+    lever_arm: Any = quantity("m", "Vector from IMU to GNSS antenna.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,))
     gravity: Any = quantity("m/s^2", "Gravity vector.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
     gate: Scalar = quantity(
         "1", "NIS gate for fixes; default: 0.9999 quantile with 6 degrees of freedom.", default=27.856, above=0
@@ -352,7 +352,7 @@ def _correct(form: GnssInertial, state: GnssInertialState, longest: Any) -> Gnss
 
 
 def _estimate_error(y: Any, H: Any, wanted: Any) -> Any:
-    """Return the variances (n,) by which P is inflated after too many rejections, from the innovations y (m,)."""
+    """Return the variances (n,) to add to P after too many rejections, computed from the innovations y (m,)."""
     squares = jnp.where(wanted & jnp.isfinite(y), y * y, 0.0)
     largest_place = jnp.max(squares * (jnp.abs(H[:, POSITION.start]) + jnp.abs(H[:, POSITION.start + 2]) > 0.1))
     largest_speed = jnp.max(squares * (jnp.abs(H[:, VELOCITY.start]) + jnp.abs(H[:, VELOCITY.start + 2]) > 0.1))
@@ -361,7 +361,7 @@ def _estimate_error(y: Any, H: Any, wanted: Any) -> Any:
 
 
 def _tell_sigmas(form: GnssInertial, state: GnssInertialState) -> GnssInertialState:
-    """Return the state with new standard deviations to report, from P propagated to the present."""
+    """Return the state with new standard deviations to report, from the covariance P propagated to the present."""
     x = state.nominal
     begin = quaternion.multiply(x.attitude, quaternion.conjugate(x.span.turn))
     whole = compose(x.span, correct_window(state.window, x.gyro_bias, x.force_bias))

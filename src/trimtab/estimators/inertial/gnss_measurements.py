@@ -38,10 +38,18 @@ RANGE_NUMBERS = 9
 class GnssNoise:
     """Noise of the satellite receiver as assumed by the filter. Source: docs page, Gnss."""
 
-    position: Scalar = quantity("m", "Standard deviation of a position fix, north and east.", default=0.4, above=0)
-    position_down: Scalar = quantity("m", "Standard deviation of a position fix, down.", default=0.7, above=0)
-    velocity: Scalar = quantity("m/s", "Standard deviation of a velocity fix, north and east.", default=0.05, above=0)
-    velocity_down: Scalar = quantity("m/s", "Standard deviation of a velocity fix, down.", default=0.08, above=0)
+    position: Scalar = quantity(
+        "m", "Standard deviation of a position fix in the north and east directions.", default=0.4, above=0
+    )
+    position_down: Scalar = quantity(
+        "m", "Standard deviation of a position fix in the down direction.", default=0.7, above=0
+    )
+    velocity: Scalar = quantity(
+        "m/s", "Standard deviation of a velocity fix in the north and east directions.", default=0.05, above=0
+    )
+    velocity_down: Scalar = quantity(
+        "m/s", "Standard deviation of a velocity fix in the down direction.", default=0.08, above=0
+    )
     pseudorange: Scalar = quantity("m", "Standard deviation of a pseudorange.", default=0.8, above=0)
     range_rate: Scalar = quantity("m/s", "Standard deviation of a range rate.", default=0.08, above=0)
     constant: Scalar = quantity(

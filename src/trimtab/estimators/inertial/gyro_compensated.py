@@ -22,7 +22,7 @@ class CompensatorState:
     """State of the gyro compensator: the last two gyro samples, of any shape. Source: [1] eq. 6.2."""
 
     y1: Any = quantity("rad/s", "Previous gyro sample.")
-    y2: Any = quantity("rad/s", "Gyro sample before the previous one.")
+    y2: Any = quantity("rad/s", "Second to last gyro sample.")
 
 
 @record
@@ -31,9 +31,10 @@ class GyroCompensator:
 
         u_k = (y_k + a1 y_{k-1} + a2 y_{k-2})/b0          [1, eq. 6.2 inverted]
 
-    The compensator is causal and always stable. It amplifies white noise by a factor of 4.6 in standard deviation, and
-    a signal at half the sampling rate by a factor of 7.3 (4.4 and 7.0 with the printed b0). Above 15 Hz the gain of the
-    identified model is too low. The compensated rate is therefore too large, e.g. by a factor of 1.5 at 20 Hz.
+    y is the output of the gyro and u the compensated rate. The compensator is causal and always stable. It amplifies
+    white noise by a factor of 4.6 in standard deviation, and a signal at half the sampling rate by a factor of 7.3 (4.4
+    and 7.0 with the printed b0). Above 15 Hz the gain of the identified model is too low. The compensated rate is
+    therefore too large, e.g. by a factor of 1.5 at 20 Hz.
 
     Valid:   for samples every 6.5536 ms.    Source: [1] eq. 6.2 and table 6.5.
     """

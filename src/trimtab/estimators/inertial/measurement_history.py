@@ -28,7 +28,7 @@ EMPTY, IMU, HEADING, POSITION, RANGES = range(5)
 """Kinds of events in the history; EMPTY marks an unused slot."""
 KINDS = ("empty", "imu", "heading", "position", "ranges")
 AIDING_KINDS = {"positions": POSITION, "ranges": RANGES}
-"""Kind of the position sensor's events, for each type of aiding (AIDED_BY of an inertial filter)."""
+"""Kind of the events from the position sensor, keyed by the type of aiding (AIDED_BY of an inertial filter)."""
 IMU_NUMBERS = 3
 """Number of values in an IMU event: yaw rate and two specific forces."""
 LONGEST = 0.1
@@ -85,7 +85,8 @@ def empty_history(node: Any, slots: int, width: int = POSITION_NUMBERS) -> Histo
 
 
 def newest_imu_index(h: History) -> Any:
-    """Return the index, counted from the oldest event, of the newest IMU sample; the last index if none is stored."""
+    """Return the index, counted from the oldest event, of the newest IMU sample; the last index if no IMU sample is
+    stored."""
     last = np.int32(h.t.shape[0] - 1)
     i = lax.while_loop(lambda i: (i >= 0) & (_read_slot(h.kind, _slot_index(h, i)) != IMU), lambda i: i - 1, last)
     return jnp.where(i < 0, last, i)

@@ -44,10 +44,10 @@ class InertialStart:
     """
 
     heading: Scalar = quantity("rad", "Initial heading.", default=0.0, kind="angle")
-    north: Scalar = quantity("m", "Initial position of the IMU, north.", default=0.0, frame="W")
-    east: Scalar = quantity("m", "Initial position of the IMU, east.", default=0.0, frame="W")
-    velocity_north: Scalar = quantity("m/s", "Initial velocity of the IMU, north.", default=0.0, frame="W")
-    velocity_east: Scalar = quantity("m/s", "Initial velocity of the IMU, east.", default=0.0, frame="W")
+    north: Scalar = quantity("m", "Initial north coordinate of the IMU.", default=0.0, frame="W")
+    east: Scalar = quantity("m", "Initial east coordinate of the IMU.", default=0.0, frame="W")
+    velocity_north: Scalar = quantity("m/s", "Initial north velocity of the IMU.", default=0.0, frame="W")
+    velocity_east: Scalar = quantity("m/s", "Initial east velocity of the IMU.", default=0.0, frame="W")
     sigma_heading: Scalar = quantity(
         "rad", "Standard deviation of the initial heading. The default is for an unknown heading.", default=1.8, above=0
     )
@@ -90,13 +90,13 @@ class InertialStart:
         return stack_numbers(*(s for s in sigmas for _ in range(2))) ** 2
 
     def pose(self) -> Any:
-        """Return the initial heading, velocity and position (5,), in the order of Belief.x."""
+        """Return the initial heading, velocity and position (5,)."""
         return jnp.concatenate(
             [jnp.reshape(jnp.asarray(self.heading, np.float64), 1), self.velocity(), self.position()]
         )
 
     def variances(self) -> Any:
-        """Return all initial variances (8,), in the order of Belief.x."""
+        """Return all initial variances (8,), in the order of Belief.x: heading, velocity, position, biases."""
         (heading, bias), motion = self.heading_variances(), self.motion_variances()
         return jnp.concatenate([heading[None], motion[:4], bias[None], motion[4:]])
 
@@ -149,7 +149,7 @@ def rotate_lever(heading: Any, arm: Any) -> tuple[Any, Any]:
 
 
 def stack_numbers(*numbers: Any) -> Any:
-    """Return an array (n,), in double precision, of n plain or traced numbers."""
+    """Return an array (n,), in double precision, of n numbers or JAX tracers."""
     return jnp.stack([jnp.asarray(number, np.float64) for number in numbers])
 
 

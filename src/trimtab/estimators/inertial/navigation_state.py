@@ -23,7 +23,9 @@ class HeadingFix:
 
     innovation: Any = quantity("rad", "Innovation: measured minus predicted heading.", kind="angle", shape=(1,))
     normalised: Any = quantity("1", "Heading innovation divided by its standard deviation.", shape=(1,))
-    nis: Scalar = quantity("1", "NIS of the heading: y^2/S; chi-square with one degree of freedom.")
+    nis: Scalar = quantity(
+        "1", "NIS of the heading: squared innovation divided by its variance; chi-square with one degree of freedom."
+    )
     used: Scalar = quantity("1", "Number of headings used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of headings rejected by the gate so far.", kind="count")
     rejected_in_a_row: Scalar = quantity(
@@ -44,7 +46,11 @@ class PositionFix:
         "m", "Innovation: measured minus predicted position, north and east.", frame="W", shape=(2,)
     )
     normalised: Any = quantity("1", "Position innovations divided by their standard deviations.", shape=(2,))
-    nis: Scalar = quantity("1", "NIS of the position: y' S^-1 y; chi-square with two degrees of freedom.")
+    nis: Scalar = quantity(
+        "1",
+        "NIS of the position: y' S^-1 y, with the innovation y and its covariance S; chi-square with two "
+        "degrees of freedom.",
+    )
     used: Scalar = quantity("1", "Number of positions used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of positions rejected by the gate so far.", kind="count")
     rejected_in_a_row: Scalar = quantity(
@@ -68,7 +74,9 @@ class NavigationState:
     surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B")
     sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B")
     yaw_rate: Scalar = quantity("rad/s", "Rate of turn, clockwise from above.", frame="B")
-    heading: Scalar = quantity("rad", "Heading: angle from north to the body's x axis, unwrapped.", kind="angle")
+    heading: Scalar = quantity(
+        "rad", "Heading: angle from north to the body's x axis, clockwise, not wrapped to one turn.", kind="angle"
+    )
     north: Scalar = quantity("m", "North position of the reference point.", frame="W")
     east: Scalar = quantity("m", "East position of the reference point.", frame="W")
     sigma_surge_velocity: Scalar = quantity("m/s", "Standard deviation of the velocity along the body's x axis.")

@@ -101,7 +101,8 @@ def compose(first: Increment, then: Increment) -> Increment:
 
 
 def remove_first(both: Increment, first: Increment) -> Increment:
-    """Return the rest of an increment after its first part, so that compose(first, rest) is the whole increment."""
+    """Return the rest of an increment after the part `first`, so that compose(first, rest) is the complete
+    increment."""
     R_T = quaternion.to_matrix(first.turn).T
     time = both.time - first.time
     return Increment(

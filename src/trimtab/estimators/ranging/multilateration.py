@@ -4,8 +4,8 @@ Every function takes all n beacons and a mask of the beacons to use, so that sha
 replies. Heights are those of the beacons above the ultrasonic unit. A position that cannot be found is NaN or has a
 large residual.
 
-The ultrasonic units of one vehicle can't be located at the same time: one unit is polled, and the other a time slot
-later. The vehicle's motion in between causes a heading error, unless inertial navigation measures the motion.
+The ultrasonic units of one vehicle can't be located at the same time: the second unit is polled one time slot after the
+first. The vehicle's motion in between causes a heading error, unless inertial navigation measures the motion.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -36,13 +36,13 @@ def two_unit_heading(place_a: Any, place_b: Any, lever_a: Any, lever_b: Any) -> 
 
 
 def assisted_heading(place_a: Any, place_b: Any, displacement: Any, lever_a: Any, lever_b: Any) -> Any:
-    """Return the heading from the positions of ultrasonic unit a at t_a and b at t_b, and a's displacement in between.
+    """Return the heading from the positions of ultrasonic unit a at t_a and unit b at t_b, and unit a's displacement.
 
         r_a' = r_a + [r_ins(t_b) - r_ins(t_a)]
 
-    displacement: the bracket, north and east (m), shape (2,). Other arguments are as in `two_unit_heading`. The result
-    is exact if r_ins is the position of unit a. If r_ins is another point of the vehicle, the motion of unit a due to
-    turning is missing.
+    displacement: displacement of unit a from t_a to t_b (the bracket), north and east (m), shape (2,). Other arguments
+    are as in `two_unit_heading`. The result is exact if r_ins is the position of unit a. If r_ins is another point of
+    the vehicle, the motion of unit a due to turning is missing.
 
     Source: [1] section 5.4.
     """
@@ -178,8 +178,8 @@ def solve_leaving_one_out(
 ) -> Solution:
     """Return the solution with all beacons, and the n solutions that each leave out one beacon.
 
-    The fields have a leading axis (n + 1,). If the solution with all beacons is good enough, the others are not
-    computed, and are 0.
+    The fields have a leading axis (n + 1,). If the solution with all beacons is good enough, the other solutions are
+    not computed, and are 0.
 
     Args:
         solve: function of (plan, height, ranges, used) that returns a Solution.

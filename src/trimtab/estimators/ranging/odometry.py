@@ -32,9 +32,9 @@ from trimtab.estimators.ranging.position import SQUARE
 HEADING, NORTH, EAST, TURN_BIAS, COURSE, SCALE, ERRORS = range(7)
 """Indices of the states of the odometry filter. From ERRORS on, there is one range error for each beacon."""
 DOUBTED_MIN = 3
-"""Smallest number of beacons with a rejected newest range for a restart. Two beacons would allow two positions."""
+"""Smallest number of beacons with a rejected newest range for a restart. Ranges to two beacons fit two positions."""
 OTHERS_MIN = 3
-"""Smallest number of ranges, to beacons other than the two with the most ranges, that is needed for a restart."""
+"""Smallest number of ranges for a restart, without the ranges to the two beacons that have the most ranges."""
 AGREEMENT = 2.0
 """Largest chi-square per degree of freedom at which ranges count as agreeing with each other."""
 RESTART_VARIANCE = 4.0
@@ -100,7 +100,7 @@ class PlanarStart:
         "rad/s", "Standard deviation of the yaw rate's initial bias.", default=5e-3, low=0
     )
     sigma_course: Scalar = quantity(
-        "rad", "Initial standard deviation of the angle from x axis to direction of motion.", default=0.03, low=0
+        "rad", "Initial standard deviation of the angle from the x axis to the velocity.", default=0.03, low=0
     )
 
 
@@ -113,7 +113,7 @@ class RadioFix:
     nis: Any = quantity("1", "NIS of each beacon's range.")
     accepted: Any = quantity("1", "True for each beacon whose range was used.", kind="flag")
     beacon_rejected_in_a_row: Any = quantity(
-        "1", "Rejected ranges of each beacon since the last accepted one.", kind="count"
+        "1", "Number of ranges of each beacon rejected since its last accepted range.", kind="count"
     )
     used: Scalar = quantity("1", "Number of ranges used so far.", kind="count")
     rejected: Scalar = quantity("1", "Number of ranges rejected so far.", kind="count")
@@ -121,14 +121,14 @@ class RadioFix:
     restarts: Scalar = quantity(
         "1", "Number of restarts of the pose from ranges that agree with each other.", kind="count"
     )
-    late: Scalar = quantity("1", "Unused messages: their ranges were too far in time from odometry.", kind="count")
+    late: Scalar = quantity("1", "Number of messages without an odometry sample near in time; unused.", kind="count")
 
 
 @record
 class RobotNavigation:
     """Position and heading with their uncertainty, at the newest odometry. Source: docs page, Odometry and ranges."""
 
-    heading: Scalar = quantity("rad", "Heading: angle from north to the body's x axis, unwrapped.", kind="angle")
+    heading: Scalar = quantity("rad", "Heading, clockwise from north, not wrapped to one turn.", kind="angle")
     north: Scalar = quantity("m", "Estimated north position.", frame="W")
     east: Scalar = quantity("m", "Estimated east position.", frame="W")
     speed: Scalar = quantity("m/s", "Speed at the newest odometry sample.")
@@ -149,12 +149,12 @@ class OdometryState:
     """State of the filter of odometry and ranges. Source: docs page, Odometry and ranges."""
 
     t: Scalar = quantity("100 ns", "Time of the newest odometry sample.", kind="time")
-    distance: Scalar = quantity("m", "Total distance driven, from the newest odometry sample.")
-    turn: Scalar = quantity("rad", "Total angle turned, from the newest odometry sample.", kind="angle")
+    distance: Scalar = quantity("m", "Total distance driven, as reported by the newest odometry sample.")
+    turn: Scalar = quantity("rad", "Total angle turned, as reported by the newest odometry sample.", kind="angle")
     speed: Scalar = quantity("m/s", "Speed at the newest odometry sample.")
     rate: Scalar = quantity("rad/s", "Yaw rate at the newest odometry sample.")
-    moved: Scalar = quantity("1", "True once two odometry samples have given speed and yaw rate.", kind="flag")
-    x: Any = quantity("1", "Heading, north, east, yaw rate bias, course, scale, errors of the beacons (6 + n,).")
+    moved: Scalar = quantity("1", "True once two odometry samples have determined speed and yaw rate.", kind="flag")
+    x: Any = quantity("1", "Heading, north, east, yaw rate bias, drift angle, scale error, beacon errors (6 + n,).")
     P: Any = quantity("1", "Covariance of the state's error (6 + n, 6 + n).")
     fix: RadioFix = part("Statistics of the range updates.")
     recent: RecentRanges = part("Newest ranges, stored for a restart.")
@@ -176,7 +176,7 @@ class OdometryRanging:
     range measured between two samples, the position is extrapolated with the last speed and yaw rate.
 
     Frames:  beacons in W; level vehicle on a flat floor.
-    Valid:   from the first odometry sample on, except while the newest `patience` ranges (16 if 0) were all rejected.
+    Valid:   from the first odometry sample on, unless the newest `patience` ranges (16 if it is 0) were all rejected.
     Not modelled: antennas away from the vehicle's reference point; a range's curvature, small at metres.
     Source:  docs page, Odometry and ranges.
     """
@@ -199,7 +199,7 @@ class OdometryRanging:
         """Raise InputError if the beacons are not a list of positions, or the patience is out of range."""
         patience, shape = int(self.errors.patience), np.shape(self.beacons)
         if patience and not FEWEST <= patience <= KEPT:
-            problem = f"must be 0, or {FEWEST} to {KEPT}, got {patience}"
+            problem = f"the patience must be 0, or {FEWEST} to {KEPT}, got {patience}"
             raise InputError("OdometryRanging.errors.patience", problem, fix="set 0 for no restarts; the default is 12")
         if len(shape) != 2 or shape[1] != 3 or not shape[0]:
             fix = "give north, east and down of each beacon"
@@ -266,7 +266,7 @@ class OdometryMotion(NamedTuple):
 
 
 def read_odometry(s: Any, sample: Any, t: Any, grip: Any) -> tuple[Any, Any, OdometryMotion]:
-    """Return the state with a new odometry sample, True if there is a motion since the last one, and the motion."""
+    """Return the state with a new odometry sample, True if there is a motion since the last sample, and the motion."""
     distance, turn = jnp.asarray(sample.value.distance, float), jnp.asarray(sample.value.turn, float)
     usable = sample.fresh & sample.valid & (sample.t > s.t) & (sample.t <= t)
     usable = usable & jnp.isfinite(distance) & jnp.isfinite(turn)
@@ -279,7 +279,7 @@ def read_odometry(s: Any, sample: Any, t: Any, grip: Any) -> tuple[Any, Any, Odo
 
 
 def predict_odometry(x: Any, P: Any, m: OdometryMotion, noise: OdometryNoise) -> tuple[Any, Any]:
-    """Return state x (6 + n,) and covariance after a motion: half of the turn, the distance, half of the turn."""
+    """Return state x (6 + n,) and covariance after half of the turn, the distance, and the other half of the turn."""
     angle = m.turn - x[TURN_BIAS] * m.dt
     c = x[HEADING] + x[COURSE] + angle / 2
     along = m.distance * jnp.stack([jnp.cos(c), jnp.sin(c)])
@@ -295,7 +295,7 @@ def predict_odometry(x: Any, P: Any, m: OdometryMotion, noise: OdometryNoise) ->
 
 
 def read_ranges(s: OdometryState, sample: Any, t: Any, longest: Any) -> tuple[Any, Any, RadioFix]:
-    """Return the ranges (n,), 0 if not usable, their time after the odometry sample (s), and the reset statistics."""
+    """Return the ranges (n,), 0 where unusable, their time after the odometry sample (s), and the reset statistics."""
     value, n = sample.value, s.fix.nis.shape[0]
     z = jnp.where(jnp.asarray(value.arrived, bool), jnp.asarray(value.range, float), 0.0)
     z = jnp.where(jnp.isfinite(z) & (z > 0) & sample.fresh & sample.valid & (s.t > NEVER), z, 0.0)
@@ -379,7 +379,7 @@ def restart_pose(form: Any, s: OdometryState, number: Any) -> OdometryState:
 
 
 def planar_estimate(t: Any, s: Any, x: Any, P: Any, fresh: Any, valid: Any) -> Estimate:
-    """Return the estimate of a filter of odometry and ranges, from x (6 + n,) and P at the newest odometry sample."""
+    """Return the estimate of an odometry filter from its state x (6 + n,) and covariance P at the newest odometry."""
     sigma = jnp.sqrt(jnp.maximum(jnp.stack([P[k, k] for k in (HEADING, NORTH, EAST)]), 0.0))
     state = RobotNavigation(
         heading=x[HEADING],

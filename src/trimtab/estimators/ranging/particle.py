@@ -46,7 +46,7 @@ from trimtab.estimators.ranging.range_errors import RangeErrorModel
 from trimtab.estimators.ranging.range_model import unit_geometry
 
 COMB = 3
-"""Stream of the random numbers for resampling."""
+"""Index of the random number stream for resampling."""
 
 
 @record
@@ -77,14 +77,16 @@ class ParticleState:
     key: Key = part("Key of the random number generator.")
     cloud: Cloud = part("Particles and their weights.")
     at: Scalar = quantity(
-        "100 ns", "Time to which the particles are propagated: that of the last used ping, or later.", kind="time"
+        "100 ns", "Time to which the particles are propagated: the time of the last used ping, or later.", kind="time"
     )
-    history: ImuHistory = part("Newest IMU samples. The oldest is from before the last used ping.")
+    history: ImuHistory = part(
+        "Newest IMU samples. The oldest of these samples was measured before the last used ping."
+    )
     fix: ParticleFix = part("Statistics of the particles.")
     imu: SensorWatch = part("Checks of the IMU's samples.")
     position: SensorWatch = part("Checks of the ranging sensor's samples.")
     heading: Any = part("Checks of a heading sensor; always None, because the filter reads none.", default=None)
-    clock: Scalar = quantity("100 ns", "Latest time of the autopilot's clock so far.", kind="time", default=NEVER)
+    clock: Scalar = quantity("100 ns", "Latest time that the autopilot's clock has shown.", kind="time", default=NEVER)
     clock_backwards: Scalar = quantity(
         "1", "Number of times the autopilot's clock ran backwards.", kind="count", default=0
     )
@@ -94,8 +96,8 @@ class ParticleState:
 class Particle:
     """Particle filter whose particles are Gaussians, each updated to second order.
 
-    The particles are drawn at the first ping with two or more ranges. Each particle starts with a random pair of
-    beacons, at one of the two intersections of their circles, with a random heading. The filter is updated at pings.
+    The particles are drawn at the first ping with two or more ranges. Each particle starts with a random heading, at
+    one of the two intersections of the range circles around a random pair of beacons. The filter is updated at pings.
     Between two pings, the IMU is integrated once for all particles. A ping is used at the time at which it was sent.
     From this time, the estimate is predicted to the newest IMU sample. A ping older than the last ping used is not
     used.
@@ -106,12 +108,14 @@ class Particle:
     """
 
     intake: Intake = part(
-        "Sensors that are read, and checks of their samples. The field `position` names the ranging sensor.",
+        "Sensors that the filter reads, and checks of the samples. The field `position` names the ranging sensor.",
         default=Intake(heading="", position="ranging", slots=64),
     )
     noise: InertialNoise = part("Noise of the IMU.", default=InertialNoise())
     errors: RangeErrorModel = part("Errors of the ranges. Errors of beacons are considered.", default=RangeErrorModel())
-    start: InertialStart = part("Initial velocity and standard deviations.", default=InertialStart())
+    start: InertialStart = part(
+        "Initial velocity of the vehicle, and initial standard deviations.", default=InertialStart()
+    )
     arms: LeverArms = part("Position of the IMU on the vehicle.", default=LeverArms())
     beacons: Any = quantity("m", "Surveyed positions of the beacons (n, 3).", default=SQUARE, frame="W")
     units: Any = quantity("m", "Positions of the vehicle's ultrasonic units (m, 3).", default=PAIR, frame="B")

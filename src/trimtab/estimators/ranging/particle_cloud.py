@@ -35,7 +35,7 @@ from trimtab.estimators.ranging.range_model import (
 )
 
 START = 1
-"""First stream of the random numbers for the initialisation."""
+"""Index of the first random number stream for the initialisation."""
 
 
 @record
@@ -45,13 +45,16 @@ class Cloud:
     Source: docs page, Particle filter.
     """
 
-    x: Any = quantity("1", "States of the particles (N, 9 + n): Belief.x, scale error, error of each beacon.")
+    x: Any = quantity(
+        "1",
+        "States of the particles (N, 9 + n): values of Belief.x (pose, velocity, biases), scale error, beacon errors.",
+    )
     P: Any = quantity("1", "Covariances of the particles (N, 9 + n, 9 + n).")
     weight: Any = quantity("1", "Weights of the particles (N,), which sum to 1.")
 
 
 def initialise_cloud(form: Any, key: Key, number: Any, ranges: Any, unit: Any) -> Cloud:
-    """Return particles drawn from the ranges (n,) of one ping, of which at least two must be above 0.
+    """Return particles drawn from the ranges (n,) of one ping. At least two ranges must be above 0.
 
     number: number of previous starts.
     """
@@ -110,7 +113,7 @@ def predict_particle(x: Any, P: Any, m: PreintegratedMotion, Q: Any) -> tuple[An
 
 
 def motion_covariance(noise: InertialNoise, heading: Any, m: PreintegratedMotion) -> Any:
-    """Return the process noise Q (8, 8) of Belief.x over a motion."""
+    """Return the process noise Q (8, 8) of the eight states in Belief.x over a motion."""
     Q = coupled_process_noise(noise.growth(m.time, m.untrusted), heading, noise.integration_time(m.time))
     return Q * SIGNS[:, None] * SIGNS[None, :]
 

@@ -26,7 +26,7 @@ POSE = 3
 """Number of unknowns of the pose: heading, north, east. The scale error does not count, because its standard deviation
 is known."""
 HEADINGS = 8
-"""Number of headings from which the search of a pose starts."""
+"""Number of initial headings from which the search for a pose starts."""
 ITERATIONS = 10
 SIGMA_TURN = 1.0
 """Prior standard deviation of the heading correction (rad). It only matters if ranges do not determine the heading."""

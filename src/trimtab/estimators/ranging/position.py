@@ -43,7 +43,7 @@ def check_positions(name: str, form: Any) -> None:
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
             raise InputError(
                 f"{name}.{field}",
-                f"must have shape (n, 3), got {shape}",
+                f"the array must have shape (n, 3), got {shape}",
                 fix="give one row of three coordinates for each position",
             )
 
@@ -97,7 +97,9 @@ class RangingPositionState:
         "1", "Sensitivity of each ultrasonic unit's last fix to an error of each range (m, n, 2).", frame="W"
     )
     times: Any = quantity(
-        "100 ns", "Time at which each ultrasonic unit was last located (m,); NEVER for one without a fix.", kind="time"
+        "100 ns",
+        "Time at which each ultrasonic unit was last located (m,); NEVER for a unit without a fix.",
+        kind="time",
     )
     measured: Scalar = quantity("100 ns", "Time at which the newest ping with a fix was sent.", kind="time")
     seen: Scalar = quantity("100 ns", "Time at which the newest ping, with or without a fix, was sent.", kind="time")
@@ -125,8 +127,8 @@ class RangingPosition:
     From three or more ranges, the position is found by Bancroft's closed form, followed by least squares. If the
     residual is above its limit and there are enough ranges, one range is left out. Without this range, the residual
     must be below the limit, and the fix must lie within the cones of the other received beacons. If several ranges
-    qualify, the residual and the distance from the previous fix decide. If none qualifies, there is no fix. From two
-    ranges, the intersection nearer to the previous fix is taken.
+    qualify, the residual and the distance from the previous fix decide. If no range qualifies, there is no fix. From
+    two ranges, the intersection nearer to the previous fix is taken.
 
     Frames:  beacons in W, ultrasonic units in B; level vehicle on a flat floor.
     Not modelled: motion between the pings of two units, see docs page; correlation of fixes in time.
@@ -182,7 +184,7 @@ class RangingPosition:
         if len(plan) == 2 and np.allclose(plan[0], plan[1]):
             raise InputError(
                 "RangingPosition.units",
-                "one of the first two ultrasonic units must not be above the other",
+                "the second ultrasonic unit must not be directly above or below the first",
                 fix="give the two units different x or y",
             )
 
@@ -209,7 +211,7 @@ class RangingPosition:
         )
 
     def locate(self, ranges: Any, arrived: Any, unit: Any, near: Any, known: Any) -> _UnitLocation:
-        """Return an ultrasonic unit's position (2,) and its quality, from measured ranges.
+        """Return an ultrasonic unit's position (2,), and the quality of this position, from measured ranges.
 
         ranges: measured ranges (m), shape (n,).  arrived: True for each range that arrived, shape (n,).  unit: index of
         the unit.  near: position of the previous fix (m), shape (2,).  known: True if there was a previous fix.

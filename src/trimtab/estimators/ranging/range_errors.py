@@ -21,11 +21,11 @@ class RangeErrorModel:
         measured = (1 + scale) h(place) + error of the beacon + noise
 
     The scale error, caused by a wrong speed of sound, is estimated: 5 K cause 2.4 cm in 2.7 m, six times the noise. A
-    beacon's survey error is considered, not estimated. It can't be distinguished from a displacement of the vehicle, so
-    that a filter that averages it is overconfident. For a beacon that was found moved, the range error is considered
-    with the standard deviation `moved`. Its ranges then have almost no weight, until they have agreed with the survey
-    for a long time. The range error of a moved beacon changes with the vehicle's position. A constant fitted to it made
-    the filter overconfident (NEES of 12 to 20 instead of 8, docs page).
+    beacon's survey error is considered, not estimated. A survey error can't be distinguished from a displacement of the
+    vehicle, so a filter that averages survey errors is overconfident. For a beacon that was found moved, the range
+    error is considered with the standard deviation `moved`. The ranges of this beacon then have almost no weight, until
+    they have agreed with the survey for a long time. The range error of a moved beacon changes with the vehicle's
+    position. A constant fitted to this error made the filter overconfident (NEES of 12 to 20 instead of 8, docs page).
 
     Source: [1] section 5.5; Schmidt 1966; values for the simulated network, docs page, Tightly coupled ranging.
     """

@@ -22,7 +22,8 @@ from trimtab.estimators.ranging.range_errors import RangeErrorModel
 ITERATIONS = 8
 TOLERANCE = 1e-6
 TOP = LINEAR / (1 - 2 * QUADRATIC)
-"""Angle off a beacon's axis (rad), about 0.003, at which e(beta) cos(beta) has its maximum, and thus zero slope."""
+"""Angle beta off a beacon's axis (rad), about 0.003, at which e(beta) cos(beta) has its maximum, and thus zero slope. e
+is the ratio of true to measured range."""
 START, FARTHEST = 2.2 * TOP, 1.4
 """Smallest and largest initial angle (rad) of Newton's method. For a range above the height, no root is below 2 TOP."""
 POSE = np.array([0, 3, 4])
@@ -34,9 +35,10 @@ def compensate_range(measured: Any, height: Any) -> tuple[Any, Any, Any]:
 
         e(beta) cos(beta) = h / rho,   r = e(beta) rho
 
-    The equation is solved by Newton's method from acos(h/rho), to 1e-6. Its left side rises from 1 at beta = 0 to a
-    maximum at 0.003 rad, and falls beyond. Therefore the iteration starts beyond the maximum. If noise makes a range
-    smaller than the height, there is no solution. Then the measured range and an angle of 0 are returned.
+    e is the ratio of true to measured range. The equation is solved by Newton's method from acos(h/rho), to 1e-6. Its
+    left side rises from 1 at beta = 0 to a maximum at 0.003 rad, and falls beyond. Therefore the iteration starts
+    beyond the maximum. If noise makes a range smaller than the height, there is no solution. Then the measured range
+    and an angle of 0 are returned.
 
     Args:
         measured: measured range rho (m), any shape.
@@ -75,8 +77,9 @@ def predict_range(beacon: Any, place: Any, down: Any, *, cone: bool) -> RangePre
 
         d / e(beta),  tan beta = |p - q| / h,  e = 1 without cone error
 
-    The cone error is modelled, not compensated, for two reasons. The noise is that of the measured range, and a range
-    that noise has made shorter than the height can't be compensated. The curvature is that of the distance d.
+    d is the distance, e the ratio of true to measured range, beta the angle off the beacon's axis. The cone error is
+    modelled, not compensated, for two reasons. The noise is that of the measured range, and a range that noise has made
+    shorter than the height can't be compensated. The curvature is that of the distance d.
 
     beacon: north, east, down in W (3,).  place: north and east of the unit (2,).  down: down coordinate of the unit.
     cone: True if the cone error makes ranges off the axis too long.
@@ -146,7 +149,8 @@ class RangeUpdate(NamedTuple):
 
 
 def linearise_range(x: Any, P: Any, i: Any, g: Geometry) -> LinearisedRange:
-    """Return the predicted range to beacon i at a state (9 + n,): Belief.x, scale error, errors of the beacons.
+    """Return the predicted range to beacon i at a state (9 + n,), which consists of Belief.x, the scale error and the
+    errors of the beacons.
 
     With the range's Hessian A by (heading, north, east) and the covariance S of these states, the uncertainty of a
     Gaussian state adds tr(A S)/2 to the mean and tr(A S A S)/2 to the variance ([4] section 10.3.3).

@@ -38,7 +38,7 @@ class RangingStart:
         "m", "First position found from ranges. The equations measure all positions from it.", frame="W", shape=(2,)
     )
     pings: Scalar = quantity(
-        "1", "Number of pings used: those for which a position of the ultrasonic unit was found.", kind="count"
+        "1", "Number of pings for which a position of the ultrasonic unit was found and used.", kind="count"
     )
     elapsed: Scalar = quantity("s", "Time since the first ping used.")
     turn: Scalar = quantity("rad", "Angle turned since the first ping used.", kind="angle")
@@ -94,7 +94,7 @@ def add_unit_position(start: RangingStart, place: Any, lever: Any, W: Any) -> Ra
 
 
 def add_heading(start: RangingStart, heading: Any, variance: Any) -> RangingStart:
-    """Add a sensor's heading (rad) to the normal equations. It has no effect before the first ping."""
+    """Add a sensor's heading (rad) to the normal equations. The heading has no effect before the first ping."""
     a = heading - start.turn
     A = jnp.concatenate([jnp.zeros((2, 4)), jnp.eye(2)], axis=1)
     informed = _add_equations(start, A, jnp.stack([jnp.cos(a), jnp.sin(a)]), jnp.eye(2) / variance)

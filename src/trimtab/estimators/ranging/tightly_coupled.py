@@ -49,7 +49,9 @@ class TightNode:
         "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
     )
     untrusted: Any = quantity("1", "Flags of gyro and accelerometers: 1 if the sensor cannot be trusted.", shape=(2,))
-    x: Any = quantity("1", "State (9 + n,): Belief.x, scale error, error of each beacon.")
+    x: Any = quantity(
+        "1", "Filter state (9 + n,): values of Belief.x (pose, velocity, biases), scale error, error of each beacon."
+    )
     P: Any = quantity("1", "Covariance of the state's error (9 + n, 9 + n).")
     force: Any = quantity(
         "m/s^2", "Low-pass filtered specific force, corrected for bias, used in the Jacobian.", frame="B", shape=(2,)
@@ -78,7 +80,7 @@ class TightlyCoupled:
     """
 
     intake: Intake = part(
-        "Sensors that are read, and checks of their samples. The field `position` names the ranging sensor.",
+        "Sensors that the filter reads, and checks of the samples. The field `position` names the ranging sensor.",
         default=Intake(heading="", position="ranging", slots=48),
     )
     noise: InertialNoise = part("Noise of the IMU and of the heading sensor.", default=InertialNoise())
@@ -89,14 +91,15 @@ class TightlyCoupled:
     units: Any = quantity("m", "Positions of the vehicle's ultrasonic units (m, 3).", default=PAIR, frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
     smoothing: Scalar = quantity(
-        "s", "Time constant of the low-pass filter of the force in the Jacobian.", default=0.05, low=0
+        "s", "Time constant of the low-pass filter of the specific force used in the Jacobian.", default=0.05, low=0
     )
     rest_smoothing: Scalar = quantity(
-        "s", "Time constant of the low-pass filter of the force for detecting rest.", default=0.5, low=0
+        "s", "Time constant of the low-pass filter of the specific force used to detect rest.", default=0.5, low=0
     )
     rest_sigmas: Scalar = quantity(
         "1",
-        "Number of standard deviations below which a force counts as zero. Only used with a single ultrasonic unit.",
+        "Number of standard deviations below which the specific force counts as zero. Only used with a "
+        "single ultrasonic unit.",
         default=3.0,
         low=0,
     )
@@ -124,7 +127,9 @@ class TightlyCoupled:
         self.intake.check()
         if not self.intake.position:
             raise InputError(
-                "TightlyCoupled.intake.position", "must name the ranging sensor", fix="give the ranging sensor's name"
+                "TightlyCoupled.intake.position",
+                "the field must name the ranging sensor",
+                fix="give the ranging sensor's name",
             )
         check_positions("TightlyCoupled", self)
 
@@ -168,7 +173,7 @@ class TightlyCoupled:
         return replace(node, imu_reading=imu_reading, x=m.x, P=P, force=m.force, steady=m.steady, start=start)
 
     def correct_heading(self, node: TightNode, z: Any, variance: Any) -> TightNode:
-        """Correct the state with a measured heading z (rad, modulo 2 pi). If its variance is 0, use noise.heading.
+        """Correct the state with a measured heading z (rad, modulo 2 pi). If `variance` is 0, use noise.heading.
 
         Before the filter has started, the heading is added to the data for the start instead.
         """
@@ -291,7 +296,8 @@ def update_starting(form: TightlyCoupled, node: TightNode, unit: Any, agree: Any
 
 
 def _inflate_beacon_errors(P: Any, moved: Any, forgiven: Any, errors: Any) -> Any:
-    """Return P with increased variances of moved beacons (n,), and initial variances of beacons trusted again (n,)."""
+    """Return the covariance P with increased variances for beacons that have moved (n,), and with initial variances for
+    beacons that are trusted again (n,)."""
     none = jnp.zeros(DIMENSION + 1)
     wider = jnp.concatenate([none, jnp.where(moved, errors.moved**2, 0.0)])
     cut = jnp.concatenate([none, jnp.where(forgiven, 1.0, 0.0)]) > 0
@@ -301,7 +307,7 @@ def _inflate_beacon_errors(P: Any, moved: Any, forgiven: Any, errors: Any) -> An
 
 
 def _replace_pose_covariance(own: Any, P: Any) -> Any:
-    """Return P with a new, uncorrelated covariance (5, 5) of heading, velocity and position."""
+    """Return the covariance P with a new, uncorrelated block (5, 5) for heading, velocity and position."""
     across = jnp.zeros((5, P.shape[0] - 5))
     return jnp.concatenate([jnp.concatenate([own, across], axis=1), jnp.concatenate([across.T, P[5:, 5:]], axis=1)])
 

@@ -90,7 +90,8 @@ class UltrasonicInertial:
     `state.position_sensor` also includes checks of the pings: frozen ranges, non-finite ranges, pings out of time.
 
     Frames:  beacons in W, levers in B.
-    Valid:   for one or two units; two give a heading. Not modelled: correlation of heading and position of a ping.
+    Valid:   for one or two ultrasonic units. Two units provide a heading.
+    Not modelled: correlation of heading and position of a ping.
     Source:  [1] sections 5.4 and 5.5.
     """
 
@@ -139,8 +140,14 @@ class UltrasonicInertial:
             raise InputError("UltrasonicInertial", problem, fix=fix)
         lever = np.asarray(self.positioning.units)[0, :2] if units == 1 else np.zeros(2)
         if not np.allclose(self.inertial.arms.aiding, lever):
-            problem = f"inertial.arms.aiding is {np.asarray(self.inertial.arms.aiding)}; for {units} units set {lever}"
-            fix = "set it to x, y of a single unit; with two units set it to 0: their lever arms are subtracted before"
+            problem = (
+                f"inertial.arms.aiding must be {lever} for {units} ultrasonic unit(s), got "
+                f"{np.asarray(self.inertial.arms.aiding)}"
+            )
+            fix = (
+                "set it to x, y of a single ultrasonic unit, or to 0 for two units: their lever arms are "
+                "subtracted from the fixes"
+            )
             raise InputError("UltrasonicInertial", problem, fix=fix)
         if not self.inertial.intake.position:
             raise InputError(
@@ -179,7 +186,8 @@ class UltrasonicInertial:
         return UltrasonicInertialState(ranging, inertial), replace(estimate, state=navigation)
 
     def _pose(self, inertial: InertialState, t: Any) -> _Pose:
-        """Return the INS's estimate at integer time t, extrapolated at constant velocity from the last event before."""
+        """Return the INS's estimate at integer time t, extrapolated at constant velocity from the last event before
+        t."""
         node = node_before(inertial.history, t)
         belief = self.inertial.belief(node)
         x, rate = belief.x, node.imu_reading[0] - belief.x[5]
@@ -192,8 +200,8 @@ class UltrasonicInertial:
     def _locate_vehicle(
         self, s: RangingPositionState, fix: Estimate, inertial: InertialState
     ) -> tuple[PositionMeasurement, HeadingMeasurement]:
-        """Return the vehicle's position from that of the ultrasonic unit that pinged, and its heading from two
-        units."""
+        """Return the vehicle's position, from the position of the ultrasonic unit that pinged, and the vehicle's
+        heading, from the positions of two units."""
         levers = jnp.asarray(self.positioning.units)[:, :2]
         new = fix.state.unit
         now, lever = self._pose(inertial, s.measured), levers[new]
