@@ -23,7 +23,7 @@ def certificate():
     return design_certificate(ball_system())
 
 
-def test_the_file_loses_no_digit(certificate, tmp_path):
+def test_json_round_trip_keeps_every_digit(certificate, tmp_path):
     file = tmp_path / "c.json"
     file.write_text(certificate_json(certificate), encoding="utf-8")
     back, written = read_certificate(file)
@@ -34,13 +34,13 @@ def test_the_file_loses_no_digit(certificate, tmp_path):
     assert max(len(line) for line in file.read_text().splitlines()) < 200
 
 
-def test_poles_that_are_all_real_are_read_as_they_were_written(certificate):
+def test_real_poles_survive_the_json_round_trip(certificate):
     real = certificate._replace(poles=sorted_poles(np.diag([-3.0, -1.0, -2.0, -4.0])))
     back, _ = parse_certificate(certificate_json(real), "c.json")
     assert np.array_equal(back.poles, [-1, -2, -3, -4])
 
 
-def test_a_tiny_change_is_seen_by_the_digest(certificate):
+def test_digest_detects_last_digit_change(certificate):
     content = json.loads(certificate_json(certificate))
     content["K"][0][0] = float(np.nextafter(content["K"][0][0], 1))
     back, written = parse_certificate(json.dumps(content), "c.json")
@@ -83,7 +83,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_is_no_certificate_is_refused(certificate, case):
+def test_rejects_invalid_certificate(certificate, case):
     change, words = REFUSED[case]
     content = json.loads(certificate_json(certificate))
     change(content)
@@ -92,12 +92,12 @@ def test_what_is_no_certificate_is_refused(certificate, case):
     assert "trimtab design" in str(refused.value) or refused.value.choices
 
 
-def test_the_format_before_says_what_to_type(certificate):
+def test_old_format_error_gives_the_command(certificate):
     with pytest.raises(InputError, match=r"trimtab design hypersonic --out old\.json  writes a new one"):
         parse_certificate('{"format": "trimtab certificate 1"}', "old.json")
 
 
-def test_keys_that_are_there_twice_are_refused(certificate):
+def test_rejects_duplicate_keys(certificate):
     text = certificate_json(certificate)
     for key in ("K", "system", "estimated"):
         double = text.replace(f'"{key}":', f'"{key}": [[0.0]],\n "{key}":', 1)
@@ -105,7 +105,7 @@ def test_keys_that_are_there_twice_are_refused(certificate):
             parse_certificate(double, "c.json")
 
 
-def test_files_that_cannot_be_read_are_refused(tmp_path):
+def test_rejects_unreadable_files(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_certificate(tmp_path / "none.json")
     (tmp_path / "binary").write_bytes(b"\xff\xfe\x00")

@@ -248,13 +248,13 @@ def text():
     return certificate_json(hypersonic.certificate(mode_error=0.0))  # one box of modes: quick
 
 
-def test_there_are_enough_of_them():
+def test_at_least_100_tampered_cases_exist():
     assert len(CASES) + len(TEXTS) >= 100
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("case", CASES)
-def test_a_tampered_file_is_refused(text, case, tmp_path):
+def test_rejects_tampered_certificate(text, case, tmp_path):
     change, words = CASES[case]
     content = json.loads(text)
     change(content)
@@ -272,7 +272,7 @@ def test_a_tampered_file_is_refused(text, case, tmp_path):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("case", TEXTS)
-def test_a_tampered_text_is_refused(text, case, tmp_path):
+def test_rejects_tampered_text(text, case, tmp_path):
     change, words = TEXTS[case]
     assert change(text) != text
     answer = check(change(text), tmp_path)
@@ -299,7 +299,7 @@ HONEST += [
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("settings", HONEST, ids=lambda s: " ".join(map(str, s.values())))
-def test_an_honest_file_is_accepted(settings, tmp_path):
+def test_accepts_unmodified_certificate(settings, tmp_path):
     answer = check(certificate_json(hypersonic.certificate(**settings)), tmp_path)
     assert answer.exit_code == 0, failing_names(answer) or answer.output
     assert json.loads(answer.stdout)["holds"]

@@ -191,7 +191,7 @@ def refuse(text, tmp_path):
     "a version that is a number",
 )
 @pytest.mark.parametrize("change", CHANGES)
-def test_a_tampered_file_is_refused(change, tmp_path):
+def test_rejects_tampered_theorem(change, tmp_path):
     name, apply = CHANGES[change]
     done = refuse(tamper(name, apply), tmp_path)
     assert done.exit_code in (1, 2), done.output
@@ -203,14 +203,14 @@ def test_a_tampered_file_is_refused(change, tmp_path):
         assert "Fix:" in done.output
 
 
-def test_there_are_fifty_and_the_honest_ones_pass(tmp_path):
+def test_at_least_50_cases_and_unmodified_theorems_pass(tmp_path):
     assert len(CHANGES) >= 50
     for name in (FORWARD, REVERSE, GATE, REFERENCE, ZERO, TIME):
         done = refuse(tamper(name, lambda content: None), tmp_path)
         assert done.exit_code == 0, done.output
 
 
-def test_what_is_not_written_by_us_is_no_file(tmp_path):
+def test_rejects_truncated_and_malformed_files(tmp_path):
     text = (FILES / "forward.json").read_text(encoding="utf-8")
     double = text.replace('"says":', '"level": "1",\n "says":', 1)
     for broken in (text[:-30], text.replace('"level": null', '"level": NaN'), double, "[]", ""):
@@ -218,14 +218,14 @@ def test_what_is_not_written_by_us_is_no_file(tmp_path):
         assert done.exit_code == 2, done.output
 
 
-def test_a_change_by_accident_is_told(tmp_path):
+def test_digest_reports_accidental_change(tmp_path):
     text = (FILES / "forward.json").read_text(encoding="utf-8")
     done = refuse(text.replace('"version": "0', '"version": "1'), tmp_path)
     assert done.exit_code == 1
     assert "the file was changed after it was written" in done.output
 
 
-def test_every_entry_of_the_gram_matrices_counts():
+def test_every_changed_gram_matrix_entry_fails():
     """An entry and its mirror image moved by a millionth: the two sides are no longer one polynomial."""
     text = (FILES / "reverse.json").read_text(encoding="utf-8")
     honest, _ = parse_theorem(text, "reverse")
