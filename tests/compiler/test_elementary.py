@@ -170,7 +170,7 @@ def ulps(y, exact):
 @pytest.mark.thorough
 @needs_compiler
 @pytest.mark.parametrize("name", REFERENCE)
-def test_accuracy(call, name):
+def test_accuracy_is_within_ulp_bounds(call, name):
     x = values()
     with np.errstate(all="ignore"):
         exact = REFERENCE[name](x.astype(LONG))
@@ -280,7 +280,7 @@ def test_fused_multiply_add_without_the_instruction_is_exact(tmp_path):
 @needs_compiler
 @pytest.mark.thorough(*RARE)
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_sincos_is_sin_and_cos(call, variant):
+def test_sincos_matches_sin_and_cos(call, variant):
     x = values()
     s, c = call(variant, "sincos", x)
     assert np.array_equal(bits(s), bits(call(variant, "sin", x)))
@@ -373,7 +373,7 @@ SPECIAL_TWO = (
 @needs_compiler
 @pytest.mark.thorough(*RARE)
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_special_values(call, variant):
+def test_special_values_match_c99_annex_f(call, variant):
     """Values that C99, annex F, prescribes, signs of zero included."""
     for name, table in SPECIAL.items():
         x, wanted = np.array(table).T
@@ -421,7 +421,7 @@ def test_no_undefined_behaviour(tmp_path, lanes):
 @needs_compiler
 @pytest.mark.skipif(not shutil.which("clang++"), reason="no clang++ here")
 @pytest.mark.parametrize("lanes", [4, 8])
-def test_clang_takes_all_vectors(tmp_path, lanes):
+def test_clang_compiles_all_vector_functions(tmp_path, lanes):
     """Its vectors' truth values are not numbers, gcc's are."""
     source = tmp_path / "all.cpp"
     source.write_text(driver(lanes))
@@ -429,7 +429,7 @@ def test_clang_takes_all_vectors(tmp_path, lanes):
 
 
 @pytest.mark.thorough
-def test_only_what_is_wanted(tmp_path):
+def test_text_contains_only_requested_functions(tmp_path):
     """Every function compiles alone and brings no other with it but what it needs."""
     text = elementary_text(names=["atan"])
     assert "tt_atan(" in text
@@ -467,7 +467,7 @@ def test_single_precision_is_double_rounded(tmp_path):
                 assert abs(y.value - wanted) <= bound * np.spacing(np.float32(abs(wanted))), (name, value)
 
 
-def test_refusals():
+def test_rejects_invalid_lane_count_and_function_name():
     with pytest.raises(InputError, match="3"):
         elementary_text(3)
     with pytest.raises(InputError, match="sinus"):
