@@ -1,4 +1,4 @@
-"""Least squares between bounds against scipy's, compiled; held unknowns; and what it says where steps run out."""
+"""Least squares between bounds, compiled, against scipy; unknowns fixed by equal bounds; and too few steps."""
 
 import functools
 

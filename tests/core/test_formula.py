@@ -1,4 +1,4 @@
-"""Texts of formulas: which tree each is, and what is said of those that are none."""
+"""Parser of formulas: the tree of each valid text, and the error for each invalid one."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Formulas against signals: units that fit, and are turned into SI; what is refused, and at which column."""
+"""Units in formulas: conversion to SI, and the column at which a wrong unit is rejected."""
 
 import math
 

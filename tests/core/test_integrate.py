@@ -1,4 +1,4 @@
-"""Steps: the classical one exact on cubics and nothing at a zero step; the order of each, and of what it says."""
+"""Integration steps: exact cases, the order of each step, and the order of its error estimate."""
 
 import jax
 import jax.numpy as jnp
@@ -97,7 +97,7 @@ def test_error_estimation_does_not_change_the_step():
 
 
 def test_step_doubling_estimates_the_true_error():
-    """Of a single step from known values: its estimate is the true error to a few per cent; the embedded one is not."""
+    """In a single step, step doubling estimates the true error within 5 %; the embedded formula does not."""
 
     def exact(t):
         """x'' = -x + sin 3t from (1, 0) at time zero."""

@@ -1,4 +1,4 @@
-"""Lines by a thread: whoever reports a line waits for nobody, and lost lines are counted."""
+"""Lines written by a thread: put() never blocks, and lost lines are counted."""
 
 import threading
 

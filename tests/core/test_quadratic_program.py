@@ -15,7 +15,7 @@ INFINITE = np.inf
 
 
 def draw_program(rng, n, m, kind):
-    """Bounds hold at a drawn point, but where there is to be no solution."""
+    """A random program. Its bounds hold at a random point, except where there must be no solution."""
     rank = int(rng.integers(1, n + 1)) if kind == "degenerate" else n
     B = rng.normal(size=(n, rank))
     P = B @ B.T * 10 ** rng.uniform(-2, 2) + (0.0 if kind == "degenerate" else 1e-2) * np.eye(n)
@@ -71,7 +71,7 @@ def bound(p, ours, x, forces):
 
 
 def compare(kind, n, m, count, seed):
-    """Shares solved and called infeasible of those that Clarabel solves; what is claimed is checked."""
+    """Shares of solved and of infeasible programs among those that Clarabel solves; each solution is checked."""
     rng, solve = np.random.default_rng(seed), compiled(n, m, 40, 50)
     solved, infeasible, known = 0, 0, 0
     for _ in range(count):

@@ -62,7 +62,7 @@ def test_circle_keeps_its_radius_and_starts_at_rest():
 
 @pytest.mark.thorough
 def test_figure_eight_keeps_acceleration_direction_at_the_crossing():
-    """In the crossing the line along which it accelerates stands still, so that no torque is needed without thrust."""
+    """Where the acceleration passes zero, its direction does not turn, so that no torque is needed without thrust."""
     path = FigureEight(length=4.0, width=2.0, period=40.0, ease=0.0)
     t = 10.0 + np.linspace(-0.2, 0.2, 9)
     a = np.array([path.at(x).acceleration for x in t])

@@ -25,7 +25,7 @@ def test_threefry_matches_known_answers(k, c, words):
     assert tuple(int(w) for w in got) == words
 
 
-def _by_hand(k0, k1, c0, c1):
+def _plain_threefry(k0, k1, c0, c1):
     """Threefry 2x32, 20 rounds, with Python's own integers and one rotation table."""
     mask, keys = 2**32 - 1, (k0, k1, k0 ^ k1 ^ 0x1BD11BDA)
     x, y = (c0 + k0) & mask, (c1 + k1) & mask
@@ -45,7 +45,7 @@ def test_threefry_matches_plain_python_and_jax():
     c = rng.integers(0, 2**32, (2, 200), dtype=np.uint32)
     a, b = (np.asarray(w) for w in threefry2x32(k[0], k[1], c[0], c[1]))
     for i in range(200):
-        assert (int(a[i]), int(b[i])) == _by_hand(int(k[0]), int(k[1]), int(c[0, i]), int(c[1, i]))
+        assert (int(a[i]), int(b[i])) == _plain_threefry(int(k[0]), int(k[1]), int(c[0, i]), int(c[1, i]))
     theirs = np.asarray(jax.extend.random.threefry_2x32(jnp.asarray(k), jnp.asarray(c.reshape(-1))))
     np.testing.assert_array_equal(np.concatenate([a, b]), theirs)
 

@@ -27,7 +27,7 @@ slope_of_rotation = jax.jit(jax.jacfwd(r.from_rotation_vector))
 
 @given(ANGLES)
 def test_wrap_keeps_the_angle_within_plus_minus_pi(angle):
-    """Round-off may put an angle a hair below -pi on +pi itself, never beyond."""
+    """Rounding may turn an angle just below -pi into +pi exactly, never more."""
     got = float(wrap(angle))
     assert -np.pi <= got <= np.pi
     assert np.cos(got) == pytest.approx(np.cos(angle), abs=1e-11)
@@ -36,7 +36,7 @@ def test_wrap_keeps_the_angle_within_plus_minus_pi(angle):
 
 @given(ANGLES)
 def test_wrap_positive_keeps_the_angle_within_one_turn(angle):
-    """Round-off may put an angle a hair below 0 on 2 pi, and leaves the very smallest doubles alone."""
+    """Rounding may turn an angle just below 0 into 2 pi, and leaves subnormal numbers unchanged."""
     got = float(wrap_positive(angle))
     assert -1e-300 <= got <= 2 * np.pi
     assert np.cos(got) == pytest.approx(np.cos(angle), abs=1e-11)

@@ -1,4 +1,4 @@
-"""Turns on the rotation group: exact for a constant rate, of their order for one that changes, of length one."""
+"""Steps on the rotation group: exact for a constant rate, of the expected order otherwise, length kept."""
 
 import functools
 from typing import Any

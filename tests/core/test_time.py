@@ -103,7 +103,7 @@ PERIODS = st.lists(st.integers(1, 3_000), min_size=0, max_size=5)
 
 @given(PERIODS, st.integers(1, 9_000), st.integers(1, 4_000))
 def test_timetable_holds_every_due_instant(periods, duration, max_step):
-    """Against a set of plain integers: every due instant, and nothing else but what max_step asks for."""
+    """Against a set of plain integers: every due instant, and otherwise only instants that max_step requires."""
     table = timetable(periods, duration, max_step)
     t, h = table.t.tolist(), table.h.tolist()
     due = sorted({0} | {i for p in periods for i in range(0, duration, p)})

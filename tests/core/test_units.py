@@ -53,7 +53,7 @@ def test_find_unit_gives_si_unit_and_scale(unit, si, size):
     ],
 )
 def test_find_size_converts_to_the_kept_unit(unit, kept, size):
-    """A gram where a mass is asked for; a fan's speed stays in rpm; no unit is none of a force."""
+    """Grams are accepted for a mass; a fan's speed stays in rpm; None where the unit is not of that quantity."""
     assert find_size(unit, kept) == (None if size is None else pytest.approx(size, rel=1e-12))
 
 
