@@ -38,7 +38,7 @@ def test_gains_are_those_of_lqr_and_kalman_filter():
 
 
 def test_observer_weight_satisfies_every_condition():
-    """By the definition: each of the four matrices is positive at the weight, and one of them no more at 0.98 of it."""
+    """Each of the four matrices is positive definite at the weight; at 0.98 of the weight, at least one is not."""
     c = design_certificate(ball_system())
     f, o, weight = c.feedback_matrices(), c.observer_matrices(c.observer), c.observer.weight
 

@@ -1,4 +1,4 @@
-"""Proofs of certificates: honest ones hold, and each condition is broken once, by itself where that can be."""
+"""Proofs of certificates: valid ones hold, and each condition is violated once, alone where possible."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def failing(certificate, system=SYSTEM, written=None):
 
 
 def own_system(c):
-    """The system as a certificate would have it: what a check that compares with the file itself would see."""
+    """The system that a certificate's data describe, as if the check compared the file with itself."""
     o = c.observer
     return SYSTEM._replace(A=c.A, B=c.B, Qe=c.Qe, Re=c.Re, Q=c.Q, C=o.C, Q_eta=o.Q, R=o.R)
 
@@ -140,7 +140,7 @@ BROKEN = {
 )
 @pytest.mark.parametrize("line", BROKEN)
 def test_each_comparison_detects_its_own_change(certificate, line):
-    """What is compared sees changes of 1e-8 of an entry, which leave every matrix as definite as it was."""
+    """Changes of 1e-8 of an entry leave every matrix definite, so that only the comparison detects them."""
     system = ball_system(kappa=1.0) if line == "kappa" else SYSTEM
     broken = failing(BROKEN[line](certificate), system)
     assert line in broken, sorted(broken)
@@ -175,7 +175,7 @@ PROVED = {
 
 @pytest.mark.parametrize("name", PROVED)
 def test_each_condition_fails_for_a_consistently_altered_file(certificate, name):
-    """The system is bent to the file, so that no comparison helps: the condition itself must fail, with its number."""
+    """The system is changed with the file, so that no comparison fails: the condition itself must, with its number."""
     change, why = PROVED[name]
     bad = change(certificate)
     broken = failing(bad, own_system(bad))
@@ -187,7 +187,7 @@ def test_each_condition_fails_for_a_consistently_altered_file(certificate, name)
 
 @pytest.mark.parametrize("robust", [0.0, 0.5, -0.5])
 def test_decrease_for_each_gain_needs_its_own_weight(certificate, robust):
-    """A little below what one gain needs, V still falls with those that need less; each needs another."""
+    """Each gain needs another weight: just below the weight of one gain, V still falls for gains that need less."""
     f, o = certificate.feedback_matrices(), certificate.observer_matrices(certificate.observer)
     needs = {name: composite.least_decrease_weight(f, o, r) for name, r in ROBUST.items()}
     values = sorted(needs.values())
@@ -200,7 +200,7 @@ def test_decrease_for_each_gain_needs_its_own_weight(certificate, robust):
 
 
 def test_poles_are_matched_one_to_one():
-    """Each has a near one on the other side, either way; but one is there twice, and the other recorded twice."""
+    """Every pole has a near one in the other list, but one is a double pole, and another is recorded twice."""
     now, recorded = np.array([-1.0, -1.0, -2.0]), np.array([-1.0, -2.0, -2.0])
     line = _poles_condition(now, recorded)
     assert not line.holds
@@ -209,14 +209,14 @@ def test_poles_are_matched_one_to_one():
 
 
 def test_indefinite_lyapunov_matrix_fails_the_proof(certificate):
-    """P turned, and A + B K unstable: their product is definite all the same."""
+    """P negative definite and A + B K unstable: the Lyapunov inequality holds all the same."""
     bad = flip_gain(certificate)._replace(A=-certificate.A, P=-certificate.P)
     broken = failing(bad, own_system(bad))
     assert "not positive definite" in broken["A + B K Hurwitz"].why
 
 
 def test_singular_weight_hides_no_other_condition(certificate):
-    """Weights that cannot be inverted, a matrix that is not symmetric: every line is there, and says its own."""
+    """With a singular weight or an asymmetric matrix, every condition is still listed with its own result."""
     names = [c.name for c in prove_certificate(certificate, SYSTEM).conditions]
     singular = prove_certificate(times(certificate, "Re", 0), SYSTEM).conditions
     assert [c.name for c in singular] == names
@@ -248,7 +248,7 @@ CHANGES += [(f, True) for f in ("A", "C", "Q", "R", "P", "L")]
 )
 @pytest.mark.parametrize(("field", "inner"), CHANGES)
 def test_every_changed_matrix_entry_fails_the_proof(certificate, field, inner):
-    """Each nonzero entry in turn by 1 %, each zero one by 1 % of the largest, and the system bent to it."""
+    """Each nonzero entry in turn by 1 %, each zero one by 1 % of the largest, also with the system changed alike."""
     whole = getattr(certificate.observer if inner else certificate, field)
     for i, j in np.ndindex(whole.shape):
         changed = whole.copy()

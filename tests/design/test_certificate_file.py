@@ -1,4 +1,4 @@
-"""Certificates as files: no digit is lost, and what is no certificate is refused before anything is believed."""
+"""Certificates as files: no digit is lost, and invalid files are rejected."""
 
 import json
 
@@ -51,7 +51,7 @@ def test_digest_detects_last_digit_change(certificate):
 REFUSED = {
     "no format": (lambda c: c.pop("format"), "is not a certificate; its format is None"),
     "another format": (lambda c: c.update(format="other"), "is not a certificate; its format is 'other'"),
-    "the format before": (lambda c: c.update(format="trimtab certificate 1"), "format is 'trimtab certificate 1'"),
+    "previous format": (lambda c: c.update(format="trimtab certificate 1"), "format is 'trimtab certificate 1'"),
     "no gain": (lambda c: c.pop("K"), "lacks 'K'"),
     "no digest": (lambda c: c.pop("digest"), "lacks 'digest'"),
     "no scope": (lambda c: c.pop("scope"), "lacks 'scope'"),
@@ -63,21 +63,21 @@ REFUSED = {
     "rows of unlike length": (lambda c: c["A"][1].pop(), "A"),
     "text for a matrix": (lambda c: c.update(A="x"), "A"),
     "text for a number": (lambda c: c["K"][0].__setitem__(0, "1.0"), "K: .*numbers of shape"),
-    "truth for a number": (lambda c: c["B"][0].__setitem__(0, False), "B: .*numbers of shape"),
+    "boolean for a number": (lambda c: c["B"][0].__setitem__(0, False), "B: .*numbers of shape"),
     "null for a number": (lambda c: c["observer"].update(weight=None), r"observer\.weight: .*numbers of shape"),
-    "a method of no name": (lambda c: c.update(method="magic"), "'magic'"),
-    "the other method": (lambda c: c.update(method="lmi"), "'lmi'"),
-    "states of no name": (lambda c: c["observer"].update(estimated=["nothing", "else"]), "nothing"),
-    "a state twice": (lambda c: c["states"].__setitem__(0, "theta"), "states"),
+    "unknown method": (lambda c: c.update(method="magic"), "'magic'"),
+    "method that does not fit the data": (lambda c: c.update(method="lmi"), "'lmi'"),
+    "unknown states": (lambda c: c["observer"].update(estimated=["nothing", "else"]), "nothing"),
+    "duplicate state": (lambda c: c["states"].__setitem__(0, "theta"), "states"),
     "numbers for names": (lambda c: c["inputs"].__setitem__(0, 1), "inputs"),
     "a size below zero": (lambda c: c["scale"].__setitem__(0, -1.0), "scale"),
     "a number too large for floats": (lambda c: c["K"][0].__setitem__(0, 1e999), "not a number"),
-    "nothing of a number": (lambda c: c["P"][0].__setitem__(0, float("nan")), "not a number"),
-    "an entry beyond all systems": (lambda c: c["P"][0].__setitem__(0, 1e60), "larger than 1e[+]50"),
+    "NaN entry": (lambda c: c["P"][0].__setitem__(0, float("nan")), "not a number"),
+    "entry above 1e50": (lambda c: c["P"][0].__setitem__(0, 1e60), "larger than 1e[+]50"),
     "an integer beyond floats": (lambda c: c["P"][0].__setitem__(0, 10**400), "is not a (valid )?certificate"),
-    "a version of no form": (lambda c: c.update(version="best"), "must be a version such as 0.1.0, got 'best'"),
-    "settings of no kind": (lambda c: c["about"].update(beam_m=[1.0]), r"about\.beam_m"),
-    "a recorded number that is none": (lambda c: c["recorded"].update(kappa={"value": 0.1}), r"recorded\.kappa"),
+    "invalid version": (lambda c: c.update(version="best"), "must be a version such as 0.1.0, got 'best'"),
+    "setting that is a list": (lambda c: c["about"].update(beam_m=[1.0]), r"about\.beam_m"),
+    "recorded value that is a mapping": (lambda c: c["recorded"].update(kappa={"value": 0.1}), r"recorded\.kappa"),
     "a list for the settings": (lambda c: c.update(about=["h"]), "is not a (valid )?certificate"),
 }
 

@@ -33,7 +33,7 @@ def test_estimated_state_matrix_is_a_block_of_the_plant():
 
 @pytest.mark.parametrize("at", list(np.ndindex(4, 4)))
 def test_comparison_detects_relative_change_of_each_entry(certificate, at):
-    """One that is a hundred millionth off, however small it is beside others; a zero by what its row is in size."""
+    """A relative error of 1e-8 is detected in every entry, however small the entry is beside the others."""
     system = ball_system()
     A = np.where(system.A == 0, 1e-3, system.A)  # each row's largest is 1 or 7; all matter
     there = certificate._replace(A=A)
@@ -57,7 +57,7 @@ def test_comparison_ignores_rounding_of_zero_entries(certificate):
 
 
 def test_comparison_scales_come_from_the_system(certificate):
-    """A plant that is another where a size of the file would hide it."""
+    """A different plant whose difference the scale in the file would hide."""
     system, scale = ball_system(), certificate.scale.copy()
     scale[1] = 1e-20
     A = system.A.copy()

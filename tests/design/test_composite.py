@@ -47,7 +47,7 @@ def test_least_weight_makes_z_positive_definite(pair):
 
 @pytest.mark.parametrize("robust", [0.0, 0.5, -0.5])
 def test_decrease_matrix_matches_rate_of_lyapunov_function(pair, robust):
-    """Of V = e'P e/2 + weight e_eta'P_eta^-1 e_eta along the true loop, by differences along a step."""
+    """Rate of V = e'P e/2 + weight e_eta'P_eta^-1 e_eta along the true loop, by finite differences."""
     f, o = pair
     weight, K = 3.0, f.K + robust * np.linalg.solve(RE, B.T @ f.P)
 

@@ -1,4 +1,4 @@
-"""Coordinates of a vehicle in space: what is steady is at rest, nothing is spurious, and deviations go as A says."""
+"""Trim and error coordinates of a vehicle in space: steady motion is at rest, no spurious poles, linear deviations."""
 
 import jax
 import jax.numpy as jnp

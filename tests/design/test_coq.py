@@ -41,7 +41,7 @@ def assumed(output):
 
 
 def matrices(text):
-    """What a file says that the matrices are, as floats."""
+    """The matrices of a file, as floats."""
     found = re.findall(r"\(\* (\w+), times 2\^(\d+) \*\)\nDefinition \w+ : list \(list Z\) := (.*?)%Z", text, re.DOTALL)
     rows = {name: eval(rows.replace(";", ","), {}) for name, _, rows in found}
     return {name: np.array([[v / 2 ** int(power) for v in row] for row in rows[name]]) for name, power, _ in found}

@@ -1,4 +1,4 @@
-"""Predictive feedback: poles that the delay does not move, a simulation with the delay itself, and what errors do."""
+"""Predictive feedback: poles, a simulation with the delay itself, and the effect of errors of the assumed delay."""
 
 import numpy as np
 import pytest
@@ -75,7 +75,7 @@ def test_long_delay_is_unstable_without_compensation():
 
 
 def test_compensated_loop_tolerates_small_delay_error():
-    """Right where the delay is believed, and lost where it is far from that."""
+    """Stable near the assumed delay, and unstable far from it."""
     plant, inputs, K = forward_lateral()
     late = compensate_delay(plant, inputs, K, 0.4, 0.02)
     sizes = {d: np.abs(late.poles(d)).max() for d in (0.0, 0.35, 0.38, 0.4, 0.42, 0.45, 1.2)}

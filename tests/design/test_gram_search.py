@@ -1,4 +1,4 @@
-"""Gram matrices that a solver finds: exact afterwards, and none where there are none."""
+"""Gram matrices found by a solver: exact after rounding, and an error where none exists."""
 
 import pytest
 

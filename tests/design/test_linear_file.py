@@ -1,4 +1,4 @@
-"""A linear model in a file comes back to the last digit, and what is none is refused."""
+"""A linear model is read back from its file to the last digit; invalid files are rejected."""
 
 import json
 

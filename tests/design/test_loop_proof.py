@@ -1,4 +1,4 @@
-"""Proofs of whole loops: what decays is proved, what does not is refused, with the number."""
+"""Proofs of closed loops: decay is proved where it exists, and otherwise the proof fails with the number."""
 
 import itertools
 
@@ -51,7 +51,7 @@ def test_sampled_loop_without_decay_is_not_proved(rate):
 
 
 def test_wrong_lyapunov_matrix_fails_the_sampled_proof(monkeypatch):
-    """What floats bring is only tried: any other matrix in its place fails in exact arithmetic, and names the pivot."""
+    """The float matrix is only a candidate: a wrong one fails in exact arithmetic, and the pivot is named."""
     for wrong in (lambda A, Q: -np.eye(4), lambda A, Q: np.eye(4)):
         monkeypatch.setattr("trimtab.design.loop_proof.solve_discrete_lyapunov", wrong)
         line = prove_sampled(sampled(0.2), np.ones(4), 0.1, NAMES)
@@ -68,7 +68,7 @@ def test_all_plants_of_a_parameter_box_are_proved(error):
 
 
 def test_box_with_an_unstable_vertex_fails():
-    """Only where both are at their ends: each parameter alone would pass."""
+    """Unstable only where both parameters are at their ends: each parameter alone would pass."""
     vertices = box(0.1)
     vertices[3, 1, 1] = 0.01
     line = prove_boxes([box(0.1), vertices], np.ones(4), 0.0, NAMES)
@@ -91,7 +91,7 @@ def test_wrong_common_lyapunov_matrix_fails_the_box(monkeypatch, wrong):
 
 
 def test_faster_decay_rate_than_true_is_not_proved():
-    """What decays by 0.25 1/s is not proved to decay by 0.3."""
+    """A loop that decays at 0.25 1/s is not proved to decay at 0.3 1/s."""
     slow = box(0.0)
     assert np.linalg.eigvals(slow).real.max() == pytest.approx(-0.25)
     assert prove_boxes([slow], np.ones(4), 0.24, NAMES).holds
@@ -99,7 +99,7 @@ def test_faster_decay_rate_than_true_is_not_proved():
 
 
 def test_proved_level_is_largest_within_one_percent():
-    """By points on the set: no input beyond its room, and one within a part of it; twice the level is too much."""
+    """By random points on the set: no input exceeds its limit, one nearly reaches it, twice the level exceeds it."""
     certificate = design_certificate(ball_system())
     o = certificate.observer
     K = certificate.K
@@ -126,7 +126,7 @@ def test_saturated_input_has_no_proved_level():
 
 
 def test_both_sides_of_the_inequalities_are_checked(monkeypatch):
-    """A Lyapunov matrix that would do for twice P, or without the rate, does not do."""
+    """A Lyapunov matrix that satisfies only a weaker inequality (2 P, or no decay rate) is rejected."""
     monkeypatch.setattr("trimtab.design.loop_proof.solve_discrete_lyapunov", lambda A, Q: np.eye(2))
     F = np.array([[0.5, 1.0], [0.0, 0.5]])
     assert 1 < np.linalg.norm(F, 2) ** 2 < 2

@@ -67,7 +67,7 @@ def test_accepts_stable_uncontrollable_pole():
 
 
 def test_tiny_input_gain_is_still_controllable():
-    """In bad units the input is 1e-12 of the rest: scaling decides, not the numbers."""
+    """In bad units the input matrix is 1e-12 of the rest; only the scaled size may count."""
     found = lqr([[1.0]], [[1e-12]], 1.0, 1e-24)
     np.testing.assert_allclose(found.poles, [-np.sqrt(2)], rtol=1e-9)
 

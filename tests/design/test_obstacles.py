@@ -1,4 +1,4 @@
-"""Distances against a dumb search over densely drawn outlines; and files that are refused with what to write."""
+"""Distances against a brute-force search over dense outlines; and the errors for invalid files."""
 
 import numpy as np
 import pytest

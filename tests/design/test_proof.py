@@ -1,4 +1,4 @@
-"""Lines of a proof: each is evaluated, and says its number."""
+"""Conditions of a proof: each is evaluated and reports its number."""
 
 import numpy as np
 import pytest

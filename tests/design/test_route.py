@@ -1,4 +1,4 @@
-"""Ways keep their room, rest at both ends, are as long as they must be; and a gap that is too narrow is measured."""
+"""Routes keep their clearance, rest at both ends and are short; a gap that is too narrow is measured."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_route_on_empty_floor_is_straight():
 
 @pytest.mark.thorough
 def test_routes_on_random_floors_keep_clearance():
-    """Every way that is given keeps its room; a floor without one is refused."""
+    """Every route that is found keeps its clearance; a floor without a route is rejected."""
     rng = np.random.default_rng(4)
     refused = 0
     for _ in range(12):

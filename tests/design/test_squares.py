@@ -1,4 +1,4 @@
-"""Sums of squares: completed, checked, and refused where they are none."""
+"""Sums of squares: completed, checked, and rejected where the polynomial is not one."""
 
 from fractions import Fraction
 
@@ -66,7 +66,7 @@ def test_definite_claim_requires_zero_only_at_rest():
 
 
 def test_detects_forms_that_do_not_grow_everywhere():
-    """x^2 + (x y - 1)^2 is known to be positive everywhere, but comes as near to zero as one likes."""
+    """x^2 + (x y - 1)^2 is positive everywhere, but its infimum is zero."""
     assert not has_growing_forms(proof(by_squares((ONE, x), (ONE, x * y - 1))), PLANE)
     assert has_growing_forms(proof(by_squares((ONE, x + y), (a, y), (ONE, x**3))), PLANE)
 

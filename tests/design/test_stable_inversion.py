@@ -102,7 +102,7 @@ def test_bounded_solution_does_not_depend_on_the_jacobian():
 
 
 def test_forward_integration_of_the_same_problem_diverges():
-    """The reason for all this: started right to 1e-9, the roll is off by more than 1 rad before the pulse is over."""
+    """Why stable inversion is needed: an initial error of 1e-9 grows to more than 1 rad before the pulse is over."""
 
     def forward(t, z):
         return aircraft(np.array([t]))(z[None])[0]
@@ -144,7 +144,7 @@ def test_bounded_solution_rejects_invalid_arguments(changes, text):
 
 
 def test_pure_integrator_is_integrated_from_the_left():
-    """A zero that feeds nothing back is no pole on the axis: of a rate of 1 + 2 t there is t + t^2, exactly."""
+    """A pole at zero without feedback is an integrator: a rate of 1 + 2 t gives t + t^2 exactly."""
     t = 0.1 * np.arange(11)
     found = linear(A=[[0.0]], psi=lambda z: (1 + 2 * t)[:, None], left=[3.0], right=[np.pi])
     np.testing.assert_allclose(found.zeta[:, 0], 3 + t + t**2, atol=1e-12)
@@ -160,7 +160,7 @@ def test_rejects_poles_on_the_imaginary_axis():
 
 @pytest.mark.parametrize("psi", [lambda z: -z - 9 * z + 3, lambda z: z**3 - z + 40])
 def test_diverging_iteration_error_lists_successive_changes(psi):
-    """Psi much stiffer than A says, or growing with its own size."""
+    """psi is much stiffer than A, or grows with its own size."""
     with pytest.raises(InputError, match=r"successive changes, in scales: [\d.e+]+, [\d.e+]+") as told:
         linear(psi=psi, start=np.zeros((101, 1)))
     assert "slower or smaller" in str(told.value)

@@ -1,4 +1,4 @@
-"""Theorems of systems that are none of the package's: proved, refused, and by their own file on the command line."""
+"""Theorems of systems outside the package: proved, not proved, and from a user's file on the command line."""
 
 import json
 
@@ -50,7 +50,7 @@ def test_wrong_equilibrium_fails():
 
 
 def test_lyapunov_function_must_be_that_of_the_law():
-    """A proof with another function is none of what the law says of itself."""
+    """A proof with another V does not prove what the law logs."""
     certificate, doubled = design_theorem(PENDULUM), PENDULUM._replace(lyapunov=2 * PENDULUM.lyapunov)
     proof = prove_theorem(certificate, doubled)
     assert {c.name for c in proof.conditions if not c.holds} == {"V is that of the law"}

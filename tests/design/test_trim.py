@@ -1,4 +1,4 @@
-"""Trims whose answer is known by hand, and trims that do not exist, with the reasons."""
+"""Trims whose answer is known analytically, and trims that do not exist, with the reasons."""
 
 import jax.numpy as jnp
 import numpy as np

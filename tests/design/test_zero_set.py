@@ -1,4 +1,4 @@
-"""Zero sets and LaSalle's invariant sets: of systems whose answer a textbook has, and of what can't be decided."""
+"""Zero sets and LaSalle's invariant sets: against textbook answers, and the undecidable cases."""
 
 import pytest
 
