@@ -1,4 +1,4 @@
-"""Every primitive that is said to be covered, compared with JAX; every other one refused with a way out."""
+"""Every covered primitive is compared with JAX; every other one is rejected with an alternative."""
 
 from functools import cache
 from typing import Any

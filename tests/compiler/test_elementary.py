@@ -194,7 +194,7 @@ def test_accuracy_of_atan2(call, variant):
 @needs_compiler
 @pytest.mark.parametrize("variant", ["scalar", "scalar, no FMA"])
 def test_accuracy_of_pow(call, variant):
-    """Of all sizes of base and result; exact powers, and those of whole exponents, among them."""
+    """Bases and results of all sizes, including exact powers and integer exponents."""
     rng = np.random.default_rng(5)
     x = np.concatenate(
         [np.abs(spread(rng, *r, 20000)) for r in ((1e-320, 1e308), (1e-3, 1e3), (0.5, 2), (0.999, 1.001))]
@@ -422,7 +422,7 @@ def test_no_undefined_behaviour(tmp_path, lanes):
 @pytest.mark.skipif(not shutil.which("clang++"), reason="no clang++ here")
 @pytest.mark.parametrize("lanes", [4, 8])
 def test_clang_compiles_all_vector_functions(tmp_path, lanes):
-    """Its vectors' truth values are not numbers, gcc's are."""
+    """Comparisons of clang's vectors do not give numbers as gcc's do."""
     source = tmp_path / "all.cpp"
     source.write_text(driver(lanes))
     subprocess.run(["clang++", *VECTOR, "-fsyntax-only", str(source)], check=True)
@@ -447,7 +447,7 @@ def test_text_contains_only_requested_functions(tmp_path):
 @pytest.mark.thorough
 @needs_compiler
 def test_single_precision_is_double_rounded(tmp_path):
-    """So it is right but for one rounding in 10^8; where TT_SINGLE is 0, it is the C library's."""
+    """Correctly rounded but for about one number in 10^8; where TT_SINGLE is 0, the C library is used."""
     names = [name for name in SINGLE_PRECISION_NAMES if name != "sincos"]
     calls = "".join(
         f"void do_{n}(float x, float *y) {{ *y = tt_{n}f({'x, 2.0f' if n in TWO else 'x'}); }}\n" for n in names

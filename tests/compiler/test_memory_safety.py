@@ -89,7 +89,7 @@ def test_blocks_get_their_workspace_from_python() -> None:
 
 @pytest.mark.thorough
 def test_range_update_with_28_beacons_matches_jax() -> None:
-    """gcc 12 vectorised what a loop left over with an alignment that its own stack did not have."""
+    """gcc 12 vectorised the remainder of a loop with an alignment that its stack did not have."""
     from trimtab.core.record import to_arrays
     from trimtab.estimators.ranging.tightly_coupled import TightlyCoupled
 

@@ -1,4 +1,4 @@
-"""Whatever is given to a compiled function, Python lives: it is computed as JAX would, or refused with InputError."""
+"""Unusual arguments of compiled functions: computed as JAX does, or rejected with InputError; Python never crashes."""
 
 import gc
 import os

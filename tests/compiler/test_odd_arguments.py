@@ -1,4 +1,4 @@
-"""What a user can do wrong with `trimtab.compile`: each refused with its part, problem and fix; Python never dies."""
+"""Wrong uses of `trimtab.compile`: each rejected with part, problem and fix; Python never crashes."""
 
 import copy
 import functools

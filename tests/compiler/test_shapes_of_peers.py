@@ -42,7 +42,7 @@ def crafts(state, rng):
 
 
 def check_one_and_many(step, state, ticks):
-    """Ticks of one craft, of many over lanes and of many as one function are JAX's."""
+    """Compare steps of one craft, of many over lanes, and of many as one function with JAX."""
     compiled = trimtab.compile(step, np.int32(0), *state)
     for got, wanted in zip(fly(compiled, state, ticks), fly(jax.jit(step), state, ticks), strict=True):
         np.testing.assert_allclose(got, wanted, rtol=1e-12, atol=1e-13)

@@ -124,7 +124,7 @@ def test_operation_on_old_and_new_elements_matches_jax(f):
 
 
 def test_loop_carries_that_start_as_one_array_stay_separate():
-    """Only one of them may have its memory: what is written into it must not be seen in the other."""
+    """The two must not share memory: a write to one must not change the other."""
 
     def flight(x):
         start = x * 2.0
@@ -159,7 +159,7 @@ BRANCHES = (
 
 @pytest.mark.parametrize("f", BRANCHES)
 def test_branches_that_pass_arrays_through_match_jax(f):
-    """One side of a branch may write into what the other hands on: never into what somebody still reads."""
+    """One side of a branch may write into an array that the other passes through, but never into one still read."""
 
     def flight(a, b, numbers):
         def turn(carried, x):
@@ -178,7 +178,7 @@ def test_branches_that_pass_arrays_through_match_jax(f):
 
 
 def test_unchanged_side_of_a_branch_copies_no_array():
-    """Only the side with the new array writes: into the loop's own, which the other side hands on as it is."""
+    """Only the side with the new array writes into the loop's own array; the other side passes it through."""
 
     def flight(a, numbers):
         return lax.scan(lambda a, x: (lax.cond(x > 0, lambda: a[::-1] * x, lambda: a), x), a, numbers)[0]

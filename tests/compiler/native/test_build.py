@@ -283,7 +283,7 @@ print(build_library({TWICE!r}))
 
 
 def test_file_size_limit_raises_build_error(elsewhere, cache: Path) -> None:
-    """A real failure to write, in the compiler: the library is longer than a file may be."""
+    """The compiler itself fails to write: the library exceeds the file size limit."""
     process = elsewhere(BUILD.replace("sys.argv[1:]", "True"))
     _, trouble = process.communicate()
     assert process.returncode == 1

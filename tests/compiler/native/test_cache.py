@@ -1,4 +1,4 @@
-"""Entries are whole, this user's, and bounded; or they are none."""
+"""Cache entries are complete, private to this user and bounded in size; others are ignored."""
 
 import os
 import threading

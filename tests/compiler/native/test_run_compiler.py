@@ -1,4 +1,4 @@
-"""Running a compiler to an end, whatever it does."""
+"""Running a compiler: status, output, hangs, kills, full disks and interrupts."""
 
 import os
 import time
