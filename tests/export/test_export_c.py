@@ -159,7 +159,7 @@ INERTIAL = ("WORKSPACE=,memory", "LEAST=AUTOPILOT_WORKSPACE", "FIRST=imu", "SECO
 @pytest.mark.sanitizer
 @pytest.mark.parametrize(("navigation", "names"), [("errors", SIMPLE), ("ins", INERTIAL)])
 def test_extreme_times_cause_no_integer_overflow(navigation, names, tmp_path):
-    """Also where a compiler is not told that integers wrap."""
+    """Also without a compiler flag that makes signed integers wrap."""
     scenario, _ = catalogue.load_scenario("hovercraft/forward", {"navigation": navigation})
     export_c(scenario, tmp_path)
     (tmp_path / "ends.c").write_text(TIMES_AT_THE_ENDS)

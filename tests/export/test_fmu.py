@@ -1,4 +1,4 @@
-"""export_fmu: other people's importers find no fault with it, and fly it to the same bits as we fly the scenario."""
+"""export_fmu: other importers accept the FMU, and their flight is bit-identical to the simulated scenario."""
 
 import re
 import subprocess
@@ -248,7 +248,7 @@ def test_rejects_out_of_range_and_fixed_parameters(fmus):
 
 
 def test_message_without_a_time_counts_as_current(fmus):
-    """An importer that wires values alone gets what one gets that passes on times, where nothing is late."""
+    """Wiring only the values gives the same as wiring values and times, where nothing is late."""
     scenario = build(NAME)
     h = scenario.autopilot.period * 1e-7
     vehicle, whole, bare = Instance(fmus["vehicle", 3]), *(Instance(fmus["autopilot", 3]) for _ in range(2))

@@ -1,4 +1,4 @@
-"""verify notices what was changed, and says where."""
+"""verify detects changed exports and reports where."""
 
 import json
 

@@ -129,7 +129,7 @@ def test_other_loops_fly_identically_in_a_page(page, name, tmp_path):
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_page_function_flies_unevenly_spaced_instants(tmp_path):
-    """The same text as a library of this machine, where no browser and no clang is needed."""
+    """The page's C source built as a native library: needs no browser and no clang."""
     uneven = {
         "autopilot.period": "7 ms",
         "world.max_step": "4 ms",
